@@ -104,11 +104,9 @@ class Ball:
         inertia: float | None = self.inertia
         solid = 0.1 * mass * diameter * diameter
         inertia = positive("inertia", solid if inertia is None else inertia, "kg m^2")
-        if inertia > 5.0 / 3.0 * solid * (1.0 + 1e-9):
-            why = (
-                f"That of a shell of this mass, the largest there is, is {5.0 / 3.0 * solid:g} kg"
-                f" m^2"
-            )
+        shell = 5.0 / 3.0 * solid
+        if inertia > shell * (1.0 + 1e-9):
+            why = f"That of a shell of this mass, the largest there is, is {shell:g} kg m^2"
             raise InputError(f"inertia is {inertia:g} kg m^2", why, "Compare the units")
         if not is_one_of(self.name, ("",)):
             require("the name of a ball", label, self.name)
@@ -183,13 +181,11 @@ class ContactConstants(NamedTuple):
         """The constants of a pair; raises :class:`InputError` if one is no body, none of both
         yields, or both are flat.
         """
-        for given in (ball, other):
-            if not all(
-                hasattr(given, name)
-                for name in ("curvature", "compliance", "shear_compliance", "twist_compliance")
-            ):
+        names = ("curvature", "compliance", "shear_compliance", "twist_compliance")
+        for body in (ball, other):
+            if not all(hasattr(body, name) for name in names):
                 raise InputError(
-                    f"a body of a contact is {brief(given)}", mend="Give a granphon.Ball"
+                    f"a body of a contact is {brief(body)}", mend="Give a granphon.Ball"
                 )
         curvature = ball.curvature + other.curvature
         compliance = ball.compliance + other.compliance

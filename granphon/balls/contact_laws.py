@@ -19,6 +19,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
@@ -59,6 +60,8 @@ _STEP = 1e-4
 _ALLOWED = 1e-5
 #: the five methods of the law of a pair
 _METHODS = ("force", "stiffness", "stiffness_slope", "energy", "overlap")
+#: four of these, each the derivative of the one before
+_DERIVATIVES = ("energy", "force", "stiffness", "stiffness_slope")
 #: nodes of the quadrature of a tabulated force between two points of the table
 _NODES = 24
 #: places between two points of a table at which the largest stiffness is sought
@@ -159,9 +162,9 @@ class PowerLaw(EnergyLaw):
         delta = np.asarray(real_array("overlap", overlap))
         a = self.exponent
         factor = (1.0 / (a + 1.0), 1.0, a, a * (a - 1.0))[order] * self.coefficient
-        out = np.zeros(delta.shape)
-        np.power(delta, a + 1.0 - order, out=out, where=(delta > 0.0) & (factor > 0.0))
-        return (factor * out)[()]
+        powers = np.zeros(delta.shape)
+        np.power(delta, a + 1.0 - order, out=powers, where=(delta > 0.0) & (factor > 0.0))
+        return (factor * powers)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap (f/c)^(1/a), m, under a ``force`` f, N; :class:`InputError` if it is negative."""
@@ -190,6 +193,7 @@ class _Adhesive:
         return tension
 
     def _refuse(self) -> InputError:
+        """Return the error of an adhesion that is beyond double precision."""
         problem = (
             f"an adhesion of {self.adhesion:g} J/m^2 is beyond double precision for these balls"
         )
@@ -216,10 +220,8 @@ class DMT(_Adhesive):
 
     def between(self, ball: Body, other: Body) -> PairLaw:
         """Return the law of the contact of two bodies."""
-        return DMTLaw(
-            Hertz().between(ball, other),
-            self._find_tension(ContactConstants.of(ball, other).radius),
-        )
+        radius = ContactConstants.of(ball, other).radius
+        return DMTLaw(Hertz().between(ball, other), self._find_tension(radius))
 
 
 @dataclass(frozen=True)
@@ -237,8 +239,11 @@ class DMTLaw(EnergyLaw):
         value = self.hertz._evaluate(overlap, order)
         if order > FORCE:
             return value
-        pull = np.where(np.asarray(real_array("overlap", overlap)) >= 0.0, self.tension, 0.0)
-        return (value - (pull if order == FORCE else pull * np.asarray(overlap)))[()]
+        delta = np.asarray(real_array("overlap", overlap))
+        pull = np.where(delta >= 0.0, self.tension, 0.0)
+        if order == FORCE:
+            return (value - pull)[()]
+        return (value - pull * delta)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does
@@ -320,7 +325,9 @@ class JKRLaw(EnergyLaw):
         return radius[()]
 
     def _solve(self, delta: Array) -> tuple[Array, Flags]:
-        """Return u at overlaps, and where the contact is whole."""
+        """Return u at overlaps ``delta``, m, and where the contact is not broken; both of the shape
+        of ``delta``.
+        """
         with np.errstate(all="ignore"):
             reduced = delta / self.length
             whole = ~(reduced < _JKR_LEAST * (1.0 + 4e-16))
@@ -400,39 +407,15 @@ class TabulatedLaw(EnergyLaw):
     forces: tuple[float, ...]
 
     def __init__(self, overlap: ArrayLike, force: ArrayLike) -> None:
-        delta, f = real_array("overlap", overlap), real_array("force", force)
+        delta = real_array("overlap", overlap)
+        f = real_array("force", force)
         if delta.ndim != 1 or delta.shape != f.shape:
             problem = f"the table of a contact law has {delta.shape} overlaps and {f.shape} forces"
             raise InputError(problem, mend="Give two lists of one length")
         if delta.size and delta[0] == 0.0 and f[0] == 0.0:
             delta = delta[1:]
             f = f[1:]
-        good = np.isfinite(delta) & np.isfinite(f) & (delta > 0.0) & (f > 0.0)
-        good &= (np.diff(delta, prepend=0.0) > 0.0) & (np.diff(f, prepend=0.0) > 0.0)
-        if not np.all(good):
-            row = int(np.argmin(good))
-            problem = (
-                f"the table of a contact law has the overlap {delta[row]:g} m and the force"
-                f" {f[row]:g} N in its row {row}"
-            )
-            raise InputError(
-                problem,
-                "Both must be above zero, and above those of the row before",
-                "Sort the table",
-            )
-        if delta.size < 2:
-            raise InputError(
-                f"the table of a contact law has {delta.size} rows with a force",
-                mend="Give two or more",
-            )
-        apart = (np.diff(np.log(delta)) > 0.0) & (np.diff(np.log(f)) > 0.0)
-        if not np.all(apart):
-            row = int(np.argmin(apart)) + 1
-            problem = (
-                f"rows {row - 1} and {row} of the table of a contact law differ by less than"
-                f" their logarithms can tell"
-            )
-            raise InputError(problem, "Its curve goes through logarithms", "Leave one out")
+        _require_rising(delta, f)
         object.__setattr__(self, "overlaps", tuple(delta.tolist()))
         object.__setattr__(self, "forces", tuple(f.tolist()))
 
@@ -450,22 +433,24 @@ class TabulatedLaw(EnergyLaw):
         two of their points.
         """
         within = np.linspace(0.0, 1.0, _PLACES, endpoint=False)
-        places = self._knots[0]
-        grid = np.append(
-            (places[:-1, None] + np.diff(places)[:, None] * within).ravel(), places[-1]
-        )
-        delta = np.exp(grid)
+        points = self._knots[0]
+        between = points[:-1, None] + np.diff(points)[:, None] * within
+        delta = np.exp(np.append(between.ravel(), points[-1]))
+        # the largest stiffness of the table below each of these overlaps
         most = np.append(0.0, np.maximum.accumulate(self.stiffness(delta)))
-        return np.asarray(
-            np.maximum(most[np.searchsorted(delta, overlap, side="right")], self.stiffness(overlap))
-        )
+        below = most[np.searchsorted(delta, overlap, side="right")]
+        return np.asarray(np.maximum(below, self.stiffness(overlap)))
 
     @cached_property
     def _knots(self) -> tuple[Array, Array]:
+        """Logarithms of the overlaps and of the forces of the table, (n,) each."""
         return np.log(self.overlaps), np.log(self.forces)
 
     @cached_property
     def _curve(self) -> Any:
+        """The logarithm of the force as a function of that of the overlap: a cubic spline without
+        bumps.
+        """
         from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
         x, y = self._knots
@@ -478,7 +463,8 @@ class TabulatedLaw(EnergyLaw):
         last = slopes[-1] or rise[-1]
         if first == slopes[0] and last == slopes[-1]:
             return curve
-        slopes[0], slopes[-1] = first, last
+        slopes[0] = first
+        slopes[-1] = last
         return CubicHermiteSpline(x, y, slopes)
 
     @cached_property
@@ -515,43 +501,49 @@ class TabulatedLaw(EnergyLaw):
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
         delta = np.asarray(real_array("overlap", overlap))
-        places = self._knots[0]
         touch = delta > 0.0
         x = np.log(np.where(touch, delta, self.overlaps[0]))
         if order == ENERGY:
-            place = np.clip(np.searchsorted(places, x, side="right") - 1, 0, len(places) - 1)
-            # of a power law from zero on
-            ends = np.exp(self._logarithm(x) + x) / (1.0 + self._logarithm(x, 1))
-            last = (
-                self.forces[-1]
-                * self.overlaps[-1]
-                / (1.0 + float(self._logarithm(places[-1:], 1)[0]))
-            )
-            inside = self._energies[place] + self._integrate(
-                places[place], np.clip(x, places[0], places[-1])
-            )
-            value = np.where(x > places[-1], self._energies[-1] - last + ends, inside)
-            value = np.where(x < places[0], ends, value)
+            value = self._find_energy(x)
         else:
-            slope = self._logarithm(x, 1) if order > FORCE else 1.0
+            # with n = d log f / d log delta: f' = f n / delta, f'' = f (n (n - 1) + n') / delta^2
             value = np.exp(self._logarithm(x) - (order - 1) * x)
-            value = value * (
-                slope if order < SLOPE else slope * (slope - 1.0) + self._logarithm(x, 2)
-            )
+            exponent = self._logarithm(x, 1) if order > FORCE else 1.0
+            if order == SLOPE:
+                exponent = exponent * (exponent - 1.0) + self._logarithm(x, 2)
+            value = value * exponent
         return np.where(touch, value, 0.0)[()]
+
+    def _find_energy(self, x: Array) -> Array:
+        """Return the energy, J, at logarithms ``x`` of overlaps: an integral between two points of
+        the table, and that of a power law below the first point and above the last.
+        """
+        points = self._knots[0]
+        point = np.clip(np.searchsorted(points, x, side="right") - 1, 0, len(points) - 1)
+        inside = self._energies[point] + self._integrate(
+            points[point], np.clip(x, points[0], points[-1])
+        )
+        # of a power law from zero on, and the part of that up to the last point
+        of_power = np.exp(self._logarithm(x) + x) / (1.0 + self._logarithm(x, 1))
+        last_exponent = float(self._logarithm(points[-1:], 1)[0])
+        of_power_at_last = self.forces[-1] * self.overlaps[-1] / (1.0 + last_exponent)
+        energy = np.where(x > points[-1], self._energies[-1] - of_power_at_last + of_power, inside)
+        return np.where(x < points[0], of_power, energy)
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap, m, under a ``force``, N; :class:`InputError` if it is negative."""
         load = np.asarray(real_array("force", force))
         require_pushing(load)
         require_finite("overlap", load, "a force", load, "N")
-        places, values = self._knots
+        # logarithms of the overlaps and forces of the table, and of the forces
+        points, values = self._knots
         goal = np.log(np.where(load > 0.0, load, self.forces[0]))
         # log f rises with log delta: Newton's method, kept between the two points of the table
-        place = np.clip(np.searchsorted(values, goal, side="right"), 0, len(places))
-        low = np.where(place > 0, places[np.maximum(place - 1, 0)], -np.inf)
-        high = np.where(place < len(places), places[np.minimum(place, len(places) - 1)], np.inf)
-        x = np.interp(goal, values, places)
+        count = len(points)
+        above = np.clip(np.searchsorted(values, goal, side="right"), 0, count)
+        low = np.where(above > 0, points[np.maximum(above - 1, 0)], -np.inf)
+        high = np.where(above < count, points[np.minimum(above, count - 1)], np.inf)
+        x = np.interp(goal, values, points)
         for _ in range(_STEPS):
             off = self._logarithm(x) - goal
             slope = self._logarithm(x, 1)
@@ -560,9 +552,8 @@ class TabulatedLaw(EnergyLaw):
             with np.errstate(divide="ignore", invalid="ignore"):
                 new = x - off / slope
                 middle = 0.5 * (low + high)
-            new = np.where(
-                (new >= low) & (new <= high), new, np.where(np.isfinite(middle), middle, x)
-            )
+            fallback = np.where(np.isfinite(middle), middle, x)
+            new = np.where((new >= low) & (new <= high), new, fallback)
             done = np.abs(new - x) <= 4e-16 * np.maximum(1.0, np.abs(x))
             x = new
             if np.all(done):
@@ -571,6 +562,38 @@ class TabulatedLaw(EnergyLaw):
             overlaps = np.where(load > 0.0, np.exp(x), 0.0)
         require_finite("overlap", overlaps, "a force", load, "N")
         return overlaps[()]
+
+
+def _require_rising(overlaps: Array, forces: Array) -> None:
+    """Raise :class:`InputError` unless the overlaps (n,), m, and forces (n,), N, of a table are two
+    or more, above zero, and rise, their logarithms too.
+    """
+    is_good = np.isfinite(overlaps) & np.isfinite(forces) & (overlaps > 0.0) & (forces > 0.0)
+    is_good &= (np.diff(overlaps, prepend=0.0) > 0.0) & (np.diff(forces, prepend=0.0) > 0.0)
+    if not np.all(is_good):
+        row = int(np.argmin(is_good))
+        problem = (
+            f"the table of a contact law has the overlap {overlaps[row]:g} m and the force"
+            f" {forces[row]:g} N in its row {row}"
+        )
+        raise InputError(
+            problem,
+            "Both must be above zero, and above those of the row before",
+            "Sort the table",
+        )
+    if overlaps.size < 2:
+        raise InputError(
+            f"the table of a contact law has {overlaps.size} rows with a force",
+            mend="Give two or more",
+        )
+    is_apart = (np.diff(np.log(overlaps)) > 0.0) & (np.diff(np.log(forces)) > 0.0)
+    if not np.all(is_apart):
+        row = int(np.argmin(is_apart)) + 1
+        problem = (
+            f"rows {row - 1} and {row} of the table of a contact law differ by less than"
+            f" their logarithms can tell"
+        )
+        raise InputError(problem, "Its curve goes through logarithms", "Leave one out")
 
 
 def opening_overlap(law: PairLaw) -> float:
@@ -598,8 +621,9 @@ def punch_stiffness(law: PairLaw, overlap: Array, modulus: Array | float) -> Arr
     Of a law that does not know it, it is the normal stiffness: so it is of elastic bodies of any
     shape without adhesion. ``modulus`` is E*, Pa.
     """
-    if callable(find := getattr(law, "contact_radius", None)):
-        return np.asarray(2.0 * modulus * np.asarray(find(overlap)))
+    find_radius = getattr(law, "contact_radius", None)
+    if callable(find_radius):
+        return np.asarray(2.0 * modulus * np.asarray(find_radius(overlap)))
     return np.asarray(law.stiffness(overlap))
 
 
@@ -625,16 +649,14 @@ def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
     return pair_law  # type: ignore[no-any-return]
 
 
-def _check_radius(name: str, law: PairLaw, at: Array) -> None:
-    """Raise for a user's law whose ``contact_radius`` is not a radius at overlaps ``at``."""
-    if not callable(find := getattr(law, "contact_radius", None)):
+def _check_radius(name: str, law: PairLaw, overlaps: Array) -> None:
+    """Raise for a user's law whose ``contact_radius`` is not a radius at ``overlaps`` (n,), m."""
+    find_radius = getattr(law, "contact_radius", None)
+    if not callable(find_radius):
         return
-    radii = np.asarray(find(at))
-    if (
-        radii.shape != at.shape
-        or radii.dtype.kind != "f"
-        or not np.all((radii > 0.0) & np.isfinite(radii))
-    ):
+    radii = np.asarray(find_radius(overlaps))
+    is_array = radii.shape == overlaps.shape and radii.dtype.kind == "f"
+    if not is_array or not np.all((radii > 0.0) & np.isfinite(radii)):
         problem = (
             f"contact_radius of the contact law {name} returns {brief(radii)} for an array of"
             f" overlaps"
@@ -653,84 +675,109 @@ def check_law(law: PairLaw, radius: float) -> None:
     if isinstance(law, HertzLaw | PowerLaw | DMTLaw | JKRLaw | TabulatedLaw):
         return
     name = type(law).__name__
-    delta = _PROBES * radius
+    overlaps = _PROBES * radius
+    is_bond = _check_opening(law, name, overlaps)
+    _check_radius(name, law, overlaps)
+    if is_bond:
+        overlaps = np.concatenate([overlaps, -overlaps])
+    # (n, 3): each overlap, and the two beside it
+    steps = overlaps[:, None] * (1.0 + _STEP * np.array([0.0, 1.0, -1.0]))
+    values = {method: _ask_numbers(law, name, method, steps) for method in _DERIVATIVES}
+    for method, derivative in pairwise(_DERIVATIVES):
+        _compare_derivative(
+            f"{derivative} of the contact law {name}",
+            method,
+            overlaps,
+            values[method],
+            values[derivative][:, 0],
+        )
+    is_flat = values["stiffness"][:, 0] <= 0.0
+    if np.any(is_flat):
+        problem = f"the force of the contact law {name} does not rise"
+        raise _refuse_at(overlaps[int(np.argmax(is_flat))], problem)
+    inverse = _ask(law, name, "overlap", values["force"][:, 0])
+    is_off = np.abs(inverse - overlaps) > _ALLOWED * np.abs(overlaps)
+    if np.any(is_off):
+        worst = int(np.argmax(is_off))
+        problem = f"overlap(force(overlap)) of the contact law {name} is {inverse[worst]:.6g} m"
+        raise _refuse_at(overlaps[worst], problem)
 
-    def ask(method: str, overlaps: Array) -> Array:
-        try:
-            with np.errstate(all="ignore"):  # what is not a number is told in words
-                return np.asarray(getattr(law, method)(overlaps))
-        except (TypeError, ValueError) as error:
-            problem = (
-                f"{method} of the contact law {name} does not take an array:"
-                f" {str(error).rstrip('.')}"
-            )
-            why = "All contacts are asked at once"
-            mend = (
-                "Use numpy's functions, such as np.maximum for max, np.sqrt for math.sqrt,"
-                " np.where for if"
-            )
-            raise InputError(problem, why, mend) from error
 
+def _check_opening(law: PairLaw, name: str, overlaps: Array) -> bool:
+    """Return whether a law is that of a bond, which pulls at any distance; InputError for forces
+    that are not finite, or are there where its ``least_overlap`` says that balls are apart.
+
+    ``overlaps`` (n,), m, above zero, are subtracted from the least overlap.
+    """
     least = getattr(law, "least_overlap", None)
-    below = ask("force", (least or 0.0) - delta)
+    below = _ask(law, name, "force", (least or 0.0) - overlaps)
     if not np.all(np.isfinite(below)):
         fault = f"force of the contact law {name} is not finite below an overlap of"
         mend = "np.maximum(overlap, 0.0)"
         raise InputError(
             f"{fault} {least or 0.0:g} m", "Balls may be apart", f"Return zero there, with {mend}"
         )
-    if least is not None and np.any(below):
-        why = f"least_overlap is {least:g} m, below which balls are apart"
+    has_force = bool(np.any(below))
+    if least is not None and has_force:
         raise InputError(
             f"the contact law {name} has forces that its least_overlap denies",
-            why,
+            f"least_overlap is {least:g} m, below which balls are apart",
             "Return zero there",
         )
-    _check_radius(name, law, delta)
-    if least is None and np.any(below):  # a bond
-        delta = np.concatenate([delta, -delta])
-    steps = delta[:, None] * (1.0 + _STEP * np.array([0.0, 1.0, -1.0]))
-    values = {}
-    for method in ("energy", "force", "stiffness", "stiffness_slope"):
-        value = ask(method, steps)
-        if value.shape != steps.shape or value.dtype.kind != "f" or not np.all(np.isfinite(value)):
-            fault = (
-                f"{method} of the contact law {name} returns {brief(value)} for an array of"
-                f" overlaps"
-            )
-            raise InputError(fault, mend="Return an array of numbers of the same shape")
-        values[method] = value
+    return has_force
 
-    def refuse(fault: str, where: int) -> None:
-        raise InputError(f"{fault} at an overlap of {delta[where]:.4g} m", mend="Mend the law")
 
-    for method, of in (
-        ("energy", "force"),
-        ("force", "stiffness"),
-        ("stiffness", "stiffness_slope"),
-    ):
-        rise = (values[method][:, 1] - values[method][:, 2]) / (2.0 * _STEP * delta)
-        values_of_method = values[of][:, 0]
-        size = np.maximum(np.abs(values_of_method), np.abs(values[method][:, 0] / delta))
-        off = np.abs(rise - values_of_method) > _ALLOWED * size
-        if np.any(off):
-            worst = int(np.argmax(off))
-            refuse(
-                f"{of} of the contact law {name} is {values_of_method[worst]:.6g}, and the"
-                f" derivative of its"
-                f" {method} {rise[worst]:.6g}",
-                worst,
-            )
-    if np.any(values["stiffness"][:, 0] <= 0.0):
-        refuse(
-            f"the force of the contact law {name} does not rise",
-            int(np.argmax(values["stiffness"][:, 0] <= 0.0)),
+def _ask(law: PairLaw, name: str, method: str, overlaps: Array) -> Array:
+    """Return what a method of a law returns for an array; InputError if it takes none."""
+    try:
+        with np.errstate(all="ignore"):  # what is not a number is told in words
+            return np.asarray(getattr(law, method)(overlaps))
+    except (TypeError, ValueError) as error:
+        problem = (
+            f"{method} of the contact law {name} does not take an array: {str(error).rstrip('.')}"
         )
-    back = ask("overlap", values["force"][:, 0])
-    off = np.abs(back - delta) > _ALLOWED * np.abs(delta)
-    if np.any(off):
-        worst = int(np.argmax(off))
-        refuse(f"overlap(force(overlap)) of the contact law {name} is {back[worst]:.6g} m", worst)
+        mend = (
+            "Use numpy's functions, such as np.maximum for max, np.sqrt for math.sqrt,"
+            " np.where for if"
+        )
+        raise InputError(problem, "All contacts are asked at once", mend) from error
+
+
+def _ask_numbers(law: PairLaw, name: str, method: str, overlaps: Array) -> Array:
+    """Return what :func:`_ask` does; InputError unless these are finite numbers, as many as
+    overlaps.
+    """
+    values = _ask(law, name, method, overlaps)
+    is_array = values.shape == overlaps.shape and values.dtype.kind == "f"
+    if not is_array or not np.all(np.isfinite(values)):
+        fault = (
+            f"{method} of the contact law {name} returns {brief(values)} for an array of overlaps"
+        )
+        raise InputError(fault, mend="Return an array of numbers of the same shape")
+    return values
+
+
+def _compare_derivative(
+    name: str, method: str, overlaps: Array, values: Array, derivatives: Array
+) -> None:
+    """Raise InputError unless ``derivatives`` (n,), which the message calls ``name``, are those of
+    the ``values`` (n, 3) of a method, at overlaps (n,), m, and beside them.
+    """
+    slopes = (values[:, 1] - values[:, 2]) / (2.0 * _STEP * overlaps)
+    size = np.maximum(np.abs(derivatives), np.abs(values[:, 0] / overlaps))
+    is_off = np.abs(slopes - derivatives) > _ALLOWED * size
+    if np.any(is_off):
+        worst = int(np.argmax(is_off))
+        problem = (
+            f"{name} is {derivatives[worst]:.6g}, and the derivative of its {method}"
+            f" {slopes[worst]:.6g}"
+        )
+        raise _refuse_at(overlaps[worst], problem)
+
+
+def _refuse_at(overlap: float, problem: str) -> InputError:
+    """Return the error of a law that is wrong at an overlap, m."""
+    return InputError(f"{problem} at an overlap of {overlap:.4g} m", mend="Mend the law")
 
 
 # -- laws that have a name -------------------------------------------------------------------------
@@ -777,10 +824,8 @@ def register_law(name: str, law: Any, **units: str) -> Any:
     :class:`InputError` for what is no law, for units that are not those of the numbers of a class,
     and for a name that is taken or has a space.
     """
-    if not (
-        callable(getattr(law, "between", None))
-        or all(callable(getattr(law, one, None)) for one in _METHODS)
-    ):
+    has_methods = all(callable(getattr(law, method, None)) for method in _METHODS)
+    if not has_methods and not callable(getattr(law, "between", None)):
         mend = f"Give it the method between(ball, ball), or {', '.join(_METHODS)}"
         raise InputError(f"{brief(law)} is no contact law", mend=mend)
     if units and not isinstance(law, type):
@@ -788,15 +833,15 @@ def register_law(name: str, law: Any, **units: str) -> Any:
             f"the contact law {name!r} is made already", mend="Give its class, or no units"
         )
     require("the name of a contact law", label, name)
-    wrong = [
-        *[name] * (" " in name),
-        *(unit for unit in units.values() if unit and not is_si(unit)),
-    ]
+    wrong = [unit for unit in units.values() if unit and not is_si(unit)]
+    if " " in name:
+        wrong.insert(0, name)
     if wrong:
         mend = "Give a name without spaces, and units of SI"
         raise InputError(f"a contact law cannot have {brief(wrong[0])}", mend=mend)
     try:
-        _ = isinstance(law, type) and inspect.signature(law).bind(**units)
+        if isinstance(law, type):
+            inspect.signature(law).bind(**units)
     except TypeError as error:
         problem = (
             f"the contact law {name!r} is not made of {', '.join(units) or 'nothing'}: {error}"
@@ -804,11 +849,11 @@ def register_law(name: str, law: Any, **units: str) -> Any:
         raise InputError(
             problem, mend="Name the unit of each number that the class takes"
         ) from None
-    plain = partial(number, low=-1e300, high=1e300)
-    rules = {
-        key: plain if unit in ("", "1") else Quantity(key, unit, f"1 {unit}", unit, "any")
-        for key, unit in units.items()
-    }
+    rules: dict[str, Any] = {}
+    for key, unit in units.items():
+        rules[key] = Quantity(key, unit, f"1 {unit}", unit, "any")
+        if unit in ("", "1"):
+            rules[key] = partial(number, low=-1e300, high=1e300)
     LAWS.add(name, NamedLaw(law, rules), law)
     return law
 
@@ -845,11 +890,8 @@ def read_laws(law: Any) -> Any:
         raise InputError(f"law is {brief(law)}", mend=_MEND_LAWS)
     laws = dict[tuple[str, str], Any]()
     for pair, entry in entries:
-        if not (
-            isinstance(pair, tuple)
-            and len(pair) == 2
-            and all(isinstance(name, str) for name in pair)
-        ):
+        is_pair = isinstance(pair, tuple) and len(pair) == 2
+        if not is_pair or not all(isinstance(name, str) for name in pair):
             raise InputError(f"law has the key {brief(pair)}", mend=_MEND_LAWS)
         if pair[::-1] in laws and laws[pair[::-1]] != entry:
             raise InputError(
@@ -860,17 +902,17 @@ def read_laws(law: Any) -> Any:
 
 
 def law_of_pair(law: Any, ball: Body, other: Body, one: str, two: str) -> PairLaw:
-    """Return what :func:`read_laws` has for two bodies of the kinds ``one`` and ``two``; it may
-    name others too.
+    """Return the law of a contact of two bodies of the kinds ``one`` and ``two``; ``law`` is what
+    :func:`read_laws` returns, and may name other kinds too.
     """
     if isinstance(law, tuple):
-        law_of_kinds = {frozenset(pair): each for pair, each in law}
-        pair = frozenset((one, two))
-        if pair not in law_of_kinds:
-            problem, why = (
+        law_of_kinds = {frozenset(names): entry for names, entry in law}
+        kinds = frozenset((one, two))
+        if kinds not in law_of_kinds:
+            raise InputError(
                 f"law has none for contacts of {(one, two)}",
-                f"It has {brief([tuple(pair) for pair, _ in law])}",
+                f"It has {brief([tuple(names) for names, _ in law])}",
+                "Give one for each pair of kinds that touch",
             )
-            raise InputError(problem, why, "Give one for each pair of kinds that touch")
-        law = law_of_kinds[pair]
+        law = law_of_kinds[kinds]
     return law_between(law, ball, other)

@@ -30,6 +30,9 @@ from granphon.base.arrays import Array
 
 #: a contact law that plain data can hold
 PlainLaw = Hertz | PowerLaw | DMT | JKR | TabulatedLaw
+#: the law of the contacts of balls of several kinds: one law of all pairs, or pairs of names, each
+#: with its law; a law may be a user's own
+GivenLaw = PlainLaw | tuple[tuple[tuple[str, str], PlainLaw], ...] | Any
 
 
 @dataclass(frozen=True)
@@ -50,15 +53,7 @@ class ContactModel:
 
     kinds: tuple[Ball, ...]
     names: tuple[str, ...] = ()
-    law: (
-        Hertz
-        | PowerLaw
-        | DMT
-        | JKR
-        | TabulatedLaw
-        | tuple[tuple[tuple[str, str], PlainLaw], ...]
-        | Any
-    ) = field(default_factory=Hertz)
+    law: GivenLaw = field(default_factory=Hertz)
     friction: bool = True
     torsion: float | str = 0.0
     bending: float = 0.0
@@ -126,41 +121,49 @@ class ContactModel:
         ``bending_stiffness``, N m. Raises :class:`~granphon.base.errors.InputError` for a force
         that the law does not bear, and for kinds without a law.
         """
-        number = np.array(
-            [self.names.index(name) for name in names] if len(names) else np.zeros(len(radii)), int
-        )
-        diameters = (
-            2.0 * radii
-            if self.own_radii
-            else np.array([ball.diameter for ball in self.kinds])[number]
-        )
+        kinds = np.zeros(len(radii), int)
+        if len(names):
+            kinds = np.array([self.names.index(name) for name in names], int)
+        diameters = 2.0 * radii
+        if not self.own_radii:
+            diameters = np.array([ball.diameter for ball in self.kinds])[kinds]
         values = {name: np.zeros(len(radii)) for name in ("overlap", "arm", *_STIFFNESSES)}
-        pairs, of_pair = np.unique(
-            np.stack([number, diameters], axis=1), axis=0, return_inverse=True
+        # balls of the same kind and diameter share a law
+        groups, group_of_ball = np.unique(
+            np.stack([kinds, diameters], axis=1), axis=0, return_inverse=True
         )
-        for place, (kind, diameter) in enumerate(pairs.tolist()):
-            balls = np.flatnonzero(of_pair.ravel() == place)
-            ball = self.kinds[int(kind)]
-            body = Ball(ball.material, diameter) if self.own_radii else ball
-            name = self.names[int(kind)] if self.names else ""
-            law = law_of_pair(self.law, body, RIGID_PLANE, name, RIGID_PLANE.name)
-            constants = ContactConstants.of(body, RIGID_PLANE)
-            check_law(law, constants.radius)
-            overlap = np.asarray(law.overlap(force[balls]))
-            stiffness = np.asarray(law.stiffness(overlap))
-            punch = punch_stiffness(law, overlap, constants.modulus)
-            radius = 0.5 * diameter
-            values["overlap"][balls] = overlap
-            values["arm"][balls] = radius
-            values["normal_stiffness"][balls] = stiffness
-            values["shear_stiffness"][balls] = (
-                constants.mindlin_ratio * punch if self.friction else 0.0
-            )
-            values["torsion_stiffness"][balls] = self.find_torsion(
-                stiffness, radius, punch / (2.0 * constants.modulus), constants.twist_modulus
-            )
-            values["bending_stiffness"][balls] = self.find_bending(stiffness, radius)
+        for group, (kind, diameter) in enumerate(groups.tolist()):
+            balls = np.flatnonzero(group_of_ball.ravel() == group)
+            group_values = self._press_kind_on_floor(int(kind), diameter, force[balls])
+            for name, group_value in group_values.items():
+                values[name][balls] = group_value
         return values
+
+    def _press_kind_on_floor(self, kind: int, diameter: float, force: Array) -> dict[str, Any]:
+        """Return the values of :meth:`press_on_floor` for balls of one kind and ``diameter``, m,
+        under forces (m,), N.
+        """
+        ball = self.kinds[kind]
+        body = Ball(ball.material, diameter) if self.own_radii else ball
+        name = self.names[kind] if self.names else ""
+        law = law_of_pair(self.law, body, RIGID_PLANE, name, RIGID_PLANE.name)
+        constants = ContactConstants.of(body, RIGID_PLANE)
+        check_law(law, constants.radius)
+        overlap = np.asarray(law.overlap(force))
+        stiffness = np.asarray(law.stiffness(overlap))
+        punch = punch_stiffness(law, overlap, constants.modulus)
+        radius = 0.5 * diameter
+        contact_radius = punch / (2.0 * constants.modulus)
+        return {
+            "overlap": overlap,
+            "arm": radius,
+            "normal_stiffness": stiffness,
+            "shear_stiffness": constants.mindlin_ratio * punch if self.friction else 0.0,
+            "torsion_stiffness": self.find_torsion(
+                stiffness, radius, contact_radius, constants.twist_modulus
+            ),
+            "bending_stiffness": self.find_bending(stiffness, radius),
+        }
 
 
 _STIFFNESSES = ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")

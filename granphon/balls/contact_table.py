@@ -11,7 +11,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -43,6 +45,12 @@ _LIKE = 2.0
 _UPRIGHT = 0.9
 #: what a piece that extends along none, one, two or three periods is called
 _PIECES = ("clusters", "rows", "layers", "networks")
+#: distance, over that of touching balls, up to which pairs are listed
+_NEAR_TOUCH = 1.0 + NEAR + 1e-9
+#: a number of whole cells along each period
+_Cells = tuple[int, ...]
+#: for each ball the balls that it touches, with the whole cells by which they are displaced
+_Neighbours = Mapping[int, list[tuple[int, _Cells]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,21 +92,31 @@ class ContactTable:
         )
 
     def take(self, rows: Any, i: Any, j: Any, shift: Any, turn: Any = None) -> ContactTable:
-        """Return the contacts of some ``rows``, between other balls, with their vectors turned by
-        ``turn`` (d, d).
+        """Return the contacts (m,) of some ``rows``, with their vectors turned by ``turn`` (d, d).
+
+        ``i``, ``j`` (m,) and ``shift`` (m, p) take the place of those of the rows.
         """
-        normal, vector = (
-            one[rows] if turn is None else one[rows] @ turn.T for one in (self.normal, self.vector)
-        )
+        normal = self.normal[rows]
+        vector = self.vector[rows]
+        if turn is not None:
+            normal = normal @ turn.T
+            vector = vector @ turn.T
         return ContactTable(
-            *map(read_only, (i, j, shift, normal, vector, self.arm_i[rows], self.arm_j[rows]))
+            read_only(i),
+            read_only(j),
+            read_only(shift),
+            read_only(normal),
+            read_only(vector),
+            read_only(self.arm_i[rows]),
+            read_only(self.arm_j[rows]),
         )
 
 
 def contact_frames(normal: Array) -> list[list[Array]]:
-    """The right-handed unit vectors n, t and n x t of each contact: its normal and two tangents.
+    """Return the right-handed unit vectors n, t and n x t of each contact, its normal and two
+    tangents.
 
-    Returns three lists, one for each vector, of the components along x, y and z, each (n_c,). On a
+    They are three lists, one for each vector, of the components along x, y and z, each (n_c,). On a
     line and in the plane, where ``normal`` is (n_c, 1) or (n_c, 2), and for every normal in space
     that is not nearly along z, t is along z x n. The tangents of -n are -t and n x t.
     """
@@ -115,23 +133,25 @@ def contact_frames(normal: Array) -> list[list[Array]]:
 def repeat_contacts(
     i: Any, j: Any, shift: Any, n: int, full: tuple[int, ...]
 ) -> tuple[Any, Any, Any, Any]:
-    """Return the cells (m, p) of a supercell of ``full`` cells of ``n`` balls each, and i, j, shift
-    of its contacts.
+    """Return the cells (m, p) of a supercell of ``full`` cells of ``n`` balls each, and i, j
+    (m n_c,) and shift (m n_c, p) of its contacts, of which a cell has n_c.
 
     Balls come in the order of cells, ball by ball of each cell, with the last period fastest;
     contacts cell by cell.
     """
-    cells = np.stack(np.meshgrid(*map(np.arange, full), indexing="ij"), axis=-1).reshape(
-        -1, len(full)
-    )
+    p = len(full)
+    grid = np.meshgrid(*map(np.arange, full), indexing="ij")
+    cells = np.stack(grid, axis=-1).reshape(-1, p)
+    # (m, n_c, p): the cell of ball j, which may lie beyond the supercell
     steps = cells[:, None] + shift
-    first = n * np.arange(len(cells))[:, None]
-    number = np.ravel_multi_index(tuple(np.moveaxis(np.mod(steps, full), -1, 0)), full)
+    cell_within = np.moveaxis(np.mod(steps, full), -1, 0)
+    cell_of_j = np.ravel_multi_index(tuple(cell_within), full)
+    cell_of_i = np.arange(len(cells))[:, None]
     return (
         cells,
-        (first + i).ravel(),
-        (n * number + j).ravel(),
-        np.floor_divide(steps, full).reshape(-1, len(full)),
+        (n * cell_of_i + i).ravel(),
+        (n * cell_of_j + j).ravel(),
+        np.floor_divide(steps, full).reshape(-1, p),
     )
 
 
@@ -145,7 +165,9 @@ def steps_within(cell: Array, radius: float) -> Index:
 
 
 def _list_steps(cell: Array, radius: float, reach: Array) -> Index:
-    """:func:`steps_within`, of no more steps along each vector than ``reach`` (p,)."""
+    """Return the lattice vectors of :func:`steps_within`, (n, p), of no more steps along each
+    vector than ``reach`` (p,).
+    """
     if not len(cell):
         return np.zeros((1, 0), np.intp)  # a cluster has no images
     ranges = [np.arange(-r, r + 1) for r in reach.astype(int)]
@@ -159,18 +181,19 @@ def _reach(cell: Array, radius: float) -> Array:
     """
     # more than |b_k| radius steps along vector k leave the sphere, whatever the other steps; b_k:
     # reciprocal vectors
-    return np.asarray(
-        np.floor(radius * np.linalg.norm(np.linalg.pinv(cell), axis=0) * (1.0 + 1e-12))
-    )
+    reciprocal_lengths = np.linalg.norm(np.linalg.pinv(cell), axis=0)
+    return np.asarray(np.floor(radius * reciprocal_lengths * (1.0 + 1e-12)))
 
 
 def select_once(i: Index, j: Index, shift: Index) -> Flags:
-    """(n,) whether to keep each row of a list in which every contact was found from both ends, so
-    that each counts once.
+    """Return (n,) whether to keep each row of a list in which every contact was found from both
+    ends, so that each counts once; ``shift`` is (n, p).
     """
     if not shift.shape[1]:
         return i < j
-    leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
+    # the first number of cells that is not zero
+    leading_axis = np.argmax(shift != 0, axis=1)[:, None]
+    leading = np.take_along_axis(shift, leading_axis, axis=1)[:, 0]
     return np.asarray((i < j) | ((i == j) & (leading > 0)))
 
 
@@ -186,113 +209,205 @@ def find_contacts(
     overlap, a ball touches no other, balls nearly touch, contacts do not join all balls, or too
     many cells would have to be searched.
     """
-    n = len(positions)
-    has_radii = radii is not None
-    called = f"crystal {name!r}" if has_radii else f"lattice {name!r}"
-    size = np.full(n, 0.5) if radii is None else np.asarray(radii, float)
-    i, j, shifts, delta = _find_near(cell, positions, size, called)
-    touch = size[i] + size[j]
-    distance = np.linalg.norm(delta, axis=-1)
-    ratio = distance / touch
-    said = (
-        "Two balls touch where their radii add up to their distance"
-        if has_radii
-        else "Touching balls are 1 apart"
+    pairs = _NearPairs.find(cell, positions, name, radii)
+    near = pairs.describe_near(cell)
+    pairs.require_apart(near)
+    pairs.require_contacts(cell, positions, near)
+    if near is not None and near.ratio - 1.0 <= _CLOSING:
+        raise _explain_closing(pairs, near)
+    touching = np.flatnonzero(pairs.off <= TOUCH)
+    is_kept = select_once(pairs.i[touching], pairs.j[touching], pairs.shift[touching])
+    kept = touching[is_kept]
+    i = pairs.i[kept]
+    j = pairs.j[kept]
+    shift = pairs.shift[kept]
+    why = "" if near is None else near.why
+    mend = "" if near is None else near.mend
+    require_joined(i, j, shift, len(positions), len(cell), pairs.called, why, mend)
+    normal = pairs.vector[kept] / pairs.distance[kept][:, None]
+    vector = normal if radii is None else normal * pairs.touch[kept][:, None]
+    return ContactTable(
+        read_only(i),
+        read_only(j),
+        read_only(shift),
+        read_only(normal),
+        read_only(vector),
+        read_only(pairs.radii[i]),
+        read_only(pairs.radii[j]),
     )
-    mend = ""
-    closest = math.inf
-    off = np.abs(ratio - 1.0)
-    if np.any(near := (off > TOUCH) & (off <= NEAR)):
-        # the pair of balls whose distance is nearest to that of touching ones among those that do
-        # not touch
-        worst = int(np.argmin(np.where(near, off, np.inf)))
-        closest = float(ratio[worst])
-        image = (
-            f" shifted by ({', '.join(map(str, shifts[worst].tolist()))}) cells"
-            if np.any(shifts[worst])
-            else ""
-        )
-        sides = (
-            f"{distance[worst]:.9g} m apart, and their radii add up to {touch[worst]:.9g} m"
-            if has_radii
-            else (f"{closest:.9g} apart, where touching balls are 1 apart")
-        )
-        said = f"Ball {i[worst]} and ball {j[worst]}{image} are {sides}"
-        rounded = "If numbers were rounded, write them with eight digits or more"
-        scaled = delta[near] / touch[near, None]
-        held = delta[off <= TOUCH] / touch[off <= TOUCH, None]
-        mend = _scale_to_touch(cell, scaled, held, has_radii) or rounded
-    if np.any(ratio < 1.0 - TOUCH):
-        worst = int(np.argmin(ratio))
-        least = float(ratio[worst])
-        why = f"Two sites are {least:.9g} apart, and touching balls are 1 apart"
-        if has_radii:
-            why = (
-                f"Balls {i[worst]} and {j[worst]} are {distance[worst]:.9g} m apart, and"
-                f" their radii add"
-                f" up to {touch[worst]:.9g} m"
+
+
+@dataclass(frozen=True, eq=False)
+class _NearGap:
+    """Two balls that nearly touch: ``ratio`` is their distance over that of touching balls; ``why``
+    and ``mend`` are sentences of a message.
+    """
+
+    ratio: float
+    why: str
+    mend: str
+
+
+@dataclass(frozen=True, eq=False)
+class _NearPairs:
+    """Pairs of balls no farther apart than touching ones and a little, each from both of its ends.
+
+    Attributes
+    ----------
+    called : the crystal or the lattice in messages.
+    has_radii : whether balls have radii of their own; those of a lattice are 1/2.
+    radii : (n,) of the balls, in the unit of the positions.
+    i, j : (pairs,) indices of the balls.
+    shift : (pairs, p) whole cells by which ball j is displaced.
+    vector : (pairs, d) from the centre of i to that of j.
+    """
+
+    called: str
+    has_radii: bool
+    radii: Array
+    i: Any
+    j: Any
+    shift: Any
+    vector: Array
+
+    @classmethod
+    def find(cls, cell: Array, positions: Array, name: str, radii: Array | None) -> _NearPairs:
+        """Find the pairs; the arguments are those of :func:`find_contacts`."""
+        has_radii = radii is not None
+        called = f"crystal {name!r}" if has_radii else f"lattice {name!r}"
+        sizes = np.full(len(positions), 0.5) if radii is None else np.asarray(radii, float)
+        i, j, shift, vector = _find_near(cell, positions, sizes, called)
+        return cls(called, has_radii, sizes, i, j, shift, vector)
+
+    @cached_property
+    def touch(self) -> Array:
+        """(pairs,) distance at which the balls touch."""
+        return np.asarray(self.radii[self.i] + self.radii[self.j])
+
+    @cached_property
+    def distance(self) -> Array:
+        """(pairs,) distance of the centres."""
+        return np.asarray(np.linalg.norm(self.vector, axis=-1))
+
+    @cached_property
+    def ratio(self) -> Array:
+        """(pairs,) distance over that of touching balls."""
+        return self.distance / self.touch
+
+    @cached_property
+    def off(self) -> Array:
+        """(pairs,) difference of :attr:`ratio` from one."""
+        return np.abs(self.ratio - 1.0)
+
+    def describe_near(self, cell: Array) -> _NearGap | None:
+        """Return the pair that is nearest to touching among those that do not touch; None if none
+        is within :data:`NEAR`.
+        """
+        is_near = (self.off > TOUCH) & (self.off <= NEAR)
+        if not np.any(is_near):
+            return None
+        pair = int(np.argmin(np.where(is_near, self.off, np.inf)))
+        ratio = float(self.ratio[pair])
+        image = ""
+        if np.any(self.shift[pair]):
+            cells = ", ".join(map(str, self.shift[pair].tolist()))
+            image = f" shifted by ({cells}) cells"
+        sides = f"{ratio:.9g} apart, where touching balls are 1 apart"
+        if self.has_radii:
+            sides = (
+                f"{self.distance[pair]:.9g} m apart, and their radii add up to"
+                f" {self.touch[pair]:.9g} m"
             )
-        mend = mend if mend and least >= 1.0 - NEAR else "Move the sites apart"
-        if has_radii and distance[worst] <= TOUCH * touch[worst]:
+        is_touching = self.off <= TOUCH
+        near = self.vector[is_near] / self.touch[is_near, None]
+        touching = self.vector[is_touching] / self.touch[is_touching, None]
+        return _NearGap(
+            ratio,
+            f"Ball {self.i[pair]} and ball {self.j[pair]}{image} are {sides}",
+            _scale_to_touch(cell, near, touching, self.has_radii)
+            or "If numbers were rounded, write them with eight digits or more",
+        )
+
+    def require_apart(self, near: _NearGap | None) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if balls overlap; ``near`` says of an
+        overlap of less than :data:`NEAR` how to mend it.
+        """
+        if not np.any(self.ratio < 1.0 - TOUCH):
+            return
+        pair = int(np.argmin(self.ratio))
+        least = float(self.ratio[pair])
+        distance = self.distance[pair]
+        touch = self.touch[pair]
+        why = f"Two sites are {least:.9g} apart, and touching balls are 1 apart"
+        mend = "Move the sites apart"
+        if self.has_radii:
+            why = (
+                f"Balls {self.i[pair]} and {self.j[pair]} are {distance:.9g} m apart, and"
+                f" their radii add up to {touch:.9g} m"
+            )
+        if near is not None and least >= 1.0 - NEAR:
+            mend = near.mend
+        if self.has_radii and distance <= TOUCH * touch:
             mend = (
                 "Give each site of the cell once; places that differ by vectors of the cell are"
                 " one site"
             )
-        elif has_radii and least * _LIKE < 1.0 / _UNITS["cm"]:
+        elif self.has_radii and least * _LIKE < 1.0 / _UNITS["cm"]:
             mend = "Compare the units: diameters, cell and positions are in m"
-        raise InputError(f"balls of {called} overlap", why, mend)
-    touching = np.flatnonzero(off <= TOUCH)
-    alone = np.setdiff1d(np.arange(n), i[touching])
-    if alone.size:
-        ball_in_words = f"ball {alone[0]} of {called}" if has_radii else f"a ball of {called}"
-        if has_radii and closest == math.inf:
-            # how far it is from the one that is nearest to touching it, and the unit that this
-            # looks like
-            ball = int(alone[0])
-            steps = _list_steps(cell, math.inf, np.ones(len(cell)))
-            inside = positions - np.floor(positions @ np.linalg.pinv(cell)) @ cell
-            with np.errstate(over="ignore"):
-                away = inside[:, None] + steps @ cell - inside[ball]
-                gaps = np.linalg.norm(away, axis=-1) / (size + size[ball])[:, None]
-            gaps[ball, ~np.any(steps, axis=1)] = np.inf
-            neighbour, _ = np.unravel_index(np.argmin(gaps), gaps.shape)
-            apart = float(np.min(gaps))
-            sum_of_radii = float(size[neighbour] + size[ball])
-            said = (
-                f"The nearest, ball {neighbour}, is {apart * sum_of_radii:.6g} m away, and their"
-                f" radii add up to"
-            )
-            said = f"{said} {sum_of_radii:.6g} m"
-            mend = "Move them together, until their radii add up to their distance"
-            unit = next(
-                (unit for unit, many in _UNITS.items() if many / _LIKE < apart < many * _LIKE), ""
-            )
-            if unit:
-                mend = f"Give cell and positions in m: they look like {unit}"
-        raise InputError(f"{ball_in_words} touches no other", said, mend)
-    if closest - 1.0 <= _CLOSING:
-        gap = f"a gap of {closest - 1.0:.2g}" + " of that" * has_radii
-        why = f"{said}. A{gap[1:]} closes under load, so that it was probably rounded"
-        mend = (
-            f"{mend}; for balls that do not touch, leave gaps above {_CLOSING:g}"
-            + " of their distance" * has_radii
-        )
-        raise InputError(f"balls of {called} nearly touch", why, mend)
-    first = touching[select_once(i[touching], j[touching], shifts[touching])]
-    i = i[first]
-    j = j[first]
-    shifts = shifts[first]
-    require_joined(i, j, shifts, n, len(cell), called, said if mend else "", mend)
-    normal = delta[first] / distance[first][:, None]
-    vector = normal if radii is None else normal * touch[first][:, None]
-    return ContactTable(
-        read_only(i),
-        read_only(j),
-        read_only(shifts),
-        read_only(normal),
-        read_only(vector),
-        read_only(size[i]),
-        read_only(size[j]),
+        raise InputError(f"balls of {self.called} overlap", why, mend)
+
+    def require_contacts(self, cell: Array, positions: Array, near: _NearGap | None) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if a ball touches no other."""
+        touching = self.i[self.off <= TOUCH]
+        alone = np.setdiff1d(np.arange(len(positions)), touching)
+        if not alone.size:
+            return
+        ball = int(alone[0])
+        words = f"ball {ball} of {self.called}" if self.has_radii else f"a ball of {self.called}"
+        why = "Touching balls are 1 apart"
+        mend = ""
+        if near is not None:
+            why = near.why
+            mend = near.mend
+        elif self.has_radii:
+            why, mend = _explain_lone_ball(cell, positions, self.radii, ball)
+        raise InputError(f"{words} touches no other", why, mend)
+
+
+def _explain_lone_ball(cell: Array, positions: Array, radii: Array, ball: int) -> tuple[str, str]:
+    """Return how far a ball is from the one that is nearest to touching it, and how to mend that:
+    positions may be in another unit.
+    """
+    steps = _list_steps(cell, math.inf, np.ones(len(cell)))
+    inside = positions - np.floor(positions @ np.linalg.pinv(cell)) @ cell
+    with np.errstate(over="ignore"):
+        # (n, steps, d) vectors to the images of all balls in the cells around
+        vectors = inside[:, None] + steps @ cell - inside[ball]
+        ratios = np.linalg.norm(vectors, axis=-1) / (radii + radii[ball])[:, None]
+    ratios[ball, ~np.any(steps, axis=1)] = np.inf
+    neighbour, _ = np.unravel_index(np.argmin(ratios), ratios.shape)
+    ratio = float(np.min(ratios))
+    touch = float(radii[neighbour] + radii[ball])
+    why = (
+        f"The nearest, ball {neighbour}, is {ratio * touch:.6g} m away, and their radii add up to"
+        f" {touch:.6g} m"
+    )
+    for unit, factor in _UNITS.items():
+        if factor / _LIKE < ratio < factor * _LIKE:
+            return why, f"Give cell and positions in m: they look like {unit}"
+    return why, "Move them together, until their radii add up to their distance"
+
+
+def _explain_closing(pairs: _NearPairs, near: _NearGap) -> InputError:
+    """Return the error of a gap so small that it closes under load."""
+    of_distance = " of that" if pairs.has_radii else ""
+    gap = f"A gap of {near.ratio - 1.0:.2g}{of_distance}"
+    of_their_distance = " of their distance" if pairs.has_radii else ""
+    return InputError(
+        f"balls of {pairs.called} nearly touch",
+        f"{near.why}. {gap} closes under load, so that it was probably rounded",
+        f"{near.mend}; for balls that do not touch, leave gaps above {_CLOSING:g}"
+        f"{of_their_distance}",
     )
 
 
@@ -306,35 +421,51 @@ def _find_near(
     (pairs, d), in the order of i, j, and these cells.
     """
     n = len(positions)
-    reach_of = 1.0 + NEAR + 1e-9
-    few = n <= _FEW
-    longest = 2.0 * reach_of * float(radii.max())
-    apart = positions[None] - positions[:, None] if few else np.zeros(1)
-    radius = longest + float(np.linalg.norm(apart, axis=-1).max())
-    reach = _reach(cell, radius) + (not few)
-    if np.prod(2.0 * reach + 1.0) * (1 if few else n / _FEW) > _MOST_CELLS:
+    if n <= _FEW:
+        return _find_near_among_all(cell, positions, radii, called)
+    longest = 2.0 * _NEAR_TOUCH * float(radii.max())
+    _require_few_cells(_reach(cell, longest) + 1.0, n / _FEW, called)
+    i, j, shift, vector = find_pairs(positions, cell, longest)
+    is_near = np.linalg.norm(vector, axis=-1) <= _NEAR_TOUCH * (radii[i] + radii[j])
+    i = i[is_near]
+    j = j[is_near]
+    shift = shift[is_near]
+    vector = vector[is_near]
+    # each pair from its other end too
+    i_of_ends = np.concatenate([i, j])
+    j_of_ends = np.concatenate([j, i])
+    shift = np.concatenate([shift, -shift])
+    vector = np.concatenate([vector, -vector])
+    order = np.lexsort((*shift.T[::-1], j_of_ends, i_of_ends))
+    return i_of_ends[order], j_of_ends[order], shift[order], vector[order]
+
+
+def _find_near_among_all(
+    cell: Array, positions: Array, radii: Array, called: str
+) -> tuple[Any, Any, Any, Array]:
+    """Return what :func:`_find_near` returns; all pairs of a few balls are compared."""
+    apart = positions[None] - positions[:, None]  # (n, n, d) from i to j of the same cell
+    farthest = float(np.linalg.norm(apart, axis=-1).max())
+    radius = 2.0 * _NEAR_TOUCH * float(radii.max()) + farthest
+    reach = _reach(cell, radius)
+    _require_few_cells(reach, 1.0, called)
+    steps = _list_steps(cell, radius, reach)
+    vectors = apart[:, :, None] + (steps @ cell)[None, None]  # (n, n, steps, d)
+    touch = radii[:, None] + radii  # (n, n)
+    is_near = np.linalg.norm(vectors, axis=-1) <= _NEAR_TOUCH * touch[:, :, None]
+    is_same_ball = np.eye(len(positions), dtype=bool)[:, :, None]
+    is_itself = is_same_ball & np.all(steps == 0, axis=1)
+    i, j, step = np.nonzero(is_near & ~is_itself)
+    return i, j, steps[step], vectors[i, j, step]
+
+
+def _require_few_cells(reach: Array, balls: float, called: str) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if too many cells are to be searched: up to
+    ``reach`` (p,) cells along each vector, times the number of ``balls``, over :data:`_FEW`.
+    """
+    if np.prod(2.0 * reach + 1.0) * balls > _MOST_CELLS:
         problem = f"the cell of {called} is too oblique, or its sites are too far from each other"
         raise InputError(problem, mend="Give short lattice vectors, and sites from 0 to 1")
-    if few:
-        steps = _list_steps(cell, radius, reach)
-        delta = apart[:, :, None] + (steps @ cell)[None, None]
-        distance = np.linalg.norm(delta, axis=-1)
-        near = distance <= reach_of * (radii[:, None] + radii)[:, :, None]
-        found: Any = np.nonzero(
-            near & ~(np.eye(n, dtype=bool)[:, :, None] & np.all(steps == 0, axis=1))
-        )
-        return found[0], found[1], steps[found[2]], delta[found]
-    i, j, shift, delta = find_pairs(positions, cell, longest)
-    near = np.linalg.norm(delta, axis=-1) <= reach_of * (radii[i] + radii[j])
-    i = i[near]
-    j = j[near]
-    shift = shift[near]
-    delta = delta[near]
-    i, j = np.concatenate([i, j]), np.concatenate([j, i])
-    shift = np.concatenate([shift, -shift])
-    delta = np.concatenate([delta, -delta])
-    order = np.lexsort((*shift.T[::-1], j, i))
-    return i[order], j[order], shift[order], delta[order]
 
 
 def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, Any, Any, Array]:
@@ -348,26 +479,9 @@ def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, An
     # imported here because it loads much of scipy, which lattices that have a name do not need
     from scipy.spatial import cKDTree
 
-    # fractions of the periods: places are moved into the cell, then repeated as far as a pair can
-    # reach beyond its faces
     n = len(positions)
-    across = np.linalg.pinv(periods)
-    place = positions @ across
-    home = np.floor(place).astype(np.intp)
-    ball = np.arange(n)
-    step = np.zeros((n, len(periods)), np.intp)
-    place -= home
-    for axis, margin in enumerate(cutoff * np.linalg.norm(across, axis=0) * (1.0 + 1e-9)):
-        reach = int(margin) + 1
-        kept = [(ball, step)]  # the places themselves come first
-        for steps in (*range(-reach, 0), *range(1, reach + 1)):
-            away = place[ball, axis] + steps
-            near = (away >= -margin) & (away <= 1.0 + margin)
-            image_step = step[near]
-            image_step[:, axis] = steps
-            kept.append((ball[near], image_step))
-        ball, step = (np.concatenate(parts) for parts in zip(*kept, strict=True))
-    points = positions[ball] + (step - home[ball]) @ periods
+    ball, step = _list_images(positions, periods, cutoff)
+    points = positions[ball] + step @ periods
     first, second = cKDTree(points).query_pairs(cutoff, output_type="ndarray").T
     # the first of a pair is the lower one, and a place of the cell comes before all images
     in_cell = first < n
@@ -375,14 +489,43 @@ def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, An
     second = second[in_cell]
     i = ball[first]
     j = ball[second]
-    shift = step[second] - home[ball[second]] + home[ball[first]]
-    once = (second < n) | select_once(i, j, shift)
-    i = i[once]
-    j = j[once]
-    shift = shift[once]
-    vector = points[second[once]] - points[first[once]]
+    shift = step[second] - step[first]
+    is_kept = (second < n) | select_once(i, j, shift)
+    i = i[is_kept]
+    j = j[is_kept]
+    shift = shift[is_kept]
+    vector = points[second[is_kept]] - points[first[is_kept]]
     order = np.lexsort((*shift.T[::-1], j, i))
     return i[order], j[order], shift[order], vector[order]
+
+
+def _list_images(positions: Array, periods: Array, cutoff: float) -> tuple[Index, Index]:
+    """Return the places moved into the cell, and their images as far as a pair can reach beyond its
+    faces: their numbers (m,) and the whole periods (m, p) by which they are moved.
+
+    The places themselves come first, in their order.
+    """
+    across = np.linalg.pinv(periods)
+    fractions = positions @ across
+    home = np.floor(fractions).astype(np.intp)
+    fractions -= home
+    ball = np.arange(len(positions))
+    step = np.zeros((len(positions), len(periods)), np.intp)
+    margins = cutoff * np.linalg.norm(across, axis=0) * (1.0 + 1e-9)
+    for axis, margin in enumerate(margins):
+        reach = int(margin) + 1
+        balls = [ball]
+        steps_of_balls = [step]
+        for steps in (*range(-reach, 0), *range(1, reach + 1)):
+            moved = fractions[ball, axis] + steps
+            is_near = (moved >= -margin) & (moved <= 1.0 + margin)
+            image_step = step[is_near]
+            image_step[:, axis] = steps
+            balls.append(ball[is_near])
+            steps_of_balls.append(image_step)
+        ball = np.concatenate(balls)
+        step = np.concatenate(steps_of_balls)
+    return ball, step - home[ball]
 
 
 def require_joined(
@@ -399,77 +542,128 @@ def require_joined(
     """Raise :class:`~granphon.base.errors.InputError` unless contacts join all ``n`` balls, and all
     their images.
 
-    Balls that are ``held`` (n,) are one body, along all periods.
+    ``i``, ``j`` are (n_c,), ``shift`` is (n_c, periods) cells. Balls that are ``held`` (n,) are one
+    body, along all periods. The message names what is ``called``, and gives as the reason what is
+    ``said``.
     """
     if held is not None and np.any(held):
-        count = int(np.count_nonzero(~held))
-        name = np.where(held, count, np.cumsum(~held) - 1)
-        i, j = (np.append(name[end], np.full(periods, count)) for end in (i, j))
-        shift = np.concatenate([shift, np.eye(periods, dtype=np.intp)])
-        n = count + 1
-    neighbours = defaultdict[int, list[tuple[int, tuple[int, ...]]]](list)
-    for one, neighbour, step in zip(
-        i.tolist(), j.tolist(), map(tuple, shift.tolist()), strict=True
-    ):
-        neighbours[one].append((neighbour, step))
-        neighbours[neighbour].append((one, tuple(-x for x in step)))
-    # along how many periods each set of balls that contacts join extends, and its copies. The whole
-    # cells by which rings of contacts lead from a ball to its images make a lattice of integers:
-    # its rank is the number of periods, and its index the number of copies of the piece that do not
-    # touch
-    places: dict[int, tuple[int, ...]] = {}
-    parts = list[tuple[int, int]]()
-    for first in range(n):
-        if first in places:
+        i, j, shift, n = _merge_held(i, j, shift, held, periods)
+    pieces = _find_pieces(_list_neighbours(i, j, shift), n, periods)
+    count = sum(copies for _, copies in pieces)
+    ranks = {rank for rank, _ in pieces}
+    is_whole = ranks == {periods}  # each piece extends along all periods
+    if is_whole and count == 1:
+        return
+    if is_whole:
+        words = f"{count} {_PIECES[periods]}"
+    else:
+        names = ", ".join(_PIECES[rank] for rank in sorted(ranks))
+        words = f"{names}, {count} {'in each cell' if periods else 'of them'}"
+    problem = f"{called} falls into pieces that do not touch: {words}"
+    raise InputError(problem, said, mend or "Move them together, or give one of them alone")
+
+
+def _merge_held(
+    i: Index, j: Index, shift: Index, held: Flags, periods: int
+) -> tuple[Index, Index, Index, int]:
+    """Return the contacts i, j, shift, and the number of balls, where all ``held`` balls (n,) are
+    one, which comes last and touches its own images along all periods.
+    """
+    body = int(np.count_nonzero(~held))
+    number = np.where(held, body, np.cumsum(~held) - 1)
+    of_body = np.full(periods, body)
+    i = np.append(number[i], of_body)
+    j = np.append(number[j], of_body)
+    shift = np.concatenate([shift, np.eye(periods, dtype=np.intp)])
+    return i, j, shift, body + 1
+
+
+def _list_neighbours(i: Index, j: Index, shift: Index) -> _Neighbours:
+    """Return for each ball the balls that it touches, with the whole cells by which they are
+    displaced.
+    """
+    neighbours = defaultdict[int, list[tuple[int, _Cells]]](list)
+    steps = map(tuple, shift.tolist())
+    for ball, neighbour, step in zip(i.tolist(), j.tolist(), steps, strict=True):
+        neighbours[ball].append((neighbour, step))
+        neighbours[neighbour].append((ball, tuple(-cells for cells in step)))
+    return neighbours
+
+
+def _find_pieces(neighbours: _Neighbours, n: int, periods: int) -> list[tuple[int, int]]:
+    """Return for each set of balls that contacts join the number of periods along which the set
+    extends, and the number of its copies that do not touch.
+
+    The whole cells by which rings of contacts lead from a ball to its images make a lattice of
+    integers: its rank is that number of periods, its index that number of copies.
+    """
+    cells: dict[int, _Cells] = {}
+    pieces = []
+    for ball in range(n):
+        if ball in cells:
             continue
-        places[first], rings, queue = (0,) * periods, set[tuple[int, ...]](), [first]
-        while queue:
-            ball = queue.pop()
-            for neighbour, step in neighbours[ball]:
-                place_of_neighbour = tuple(map(sum, zip(places[ball], step, strict=True)))
-                if neighbour not in places:
-                    places[neighbour] = place_of_neighbour
-                    queue.append(neighbour)
-                rings.add(
-                    tuple(a - b for a, b in zip(place_of_neighbour, places[neighbour], strict=True))
-                )
-        # rank and index of the lattice that these make: the index among integers in its own span
-        rows = [list(one) for one in rings]
-        basis = list[list[int]]()
-        for column in range(periods):
-            while (
-                len(
-                    live := sorted(
-                        (row for row in rows if row[column]), key=lambda row: abs(row[column])
-                    )
-                )
-                > 1
-            ):
-                for row in live[1:]:
-                    times = row[column] // live[0][column]
-                    row[:] = [a - times * b for a, b in zip(row, live[0], strict=True)]
-            basis += live
-            rows = [row for row in rows if not row[column]]
-        minors = itertools.combinations(range(periods), len(basis))
-        square = np.array(basis, float).reshape(len(basis), periods)
-        parts.append(
-            (
-                len(basis),
-                math.gcd(*(round(abs(np.linalg.det(square[:, columns]))) for columns in minors)),
-            )
-        )
-    count = sum(index for _, index in parts)
-    ranks = {rank for rank, _ in parts}
-    # pieces that extend along all periods: there are only so many of them
-    whole = ranks == {periods}
-    if not whole or count > 1:
-        cells = f"{count} in each cell" if periods else f"{count} of them"
-        pieces = f"{', '.join(_PIECES[rank] for rank in sorted(ranks))}, {cells}"
-        problem = (
-            f"{called} falls into pieces that do not touch:"
-            f" {f'{count} {_PIECES[periods]}' if whole else pieces}"
-        )
-        raise InputError(problem, said, mend or "Move them together, or give one of them alone")
+        rings = _walk(ball, neighbours, cells, periods)
+        basis = _reduce_rows([list(ring) for ring in rings], periods)
+        pieces.append((len(basis), _find_lattice_index(basis, periods)))
+    return pieces
+
+
+def _walk(
+    start: int, neighbours: _Neighbours, cells: dict[int, _Cells], periods: int
+) -> set[_Cells]:
+    """Visit all balls that contacts join to ``start``, and add the cell in which each is met first
+    to ``cells``.
+
+    Returns the whole cells by which rings of contacts lead from a ball to its images.
+    """
+    cells[start] = (0,) * periods
+    rings = set[_Cells]()
+    queue = [start]
+    while queue:
+        ball = queue.pop()
+        for neighbour, step in neighbours[ball]:
+            cell = tuple(map(sum, zip(cells[ball], step, strict=True)))
+            if neighbour not in cells:
+                cells[neighbour] = cell
+                queue.append(neighbour)
+            first_cell = cells[neighbour]
+            rings.add(tuple(a - b for a, b in zip(cell, first_cell, strict=True)))
+    return rings
+
+
+def _reduce_rows(rows: list[list[int]], periods: int) -> list[list[int]]:
+    """Return a basis of the lattice that integer rows of length ``periods`` make: Euclid's
+    algorithm, column by column. The rows are changed.
+    """
+    basis = list[list[int]]()
+    for column in range(periods):
+        nonzero = _sort_nonzero(rows, column)
+        while len(nonzero) > 1:
+            least = nonzero[0]
+            for row in nonzero[1:]:
+                times = row[column] // least[column]
+                row[:] = [a - times * b for a, b in zip(row, least, strict=True)]
+            nonzero = _sort_nonzero(rows, column)
+        basis += nonzero
+        rows = [row for row in rows if not row[column]]
+    return basis
+
+
+def _sort_nonzero(rows: list[list[int]], column: int) -> list[list[int]]:
+    """Return the rows whose number in a column is not zero, by the size of that number."""
+    return sorted((row for row in rows if row[column]), key=lambda row: abs(row[column]))
+
+
+def _find_lattice_index(basis: list[list[int]], periods: int) -> int:
+    """Return the index of the lattice of a basis among the integers in its span: the greatest
+    common divisor of the largest minors.
+    """
+    matrix = np.array(basis, float).reshape(len(basis), periods)
+    minors = [
+        round(abs(np.linalg.det(matrix[:, columns])))
+        for columns in itertools.combinations(range(periods), len(basis))
+    ]
+    return math.gcd(*minors)
 
 
 def _scale_to_touch(cell: Array, near: Array, touching: Array, given: bool = False) -> str:
@@ -480,31 +674,38 @@ def _scale_to_touch(cell: Array, near: Array, touching: Array, given: bool = Fal
     touch; those that touch already must not change. With ``given`` positions these are to be
     multiplied too. The text is empty if no single number does it.
     """
-    periods, dimension = cell.shape
     if not len(touching):
         factors = 1.0 / np.linalg.norm(near, axis=1)
         if np.ptp(factors) <= TOUCH:
-            return f"Multiply the cell{' and the positions' * given} by {np.mean(factors):.12g}"
+            scaled = "the cell and the positions" if given else "the cell"
+            return f"Multiply {scaled} by {np.mean(factors):.12g}"
     if given:
         return ""
-    for axis in range(periods):
-        along = near[:, axis] ** 2
-        across = np.sum(np.delete(near, axis, axis=1) ** 2, axis=1)
-        if (
-            np.any(np.abs(touching[:, axis]) > TOUCH)
-            or np.any(along < NEAR)
-            or np.any(across >= 1.0)
-        ):
+    for axis in range(len(cell)):
+        factor = _scale_axis(near, touching, axis)
+        if factor is None:
             continue
-        factors = np.sqrt((1.0 - across) / along)
-        if np.ptp(factors) <= TOUCH:
-            old, new = next((x, x * np.mean(factors)) for x in np.abs(cell[:, axis]).tolist() if x)
-            every = "" if dimension == 1 else f"every {'xyz'[axis]} of "
-            return (
-                f"Multiply {every}the cell by {np.mean(factors):.12g}, so that {old:.9g} becomes"
-                f" {new:.12g}"
-            )
+        length = next(size for size in np.abs(cell[:, axis]).tolist() if size)
+        coordinates = "" if cell.shape[1] == 1 else f"every {'xyz'[axis]} of "
+        return (
+            f"Multiply {coordinates}the cell by {factor:.12g}, so that {length:.9g} becomes"
+            f" {length * factor:.12g}"
+        )
     return ""
+
+
+def _scale_axis(near: Array, touching: Array, axis: int) -> float | None:
+    """Return the factor of the coordinates along an axis at which balls at ``near`` touch; None if
+    none does that for all, or if it would part balls that are ``touching``.
+    """
+    if np.any(np.abs(touching[:, axis]) > TOUCH):
+        return None
+    along = near[:, axis] ** 2
+    across = np.sum(np.delete(near, axis, axis=1) ** 2, axis=1)
+    if np.any(along < NEAR) or np.any(across >= 1.0):
+        return None
+    factors = np.sqrt((1.0 - across) / along)
+    return float(np.mean(factors)) if np.ptp(factors) <= TOUCH else None
 
 
 def touch_once_at_most(cell: Array, dim: tuple[int, ...], contact: float) -> bool:

@@ -169,18 +169,19 @@ class _Density(Shape):
         pieces, order = self._divide(power, pairs)
 
         def evaluate(flat: Array) -> Array:
+            """Return the integrals (n,) at y (n,)."""
             y = flat[:, None]
             total = np.zeros(len(y))
             for start, end, density in pieces:
+                # the part of the piece in which y + t is above zero
                 first = np.maximum(start, -y)
                 length = np.maximum(np.where(first > start, end + y, end - start), 0.0)
-                root, rise, fall, weight = _make_root_nodes(
-                    np.maximum(start + y, 0.0), length, order
-                )
+                lowest = np.maximum(start + y, 0.0)
+                root, rise, fall, weight = _make_root_nodes(lowest, length, order)
                 value = density(first + rise, (first - start) + rise, fall)
-                total += np.sum(
-                    2.0 * _raise_to_power(root, round(2.0 * power + 1.0)) * value * weight, axis=-1
-                )
+                # dt = 2 u du with u = (y + t)^(1/2)
+                powers = _raise_to_power(root, round(2.0 * power + 1.0))
+                total += np.sum(2.0 * powers * value * weight, axis=-1)
             return total
 
         return evaluate_in_blocks(evaluate, overlap, _NUMBERS_AT_ONCE // order)
@@ -207,15 +208,15 @@ class _Density(Shape):
         else:
             positions = [0.5 * (first - edge)]
             weights = [self._compute_fraction_below(first)]
-        # two parts; each begins at x = first, where s = y + x/2 is ``start`` above the singularity,
-        # and is ``length`` long
-        some = (first, np.maximum(values, 0.0), np.maximum(edge - np.abs(values), 0.0))
-        every = (
+        # two parts, of balls that touch some others and all others; each begins at x = first, where
+        # s = y + x/2 is ``start`` above the singularity, and is ``length`` long
+        touching_some = (first, np.maximum(values, 0.0), np.maximum(edge - np.abs(values), 0.0))
+        touching_all = (
             np.clip(edge - 2.0 * values, -edge, edge),
             np.maximum(values - edge, 0.0),
             np.clip(values, 0.0, edge),
         )
-        for first, start, length in (some, every):
+        for first, start, length in (touching_some, touching_all):
             root, rise, _, weight = _make_root_nodes(start, length, order * self._stretch)
             positions.append(first + 2.0 * rise)
             weights.append(4.0 * root * weight * self._compute_density(positions[-1]))
@@ -259,6 +260,7 @@ class NormalShape(_Density):
 
     @cached_property
     def _std(self) -> float:
+        """Standard deviation of x before the cut."""
         return 1.0 / (math.sqrt(12.0) * cut_rms(self.cutoff))
 
     @cached_property
@@ -271,13 +273,12 @@ class NormalShape(_Density):
 
     @cached_property
     def _kept(self) -> float:
+        """Fraction of the density that the cut leaves."""
         return math.erf(self.cutoff / math.sqrt(2.0))
 
     def _compute_density(self, x: Array) -> Array:
-        return np.asarray(
-            np.exp(-0.5 * (x / self._std) ** 2)
-            / (self._std * math.sqrt(2.0 * math.pi) * self._kept)
-        )
+        norm = self._std * math.sqrt(2.0 * math.pi) * self._kept
+        return np.asarray(np.exp(-0.5 * (x / self._std) ** 2) / norm)
 
     def _compute_fraction_below(self, x: Array) -> Array:
         from scipy.special import erf
@@ -298,26 +299,28 @@ class NormalShape(_Density):
         from scipy.special import erf
 
         # pieces of [-b, b], at most 3 std long, that meet at 0
-        panels = pairwise(np.linspace(-self._edge, self._edge, 2 * self._stretch + 1).tolist())
-        if not pairs:
-            return [
-                (0.5 * a, 0.5 * b, lambda t, rise, fall: 2.0 * self._compute_density(2.0 * t))
-                for a, b in panels
-            ], 24
+        ends = np.linspace(-self._edge, self._edge, 2 * self._stretch + 1).tolist()
 
-        def piece(a: float, b: float) -> Piece:
-            def density(t: Array, rise: Array, fall: Array) -> Array:
+        def density_of_ball(t: Array, rise: Array, fall: Array) -> Array:
+            return 2.0 * self._compute_density(2.0 * t)
+
+        def make_pair_piece(start: float, end: float) -> Piece:
+            def density_of_pair(t: Array, rise: Array, fall: Array) -> Array:
                 # with x = t + v and x' = t - v this is the integral over |v| < b - |t|; b - |t|
                 # keeps its digits at the ends
-                room = rise + (a + self._edge) if b <= 0.0 else fall + (self._edge - b)
+                room = rise + (start + self._edge) if end <= 0.0 else fall + (self._edge - end)
                 scale = math.sqrt(math.pi) * self._std * self._compute_density(np.zeros(())) ** 2
-                return np.asarray(
-                    2.0 * scale * np.exp(-((t / self._std) ** 2)) * erf(room / self._std)
-                )
+                gaussian = np.exp(-((t / self._std) ** 2))
+                return np.asarray(2.0 * scale * gaussian * erf(room / self._std))
 
-            return a, b, density
+            return start, end, density_of_pair
 
-        return [piece(a, b) for a, b in panels], 24
+        pieces: list[Piece]
+        if pairs:
+            pieces = [make_pair_piece(start, end) for start, end in pairwise(ends)]
+        else:
+            pieces = [(0.5 * start, 0.5 * end, density_of_ball) for start, end in pairwise(ends)]
+        return pieces, 24
 
 
 @dataclass(frozen=True)
@@ -338,10 +341,12 @@ class PointShape(Shape):
 
     @cached_property
     def _points(self) -> tuple[Array, Array]:
+        """Positions x and weights of the points, (n,) each."""
         return np.array(self.positions), np.array(self.weights)
 
     @cached_property
     def _pairs(self) -> tuple[Array, Array]:
+        """The different values of (x_i + x_j)/2, ascending, and their weights, (m,) each."""
         x, w = self._points
         i, j = np.triu_indices(x.size)
         return merge(0.5 * (x[i] + x[j]), w[i] * w[j] * np.where(i == j, 1.0, 2.0))
@@ -370,11 +375,15 @@ class PointShape(Shape):
         places, weights = self._pairs if pairs else (0.5 * x, w)
 
         def evaluate(y: Array) -> Array:
-            gap = y[:, None] + places
-            root = np.sqrt(np.where(gap > 0.0, gap, np.inf if power < 0.0 else 0.0))
-            terms = (
-                _raise_to_power(root, round(2.0 * power)) if power else np.asarray(gap > 0.0, float)
-            )
+            """Return the sums (n,) at y (n,)."""
+            overlap_at_place = y[:, None] + places
+            is_closed = overlap_at_place > 0.0
+            if power:
+                open_value = np.inf if power < 0.0 else 0.0  # whose power is zero
+                root = np.sqrt(np.where(is_closed, overlap_at_place, open_value))
+                terms = _raise_to_power(root, round(2.0 * power))
+            else:
+                terms = np.asarray(is_closed, float)
             # not @, whose rounding depends on the other rows
             return np.asarray(np.sum(terms * weights, axis=-1))
 
@@ -400,17 +409,20 @@ def _make_root_nodes(start: Array, length: Array, order: int) -> tuple[Array, Ar
     high = np.sqrt(start + length)
     step = np.divide(length, low + high, out=np.zeros_like(length), where=length > 0.0)
     root = low + nodes * step
-    return root, nodes * step * (root + low), (1.0 - nodes) * step * (root + high), weights * step
+    rise = nodes * step * (root + low)
+    fall = (1.0 - nodes) * step * (root + high)
+    return root, rise, fall, weights * step
 
 
 def evaluate_in_blocks(evaluate: Callable[[Array], Array], values: Array, size: int) -> Array:
     """Apply ``evaluate``, which maps (n,) to (n,), to an array of any shape, ``size`` numbers at a
     time.
     """
-    flat, size = values.reshape(-1), max(1, size)
-    return np.concatenate(
-        [evaluate(flat[i : i + size]) for i in range(0, max(1, flat.size), size)]
-    ).reshape(values.shape)
+    flat = values.reshape(-1)
+    size = max(1, size)
+    starts = range(0, max(1, flat.size), size)
+    blocks = [evaluate(flat[start : start + size]) for start in starts]
+    return np.concatenate(blocks).reshape(values.shape)
 
 
 def _raise_to_power(root: Array, exponent: int) -> Array:
@@ -420,25 +432,25 @@ def _raise_to_power(root: Array, exponent: int) -> Array:
     if exponent < 0:
         return np.asarray(1.0 / root)
     square = root * root
-    out = root if exponent % 2 else np.ones_like(root)
+    product = root if exponent % 2 else np.ones_like(root)
     for _ in range(exponent // 2):
-        out = out * square
-    return out
+        product = product * square
+    return product
 
 
 def find_quantiles(weights: Array, probability: Array) -> NDArray[np.intp]:
     """Find the indices at which the running sum of the weights exceeds each probability."""
-    return np.minimum(
-        np.searchsorted(np.cumsum(weights), probability, side="right"), weights.size - 1
-    )
+    indices = np.searchsorted(np.cumsum(weights), probability, side="right")
+    return np.minimum(indices, weights.size - 1)
 
 
 def merge(places: Array, weights: Array) -> tuple[Array, Array]:
     """Merge equal places: return the different places with weight above zero, ascending, and the
     sums of their weights.
     """
-    different, index = np.unique(places[weights > 0.0], return_inverse=True)
-    return different, np.bincount(index, weights[weights > 0.0]).astype(float)
+    has_weight = weights > 0.0
+    different, index = np.unique(places[has_weight], return_inverse=True)
+    return different, np.bincount(index, weights[has_weight]).astype(float)
 
 
 def condense(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
@@ -457,26 +469,39 @@ def condense(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Ar
     """
     if places.size <= most:
         return places, weights
-    cells = most // 2 - 1
-    below = (np.cumsum(weights) - 0.5 * weights) / np.sum(weights)
-    even = 0.3 * below + 0.7 * (places - places[0]) / (places[-1] - places[0])
-    cell = np.minimum(np.floor(even * cells), cells - 1.0)
-    cell[[0, -1]] = -1.0, cells
-    _, cell, count = np.unique(cell, return_inverse=True, return_counts=True)
+    cell, count = _number_cells(places, weights, most // 2 - 1)
+    # moments of each cell, (cells,)
     mass = np.bincount(cell, weights)
     mean = np.bincount(cell, weights * places) / mass
     off = places - mean[cell]
     std = np.sqrt(np.bincount(cell, weights * off**2) / mass)
-    skew = 0.5 * np.bincount(cell, weights * off**3) / (mass * np.where(count > 2, std, 1.0) ** 3)
-    few = count[cell] <= 2
-    many = count > 2
+    is_condensed = count > 2
+    third_moment = np.bincount(cell, weights * off**3)
+    skew = 0.5 * third_moment / (mass * np.where(is_condensed, std, 1.0) ** 3)
+    # the lower and the upper place of each cell, and their weights
     reach = np.hypot(1.0, skew)
-    new = [
-        (mean + std * (skew + side * reach), 0.5 * mass * (1.0 - side * skew / reach))
-        for side in (-1.0, 1.0)
-    ]
-    x = np.concatenate([places[few], *(place[many] for place, _ in new)])
-    return merge(x, np.concatenate([weights[few], *(share[many] for _, share in new)]))
+    lower = mean + std * (skew - reach)
+    upper = mean + std * (skew + reach)
+    weight_of_lower = 0.5 * mass * (1.0 + skew / reach)
+    weight_of_upper = 0.5 * mass * (1.0 - skew / reach)
+    # cells of one or two places keep these
+    is_kept = count[cell] <= 2
+    new_places = [places[is_kept], lower[is_condensed], upper[is_condensed]]
+    new_weights = [weights[is_kept], weight_of_lower[is_condensed], weight_of_upper[is_condensed]]
+    return merge(np.concatenate(new_places), np.concatenate(new_weights))
+
+
+def _number_cells(places: Array, weights: Array, cells: int) -> tuple[Any, Any]:
+    """Return the number (n,) of the cell of each place, ascending, and how many places each cell
+    has; the first and the last place have cells of their own besides the ``cells``.
+    """
+    below = (np.cumsum(weights) - 0.5 * weights) / np.sum(weights)
+    even = 0.3 * below + 0.7 * (places - places[0]) / (places[-1] - places[0])
+    cell = np.minimum(np.floor(even * cells), cells - 1.0)
+    cell[0] = -1.0
+    cell[-1] = cells
+    _, number, count = np.unique(cell, return_inverse=True, return_counts=True)
+    return number, count
 
 
 @lru_cache(maxsize=64)
@@ -484,7 +509,8 @@ def cut_rms(cutoff: float) -> float:
     """Root mean square of a normal distribution of standard deviation 1 that is cut at +-cutoff."""
     from scipy.special import gammainc
 
-    return math.sqrt(gammainc(1.5, 0.5 * cutoff * cutoff) / gammainc(0.5, 0.5 * cutoff * cutoff))
+    half_square = 0.5 * cutoff * cutoff
+    return math.sqrt(gammainc(1.5, half_square) / gammainc(0.5, half_square))
 
 
 # -- distributions of diameters, and samples -------------------------------------------------------
@@ -510,11 +536,10 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
     for a seed that is not a whole number from 0 to 2^64 - 1.
     """
     given: Any = shape
-    given = given.tolist() if isinstance(given, np.ndarray) else given
-    lengths = (
-        tuple(given) if isinstance(given, Sequence) and not isinstance(given, bytes) else (given,)
-    )
-    lengths = tuple(whole_number("shape", length, 0) for length in lengths)
+    plain = given.tolist() if isinstance(given, np.ndarray) else given
+    is_list = isinstance(plain, Sequence) and not isinstance(plain, bytes)
+    listed = tuple(plain) if is_list else (plain,)
+    lengths = tuple(whole_number("shape", length, 0) for length in listed)
     if not lengths or math.prod(lengths) > _MOST_NUMBERS:
         raise InputError(
             f"shape is {brief(shape)}",
@@ -522,6 +547,7 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
         )
     seed = whole_number("seed", seed, 0, 2**64 - 1)
     state: NDArray[np.uint64] = np.array(int(seed), np.uint64)
+    # SplitMix64 along each axis: the constants are those of the generator
     for length in lengths:
         index: NDArray[np.uint64] = np.arange(1, int(length) + 1, dtype=np.uint64)
         state = state[..., np.newaxis] + index * np.uint64(0x9E3779B97F4A7C15)
@@ -687,7 +713,8 @@ class _Listed(Spread):
         return float(places[0]) + mean, off - mean, weights
 
     def _compute_deviations(self, probability: Array) -> Array:
-        return self._table[1][find_quantiles(self._table[2], probability)]
+        _, deviations, weights = self._table
+        return deviations[find_quantiles(weights, probability)]
 
     @property
     def mean(self) -> float:
@@ -697,16 +724,18 @@ class _Listed(Spread):
     @cached_property
     def rms(self) -> float:
         """Root mean square deviation Delta_rms, m."""
-        scale = float(np.max(np.abs(self._table[1]))) or 1.0
-        return scale * math.sqrt(math.fsum(self._table[2] * (self._table[1] / scale) ** 2))
+        _, deviations, weights = self._table
+        scale = float(np.max(np.abs(deviations))) or 1.0
+        return scale * math.sqrt(math.fsum(weights * (deviations / scale) ** 2))
 
     @cached_property
     def shape(self) -> PointShape:
         """The distribution of x = Delta/W: each different diameter, rounded to 2^-40 W, condensed
         to at most 192 points.
         """
-        x = np.round(self._table[1] / (self.width or 1.0) / GRAIN) * GRAIN
-        positions, weights = condense(*merge(x, self._table[2]))
+        _, deviations, shares = self._table
+        x = np.round(deviations / (self.width or 1.0) / GRAIN) * GRAIN
+        positions, weights = condense(*merge(x, shares))
         return PointShape(tuple(positions.tolist()), tuple(weights.tolist()))
 
 
@@ -730,18 +759,16 @@ class Discrete(_Listed):
     fractions: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "diameters", finite_list("diameters", self.diameters, "m", "above zero")
-        )
-        object.__setattr__(
-            self, "fractions", finite_list("fractions", self.fractions, low="zero or above")
-        )
+        diameters = finite_list("diameters", self.diameters, "m", "above zero")
+        fractions = finite_list("fractions", self.fractions, low="zero or above")
+        object.__setattr__(self, "diameters", diameters)
+        object.__setattr__(self, "fractions", fractions)
         if len(self.fractions) != len(self.diameters):
             problem = (
                 f"there are {len(self.diameters)} diameters and {len(self.fractions)} fractions"
             )
             raise InputError(problem, mend="Give one fraction for each diameter")
-        rarest = min((part for part in self.fractions if part), default=1.0)
+        rarest = min((fraction for fraction in self.fractions if fraction), default=1.0)
         if rarest < _RAREST:
             mend = "Leave it out, or give the fraction 0"
             raise InputError(
@@ -790,12 +817,10 @@ class Measured(_Listed):
         """
         table = Table.read(path, quoted)
         name = column or "diameter"
-        if (
-            column is None
-            and len(table.headings) == 1
-            and (quoted or LENGTH.measures(table.headings[0].unit))
-        ):
-            name = table.headings[0].name
+        if column is None and len(table.headings) == 1:
+            heading = table.headings[0]
+            if quoted or LENGTH.measures(heading.unit):
+                name = heading.name
         return cls(tuple(table.column(name, LENGTH).tolist()))
 
 

@@ -64,17 +64,18 @@ def mindlin_reduction(
     mu = positive("friction_coefficient", friction_coefficient)
     tangential = np.abs(real_array("tangential_load", tangential_load))
     normal = real_array("normal_load", normal_load)
-    if not (
-        np.all(np.isfinite(tangential)) and np.all(np.isfinite(normal)) and np.all(normal > 0.0)
-    ):
+    is_finite = bool(np.all(np.isfinite(tangential)) and np.all(np.isfinite(normal)))
+    if not is_finite or not np.all(normal > 0.0):
         raise InputError(
             "a load on the contact is not finite, or its normal part is not compressive"
         )
     # mantissas and exponents apart: products of loads may leave the floating range where their
     # quotient does not
-    (of_mu, power_of_mu), (of_normal, power) = np.frexp(mu), np.frexp(normal)
+    mantissa_of_mu, power_of_mu = np.frexp(mu)
+    mantissa_of_load, power_of_load = np.frexp(normal)
     with np.errstate(over="ignore", under="ignore"):
-        mobilised = np.ldexp(tangential, -(power + power_of_mu)) / (of_mu * of_normal)
+        scaled = np.ldexp(tangential, -(power_of_load + power_of_mu))
+        mobilised = scaled / (mantissa_of_mu * mantissa_of_load)
     if np.any(mobilised >= 1.0):
         raise InputError(
             f"the tangential load is {float(np.max(mobilised)):.6g} of the friction threshold",
@@ -138,9 +139,8 @@ class EnergyLaw(ABC):
         with np.errstate(all="ignore"):
             value = self._evaluate(delta, order)
         # balls that are apart have zero whatever their distance, but not at what is no number
-        require_finite(
-            QUANTITIES[order], np.where(np.isnan(delta), delta, value), "an overlap", delta, "m"
-        )
+        checked = np.where(np.isnan(delta), delta, value)
+        require_finite(QUANTITIES[order], checked, "an overlap", delta, "m")
         return value
 
     def energy(self, overlap: ArrayLike) -> Any:
@@ -178,16 +178,11 @@ def require_pushing(load: Array, least: float = 0.0) -> None:
     N.
     """
     if not np.all(load >= least):
-        problem = (
-            "the force of a contact is negative"
-            if least == 0.0
-            else f"a contact is pulled by more than {-least:.6g} N"
-        )
-        why = (
-            "One-sided contacts carry no tension"
-            if least == 0.0
-            else "That is what its adhesion bears"
-        )
+        problem = "the force of a contact is negative"
+        why = "One-sided contacts carry no tension"
+        if least != 0.0:
+            problem = f"a contact is pulled by more than {-least:.6g} N"
+            why = "That is what its adhesion bears"
         raise InputError(problem, why, f"Give f >= {least:.6g}")
 
 
@@ -224,12 +219,8 @@ class HertzLaw(EnergyLaw):
         """
         first_diameter = positive("diameter", first, "m")
         second_diameter = first_diameter if second is None else positive("diameter", second, "m")
-        coefficient = (
-            2.0
-            / 3.0
-            * material.contact_modulus
-            * math.sqrt(float(harmonic_diameter(first_diameter, second_diameter)))
-        )
+        mean_diameter = float(harmonic_diameter(first_diameter, second_diameter))
+        coefficient = 2.0 / 3.0 * material.contact_modulus * math.sqrt(mean_diameter)
         if not 0.0 < coefficient < math.inf:
             raise InputError(
                 f"balls of {first_diameter:g} m and {second_diameter:g} m of this material"
@@ -246,9 +237,9 @@ class HertzLaw(EnergyLaw):
             return (self.coefficient * delta * root)[()]
         if order == STIFFNESS:
             return (1.5 * self.coefficient * root)[()]
-        return np.divide(0.75 * self.coefficient, root, out=np.zeros_like(root), where=root > 0.0)[
-            ()
-        ]
+        slope = np.zeros_like(root)
+        np.divide(0.75 * self.coefficient, root, out=slope, where=root > 0.0)
+        return slope[()]
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap delta = (f/c)^(2/3), m, under a ``force`` f, N (equation 1).
@@ -259,10 +250,10 @@ class HertzLaw(EnergyLaw):
         require_pushing(load)
         with np.errstate(over="ignore"):
             ratio = load / self.coefficient
-        kept = (ratio >= LEAST_NORMAL) & (ratio < np.inf)  # where the quotient keeps its digits
+        has_all_digits = (ratio >= LEAST_NORMAL) & (ratio < np.inf)
         root = np.cbrt(ratio)
-        if not np.all(kept):
-            root = np.where(kept, root, np.cbrt(load) / np.cbrt(self.coefficient))
+        if not np.all(has_all_digits):
+            root = np.where(has_all_digits, root, np.cbrt(load) / np.cbrt(self.coefficient))
         require_finite("overlap", root * root, "a force", load, "N")
         return (root**2)[()]
 
@@ -337,16 +328,14 @@ def release(rest: Array, rest_root: Array, elongation: Array, out: tuple[Array, 
 
 
 def stretch(rest: Array, rest_root: Array, elongation: Array) -> Array:
-    """Return what an elongation e from overlaps y >= 0 at rest changes of the stored energy,
-    without that of the force at rest, y^(3/2) e, so that it begins with e^2; h = y - e.
+    """Return the change of the stored energy by an elongation e from overlaps y >= 0 at rest, less
+    the work of the force at rest, y^(3/2) e: the result begins with e^2; h = y - e.
     """
     root = np.sqrt(np.maximum(rest - elongation, 0.0))
     gap = -np.minimum(elongation, rest) / (root + rest_root)  # of the roots
-    energy = (
-        gap
-        * gap
-        * (3.0 * rest_root**3 + gap * (4.0 * rest_root**2 + gap * (2.0 * rest_root + 0.4 * gap)))
-    )
+    second_order = 2.0 * rest_root + 0.4 * gap
+    first_order = 4.0 * rest_root**2 + gap * second_order
+    energy = gap * gap * (3.0 * rest_root**3 + gap * first_order)
     return np.asarray(energy - rest_root**3 * np.minimum(rest - elongation, 0.0))
 
 
@@ -358,18 +347,16 @@ def mean_force(overlap: Array, other: Array) -> Array:
     root_after = np.sqrt(np.maximum(other, 0.0))
     sum_of_roots = root + root_after
     closed_part = (root_after - root) * sum_of_roots
-    change = other - overlap  # of the way in which the contact is closed
-    closed = np.divide(
-        closed_part, change, out=np.ones_like(change), where=(overlap < 0.0) != (other < 0.0)
-    )
+    change = other - overlap
+    # the part of the way on which the contact is closed
+    closed = np.ones_like(change)
+    np.divide(closed_part, change, out=closed, where=(overlap < 0.0) != (other < 0.0))
     a = root * root
     b = root_after * root_after
     powers = a * a + b * b + root * root_after * (a + b) + a * b
-    return np.asarray(
-        0.4
-        * closed
-        * np.divide(powers, sum_of_roots, out=np.zeros_like(sum_of_roots), where=sum_of_roots > 0.0)
-    )
+    mean_while_closed = np.zeros_like(sum_of_roots)
+    np.divide(powers, sum_of_roots, out=mean_while_closed, where=sum_of_roots > 0.0)
+    return np.asarray(0.4 * closed * mean_while_closed)
 
 
 def force_of(overlap: Any) -> Any:

@@ -78,26 +78,7 @@ class Lattice:
 
     def __post_init__(self) -> None:
         require("the name of a lattice", label, self.name)
-        # lists and arrays become tuples, so that a Lattice is hashable and cannot change
-        try:
-            cell = real_array("cell", self.cell)
-            periods, dimension = cell.shape
-            sites = (
-                np.zeros((1, periods))
-                if np.shape(self.sites) == (1, 0)
-                else real_array("sites", self.sites)
-            )
-            fits = sites.ndim == 2 and len(sites) > 0 and sites.shape[1] in (periods, dimension)
-            if not (1 <= periods <= dimension <= 3 and fits):
-                raise ValueError
-        except ValueError as error:
-            raise InputError(
-                f"lattice {self.name!r}: the cell must be one to three vectors, and each site"
-                f" as many fractions",
-                str(error) if isinstance(error, InputError) else "",
-                "Give a cell (p, d) of p vectors in d dimensions, p <= d <= 3, and sites (n,"
-                " p) or (n, d)",
-            ) from None
+        cell, sites = self._read_cell()
         if not (np.all(np.isfinite(cell)) and np.all(np.isfinite(sites))):
             raise InputError(
                 f"lattice {self.name!r} has a number that is not finite", mend="Give finite numbers"
@@ -110,19 +91,49 @@ class Lattice:
                 why,
                 f"Give numbers up to {_LARGEST:g}",
             )
+        periods = len(cell)
         if np.any(cell[:, periods:]):
             where = "along x" if periods == 1 else "in the xy plane"
             raise InputError(
                 f"the cell of lattice {self.name!r} does not lie {where}", mend="Turn the lattice"
             )
+        # lists and arrays become tuples, so that a Lattice is hashable and cannot change
         object.__setattr__(self, "cell", tuple(map(tuple, cell.tolist())))
         object.__setattr__(self, "sites", tuple(map(tuple, sites.tolist())))
         if self.measure < _LEAST_MEASURE:
-            mend = "Give lengths in diameters"
             raise InputError(
                 f"the cell of lattice {self.name!r} is too small for a ball of diameter one",
-                mend=mend,
+                mend="Give lengths in diameters",
             )
+        self._require_balance()
+        self._require_own_name()
+
+    def _read_cell(self) -> tuple[Array, Array]:
+        """Return the cell (p, d) and the sites (n, p) or (n, d) as arrays; InputError for other
+        shapes.
+        """
+        try:
+            cell = real_array("cell", self.cell)
+            periods, dimension = cell.shape
+            if np.shape(self.sites) == (1, 0):  # one ball at the origin
+                sites = np.zeros((1, periods))
+            else:
+                sites = real_array("sites", self.sites)
+            fits = sites.ndim == 2 and len(sites) > 0 and sites.shape[1] in (periods, dimension)
+            if not (1 <= periods <= dimension <= 3 and fits):
+                raise ValueError
+        except ValueError as error:
+            raise InputError(
+                f"lattice {self.name!r}: the cell must be one to three vectors, and each site"
+                f" as many fractions",
+                str(error) if isinstance(error, InputError) else "",
+                "Give a cell (p, d) of p vectors in d dimensions, p <= d <= 3, and sites (n,"
+                " p) or (n, d)",
+            ) from None
+        return cell, sites
+
+    def _require_balance(self) -> None:
+        """Raise InputError if equal contact forces leave a ball out of balance."""
         table = self.contacts
         pull = np.zeros((self.n_balls, self.dimension))
         np.add.at(pull, table.j, table.normal)
@@ -133,24 +144,24 @@ class Lattice:
                 f" {int(np.argmax(np.abs(pull).max(axis=1)))} aside",
                 mend="Use a lattice in which the directions of each ball's contacts add up to zero",
             )
+
+    def _require_own_name(self) -> None:
+        """Raise InputError if a known lattice of the same name has another cell or other sites, by
+        more than the rounding at which balls still touch.
+        """
         registered = LATTICES.peek(self.name)
-        pairs = (
-            ()
-            if registered is None
-            else ((self.vectors, registered.vectors), (self.positions, registered.positions))
+        if registered is None:
+            return
+        has_same_cell = _are_close(self.vectors, registered.vectors)
+        if has_same_cell and _are_close(self.positions, registered.positions):
+            return
+        raise InputError(
+            f"the lattice {self.name!r} has a cell or sites of its own",
+            f"There is a lattice of that name, with the cell"
+            f" {brief(registered.vectors.round(6).tolist())} and"
+            f" {counted(registered.n_balls, 'ball')}",
+            f"Give yours another name, or lattice={self.name!r} to the packing",
         )
-        # cell and sites of a lattice of that name are the same, to the rounding at which balls
-        # still touch
-        if registered and not all(
-            a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=TOUCH) for a, b in pairs
-        ):
-            raise InputError(
-                f"the lattice {self.name!r} has a cell or sites of its own",
-                f"There is a lattice of that name, with the cell"
-                f" {brief(registered.vectors.round(6).tolist())} and"
-                f" {counted(registered.n_balls, 'ball')}",
-                f"Give yours another name, or lattice={self.name!r} to the packing",
-            )
 
     @property
     def n_balls(self) -> int:
@@ -305,6 +316,14 @@ STRUCTURES = {
 } | {"zincblende": Lattice("zincblende", LATTICES["diamond"].cell, LATTICES["diamond"].sites)}
 
 
+def _are_close(coordinates: Array, others: Array) -> bool:
+    """Whether coordinates, (n, d) and (m, d), in spacings, agree to the rounding at which balls
+    still touch.
+    """
+    has_same_shape = coordinates.shape == others.shape
+    return has_same_shape and np.allclose(coordinates, others, rtol=0.0, atol=TOUCH)
+
+
 def register_lattice(lattice: Lattice) -> Lattice:
     """Make a lattice known by its name: to :class:`~granphon.Packing`, ``Crystal.on``, sweeps and
     scenes.
@@ -339,39 +358,33 @@ def name_structure(name: Any) -> str | None:
     """Return which of NaCl, CsCl and zincblende a name is, in any case of letters; None of
     others.
     """
-    return (
-        {one.lower(): one for one in STRUCTURES}.get(name.lower())
-        if isinstance(name, str)
-        else None
-    )
+    if not isinstance(name, str):
+        return None
+    names = {structure.lower(): structure for structure in STRUCTURES}
+    return names.get(name.lower())
 
 
 def find_structure(name: str | Lattice) -> Lattice:
     """Return the lattice of a name, that of NaCl, CsCl and zincblende among them."""
     structure_name = name_structure(name)
-    return (
-        find_lattice(name, [*LATTICES, *STRUCTURES])
-        if structure_name is None
-        else STRUCTURES[structure_name]
-    )
+    if structure_name is None:
+        return find_lattice(name, [*LATTICES, *STRUCTURES])
+    return STRUCTURES[structure_name]
 
 
 def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
-    """``direction`` as a Cartesian unit vector (d,), or as (n, d) unit vectors for (n, d)
+    """Return ``direction`` as a Cartesian unit vector (d,), or as (n, d) unit vectors for (n, d)
     directions, d the ``dimension``.
 
     Raises :class:`InputError` for another shape, a number that is not finite, or a direction of
     length zero.
     """
     vector = real_array("direction", direction)
-    largest = (
-        np.max(np.abs(vector), axis=-1, keepdims=True)
-        if vector.ndim in (1, 2) and vector.size
-        else np.zeros(1)
-    )
-    if vector.shape[-1:] != (dimension,) or not (
-        np.all(np.isfinite(vector)) and np.all(largest > 0.0)
-    ):
+    largest = np.zeros(1)
+    if vector.ndim in (1, 2) and vector.size:
+        largest = np.max(np.abs(vector), axis=-1, keepdims=True)
+    is_direction = bool(np.all(np.isfinite(vector)) and np.all(largest > 0.0))
+    if vector.shape[-1:] != (dimension,) or not is_direction:
         noun, shown = _DIRECTIONS[dimension - 1]
         raise InputError(
             f"direction is {brief(direction)}",
@@ -383,7 +396,7 @@ def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
 
 
 def one_direction(direction: ArrayLike, dimension: int = 2) -> Array:
-    """``direction`` as one Cartesian unit vector (d,).
+    """Return ``direction`` as one Cartesian unit vector (d,).
 
     Raises :class:`InputError` for what :func:`as_direction` refuses, and for more than one
     direction.

@@ -53,18 +53,21 @@ class Layers:
         indices (p,). Raises
         :class:`~granphon.base.errors.InputError` for another one, and for a cell without periods.
         """
-        (p, d), basis = cell.shape, _find_basis(axis, cell)
+        p, d = cell.shape
+        basis = _find_basis(axis, cell)
         vectors = basis @ cell
         turn = np.eye(d)
 
         def turn_upright() -> None:
+            """Set the rotation of the periods, so that those of a layer lie along x, or in the xy
+            plane.
+            """
             q, r = np.linalg.qr((basis @ cell)[:, :p].T)
             turn[:p, :p] = (q * np.sign(np.diag(r))).T
 
-        if (
-            np.any(np.abs(vectors[:-1, p - 1 :]) > _LEVEL * np.max(np.abs(vectors)))
-            or vectors[-1, p - 1] < 0.0
-        ):
+        is_tilted = np.any(np.abs(vectors[:-1, p - 1 :]) > _LEVEL * np.max(np.abs(vectors)))
+        leads_down = vectors[-1, p - 1] < 0.0
+        if is_tilted or leads_down:
             turn_upright()
         if np.linalg.det(turn) < 0.0 and p > 1:
             basis[0] = -basis[0]
@@ -94,15 +97,13 @@ class Layers:
         p = len(self.basis)
         height = (positions @ self.turn.T)[:, p - 1] / self.stack[p - 1]
         still = np.broadcast_to(walls, height.shape)
-        down = np.where(
-            still, 0.0, np.floor(height - np.min(height, where=~still, initial=np.inf) + _SITE)
-        )
+        lowest = np.min(height, where=~still, initial=np.inf)
+        down = np.where(still, 0.0, np.floor(height - lowest + _SITE))
         if not np.any(down):
             return positions, shift
+        moved = positions - down[:, None] * (self.stack @ self.turn)
         lower = np.where(still[i] | still[j], 0.0, down[j] - down[i]).astype(np.intp)
-        return positions - down[:, None] * (self.stack @ self.turn), shift + lower[
-            :, None
-        ] * self.basis[-1]
+        return moved, shift + lower[:, None] * self.basis[-1]
 
     def unfold(
         self, i: Index, j: Index, shift: Index, n: int, count: int
@@ -114,9 +115,10 @@ class Layers:
         cells (m, p - 1).
         """
         inner, rise = self.split(shift)
-        up = np.arange(count)[:, None] + rise
-        layer, row = np.nonzero((up >= 0) & (up < count))
-        return layer * n + i[row], up[layer, row] * n + j[row], row, inner[row]
+        # (count, n_c): the layer of ball j, where ball i is in each layer
+        layer_of_j = np.arange(count)[:, None] + rise
+        layer, row = np.nonzero((layer_of_j >= 0) & (layer_of_j < count))
+        return layer * n + i[row], layer_of_j[layer, row] * n + j[row], row, inner[row]
 
 
 def read_axis(value: Any) -> Any:
@@ -125,7 +127,9 @@ def read_axis(value: Any) -> Any:
     """
     words = value
     if isinstance(value, str):
-        words = [int(one) if one.removeprefix("-").isdecimal() else one for one in value.split()]
+        words = [
+            int(word) if word.removeprefix("-").isdecimal() else word for word in value.split()
+        ]
     if is_whole(value) and 0 <= value <= 2:
         return int(value)
     if not isinstance(words, list | tuple):
@@ -154,16 +158,20 @@ def read_edges(value: Any) -> tuple[str, str]:
 def find_faces(
     heights: Array, radii: Array, edges: tuple[str, str], n: int, slack: float = 0.0
 ) -> tuple[Index, Index]:
-    """Return the balls of the lower and the upper face of layers of ``n`` balls at ``heights``.
+    """Return the indices of the balls of the lower and the upper face of layers of ``n`` balls, at
+    ``heights`` with ``radii``, both (count n,), m.
 
     They are those that a plane would touch, or come nearer to than ``slack``, or where the face is
     clamped, all of the outer layer.
     """
+    is_ball = np.isfinite(radii)  # walls are no balls
+    margin = TOUCH * radii[is_ball].max()
     faces = []
     for side, word, first in ((-1.0, edges[0], 0), (1.0, edges[1], len(heights) - n)):
-        top = np.where(np.isfinite(radii), side * heights + radii, -np.inf)  # walls are no balls
-        touched = np.flatnonzero(top >= top.max() - slack - TOUCH * radii[np.isfinite(radii)].max())
-        faces.append(first + np.arange(n) if word == "clamped" else touched)
+        top = np.where(is_ball, side * heights + radii, -np.inf)
+        is_touched = top >= top.max() - slack - margin
+        is_clamped = word == "clamped"
+        faces.append(first + np.arange(n) if is_clamped else np.flatnonzero(is_touched))
     return faces[0], faces[1]
 
 
@@ -189,71 +197,93 @@ def _find_basis(axis: Any, cell: Array) -> Index:
     basis = np.eye(periods, dtype=np.intp)
     if is_whole(axis) and 0 <= axis < periods:
         return np.concatenate([np.delete(basis, axis, axis=0), basis[axis : axis + 1]])
+    inner, stack = _split_by_plane(_read_miller_indices(axis, cell))
+    inner = _shorten(inner, cell)
+    if len(inner):
+        # the most upright vector across the plane
+        along = np.linalg.lstsq((inner @ cell).T, stack @ cell, rcond=None)[0]
+        stack = stack - np.rint(along).astype(np.intp) @ inner
+    return np.concatenate([inner, stack[None]])
+
+
+def _read_miller_indices(axis: Any, cell: Array) -> Index:
+    """Return the Miller indices (p,) of a plane, of a ``cell`` (p, d); InputError if ``axis`` is
+    none.
+    """
+    periods = len(cell)
     words = axis.tolist() if isinstance(axis, np.ndarray) else axis
-    miller_indices = np.array(
-        words if isinstance(words, list | tuple) and all(map(is_whole, words)) else ()
-    )
-    if miller_indices.shape == (4,) and periods == 3:
-        # the indices h, k, i, l of a hexagonal cell, where i = -(h + k)
-        a, b, c = cell
-        size = float(a @ a)
-        problem = f"axis is {brief(miller_indices.tolist())}"
-        if np.max(np.abs([b @ b - size, a @ b + 0.5 * size, a @ c, b @ c])) > TOUCH * (
-            size + float(c @ c)
-        ):
-            why = (
-                "Four Miller indices belong to a hexagonal cell: two equal vectors at 120"
-                " degrees, and one across them"
-            )
-            raise InputError(problem, why, "Give three, one for each vector of the cell")
-        if miller_indices[0] + miller_indices[1] + miller_indices[2] != 0:
-            raise InputError(
-                problem,
-                "The third of four Miller indices is minus the sum of the first two",
-                "Mend it",
-            )
-        miller_indices = miller_indices[[0, 1, 3]]
-    if (
-        miller_indices.shape != (periods,)
-        or not np.any(miller_indices)
-        or np.max(np.abs(miller_indices)) > _MOST_INDEX
-    ):
-        problem = f"axis is {brief(axis)}"
-        indices = counted(periods, "Miller index", "Miller indices")
+    if not isinstance(words, list | tuple) or not all(map(is_whole, words)):
+        words = ()
+    indices = np.array(words)
+    if indices.shape == (4,) and periods == 3:
+        indices = _read_four_indices(indices, cell)
+    is_plane = indices.shape == (periods,) and bool(np.any(indices))
+    if not is_plane or np.max(np.abs(indices)) > _MOST_INDEX:
+        count = counted(periods, "Miller index", "Miller indices")
+        raise InputError(
+            f"axis is {brief(axis)}",
+            mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {count}",
+        )
+    return np.asarray(indices)
+
+
+def _read_four_indices(indices: Any, cell: Array) -> Any:
+    """Return three of the four indices h, k, i, l of a hexagonal ``cell`` (3, d), where
+    i = -(h + k).
+    """
+    a, b, c = cell
+    problem = f"axis is {brief(indices.tolist())}"
+    size = float(a @ a)
+    deviations = [b @ b - size, a @ b + 0.5 * size, a @ c, b @ c]
+    if np.max(np.abs(deviations)) > TOUCH * (size + float(c @ c)):
+        why = (
+            "Four Miller indices belong to a hexagonal cell: two equal vectors at 120"
+            " degrees, and one across them"
+        )
+        raise InputError(problem, why, "Give three, one for each vector of the cell")
+    if indices[0] + indices[1] + indices[2] != 0:
         raise InputError(
             problem,
-            mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {indices}",
+            "The third of four Miller indices is minus the sum of the first two",
+            "Mend it",
         )
-    # rows whose index is zero lie in the plane: Euclid's algorithm leaves one that is not
-    value = (miller_indices // np.gcd.reduce(miller_indices)).astype(np.intp)
-    while np.count_nonzero(value) > 1:
-        least = min(np.flatnonzero(value), key=lambda at: abs(value[at]))
-        for other in np.flatnonzero(value):
-            if other != least:
-                times = int(np.rint(value[other] / value[least]))
-                value[other] -= times * value[least]
-                basis[other] -= times * basis[least]
-    last = int(np.flatnonzero(value)[0])
-    stack = basis[last] * int(np.sign(value[last]))
-    inner = np.delete(basis, last, axis=0)
-    # the shortest vectors within the plane, and the most upright one across it
+    return indices[[0, 1, 3]]
+
+
+def _split_by_plane(indices: Index) -> tuple[Index, Index]:
+    """Return whole numbers (p - 1, p) that make vectors within the plane of Miller indices (p,),
+    and (p,) those that make one that leads to the next plane: Euclid's algorithm.
+    """
+    basis = np.eye(len(indices), dtype=np.intp)
+    # the planes that each vector of the basis rises
+    rises = (indices // np.gcd.reduce(indices)).astype(np.intp)
+    while np.count_nonzero(rises) > 1:
+        rising = np.flatnonzero(rises)
+        least = rising[np.argmin(np.abs(rises[rising]))]
+        for vector in rising:
+            if vector != least:
+                times = int(np.rint(rises[vector] / rises[least]))
+                rises[vector] -= times * rises[least]
+                basis[vector] -= times * basis[least]
+    across = int(np.flatnonzero(rises)[0])
+    stack = basis[across] * int(np.sign(rises[across]))
+    return np.delete(basis, across, axis=0), stack
+
+
+def _shorten(inner: Index, cell: Array) -> Index:
+    """Return whole numbers (p - 1, p) that make the shortest vectors of the same plane."""
+    if len(inner) < 2:
+        return inner
     for _ in range(100):
         previous = inner.copy()
-        if len(inner) == 2:
-            inner = inner[np.argsort(np.linalg.norm(inner @ cell, axis=1), kind="stable")]
-            short = inner[0] @ cell
-            inner[1] -= int(np.rint((inner[1] @ cell) @ short / (short @ short))) * inner[0]
+        lengths = np.linalg.norm(inner @ cell, axis=1)
+        inner = inner[np.argsort(lengths, kind="stable")]
+        shorter = inner[0] @ cell
+        longer = inner[1] @ cell
+        inner[1] -= int(np.rint(longer @ shorter / (shorter @ shorter))) * inner[0]
         if np.array_equal(previous, inner):
             break
-    if len(inner):
-        stack = (
-            stack
-            - np.rint(np.linalg.lstsq((inner @ cell).T, stack @ cell, rcond=None)[0]).astype(
-                np.intp
-            )
-            @ inner
-        )
-    return np.concatenate([inner, stack[None]])
+    return inner
 
 
 def find_axes(periods: Array) -> Array:
@@ -267,9 +297,8 @@ def find_axes(periods: Array) -> Array:
         return np.eye(d)
     first = periods[0] / np.linalg.norm(periods[0])
     if p == 1:
-        return np.array(
-            [[float(part[0]) for part in axis[:d]] for axis in contact_frames(first[None])[:d]]
-        )
+        frames = np.array(contact_frames(first[None]))  # (3, 3, 1): vectors, components
+        return frames[:d, :d, 0]
     normal = np.cross(periods[0], periods[1])
     normal = normal / np.linalg.norm(normal)
     return np.array([first, np.cross(normal, first), normal])

@@ -72,7 +72,8 @@ class Load:
         _require_memory(self.array, _LOAD_BYTES)
         object.__setattr__(self, "array", read_only(finite_array(self.kind, self.array)))
         # an overlap may be negative, and what gravity loads need not be pressed
-        if self.kind != "overlap" and not (self.gravity is not None and np.all(self.array >= 0.0)):
+        may_be_zero = self.gravity is not None and np.all(self.array >= 0.0)
+        if self.kind != "overlap" and not may_be_zero:
             require_compressive(self.kind, self.array)
         if (self.kind in TENSORS) != (self.tensor is not None):
             raise InputError("a stress or strain has a tensor, and no other load has one")
@@ -91,12 +92,13 @@ class Load:
         """
         kinds = [kind for kind, values in given.items() if values is not None]
         if len(kinds) != 1:
-            problem = (
-                f"the loads are given as {' and '.join(kinds)}" if kinds else "there is no load"
-            )
+            problem = "there is no load"
+            if kinds:
+                problem = f"the loads are given as {' and '.join(kinds)}"
             raise InputError(problem, mend="Give one of " + ", ".join(given))
-        _require_memory(given[kinds[0]], _LISTED_BYTES)
-        return cls(kinds[0], np.array(real_list(kinds[0], given[kinds[0]])))
+        kind = kinds[0]
+        _require_memory(given[kind], _LISTED_BYTES)
+        return cls(kind, np.array(real_list(kind, given[kind])))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Load):
@@ -159,10 +161,8 @@ class Load:
         lattice.
         """
         # a text of more numbers would be cut: the first are enough
-        return (
-            f"{self.kind} ="
-            f" {brief(np.asarray(self.array[:64] if self.shape else self.array).tolist())}"
-        )
+        numbers = self.array[:64] if self.shape else self.array
+        return f"{self.kind} = {brief(np.asarray(numbers).tolist())}"
 
 
 def _require_memory(values: Any, each: float) -> None:

@@ -128,32 +128,38 @@ class Material:
         # mode of order two lies between
         if sigma >= 0.0:
             return _TORSIONAL * unit
-        from scipy.optimize import brentq
+        breathing = _find_breathing_mode(sigma)
+        return (_TORSIONAL if breathing is None else breathing) * unit
 
-        ratio_squared = (1.0 - 2.0 * sigma) / (2.0 * (1.0 - sigma))  # (v_T / v_L)^2
-        # breathing mode: tan(y)/y = 1/(1 - y^2 v_L^2/4 v_T^2), with y^2 = r x^2 and r =
-        # ``ratio_squared``. Multiplied out to r j_1(y)/y - j_0(y)/4 it has no pole. It is summed as
-        # a series in y^2, whose first term is a difference that vanishes at sigma = -1, and
-        # therefore given in closed form
-        first = -(1.0 + sigma) / (12.0 * (1.0 - sigma))
-        series = [
-            (-1.0) ** k
-            * (
-                ratio_squared * (2 * k + 2) / math.factorial(2 * k + 3)
-                - 0.25 / math.factorial(2 * k + 1)
-            )
-            for k in range(1, 20)
-        ]
 
-        def breathing(x: float) -> float:
-            square = ratio_squared * x * x
-            return first / square + math.fsum(term * square**k for k, term in enumerate(series))
+def _find_breathing_mode(sigma: float) -> float | None:
+    """Return omega R/v_T of the breathing mode of a free elastic sphere of Poisson ratio ``sigma``
+    below zero; None if the torsional mode of order two is lower.
+    """
+    from scipy.optimize import brentq
 
-        # with uniform strain a ball would breathe at omega R / v_T = (15 K/G)^(1/2); the exact root
-        # is a little lower
-        uniform = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
-        # above 1: near sigma = -1 the root is ``uniform`` to rounding
-        upper = min(1.1 * uniform, _TORSIONAL)
-        if breathing(0.5 * uniform) * breathing(upper) > 0.0:
-            return _TORSIONAL * unit
-        return float(brentq(breathing, 0.5 * uniform, upper, xtol=1e-16 * uniform)) * unit
+    ratio_squared = (1.0 - 2.0 * sigma) / (2.0 * (1.0 - sigma))  # (v_T / v_L)^2
+    # breathing mode: tan(y)/y = 1/(1 - y^2 v_L^2/4 v_T^2), with y^2 = r x^2 and r =
+    # ``ratio_squared``. Multiplied out to r j_1(y)/y - j_0(y)/4 it has no pole. It is summed as
+    # a series in y^2, whose first term is a difference that vanishes at sigma = -1, and
+    # therefore given in closed form
+    first = -(1.0 + sigma) / (12.0 * (1.0 - sigma))
+    series = []
+    for k in range(1, 20):
+        of_j1 = ratio_squared * (2 * k + 2) / math.factorial(2 * k + 3)
+        of_j0 = 0.25 / math.factorial(2 * k + 1)
+        series.append((-1.0) ** k * (of_j1 - of_j0))
+
+    def breathing(x: float) -> float:
+        """Return a function that is zero at the mode, x = omega R/v_T."""
+        square = ratio_squared * x * x
+        return first / square + math.fsum(term * square**k for k, term in enumerate(series))
+
+    # with uniform strain a ball would breathe at omega R / v_T = (15 K/G)^(1/2); the exact root
+    # is a little lower
+    uniform = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
+    # above 1: near sigma = -1 the root is ``uniform`` to rounding
+    upper = min(1.1 * uniform, _TORSIONAL)
+    if breathing(0.5 * uniform) * breathing(upper) > 0.0:
+        return None
+    return float(brentq(breathing, 0.5 * uniform, upper, xtol=1e-16 * uniform))

@@ -76,12 +76,10 @@ class Motions:
         """Name of each motion: "x", "y", "z" for displacements; for rotations "w" in the plane,
         else "w_x", "w_y", "w_z".
         """
-        turns = (
-            ("w",)
-            if self.rotations == (2,)
-            else tuple(f"w_{'xyz'[axis]}" for axis in self.rotations)
-        )
-        return (*("xyz"[axis] for axis in self.translations), *turns)
+        displacements = tuple("xyz"[axis] for axis in self.translations)
+        if self.rotations == (2,):
+            return (*displacements, "w")
+        return displacements + tuple(f"w_{'xyz'[axis]}" for axis in self.rotations)
 
     @property
     def atoms_per_ball(self) -> int:
@@ -129,7 +127,7 @@ def allowed_motions(dimension: int) -> dict[str, Motions]:
         2: (IN_PLANE, OUT_OF_PLANE, ALL),
         3: (ALL,),
     }
-    return {one.name: one for one in among[dimension]}
+    return {motions.name: motions for motions in among[dimension]}
 
 
 def select_motions(
@@ -150,9 +148,7 @@ def select_motions(
     torsion, bending : stiffness of a contact against twist and against rolling, in units of k d^2.
     among : the motions to select from.
     """
-    twisted = np.any(torsion) and among.twist
-    return (
-        among
-        if np.any(mindlin_ratio) or np.any(bending) or twisted
-        else replace(among, rotations=())
-    )
+    resists_twist = np.any(torsion) and among.twist
+    if np.any(mindlin_ratio) or np.any(bending) or resists_twist:
+        return among
+    return replace(among, rotations=())

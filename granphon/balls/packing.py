@@ -92,26 +92,7 @@ class Packing:
         find_lattice(self.lattice)
         if self.spread is not None:
             given_spread(self.spread).check_diameter(self.diameter)
-        with np.errstate(all="ignore"):  # whatever is not finite is refused
-            # scales at the largest overlap, SI: energy, force, stiffness, modulus, mass, density,
-            # velocity squared
-            law = self.law
-            length = max(self.diameter, self.width)
-            mass = self.mass
-            scales = [
-                float(of(length))
-                for of in (law.energy, law.force, law.stiffness, law.stiffness_slope)
-            ]
-            scales += [mass, self.material.density, scales[1] / mass * length if mass else math.inf]
-        if not all(_LEAST_SCALE <= scale <= 1.0 / _LEAST_SCALE for scale in scales):
-            why = (
-                f"Their mass, density, forces or velocities are not between {_LEAST_SCALE:g} and"
-                f" {1 / _LEAST_SCALE:g}"
-            )
-            made = f"{self.material.young_modulus:g} Pa and {self.material.density:g} kg/m^3"
-            raise InputError(
-                f"balls of {self.diameter:g} m of {made} are beyond double precision", why
-            )
+        self._require_double_precision()
         object.__setattr__(self, "friction", require("friction", truth, self.friction))
         torsion, bending = read_rolling(
             f"the {self.structure.name} lattice",
@@ -122,6 +103,32 @@ class Packing:
         )
         object.__setattr__(self, "torsion", torsion)
         object.__setattr__(self, "bending", bending)
+
+    def _require_double_precision(self) -> None:
+        """Raise :class:`InputError` if a scale of the packing is beyond double precision."""
+        with np.errstate(all="ignore"):  # whatever is not finite is refused
+            law = self.law
+            largest_overlap = max(self.diameter, self.width)
+            mass = self.mass
+            force = float(law.force(largest_overlap))
+            velocity_squared = force / mass * largest_overlap if mass else math.inf
+            scales = (
+                float(law.energy(largest_overlap)),
+                force,
+                float(law.stiffness(largest_overlap)),
+                float(law.stiffness_slope(largest_overlap)),
+                mass,
+                self.material.density,
+                velocity_squared,
+            )
+        if all(_LEAST_SCALE <= scale <= 1.0 / _LEAST_SCALE for scale in scales):
+            return
+        material = f"{self.material.young_modulus:g} Pa and {self.material.density:g} kg/m^3"
+        raise InputError(
+            f"balls of {self.diameter:g} m of {material} are beyond double precision",
+            f"Their mass, density, forces or velocities are not between {_LEAST_SCALE:g} and"
+            f" {1 / _LEAST_SCALE:g}",
+        )
 
     @property
     def named_motions(self) -> Motions:
@@ -171,7 +178,7 @@ class Packing:
 
     def find_torsion(self, force: ArrayLike, stiffness: ArrayLike) -> NDArray[np.float64]:
         """Return the stiffness against twist, over k d^2, of contacts with a ``force``, N, and
-        normal ``stiffness`` k, N/m.
+        normal ``stiffness`` k, N/m; of the shape to which these broadcast.
 
         With ``torsion="mindlin"`` it is that of a Hertz contact that does not slip, (8/3) G r^3 (R.
         D. Mindlin, J. Appl. Mech. 16, 259, 1949), of the contact radius r at the force; for equal
@@ -181,13 +188,8 @@ class Packing:
         if self.torsion != MINDLIN:
             return np.full(f.shape, float(self.torsion))
         d = self.diameter
-        twist = (
-            8.0
-            / 3.0
-            * self.material.shear_modulus
-            * d
-            * (contact_radius_ratio(self.law.overlap(f), d) / 2.0) ** 3
-        )
+        radius_over_diameter = contact_radius_ratio(self.law.overlap(f), d) / 2.0
+        twist = 8.0 / 3.0 * self.material.shear_modulus * d * radius_over_diameter**3
         return np.asarray(np.divide(twist, k, out=np.zeros(f.shape), where=k > 0.0))
 
     @property
@@ -229,29 +231,32 @@ class Packing:
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return names, values and SI units of what describes it, as a notebook shows them."""
         ball = self.material
-        yield_rows = [("yield strength", ball.yield_strength, "Pa")] * (
-            ball.yield_strength is not None
-        )
-        resisted = [
-            (name, getattr(self, name), "k d^2")
-            for name in ("torsion", "bending")
-            if getattr(self, name)
-        ]
-        return [
+        spread = "none" if self.spread is None else type(self.spread).__name__.lower()
+        rows: list[tuple[str, Any, str]] = [
             ("lattice", self.structure.name, ""),
             ("diameter", self.diameter, "m"),
-            ("spread", "none" if self.spread is None else type(self.spread).__name__.lower(), ""),
-            *([("width of the spread", self.width, "m")] * (self.spread is not None)),
+            ("spread", spread, ""),
+        ]
+        if self.spread is not None:
+            rows.append(("width of the spread", self.width, "m"))
+        rows += [
             ("Young modulus", ball.young_modulus, "Pa"),
             ("Poisson ratio", ball.poisson_ratio, ""),
             ("density", ball.density, "kg/m^3"),
-            *yield_rows,
+        ]
+        if ball.yield_strength is not None:
+            rows.append(("yield strength", ball.yield_strength, "Pa"))
+        rows += [
             ("mass of a ball", self.mass, "kg"),
             ("friction", self.friction, ""),
             ("shear over normal stiffness", self.mindlin_ratio, ""),
             ("motions", self.named_motions.name.replace("_", " "), ""),
-            *resisted,
         ]
+        if self.torsion:
+            rows.append(("torsion", self.torsion, "k d^2"))
+        if self.bending:
+            rows.append(("bending", self.bending, "k d^2"))
+        return rows
 
     def _repr_html_(self) -> str:
         return write_html("Packing", self.describe())
@@ -260,8 +265,8 @@ class Packing:
 def read_rolling(
     called: str, dimension: int, motions: Any, torsion: Any, bending: Any
 ) -> tuple[float | str, float]:
-    """Check the ``motions`` of balls on a line, in a plane or in space, and read ``torsion`` and
-    ``bending``.
+    """Check the ``motions`` of balls on a line, in a plane or in space (1, 2, 3 ``dimension``), and
+    return ``torsion`` and ``bending``, over k d^2.
 
     Raises :class:`InputError`, which names what is ``called``, for motions that such balls do not
     have, for a stiffness that is no number or too large, and for one that resists none of the
@@ -274,61 +279,66 @@ def read_rolling(
             f"It lies {('on a line', 'in a plane', 'in space')[dimension - 1]}",
             "Use " + ", ".join(allowed),
         )
-    if isinstance(torsion, str):
-        if torsion != MINDLIN:
-            raise InputError(f"torsion is {brief(torsion)}", mend=f"Give a number, or {MINDLIN}")
-    else:
+    if not isinstance(torsion, str):
         torsion = not_negative("torsion", torsion)
-    read = {"torsion": torsion, "bending": not_negative("bending", bending)}
-    for name, value in read.items():
+    elif torsion != MINDLIN:
+        raise InputError(f"torsion is {brief(torsion)}", mend=f"Give a number, or {MINDLIN}")
+    bending = not_negative("bending", bending)
+    for name, value in (("torsion", torsion), ("bending", bending)):
         if isinstance(value, float) and value > _MOST_ROLLING:
             why = "It is a stiffness over k d^2; that of a contact is far below 1"
             raise InputError(f"{name} is {value:g}", why, f"Give a number up to {_MOST_ROLLING:g}")
-    # what motions must do for contacts to resist it
-    resisted = {
-        "torsion": "twist",
-        "bending": "rotate",
-    }
-    named = {name: motion for name, motion in resisted.items() if read[name]}
     moving = next(iter(allowed.values())) if motions is None else allowed[motions]
-    idle = [name for name, motion in named.items() if not getattr(moving, motion)]
-    if idle:
-        missing_motions = "rotations"
-        why = "have no rotation that could be resisted"
-        if moving.rotate:
-            missing_motions = "rotations about the normals of contacts"
-            why = "turn balls across the normals only: no contact twists"
-        fit = [
-            words
-            for words, moves in allowed.items()
-            if all(getattr(moves, motion) for motion in named.values())
-        ]
-        raise InputError(
-            f"{' and '.join(idle)} without {missing_motions}",
-            f"The motions {moving.name!r} of {called} {why}",
-            f"Use motions {', '.join(fit)}, or leave {'it' if len(idle) == 1 else 'both'} out",
-        )
-    return read["torsion"], read["bending"]
+    _require_resisted(called, moving, allowed, bool(torsion), bool(bending))
+    return torsion, bending
+
+
+def _require_resisted(
+    called: str, moving: Motions, allowed: Mapping[str, Motions], torsion: bool, bending: bool
+) -> None:
+    """Raise :class:`InputError` if the motions have no rotation that a torsion or a bending
+    resists.
+
+    ``moving`` are the motions of the balls, ``allowed`` all that these balls may have.
+    """
+
+    def is_resisted(motions: Motions) -> bool:
+        return bool((motions.twist or not torsion) and (motions.rotate or not bending))
+
+    idle = []
+    if torsion and not moving.twist:
+        idle.append("torsion")
+    if bending and not moving.rotate:
+        idle.append("bending")
+    if not idle:
+        return
+    missing_motions = "rotations"
+    why = "have no rotation that could be resisted"
+    if moving.rotate:
+        missing_motions = "rotations about the normals of contacts"
+        why = "turn balls across the normals only: no contact twists"
+    suitable = [name for name, motions in allowed.items() if is_resisted(motions)]
+    raise InputError(
+        f"{' and '.join(idle)} without {missing_motions}",
+        f"The motions {moving.name!r} of {called} {why}",
+        f"Use motions {', '.join(suitable)}, or leave {'it' if len(idle) == 1 else 'both'} out",
+    )
 
 
 def given_packing(packing: Any) -> Packing:
     """Return ``packing``, the argument of a public call; raises :class:`InputError` if it is not a
     Packing.
     """
-    if not isinstance(packing, Packing):
-        pressed = hasattr(packing, "at_force")  # a crystal, or a medium
-        why = (
-            "Averages over diameters are those of Hertz's law and of one kind of ball"
-            if pressed
-            else ""
-        )
-        mend = "Give a granphon.Packing" + (
-            ", or press this itself: .at_force(...)" if pressed else ""
-        )
-        if hasattr(packing, "deviations") and hasattr(packing, "sample"):  # of a crystal
-            mend += "; balls that differ are drawn by crystal.sample(shape, seed)"
-        raise InputError(f"packing is {packing!r}", why, mend)
-    return packing
+    if isinstance(packing, Packing):
+        return packing
+    why = ""
+    mend = "Give a granphon.Packing"
+    if hasattr(packing, "at_force"):  # a crystal, or a medium
+        why = "Averages over diameters are those of Hertz's law and of one kind of ball"
+        mend += ", or press this itself: .at_force(...)"
+    if hasattr(packing, "deviations") and hasattr(packing, "sample"):  # of a crystal
+        mend += "; balls that differ are drawn by crystal.sample(shape, seed)"
+    raise InputError(f"packing is {packing!r}", why, mend)
 
 
 def require_shallow(modulus: float, overlap: float, load: str) -> None:
@@ -400,26 +410,11 @@ class Axis:
         """Make an axis from one value or a list of them; :class:`InputError` for an unknown name or
         a wrong value.
         """
-        kind, _, parameter = name.rpartition(".")
-        if parameter not in (KIND_PARAMETERS if kind else PARAMETERS):
-            parameters = [f"{kind}.{one}" for one in KIND_PARAMETERS] if kind else list(PARAMETERS)
-            guess = closest(name, parameters)
-            raise InputError(
-                f"{'a kind of ball' if kind else 'a packing'} has no parameter {name!r}",
-                "It has " + ", ".join(parameters),
-                f"Did you mean {guess}?" if guess else "Use one of these",
-            )
+        _require_parameter(name)
         listed = given if isinstance(given, list | tuple) else (given,)
-        if find_unit(name) is None or (
-            name == "torsion" and any(isinstance(one, str) for one in listed)
-        ):
-            plain = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
-            axis = cls(
-                name,
-                tuple(plain)
-                if isinstance(plain, Iterable) and not isinstance(plain, str)
-                else (plain,),
-            )
+        has_word = name == "torsion" and any(isinstance(value, str) for value in listed)
+        if find_unit(name) is None or has_word:
+            axis = cls(name, _list_values(given))
             if not axis.values:
                 raise InputError(f"{name} is an empty list", mend="Give at least one value")
         else:
@@ -429,37 +424,42 @@ class Axis:
             problem = f"the sweep has {axis.describe(brief(axis.values[double]))} twice"
             raise InputError(problem, "Both would be the same states", "Give each value once")
         if name == "lattice":
-            # unknown names of lattices are refused later
-            given = [
-                one for one in axis.values if isinstance(one, Lattice) or is_one_of(one, LATTICES)
-            ]
-            first = {one.periods: one.name for one in map(find_lattice, reversed(given))}
-            if len(first) > 1:
-                extents = " and ".join(
-                    f"{name}, {_EXTENTS[periods]}," for periods, name in sorted(first.items())
-                )
-                raise InputError(
-                    f"lattices of different dimension in one sweep: {extents.removesuffix(',')}",
-                    "Their pressures, moduli and directions have different units and sizes",
-                    "Make a sweep of each dimension",
-                )
-            double = find_double(axis.labels)
-            if double is not None:
-                raise InputError(
-                    f"two lattices of the sweep have the name {axis.labels[double]!r}",
-                    "Their states could not be told apart",
-                    "Give each a name of its own",
-                )
+            axis._require_comparable_lattices()
         return axis
+
+    def _require_comparable_lattices(self) -> None:
+        """Raise :class:`InputError` for lattices of different dimension, or of the same name."""
+        # unknown names of lattices are refused later
+        lattices = [
+            find_lattice(value)
+            for value in self.values
+            if isinstance(value, Lattice) or is_one_of(value, LATTICES)
+        ]
+        examples: dict[int, str] = {}  # the name of the first lattice of each number of periods
+        for lattice in lattices:
+            examples.setdefault(lattice.periods, lattice.name)
+        if len(examples) > 1:
+            extents = [f"{name}, {_EXTENTS[periods]}" for periods, name in sorted(examples.items())]
+            raise InputError(
+                f"lattices of different dimension in one sweep: {', and '.join(extents)}",
+                "Their pressures, moduli and directions have different units and sizes",
+                "Make a sweep of each dimension",
+            )
+        double = find_double(self.labels)
+        if double is not None:
+            raise InputError(
+                f"two lattices of the sweep have the name {self.labels[double]!r}",
+                "Their states could not be told apart",
+                "Give each a name of its own",
+            )
 
     @cached_property
     def unit(self) -> str | None:
         """SI unit of the values; None where they are not numbers: "mindlin" may be among those of
         torsion.
         """
-        return (
-            None if any(isinstance(value, str) for value in self.values) else find_unit(self.name)
-        )
+        has_word = any(isinstance(value, str) for value in self.values)
+        return None if has_word else find_unit(self.name)
 
     @property
     def labels(self) -> tuple[Any, ...]:
@@ -469,21 +469,12 @@ class Axis:
         if self.name == "lattice":
             return tuple(find_lattice(value).name for value in self.values)
         if self.name == "spread":
-            names = []
-            counts = Counter[str]()
-            for spread in self.values:
-                has_shape = isinstance(spread, Spread)
-                name = (
-                    f"{type(spread).__name__}, W = {spread.width:.6g} m"
-                    if has_shape
-                    else "equal balls"
-                )
-                names.append(f"{name} #{counts[name] + 1}" if counts[name] else name)
-                counts[name] += 1
-            return tuple(names)
+            return _label_spreads(self.values)
         if self.name == "motions":
             return tuple("default" if value is None else value for value in self.values)
-        return self.values if self.name != "torsion" or self.unit else tuple(map(str, self.values))
+        if self.name == "torsion" and not self.unit:
+            return tuple(map(str, self.values))
+        return self.values
 
     @property
     def ends(self) -> Axis:
@@ -496,51 +487,100 @@ class Axis:
 
     def describe(self, label: Any) -> str:
         """A label with the name of the parameter and its unit, such as "width = 2e-06 m"."""
-        return f"{self.name} = {label}" + (f" {self.unit}" if self.unit not in (None, "1") else "")
+        unit = "" if self.unit in (None, "1") else f" {self.unit}"
+        return f"{self.name} = {label}{unit}"
+
+
+def _require_parameter(name: str) -> None:
+    """Raise :class:`InputError` unless ``name`` is a parameter of packings, or, as "A.diameter", of
+    a kind of ball.
+    """
+    kind, _, parameter = name.rpartition(".")
+    if parameter in (KIND_PARAMETERS if kind else PARAMETERS):
+        return
+    parameters = list(PARAMETERS)
+    if kind:
+        parameters = [f"{kind}.{of_kind}" for of_kind in KIND_PARAMETERS]
+    guess = closest(name, parameters)
+    raise InputError(
+        f"{'a kind of ball' if kind else 'a packing'} has no parameter {name!r}",
+        "It has " + ", ".join(parameters),
+        f"Did you mean {guess}?" if guess else "Use one of these",
+    )
+
+
+def _list_values(given: Any) -> tuple[Any, ...]:
+    """Return the values of an argument that is one value or several; a text is one value."""
+    plain = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
+    if isinstance(plain, Iterable) and not isinstance(plain, str):
+        return tuple(plain)
+    return (plain,)
+
+
+def _label_spreads(spreads: Sequence[Any]) -> tuple[str, ...]:
+    """Return a name for each spread, its class and width; the second of the same name has #2."""
+    labels = []
+    counts = Counter[str]()
+    for spread in spreads:
+        name = "equal balls"
+        if isinstance(spread, Spread):
+            name = f"{type(spread).__name__}, W = {spread.width:.6g} m"
+        counts[name] += 1
+        labels.append(name if counts[name] == 1 else f"{name} #{counts[name]}")
+    return tuple(labels)
 
 
 def find_double(values: Sequence[Any]) -> int | None:
     """Return the index of the first value that stands before already; None if there is none."""
-    seen: list[Any] | set[Any] = set() if all(isinstance(one, Hashable) for one in values) else []
+    if all(isinstance(value, Hashable) for value in values):
+        earlier = set[Any]()
+        for index, value in enumerate(values):
+            if value in earlier:
+                return index
+            earlier.add(value)
+        return None
     for index, value in enumerate(values):
-        if value in seen:
+        if value in values[:index]:
             return index
-        seen.add(value) if isinstance(seen, set) else seen.append(value)
     return None
 
 
 def change_width(spread: Spread | None, width: float) -> Uniform | Normal | Discrete | Measured:
-    """The distribution of the same shape and mean whose width is W = ``width``, m; uniform if
-    ``spread`` is None.
+    """Return the distribution of the same shape and mean whose width is W = ``width``, m; uniform
+    if ``spread`` is None.
 
     Raises :class:`InputError` if the width is negative or not finite, if listed diameters are all
     the same, or if the distribution is not one of granphon's own.
     """
     uniform = Uniform(width)  # says what is wrong with the width
+    if spread is None or isinstance(spread, Uniform):
+        return uniform
     if isinstance(spread, Normal):
         return Normal(uniform.width / Normal(1.0, spread.cutoff).width, spread.cutoff)
     if isinstance(spread, Discrete | Measured):
-        if not spread.width:
-            raise InputError(
-                "diameters that are all the same cannot be spread", mend="Give another spread"
-            )
-        mean = spread.mean
-        scale = uniform.width / spread.width
-        scaled = replace(
-            spread,
-            diameters=tuple(mean + (diameter - mean) * scale for diameter in spread.diameters),
-        )
-        if uniform.width:
-            # the old shape is kept: a shape that differs by rounding would have its law solved
-            # again
-            scaled.__dict__["shape"] = spread.shape
-        return scaled
-    if spread is None or isinstance(spread, Uniform):
-        return uniform
+        return _scale_listed(spread, uniform.width)
     problem = f"a {type(spread).__name__} cannot be given another width"
     raise InputError(
         problem, "The parameters of this class are not known", "Give the spreads themselves"
     )
+
+
+def _scale_listed(spread: Discrete | Measured, width: float) -> Discrete | Measured:
+    """Return listed diameters whose deviations from their mean are scaled, so that their width is
+    ``width``, m; InputError if they do not deviate.
+    """
+    if not spread.width:
+        raise InputError(
+            "diameters that are all the same cannot be spread", mend="Give another spread"
+        )
+    mean = spread.mean
+    scale = width / spread.width
+    diameters = tuple(mean + (diameter - mean) * scale for diameter in spread.diameters)
+    scaled = replace(spread, diameters=diameters)
+    if width:
+        # the old shape is kept: a shape that differs by rounding would have its law solved again
+        scaled.__dict__["shape"] = spread.shape
+    return scaled
 
 
 def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
@@ -548,27 +588,23 @@ def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
     balls if it has these.
 
     A ``width`` scales the spread (:func:`change_width`); a ``diameter`` leaves the spread as it is.
-    Raises
-    :class:`InputError` if such a packing is not possible.
+    Raises :class:`InputError` if such a packing is not possible.
     """
     if not isinstance(packing, Packing):
         return packing.change(values)  # type: ignore[attr-defined, no-any-return]
-    fields_of_packing = dict(values)
-    unknown = [name for name in fields_of_packing if name not in PARAMETERS]
+    unknown = [name for name in values if name not in PARAMETERS]
     if unknown:
         raise InputError(
             f"a packing has no parameter {unknown[0]!r}",
             "It has " + ", ".join(PARAMETERS),
             "Use one",
         )
-    material = {
-        name: fields_of_packing.pop(name) for name in _MATERIAL if name in fields_of_packing
-    }
-    if "width" in fields_of_packing:
-        fields_of_packing["spread"] = change_width(
-            fields_of_packing.get("spread", packing.spread), fields_of_packing.pop("width")
-        )
-    return replace(packing, material=replace(packing.material, **material), **fields_of_packing)
+    of_material = {name: value for name, value in values.items() if name in _MATERIAL}
+    of_packing = {name: value for name, value in values.items() if name not in _MATERIAL}
+    if "width" in of_packing:
+        width = of_packing.pop("width")
+        of_packing["spread"] = change_width(of_packing.get("spread", packing.spread), width)
+    return replace(packing, material=replace(packing.material, **of_material), **of_packing)
 
 
 def count_combinations(axes: Sequence[Axis]) -> int:
@@ -593,16 +629,16 @@ def combine(packing: BallsT, axes: Sequence[Axis]) -> list[tuple[str, BallsT]]:
     says that there are too many.
     """
     count_combinations(axes)
-    out = []
-    for pairs in itertools.product(*(zip(axis.values, axis.labels, strict=True) for axis in axes)):
-        where = ", ".join(
-            axis.describe(label) for axis, (_, label) in zip(axes, pairs, strict=True)
-        )
+    names = [axis.name for axis in axes]
+    all_values = itertools.product(*(axis.values for axis in axes))
+    all_labels = itertools.product(*(axis.labels for axis in axes))
+    combinations = []
+    for values, labels in zip(all_values, all_labels, strict=True):
+        words = [axis.describe(label) for axis, label in zip(axes, labels, strict=True)]
+        where = ", ".join(words)
         try:
-            combined = change_packing(
-                packing, {axis.name: value for axis, (value, _) in zip(axes, pairs, strict=True)}
-            )
+            combined = change_packing(packing, dict(zip(names, values, strict=True)))
         except InputError as error:
             raise InputError(f"{where}: {error}") from error
-        out.append((where, combined))
-    return out
+        combinations.append((where, combined))
+    return combinations

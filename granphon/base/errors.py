@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
 from importlib.util import find_spec
-from typing import Any, Self
+from typing import Any, Self, TypeGuard
 
 #: the least whole number that is too large for a float: smaller ones are rounded to the largest
 #: float at most
@@ -65,9 +65,8 @@ class GranphonError(Exception):
         knows.
         """
         restated = copy(self)
-        restated.args = (
-            message(text),
-        )  # as the constructor makes it, by which errors are unpickled
+        # as the constructor makes it, by which errors are unpickled
+        restated.args = (message(text),)
         return restated
 
 
@@ -97,11 +96,8 @@ class Refused(InputError):
     def __reduce__(self) -> tuple[type[Refused], tuple[object, ...], dict[str, object]]:
         # keeps all fields, and the text of a refusal that is restated, in a copy and through a
         # worker process
-        return (
-            Refused,
-            (self.found, self.allowed, self.mend, self.path),
-            vars(self) | {"args": self.args},
-        )
+        arguments = (self.found, self.allowed, self.mend, self.path)
+        return Refused, arguments, vars(self) | {"args": self.args}
 
     def under(self, *keys: str | int) -> Refused:
         """The same refusal with ``keys`` put before its path: the place of the value in what
@@ -227,10 +223,10 @@ def require_installed(what: str, *packages: str) -> None:
     """Raise what :func:`needing` raises if one of ``packages``, which ``what`` needs, is not
     installed; none is imported.
     """
-    for one in packages:
+    for package in packages:
         with needing(what):
-            if find_spec(one) is None:
-                raise ModuleNotFoundError(name=one)
+            if find_spec(package) is None:
+                raise ModuleNotFoundError(name=package)
 
 
 def message(what: str, why: str = "", mend: str = "") -> str:
@@ -242,7 +238,8 @@ def message(what: str, why: str = "", mend: str = "") -> str:
     sentences = [one_line(part).rstrip() for part in (what, why, mend) if part]
     # three dots stay: they say that something has been cut off
     return " ".join(
-        one if one.endswith(("?", "...")) else one.rstrip(". ") + "." for one in sentences
+        sentence if sentence.endswith(("?", "...")) else sentence.rstrip(". ") + "."
+        for sentence in sentences
     )
 
 
@@ -251,14 +248,10 @@ def brief(value: object, most: int = 80) -> str:
 
     A whole number beyond the range of floats is described by its number of digits.
     """
-    if isinstance(value, int) and abs(value) >= TOO_LARGE:
-        return (
-            f"a whole number of about {int(0.30103 * value.bit_length()) + 1} digits, which is"
-            f" too large"
-        )
-    if isinstance(value, list | tuple) and any(
-        isinstance(one, int) and abs(one) >= TOO_LARGE for one in value
-    ):
+    if _is_too_large(value):
+        digits = int(0.30103 * value.bit_length()) + 1  # the logarithm of 2
+        return f"a whole number of about {digits} digits, which is too large"
+    if isinstance(value, list | tuple) and any(map(_is_too_large, value)):
         return "a list with a number that is too large"
     try:
         text = one_line(repr(value))
@@ -267,6 +260,11 @@ def brief(value: object, most: int = 80) -> str:
     except RecursionError:
         return "a list that is nested without end"
     return text if len(text) <= most else text[: most - 3] + "..."
+
+
+def _is_too_large(value: object) -> TypeGuard[int]:
+    """Whether a value is a whole number beyond the range of floats."""
+    return isinstance(value, int) and abs(value) >= TOO_LARGE
 
 
 def one_line(text: str) -> str:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import os
-from contextlib import suppress
 from pathlib import Path
 
 from granphon.base.errors import InputError
@@ -36,48 +35,61 @@ def available_memory(root: Path = Path("/")) -> float:
     above it. Elsewhere it is the free memory, or failing that the total memory. ``root`` is the
     folder of the system's files.
     """
+    return min(_free_memory(root), _free_addresses(root), _free_of_groups(root))
 
-    def read(path: Path) -> list[list[str]]:
-        """Read the words of each line."""
-        with suppress(OSError):
-            return [
-                line.split()
-                for line in path.read_text(encoding="ascii", errors="replace").split("\n")
-            ]
+
+def _read_words(path: Path) -> list[list[str]]:
+    """Return the words of each line of a file; none if the file cannot be read."""
+    try:
+        text = path.read_text(encoding="ascii", errors="replace")
+    except OSError:
         return []
+    return [line.split() for line in text.split("\n")]
 
-    def read_number(path: Path, name: str = "") -> float | None:
-        """Read the number after a name, or alone in a file; None if there is none ("max")."""
-        number = next(
-            (
-                words[-1 - (len(words) > 2)]
-                for words in read(path)
-                if words and name in ("", words[0])
-            ),
-            "",
-        )
-        return float(number) if number.isdigit() else None
 
-    free = read_number(root / "proc/meminfo", "MemAvailable:")
+def _read_number(path: Path, name: str = "") -> float | None:
+    """Return the number after a name, perhaps with a unit behind, or alone in a file; None if there
+    is none ("max").
+    """
+    for words in _read_words(path):
+        if words and name in ("", words[0]):
+            number = words[-2] if len(words) > 2 else words[-1]
+            return float(number) if number.isdigit() else None
+    return None
+
+
+def _free_memory(root: Path) -> float:
+    """Return the memory of the machine that is available, bytes; infinite if that is not known."""
+    free = _read_number(root / "proc/meminfo", "MemAvailable:")
+    if free is not None:
+        return free * 1024.0
     names = getattr(os, "sysconf_names", ())
     pages = next((name for name in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES") if name in names), None)
-    available = math.inf
-    if free is not None:
-        available = free * 1024.0
-    elif pages is not None and "SC_PAGE_SIZE" in names:
-        available = float(os.sysconf(pages)) * float(os.sysconf("SC_PAGE_SIZE"))
-    most_addresses = next(
-        (
-            words[3]
-            for words in read(root / "proc/self/limits")
-            if words[:3] == ["Max", "address", "space"]
-        ),
-        "",
-    )
-    addresses = read_number(root / "proc/self/status", "VmSize:")
-    if most_addresses.isdigit() and addresses is not None:
-        available = min(available, max(float(most_addresses) - addresses * 1024.0, 0.0))
-    for words in read(root / "proc/self/cgroup"):
+    if pages is None or "SC_PAGE_SIZE" not in names:
+        return math.inf
+    return float(os.sysconf(pages)) * float(os.sysconf("SC_PAGE_SIZE"))
+
+
+def _free_addresses(root: Path) -> float:
+    """Return what is left of the limit of addresses of this process, bytes; infinite without a
+    limit.
+    """
+    used = _read_number(root / "proc/self/status", "VmSize:")
+    for words in _read_words(root / "proc/self/limits"):
+        if words[:3] == ["Max", "address", "space"]:
+            limit = words[3]
+            if not limit.isdigit() or used is None:
+                return math.inf
+            return max(float(limit) - used * 1024.0, 0.0)
+    return math.inf
+
+
+def _free_of_groups(root: Path) -> float:
+    """Return what is left of the limits of the control groups of this process, bytes; infinite
+    without limits.
+    """
+    least = math.inf
+    for words in _read_words(root / "proc/self/cgroup"):
         _, _, hierarchy = " ".join(words).partition(":")
         controllers, _, path = hierarchy.partition(":")
         kind = "memory" if "memory" in controllers.split(",") else controllers
@@ -85,23 +97,16 @@ def available_memory(root: Path = Path("/")) -> float:
             continue
         place, limit, use, cache = _GROUPS[kind]
         group = Path(path.lstrip("/"))
-        for folder in (
-            group,
-            *group.parents,
-        ):
-            # limits of groups above count too; in a container some may be missing
+        # limits of groups above count too; in a container some may be missing
+        for folder in (group, *group.parents):
             control_group = root / place / folder
-            most = read_number(control_group / limit)
-            used = read_number(control_group / use)
-            if most is not None and used is not None:
-                available = min(
-                    available,
-                    max(
-                        most - used + (read_number(control_group / "memory.stat", cache) or 0.0),
-                        0.0,
-                    ),
-                )
-    return available
+            most = _read_number(control_group / limit)
+            used = _read_number(control_group / use)
+            if most is None or used is None:
+                continue
+            cached = _read_number(control_group / "memory.stat", cache) or 0.0
+            least = min(least, max(most - used + cached, 0.0))
+    return least
 
 
 def require_memory(what: str, needed: float, mend: str) -> None:

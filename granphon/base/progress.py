@@ -102,10 +102,7 @@ def on_stderr(quiet: bool = False) -> Progress:
     """A :class:`Terminal` if stderr is a terminal, rich is installed and ``quiet`` is off, else
     :data:`silent`.
     """
-    shown = (
-        not quiet
-        and sys.stderr is not None
-        and sys.stderr.isatty()
-        and find_spec("rich") is not None
-    )
-    return Terminal() if shown else silent
+    is_terminal = sys.stderr is not None and sys.stderr.isatty()
+    if quiet or not is_terminal or find_spec("rich") is None:
+        return silent
+    return Terminal()

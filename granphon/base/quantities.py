@@ -103,6 +103,9 @@ _FACTORS = re.compile(r"([*/·]?)\s*(%|[A-Za-zµμÅ_]+)(?:\^|\*\*)?(-?[1-9]|[²
 #: length of a name, from which a last s is that of the plural
 _PLURAL = 3
 _UNIT_PATTERN = re.compile(rf"(?:1/)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR})*")
+_SUPERSCRIPTS = {"²": "2", "³": "3"}
+#: what messages say of the numbers that are taken
+_SIGN_WORDS = {"above zero": " above zero", "zero or above": ", zero or above,", "any": ""}
 
 
 @dataclass(frozen=True)
@@ -123,20 +126,36 @@ class Quantity:
     @property
     def allowed(self) -> str:
         """What may be written for such a quantity, in words for a message."""
-        sign = {"above zero": " above zero", "zero or above": ", zero or above,", "any": ""}[
-            self.least
-        ]
+        sign = _SIGN_WORDS[self.least]
         article = "an" if self.name[0] in "aeiou" else "a"
-        return (
-            f"{article} {self.name}{sign} with its unit, such as '{self.example}' ({self.common})"
-        )
+        unit = f"with its unit, such as '{self.example}' ({self.common})"
+        return f"{article} {self.name}{sign} {unit}"
 
     def read(self, value: Any) -> float:
-        """Read a text such as "8 mm": return the float nearest to its SI value.
+        """Return the SI value of a text such as "8 mm": the float nearest to the exact number.
 
         Raises :class:`~granphon.base.errors.Refused` for anything else, for a number without a unit
         too.
         """
+        number, unit = self._split(value)
+        factor = self._require_factor(value, number, unit)
+        if not math.isfinite(float(number)):
+            raise Refused(f"{show(value)}, which is not a finite number", self.allowed)
+        if _is_zero(number):
+            if self.least == "above zero":
+                raise Refused(f"{show(value)}, which is zero", self.allowed)
+            return 0.0
+        if number.startswith("-") and self.least != "any":
+            raise Refused(f"{show(value)}, which is {self.negative}", self.allowed)
+        exact = _round_product(number, factor)
+        if not 0.0 < abs(exact) < math.inf:
+            raise Refused(
+                f"{show(value)}, which is too small or too large for double precision", self.allowed
+            )
+        return exact
+
+    def _split(self, value: Any) -> tuple[str, str]:
+        """Return the number and the unit that a text holds; :class:`Refused` if it lacks either."""
         tip = f"Write the unit too, such as '{self.example}'."
         if isinstance(value, int | float) and not isinstance(value, bool):
             if isinstance(value, float) and not math.isfinite(value):
@@ -158,37 +177,18 @@ class Quantity:
         number, _, unit = match.groups()
         if not unit:
             raise Refused(f"{show(value)}, without a unit", self.allowed, tip)
+        return number, unit
+
+    def _require_factor(self, value: str, number: str, unit: str) -> Fraction:
+        """Return the exact factor from ``unit`` to the SI unit; :class:`Refused` if there is none.
+
+        ``value`` is the whole text, which the message shows.
+        """
         try:
-            factor = _find_factor(self, unit)
-        except ValueError as wrong:
-            meant = (
-                closest(unit, self.common.split(", "))
-                if unit[0].isalpha() or unit[0] == "%"
-                else None
-            )
-            mend = f"Did you mean '{number} {meant}'?" if meant and meant != unit else ""
-            comma = re.match(r",\s*([0-9]+)(?![0-9,.])", unit)  # "211,65 GPa"
-            if comma and "." not in number:
-                mend = f"Write decimals with a point: '{number}.{comma[1]}{unit[comma.end() :]}'."
-            raise Refused(f"{show(value)}, {wrong}", self.allowed, mend) from None
-        rough = float(number)
-        if not math.isfinite(rough):
-            raise Refused(f"{show(value)}, which is not a finite number", self.allowed)
-        if not re.search("[1-9]", re.split("[eE]", number)[0]):
-            if self.least == "above zero":
-                raise Refused(f"{show(value)}, which is zero", self.allowed)
-            return 0.0
-        if number.startswith("-") and self.least != "any":
-            raise Refused(f"{show(value)}, which is {self.negative}", self.allowed)
-        try:
-            exact = float(Fraction(number) * factor) if rough else 0.0
-        except OverflowError:
-            exact = math.inf
-        if not 0.0 < abs(exact) < math.inf:
-            raise Refused(
-                f"{show(value)}, which is too small or too large for double precision", self.allowed
-            )
-        return exact
+            return _find_factor(self, unit)
+        except ValueError as reason:
+            mend = _suggest(number, unit, self.common.split(", "))
+            raise Refused(f"{show(value)}, {reason}", self.allowed, mend) from None
 
     def read_many(self, numbers: Sequence[str], unit: str) -> NDArray[np.float64] | None:
         """Read many numbers of one ``unit``, each with the same result as :meth:`read`, to the last
@@ -201,39 +201,27 @@ class Quantity:
         """
         import numpy as np  # here alone, so that the command's help needs no numpy
 
-        if (
-            not self.measures(unit)
-            or not is_plain(numbers)
-            or max(map(len, numbers), default=0) + len(unit) >= _MOST_SIGNS
-        ):
+        length = max(map(len, numbers), default=0) + len(unit)
+        if length >= _MOST_SIGNS or not self.measures(unit) or not is_plain(numbers):
             return None
-        factor = _find_factor(self, unit)
-        power = len(str(factor.numerator)) - len(str(factor.denominator))
         try:
-            if factor == 1:
-                values = np.array(list(map(float, numbers)))
-            elif factor == Fraction(10) ** power:
-                values = np.array([_shift_point(text, power) for text in numbers])
-            else:
-                values = np.array([_multiply(text, factor) for text in numbers])
+            values = np.array(_round_products(numbers, _find_factor(self, unit)))
         except (ValueError, OverflowError):
             return None
         size = np.abs(values)
-        zero = size == 0.0
-        if any(
-            re.search("[1-9]", re.split("[eE]", text)[0])
-            for text in {numbers[at] for at in np.flatnonzero(zero).tolist()}
-        ):
-            return None  # below the floating range
-        # left to :meth:`read`: numbers near the ends of the floating range, and those that may be
-        # refused
-        plain = np.all(zero | ((size > _TINY) & (size < 1.0 / _TINY)))
-        allowed = {
+        is_zero = size == 0.0
+        zeros = {numbers[index] for index in np.flatnonzero(is_zero).tolist()}
+        if not all(_is_zero(text) for text in zeros):
+            return None  # a number below the floating range was rounded to zero
+        is_far_from_ends = (size > _TINY) & (size < 1.0 / _TINY)
+        is_allowed = {
             "above zero": values > 0.0,
             "zero or above": values >= 0.0,
             "any": np.isfinite(values),
         }[self.least]
-        return values + 0.0 if plain and np.all(allowed) else None  # no zero is negative
+        if not np.all((is_zero | is_far_from_ends) & is_allowed):
+            return None
+        return values + 0.0  # zeros lose their sign
 
     def measures(self, unit: str) -> bool:
         """Whether ``unit`` is one of this kind of quantity."""
@@ -259,6 +247,45 @@ def is_plain(texts: Sequence[str]) -> bool:
     """
     joined = "".join(texts)
     return joined.isascii() and not joined.encode().translate(None, b"0123456789+-.eE")
+
+
+def _is_zero(number: str) -> bool:
+    """Whether all digits of a number are zero, whatever its power of ten."""
+    digits = re.split("[eE]", number)[0]
+    return not re.search("[1-9]", digits)
+
+
+def _round_product(number: str, factor: Fraction) -> float:
+    """Return the float nearest to a number times a factor; infinity if it is too large."""
+    if not float(number):
+        return 0.0  # below the floating range: the exact power of ten may be huge
+    try:
+        return float(Fraction(number) * factor)
+    except OverflowError:
+        return math.inf
+
+
+def _round_products(numbers: Sequence[str], factor: Fraction) -> list[float]:
+    """Return the float nearest to each number times a factor; ValueError for what is no number, and
+    OverflowError for a product that is too large.
+    """
+    if factor == 1:
+        return list(map(float, numbers))
+    power = len(str(factor.numerator)) - len(str(factor.denominator))
+    if factor == Fraction(10) ** power:
+        return [_shift_point(text, power) for text in numbers]
+    return [_multiply(text, factor) for text in numbers]
+
+
+def _suggest(number: str, unit: str, common_units: Sequence[str]) -> str:
+    """Return how to mend a text whose ``unit`` is refused; empty if there is no guess."""
+    comma = re.match(r",\s*([0-9]+)(?![0-9,.])", unit)  # "211,65 GPa"
+    if comma and "." not in number:
+        return f"Write decimals with a point: '{number}.{comma[1]}{unit[comma.end() :]}'."
+    if not unit[0].isalpha() and unit[0] != "%":
+        return ""
+    guess = closest(unit, common_units)
+    return f"Did you mean '{number} {guess}'?" if guess and guess != unit else ""
 
 
 def _shift_point(text: str, power: int) -> float:
@@ -295,12 +322,13 @@ def _find_factor(kind: Quantity, unit: str) -> Fraction:
     if not _UNIT_PATTERN.fullmatch(unit):
         raise ValueError("which is not one number and one unit")
     try:
-        (factor, powers), (dimension, needed_dimension) = _measure(unit), _measure(kind.unit)
+        factor, powers = _measure(unit)
+        si_factor, si_powers = _measure(kind.unit)
     except KeyError:
         raise ValueError("whose unit is not known") from None
-    if powers != needed_dimension:
+    if powers != si_powers:
         raise ValueError(f"whose unit is not a unit of {kind.name}")
-    return factor / dimension
+    return factor / si_factor
 
 
 def _measure(unit: str) -> tuple[Fraction, Counter[str]]:
@@ -310,11 +338,13 @@ def _measure(unit: str) -> tuple[Fraction, Counter[str]]:
     factor = Fraction(1)
     powers = Counter[str]()
     for sign, name, power in _FACTORS.findall(unit):
-        times = int({"²": "2", "³": "3"}.get(power, power) or 1) * (-1 if sign == "/" else 1)
-        one, other = _find_unit(name)
-        factor *= one**times
-        for base, count in other.items():
-            powers[base] += count * times
+        exponent = int(_SUPERSCRIPTS.get(power, power) or 1)
+        if sign == "/":
+            exponent = -exponent
+        unit_factor, unit_powers = _find_unit(name)
+        factor *= unit_factor**exponent
+        for base, count in unit_powers.items():
+            powers[base] += count * exponent
     return factor, powers  # counters are equal where they differ by zeros alone
 
 
@@ -323,30 +353,38 @@ def is_si(unit: str, wanted: str = "") -> bool:
     what ``wanted`` does.
     """
     plain = re.sub(r"\s*(\*\*|[*/^])\s*", r"\1", unit.strip())  # pint writes "meter / second ** 2"
-    plain = re.sub(r"/\((\S+) (\S+)\)", r"/\1/\2", plain).replace(" ", "*")
-    none = plain in ("", "1", "rad", "radian", "dimensionless")
-    if none or not _UNIT_PATTERN.fullmatch(plain):
-        return none and wanted in ("", "1", "rad")
+    plain = re.sub(r"/\((\S+) (\S+)\)", r"/\1/\2", plain)
+    plain = plain.replace(" ", "*")
+    if plain in ("", "1", "rad", "radian", "dimensionless"):
+        return wanted in ("", "1", "rad")
+    if not _UNIT_PATTERN.fullmatch(plain):
+        return False
     try:
         factor, powers = _measure(plain)
-        return factor == Fraction(1000) ** powers["g"] and (
-            not wanted or powers == _measure(wanted)[1]
-        )
+        if factor != Fraction(1000) ** powers["g"]:  # the SI unit of mass is 1000 g
+            return False
+        return not wanted or powers == _measure(wanted)[1]
     except KeyError:
         return False
 
 
 @cache
 def _find_unit(name: str) -> tuple[Fraction, Counter[str]]:
+    """Return the factor and the powers of :func:`_measure` for the name of one unit, perhaps with a
+    prefix or in the plural; KeyError if the name is not known.
+    """
     singular = name.removesuffix("s") if len(name) > _PLURAL else name
-    for whole, (prefix, power) in itertools.product(
-        dict.fromkeys((name, singular)), _PREFIXES.items()
-    ):
-        symbol = whole.removeprefix(prefix)
-        if symbol in _NAMES and whole == prefix + symbol:
-            times, _, unit = _NAMES[symbol].partition(" ")
-            factor, powers = _measure(unit) if times else (Fraction(1), Counter([symbol]))
-            return Fraction(10) ** power * Fraction(times or 1) * factor, powers
+    spellings = dict.fromkeys((name, singular))
+    for spelling, (prefix, power) in itertools.product(spellings, _PREFIXES.items()):
+        symbol = spelling.removeprefix(prefix)
+        if symbol not in _NAMES or spelling != prefix + symbol:
+            continue
+        definition = _NAMES[symbol]
+        if not definition:  # a base unit
+            return Fraction(10) ** power, Counter([symbol])
+        times, _, unit = definition.partition(" ")
+        factor, powers = _measure(unit)
+        return Fraction(10) ** power * Fraction(times) * factor, powers
     raise KeyError(name)
 
 

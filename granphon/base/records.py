@@ -66,47 +66,21 @@ class RecordFile:
         units: Mapping[str, str],
         about: Mapping[str, str],
     ) -> None:
-        from scipy.io import netcdf_file
 
         self._count = 0
         self._growing = growing
-        sizes: dict[str, int] = {}
-        for shape, names in [
-            *((array.shape, names) for array, names in fixed.values()),
-            *growing.values(),
-        ]:
-            sizes |= dict(zip(names, shape, strict=True))
-        head = BytesIO()
-        layout: Any = netcdf_file(head, "w", version=2)
-        for name, size in {"time": None, **sizes}.items():
-            layout.createDimension(name, size)
-        for name, text in about.items():
-            setattr(layout, name, text)
-        for name, (array, names) in fixed.items():
-            layout.createVariable(name, "d", names)[...] = array
-        for name, (shape, names) in growing.items():
-            layout.createVariable(name, "d", ("time", *names))[0] = np.zeros(shape)
-        for name, variable in layout.variables.items():
-            if name in units:
-                variable.units = units[name]
-        layout.flush()
-        # all of it but its one record, which is there because scipy finds from it how long records
-        # are
-        start = head.getvalue()[
-            : -8 * sum(int(np.prod(shape, dtype=int)) for shape, _ in growing.values())
-        ]
+        start = _write_head(fixed, growing, units, about)
         # it is open as long as the object is
         self._file = open(path, "wb") if isinstance(path, str | os.PathLike) else path  # noqa: SIM115
         if self._file is not path:
             hold(self._file)
-        self._file.write(start[:4] + struct.pack(">i", 0) + start[8:])
+        self._file.write(_set_count(start, 0))
         self._file.flush()
 
     def append(self, values: Mapping[str, Any]) -> None:
         """Write a record; it is in the file when this returns."""
-        self._file.write(
-            b"".join(np.asarray(values[name]).astype(">f8").tobytes() for name in self._growing)
-        )
+        numbers = [np.asarray(values[name]).astype(">f8") for name in self._growing]
+        self._file.write(b"".join(array.tobytes() for array in numbers))
         self._file.flush()
         self._count += 1
         self._file.seek(4)
@@ -119,6 +93,44 @@ class RecordFile:
         self._file.close()
 
 
+def _write_head(
+    fixed: Mapping[str, tuple[Array, tuple[str, ...]]],
+    growing: Mapping[str, tuple[tuple[int, ...], tuple[str, ...]]],
+    units: Mapping[str, str],
+    about: Mapping[str, str],
+) -> bytes:
+    """Return the bytes of a file without records; the arguments are those of the class."""
+    from scipy.io import netcdf_file
+
+    sizes: dict[str, int] = {}
+    for array, names in fixed.values():
+        sizes |= zip(names, array.shape, strict=True)
+    for shape, names in growing.values():
+        sizes |= zip(names, shape, strict=True)
+    head = BytesIO()
+    layout: Any = netcdf_file(head, "w", version=2)
+    for name, size in {"time": None, **sizes}.items():
+        layout.createDimension(name, size)
+    for name, text in about.items():
+        setattr(layout, name, text)
+    for name, (array, names) in fixed.items():
+        layout.createVariable(name, "d", names)[...] = array
+    for name, (shape, names) in growing.items():
+        layout.createVariable(name, "d", ("time", *names))[0] = np.zeros(shape)
+    for name, variable in layout.variables.items():
+        if name in units:
+            variable.units = units[name]
+    layout.flush()
+    # one record is written, because scipy finds from it how long records are, and cut off again
+    numbers_of_record = sum(int(np.prod(shape, dtype=int)) for shape, _ in growing.values())
+    return head.getvalue()[: -8 * numbers_of_record]
+
+
+def _set_count(data: bytes, count: int) -> bytes:
+    """Return the bytes of a file whose header says that there are so many records."""
+    return data[:4] + struct.pack(">i", count) + data[8:]
+
+
 def _mend(path: str | os.PathLike[str], name: str) -> BytesIO | None:
     """Return the data of a file that was cut, with a header that counts the records that are whole;
     None of others.
@@ -127,11 +139,11 @@ def _mend(path: str | os.PathLike[str], name: str) -> BytesIO | None:
 
     try:
         data = Path(path).read_bytes()
-        size = {False: 0, True: 0}
-        with netcdf_file(BytesIO(data[:4] + struct.pack(">i", 1) + data[8:]), "r") as file:
-            for one in file.variables.values():
-                size[one.isrec] += 8 * one.data.size
-            count = (len(data) - file.fp.tell() - size[False]) // size[True]
+        with netcdf_file(BytesIO(_set_count(data, 1)), "r") as file:
+            variables = file.variables.values()
+            size = sum(8 * variable.data.size for variable in variables if not variable.isrec)
+            size_of_record = sum(8 * variable.data.size for variable in variables if variable.isrec)
+            count = (len(data) - file.fp.tell() - size) // size_of_record
         (said,) = struct.unpack(">i", data[4:8])
     except Exception:  # of data that may be anything
         return None
@@ -142,7 +154,7 @@ def _mend(path: str | os.PathLike[str], name: str) -> BytesIO | None:
         StoppedEarlyWarning,
         stacklevel=4,
     )
-    return BytesIO(data[:4] + struct.pack(">i", count) + data[8:])
+    return BytesIO(_set_count(data, count))
 
 
 def read_records(
@@ -171,15 +183,14 @@ def read_records(
                 if attributes != dict(about):
                     problem = f"{name} is {attributes}, not {dict(about)}"
                     raise InputError(problem, mend="Give a file that this version has written")
-                out: dict[str, Array] = {
-                    key: variable.data[frames].view(np.memmap)
-                    if variable.isrec
-                    else np.array(variable.data, float)
-                    for key, variable in file.variables.items()
-                }
-                return out, {
-                    key: value.decode() for key, value in vars(file)["_attributes"].items()
-                }
+                arrays: dict[str, Array] = {}
+                for key, variable in file.variables.items():
+                    if variable.isrec:
+                        arrays[key] = variable.data[frames].view(np.memmap)
+                    else:
+                        arrays[key] = np.array(variable.data, float)
+                words = vars(file)["_attributes"]
+                return arrays, {key: value.decode() for key, value in words.items()}
     except FileNotFoundError:
         raise MissingFileError(f"there is no file {name}") from None
     except (
@@ -193,6 +204,7 @@ def read_records(
     ) as error:
         if isinstance(error, InputError):
             raise
-        if isinstance(path, str | os.PathLike) and (whole := _mend(path, name)) is not None:
+        whole = _mend(path, name) if isinstance(path, str | os.PathLike) else None
+        if whole is not None:
             return read_records(whole, about, frames)
         raise InputError(f"{name} is not a file of records: {error}") from None

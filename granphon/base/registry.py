@@ -56,15 +56,12 @@ class Registry(Mapping[str, T]):
         :class:`~granphon.base.errors.InputError` if another of this name is there.
         """
         # imported here: what only lists the plug-ins needs no NumPy
-        from granphon.base.validation import (
-            label,
-            require,
-        )
+        from granphon.base.validation import label, require
 
         require(f"the name of a {self.what}", label, name)
         source = getattr(_plugins, "loading", "") or _PROGRAM
         name_of_object = _identify(made)
-        again = False
+        again = False  # whether the entry is the same as one that is there
         holder = self._sources.get(name, "granphon" if name in self._entries else None)
         with suppress(ValueError):  # of objects that hold arrays
             again = holder == source and bool(self._made[name] == name_of_object)
@@ -72,7 +69,9 @@ class Registry(Mapping[str, T]):
             raise InputError(
                 f"the {self.what} {name!r} exists already, of {holder}", mend="Give another name"
             )
-        self._entries[name], self._sources[name], self._made[name] = entry, source, name_of_object
+        self._entries[name] = entry
+        self._sources[name] = source
+        self._made[name] = name_of_object
         return entry
 
     def remove(self, name: str) -> None:
@@ -93,23 +92,25 @@ class Registry(Mapping[str, T]):
         of the plug-in x".
         """
         source = self._sources.get(name, _PROGRAM)
-        return f"the {self.what} {name!r}" + f" of {source}" * (source != _PROGRAM)
+        words = f"the {self.what} {name!r}"
+        return words if source == _PROGRAM else f"{words} of {source}"
 
     @property
     def failures(self) -> str:
         """A sentence on plug-ins that failed, one of which may have what is not found here; empty
         if none has.
         """
-        failed = [
+        sentence = "; ".join(
             f"{name} could not be loaded: {one_line(why)}"
             for name, why in load_plugins().items()
             if why
-        ]
-        return "; ".join(failed)[:1].upper() + "; ".join(failed)[1:]
+        )
+        return sentence[:1].upper() + sentence[1:]
 
     def drop(self, source: str) -> None:
         """Take out all entries of a plug-in."""
-        for name in [name for name, one in self._sources.items() if one == source]:
+        names = [name for name, origin in self._sources.items() if origin == source]
+        for name in names:
             del self._entries[name], self._sources[name]
 
     def __getitem__(self, name: str) -> T:
@@ -135,10 +136,13 @@ def _identify(made: Any) -> Any:
     """Return what is equal for the same: a function's or class's name and module, a lambda's code,
     or itself.
     """
-    if "<" not in (name := getattr(made, "__qualname__", "<")):
+    name = getattr(made, "__qualname__", None)
+    if name is not None and "<" not in name:
         return made.__module__, name
     code = getattr(made, "__code__", None)
-    return made if code is None else (code.co_code, code.co_consts, code.co_names, made.__closure__)
+    if code is None:
+        return made
+    return code.co_code, code.co_consts, code.co_names, made.__closure__
 
 
 #: what is loading, in each thread
@@ -158,9 +162,9 @@ def load_plugins() -> dict[str, str | None]:
             from importlib.metadata import entry_points  # which takes 30 ms
 
             for point in entry_points(group=GROUP):
-                source = f"the plug-in {point.name}" + (
-                    f" of {point.dist.name}" if point.dist else ""
-                )
+                source = f"the plug-in {point.name}"
+                if point.dist:
+                    source += f" of {point.dist.name}"
                 _plugins.loading = source
                 _loaded[source] = None
                 try:
@@ -169,8 +173,8 @@ def load_plugins() -> dict[str, str | None]:
                         plugin()
                 except Exception as error:
                     _loaded[source] = f"{type(error).__name__}: {error}"
-                    for one in Registry.every.values():
-                        one.drop(source)
+                    for registry in Registry.every.values():
+                        registry.drop(source)
                 finally:
                     _plugins.loading = ""
         return {name: why for name, why in _loaded.items() if name != "granphon"}

@@ -4,7 +4,7 @@ shown as a table.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from html import escape
@@ -49,13 +49,12 @@ def write_html(title: str, rows: Iterable[tuple[str, Any, str]]) -> str:
     A value is described by :func:`describe_value`. The unit "1", of a number without a unit, is
     left blank.
     """
-    cells = (
-        (name, describe_value(value), "" if unit == "1" else unit) for name, value, unit in rows
-    )
-    body = "".join(
-        f"<tr><th>{_clean(name)}</th><td>{_clean(value)}</td><td>{_clean(unit)}</td></tr>"
-        for name, value, unit in cells
-    )
+    lines = []
+    for name, value, unit in rows:
+        shown = _clean(describe_value(value))
+        shown_unit = "" if unit == "1" else _clean(unit)
+        lines.append(f"<tr><th>{_clean(name)}</th><td>{shown}</td><td>{shown_unit}</td></tr>")
+    body = "".join(lines)
     head = "<tr><th>name</th><th>value</th><th>unit</th></tr>"
     caption = f"<caption>{_clean(title)}</caption>"
     return f"<table>{caption}<thead>{head}</thead><tbody>{body}</tbody></table>"
@@ -79,23 +78,31 @@ def describe_value(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return _describe_array(value)
     if isinstance(value, list | tuple):
-        if len(value) > _MOST_ENTRIES and all(isinstance(one, int | float) for one in value):
-            return _describe_array(np.asarray(value))
-        if len(value) > 1 and all(is_dataclass(one) for one in value):
-            return f"{len(value)} of {type(value[0]).__name__}"
-        words = [describe_value(one) for one in value[:_MOST_ENTRIES]]
-        ending = f", ... ({len(value)} in all)" if len(value) > _MOST_ENTRIES else ""
-        return ("; " if any(", " in word for word in words) else ", ").join(
-            words
-        ) + ending or "none"
+        return _describe_list(value)
     if isinstance(value, Mapping):
-        return ", ".join(
-            f"{name}: {describe_value(one)}" for name, one in list(value.items())[:_MOST_ENTRIES]
-        )
+        entries = list(value.items())[:_MOST_ENTRIES]
+        return ", ".join(f"{name}: {describe_value(entry)}" for name, entry in entries)
     if is_dataclass(value):
         name = getattr(value, "name", None)
         return name.replace("_", " ") if isinstance(name, str) else type(value).__name__
     return brief(value, _MOST_LETTERS)
+
+
+def _describe_list(values: Sequence[Any]) -> str:
+    """Return the first entries of a list, and how many there are; of a long list of numbers what is
+    returned of an array.
+    """
+    if not values:
+        return "none"
+    count = len(values)
+    if count > _MOST_ENTRIES and all(isinstance(entry, int | float) for entry in values):
+        return _describe_array(np.asarray(values))
+    if count > 1 and all(is_dataclass(entry) for entry in values):
+        return f"{count} of {type(values[0]).__name__}"
+    words = [describe_value(entry) for entry in values[:_MOST_ENTRIES]]
+    mark = "; " if any(", " in word for word in words) else ", "
+    ending = f", ... ({count} in all)" if count > _MOST_ENTRIES else ""
+    return mark.join(words) + ending or "none"
 
 
 def _describe_array(values: np.ndarray[Any, Any]) -> str:
@@ -118,13 +125,12 @@ def _describe_array(values: np.ndarray[Any, Any]) -> str:
     ends = np.array([finite.min(), finite.max()])
     if kind == "f":  # an end that is rounding of the other is zero
         ends[np.abs(ends) < 1e-14 * np.max(np.abs(ends))] = 0.0
-    low, high = (describe_value(end) for end in ends.tolist())
+    low = describe_value(ends[0].item())
+    high = describe_value(ends[1].item())
     prefix = "magnitudes " if kind == "c" else ""
-    return (
-        f"array {shape}, {prefix}{low} to {high}{ending}"
-        if low != high
-        else f"array {shape}, all {prefix}{low}{ending}"
-    )
+    if low == high:
+        return f"array {shape}, all {prefix}{low}{ending}"
+    return f"array {shape}, {prefix}{low} to {high}{ending}"
 
 
 def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
@@ -162,18 +168,21 @@ class Result:
 
     def __init_subclass__(cls, array: str = "", **options: Any) -> None:
         super().__init_subclass__(**options)
-        hints = get_annotations(cls, eval_str=True)
-        words_of_fields = {
-            name: [word for word in _list_remarks(hint) if isinstance(word, str)]
-            for name, hint in hints.items()
-        }
-        for place, kept in enumerate(("_shapes", "units", "_ranges")):
-            remarks = {
-                name: words[place]
-                for name, words in words_of_fields.items()
-                if len(words) > place and words[place]
-            }
-            setattr(cls, kept, getattr(cls, kept) | remarks)
+        shapes = {}
+        units = {}
+        ranges = {}
+        for name, hint in get_annotations(cls, eval_str=True).items():
+            words = [word for word in _list_remarks(hint) if isinstance(word, str)]
+            shape, unit, within = (*words, "", "", "")[:3]  # words may be left out at the end
+            if shape:
+                shapes[name] = shape
+            if unit:
+                units[name] = unit
+            if within:
+                ranges[name] = within
+        cls._shapes = cls._shapes | shapes
+        cls.units = cls.units | units
+        cls._ranges = cls._ranges | ranges
         if array:
 
             def make_array(self: Result, dtype: Any = None, copy: Any = None) -> Any:
@@ -186,33 +195,21 @@ class Result:
             if type(value) in _SCALARS or type(value) is tuple:
                 # most values, which are kept as they are
                 continue
-            if isinstance(value, np.generic):
+            has_one_number = isinstance(value, np.ndarray) and value.ndim == 0
+            if isinstance(value, np.generic) or has_one_number:
                 object.__setattr__(self, name, value.item())
             elif isinstance(value, np.ndarray):
-                if value.ndim == 0:
-                    object.__setattr__(self, name, value.item())
-                elif value.flags.writeable or not (
-                    value.base is None or isinstance(value, np.memmap)
-                ):
-                    # a view would change with the array behind it; what stays in a file is read as
-                    # it is used
+                # a view would change with the array behind it; what stays in a file is read as it
+                # is used
+                is_view = value.base is not None and not isinstance(value, np.memmap)
+                if value.flags.writeable or is_view:
                     object.__setattr__(self, name, read_only(value))
 
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):
             return NotImplemented
-        for a, b in (
-            (getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare
-        ):
-            if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
-                # nan, which stands for "not known", equals nan
-                nan = all(isinstance(one, np.ndarray) and one.dtype.kind in "fc" for one in (a, b))
-                if not np.array_equal(a, b, equal_nan=nan):
-                    return False
-            elif a != b and plain(a) != plain(b):
-                # objects that hold arrays are compared by what they hold
-                return False
-        return True
+        names = [f.name for f in fields(self) if f.compare]
+        return all(_are_equal(getattr(self, name), getattr(other, name)) for name in names)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # built by the constructor, so that the arrays of copies and pickles are read-only too
@@ -271,7 +268,9 @@ class Result:
         that of the data. Without a digest, damage that passes the other checks is not noticed, and
         there is an :class:`~granphon.base.errors.UnverifiedFileWarning`.
         """
-        given: dict[str, Any] = dict(data) if isinstance(cast("object", data), Mapping) else {}
+        given: dict[str, Any] = {}
+        if isinstance(cast("object", data), Mapping):
+            given = dict(data)
         if _read_class_name(given) != cls.__name__:
             raise InputError(
                 f"these data describe a {show(given.get('class'))}, not a {cls.__name__!r}"
@@ -280,9 +279,8 @@ class Result:
             f"a {cls.__name__} in plain data", given.get("schema", cls._schema), cls._schema
         )
         try:
-            restored: Self = restore(
-                {name: v for name, v in given.items() if name not in _ABOUT}, cls
-            )
+            content = {name: value for name, value in given.items() if name not in _ABOUT}
+            restored: Self = restore(content, cls)
             # after the other checks, whose errors say more
             if "digest" in given and plain(given.pop("digest")) != digest(plain(given)):
                 raise damage_error(f"a {cls.__name__} in plain data", "under 'digest'")
@@ -319,7 +317,8 @@ class Result:
             shape = (len(value),) if isinstance(value, tuple) else np.shape(value)
             if not isinstance(value, tuple) and np.asarray(value).dtype.kind not in "iufc":
                 raise InputError(f"{name} of the {type(self).__name__} does not hold numbers")
-            if not any(_fits(one.split(), shape, sizes) for one in layout.rstrip("?").split("|")):
+            layouts = layout.rstrip("?").split("|")
+            if not any(_fits(words.split(), shape, sizes) for words in layouts):
                 so_far = ", ".join(f"{letter} = {size}" for letter, size in sizes.items())
                 allowed = layout.replace("|", ") or (")
                 problem = (
@@ -329,11 +328,12 @@ class Result:
                 raise InputError(problem, so_far and f"The other fields have {so_far}")
         for name, within in self._ranges.items():
             values = np.asarray(getattr(self, name))
-            if values.dtype.kind in "iufc" and np.any(wrong := ~_RANGES[within](values)):
-                problem = (
-                    f"{name} of the {type(self).__name__} is"
-                    f" {describe_value(values[wrong].flat[0])}"
-                )
+            if values.dtype.kind not in "iufc":
+                continue
+            is_wrong = ~_RANGES[within](values)
+            if np.any(is_wrong):
+                number = describe_value(values[is_wrong].flat[0])
+                problem = f"{name} of the {type(self).__name__} is {number}"
                 raise InputError(problem, mend=f"Give numbers that are {within}")
 
     def _require_finite(self) -> None:
@@ -354,22 +354,36 @@ def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> b
     stand for.
     """
     if layout[:1] == ["..."]:
-        layout, head = layout[1:], shape[: max(len(shape) - len(layout) + 1, 0)]
+        layout = layout[1:]
+        head = shape[: max(len(shape) - len(layout), 0)]
         shape = shape[len(head) :]
         if sizes.setdefault("...", head) != head:
             return False
     if len(layout) != len(shape):
         return False
     for word, size in zip(layout, shape, strict=True):
-        letter, _, margin = word.partition("+")
-        length = (
-            int(word)
-            if word.isdigit()
-            else sizes.setdefault(letter, size - int(margin or 0)) + int(margin or 0)
-        )
+        if word.isdigit():
+            length = int(word)
+        else:
+            letter, _, digits = word.partition("+")
+            margin = int(digits or 0)
+            length = sizes.setdefault(letter, size - margin) + margin
         if size != length:
             return False
     return True
+
+
+def _are_equal(value: Any, other: Any) -> bool:
+    """Whether two values of a field are equal, array by array; nan, which stands for "not known",
+    equals nan.
+    """
+    if not isinstance(value, np.ndarray) and not isinstance(other, np.ndarray):
+        # objects that hold arrays are compared by what they hold
+        return not (value != other and plain(value) != plain(other))
+    may_be_nan = all(
+        isinstance(array, np.ndarray) and array.dtype.kind in "fc" for array in (value, other)
+    )
+    return bool(np.array_equal(value, other, equal_nan=may_be_nan))
 
 
 def plain(value: Any) -> Any:
@@ -414,32 +428,18 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     """
     remarks = _list_remarks(hint)
     hint = get_args(hint)[0] if remarks else hint
-    entries = next((remark for remark in remarks if isinstance(remark, np.dtype)), None)
+    dtype = next((remark for remark in remarks if isinstance(remark, np.dtype)), None)
     origin = get_origin(hint)
     inner = get_args(hint)
     expected = str(hint) if inner else getattr(hint, "__name__", str(hint))
     if origin in (Union, UnionType):
-        if isinstance(value, Mapping):
-            # if the value names a class among the types, it must be that one
-            inner = (
-                tuple(
-                    one
-                    for one in inner
-                    if getattr(one, "__name__", None) == _read_class_name(value)
-                )
-                or inner
-            )
-        for one in inner[:-1]:
-            with suppress(InputError):
-                return restore(value, one, name)
-        return restore(value, inner[-1], name)
-    if entries is not None or (
-        hint is Any and isinstance(value, Mapping | list | tuple | np.ndarray)
-    ):
+        return _restore_union(value, inner, name)
+    may_be_array = hint is Any and isinstance(value, Mapping | list | tuple | np.ndarray)
+    if dtype is not None or may_be_array:
         expected = "an array of numbers"
-        found = _make_array(value, entries)
-        if found is not None:
-            return found
+        array = _make_array(value, dtype)
+        if array is not None:
+            return array
     elif origin is tuple and isinstance(value, list | tuple):
         kinds = [inner[0]] * len(value) if inner[1:] == (...,) else inner
         if len(kinds) == len(value):
@@ -453,59 +453,63 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
         if isinstance(value, hint):  # type: ignore[arg-type]  # a class
             return value
         if isinstance(value, Mapping) and _read_class_name(value) == expected:
-            build: Any = hint
-            if issubclass(build, Result) and not set(_ABOUT).isdisjoint(value):
-                return build.from_dict(value)  # a field written by its own to_dict
-            names = [f.name for f in fields(build)]
-            problem = f"the {expected} data"
-            hints = get_type_hints(build, include_extras=True)
-            missing = [name for name in names if name not in value]
-            if missing:
-                raise InputError(f"{problem} lack {', '.join(missing)}")
-            unknown = [show(name) for name in value if name not in (*names, "class")]
-            if unknown:
-                raise InputError(
-                    f"{problem} have {list_names(unknown)}, which the class does not have"
-                )
-            values = {
-                name: restore(value[name], hints[name], f"{expected}.{name}") for name in names
-            }
-            try:
-                made = (
-                    build._of_fields(*values.values())
-                    if issubclass(build, Result)
-                    else build(**values)
-                )
-                if isinstance(made, Result):
-                    made._check()
-            except InputError:
-                raise
-            except (
-                GranphonError,
-                ArithmeticError,
-                AttributeError,
-                LookupError,
-                TypeError,
-                ValueError,
-            ) as error:
-                why = (
-                    str(error)
-                    if isinstance(error, GranphonError)
-                    else f"{type(error).__name__}: {error}"
-                )
-                raise InputError(f"no {expected} can be made from {problem}", why) from None
-            return made
+            return _restore_object(value, hint)
     elif hint is Any or hint in _SCALARS:
         # a whole number is a float too, and a truth value is no number
         allowed = {Any: (*_SCALARS, np.generic), float: (float, int)}.get(hint, (hint,))
         if isinstance(value, allowed) and (not isinstance(value, bool) or bool in allowed):
             return value
-    kind = f"a {type(value).__name__}" + (
-        "" if isinstance(value, list | tuple) else f", {show(value)},"
-    )
+    raise InputError(f"{name}: found {_name_kind(value)} where {expected} is needed")
+
+
+def _restore_union(value: Any, hints: tuple[Any, ...], name: str) -> Any:
+    """Build an object of the first of the types ``hints`` that takes plain data."""
     if isinstance(value, Mapping):
-        kind = f"data of a {show(value.get('class'))}" if "class" in value else "a mapping"
-    raise InputError(f"{name}: found {kind} where {expected} is needed")
+        # if the value names a class among the types, it must be that one
+        class_name = _read_class_name(value)
+        named = tuple(hint for hint in hints if getattr(hint, "__name__", None) == class_name)
+        hints = named or hints
+    for hint in hints[:-1]:
+        with suppress(InputError):
+            return restore(value, hint, name)
+    return restore(value, hints[-1], name)
+
+
+def _restore_object(data: Mapping[str, Any], kind: Any) -> Any:
+    """Build an object of the dataclass ``kind`` from the mapping of its fields."""
+    if issubclass(kind, Result) and not set(_ABOUT).isdisjoint(data):
+        return kind.from_dict(data)  # a field written by its own to_dict
+    names = [f.name for f in fields(kind)]
+    problem = f"the {kind.__name__} data"
+    hints = get_type_hints(kind, include_extras=True)
+    missing = [name for name in names if name not in data]
+    if missing:
+        raise InputError(f"{problem} lack {', '.join(missing)}")
+    unknown = [show(name) for name in data if name not in (*names, "class")]
+    if unknown:
+        raise InputError(f"{problem} have {list_names(unknown)}, which the class does not have")
+    values = {name: restore(data[name], hints[name], f"{kind.__name__}.{name}") for name in names}
+    try:
+        if not issubclass(kind, Result):
+            return kind(**values)
+        result = kind._of_fields(*values.values())
+        result._check()
+        return result
+    except InputError:
+        raise
+    except GranphonError as error:
+        why = str(error)
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        why = f"{type(error).__name__}: {error}"
+    raise InputError(f"no {kind.__name__} can be made from {problem}", why)
+
+
+def _name_kind(value: Any) -> str:
+    """Return what plain data are, in words for a message."""
+    if isinstance(value, Mapping):
+        return f"data of a {show(value.get('class'))}" if "class" in value else "a mapping"
+    kind = f"a {type(value).__name__}"
+    return kind if isinstance(value, list | tuple) else f"{kind}, {show(value)},"
 
 
 def _read_class_name(data: Mapping[str, Any]) -> str:
@@ -515,34 +519,37 @@ def _read_class_name(data: Mapping[str, Any]) -> str:
 
 
 def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any] | None:
-    """Plain data as an array of a type, or of any with None; None if they are ragged, or no such
-    numbers.
+    """Return plain data as an array of a type, or of any with None; None if they are ragged, or no
+    such numbers.
     """
     if (dtype is None or dtype.kind == "c") and isinstance(value, Mapping):
-        real, imaginary = (
-            _make_array(value.get(part), np.dtype(float)) for part in ("real", "imag")
-        )
-        if len(value) != 2 or real is None or imaginary is None or real.shape != imaginary.shape:
-            return None
-        whole = np.empty(real.shape, complex)
-        whole.real = real
-        whole.imag = imaginary
-        return whole
+        return _make_complex_array(value)
     if not isinstance(value, list | tuple | np.ndarray):
         return None
     try:
         array = np.asarray(value)
-        # NumPy takes truth values among numbers for numbers
-        leaves: Any = (
-            []
-            if isinstance(value, np.ndarray) or array.dtype.kind == "b"
-            else np.asarray(value, object).ravel()
-        )
+        if not isinstance(value, np.ndarray) and array.dtype.kind != "b":
+            # NumPy takes truth values among numbers for numbers
+            entries = np.asarray(value, object).ravel()
+            if any(isinstance(entry, bool) for entry in entries):
+                return None
     except (ValueError, OverflowError):  # ragged, or too large
         return None
     kinds = "biufc" if dtype is None else _KINDS[dtype.kind]
-    if (array.size and array.dtype.kind not in kinds) or any(
-        isinstance(one, bool) for one in leaves
-    ):
+    if array.size and array.dtype.kind not in kinds:
         return None
     return array if dtype is None or array.dtype == dtype else array.astype(dtype)
+
+
+def _make_complex_array(data: Mapping[str, Any]) -> np.ndarray[Any, Any] | None:
+    """Return the complex array of a mapping of its real and imaginary numbers; None if it has other
+    keys, or the two are no such arrays of one shape.
+    """
+    real = _make_array(data.get("real"), np.dtype(float))
+    imaginary = _make_array(data.get("imag"), np.dtype(float))
+    if len(data) != 2 or real is None or imaginary is None or real.shape != imaginary.shape:
+        return None
+    array = np.empty(real.shape, complex)
+    array.real = real
+    array.imag = imaginary
+    return array

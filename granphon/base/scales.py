@@ -146,9 +146,7 @@ class Units:
 
     def __post_init__(self) -> None:
         # here alone, so that the command's help needs no numpy
-        from granphon.base.validation import (
-            positive,
-        )
+        from granphon.base.validation import positive
 
         for name, unit in (("length", "m"), ("stiffness", "N/m"), ("mass", "kg")):
             object.__setattr__(self, name, positive(name, getattr(self, name), unit))

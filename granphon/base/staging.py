@@ -22,7 +22,7 @@ import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
@@ -81,35 +81,38 @@ def read_written_files(folder: StrPath, what: str = "files") -> dict[str, str]:
     with suppress(GranphonError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         data = json.loads(read_bytes(Path(folder) / LIST))
         if data["schema"] == LIST_SCHEMA:
-            digests = {
-                name: digest for name, digest in data[what].items() if isinstance(digest, str)
-            }
             return {
-                name: digests[name]
-                for name in digests
-                if Path(name).name == name and name not in ("", ".", "..")
+                name: digest
+                for name, digest in data[what].items()
+                if isinstance(digest, str) and _is_bare(name)
             }
     return {}
 
 
+def _is_bare(name: str) -> bool:
+    """Whether a name is that of a file, and leads into no other folder."""
+    return Path(name).name == name and name not in ("", ".", "..")
+
+
 def _digest_file(path: Path) -> str:
+    """Return the SHA-256 of a file."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _is_written(path: Path, *digests: str) -> bool:
     """Whether ``path`` is a regular file, not a link, whose SHA-256 is one of ``digests``."""
-    return (
-        bool(digests) and path.is_file() and not path.is_symlink() and _digest_file(path) in digests
-    )
+    if not digests or not path.is_file() or path.is_symlink():
+        return False
+    return _digest_file(path) in digests
 
 
 def is_whole(folder: StrPath, names: Sequence[str]) -> bool:
     """Whether ``folder`` holds files of all ``names`` as granphon has written them."""
     written = read_written_files(folder)
-    return all(name in written for name in names) and all(
-        _is_written(Path(folder) / name, written[name]) for name in names
-    )
+    if not all(name in written for name in names):
+        return False
+    return all(_is_written(Path(folder) / name, written[name]) for name in names)
 
 
 @dataclass(frozen=True)
@@ -152,7 +155,7 @@ class ResultFiles:
         OutputError : the folder is a file, or may not be written to, or one of the ``names`` is a
             folder.
         """
-        if any(one.endswith(".nc") for one in self.names):
+        if any(name.endswith(".nc") for name in self.names):
             require_installed("A netCDF file", "h5netcdf", "h5py")
         with suppress(OSError, ValueError):
             # the check that follows reports what is wrong with the folder
@@ -175,9 +178,10 @@ class ResultFiles:
         made = list[Path]()
         try:
             with explaining(target):
-                for missing in [p for p in (target, *target.parents) if not p.exists()][::-1]:
-                    missing.mkdir(exist_ok=True)
-                    made.append(missing)
+                missing = [folder for folder in (target, *target.parents) if not folder.exists()]
+                for folder in reversed(missing):  # the outermost first
+                    folder.mkdir(exist_ok=True)
+                    made.append(folder)
             with _hold_lock(target) as alone:
                 with explaining(target):
                     _finish(target, alone)
@@ -185,9 +189,9 @@ class ResultFiles:
                 self._check()
                 yield self
         finally:
-            for one in reversed(made):
+            for folder in reversed(made):
                 with suppress(OSError):  # a folder that holds a result is not empty, and stays
-                    one.rmdir()
+                    folder.rmdir()
 
     @contextmanager
     def staging(self, optional: Sequence[str] = ()) -> Iterator[Path]:
@@ -206,22 +210,12 @@ class ResultFiles:
                 place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=target))
                 yield place
                 self._check()
-                # beside the new files comes the list of the folder as it is to be; what has a known
-                # text may be absent there
-                written = read_written_files(target)
                 made = [
                     name
                     for name in self.names
                     if name not in optional or os.path.lexists(place / name)
                 ]
-                existing = [
-                    name for name in (*self.names, *self._stale) if os.path.lexists(target / name)
-                ]
-                old = {name: written.get(name) or _digest_file(target / name) for name in existing}
-                files = {name: digest for name, digest in written.items() if name not in old}
-                files |= {name: _digest_file(place / name) for name in made}
-                lists = json.dumps({"schema": LIST_SCHEMA, "files": files, "old": old}, indent=1)
-                (place / LIST).write_text(lists, encoding="utf-8")
+                self._write_list(place, made)
                 for name in (*made, LIST):
                     with open(place / name, "r+b") as stream:
                         os.fsync(stream.fileno())
@@ -234,7 +228,24 @@ class ResultFiles:
                 if place is not None:
                     shutil.rmtree(place, ignore_errors=True)
 
+    def _write_list(self, place: Path, made: Sequence[str]) -> None:
+        """Write into the folder ``place``, beside the new files that were ``made``, the list of the
+        folder as it is to be: digests of its files, and of the old ones that make way.
+        """
+        target = self._target
+        # what has a known text may be absent there
+        written = read_written_files(target)
+        existing = [name for name in (*self.names, *self._stale) if os.path.lexists(target / name)]
+        old = {name: written.get(name) or _digest_file(target / name) for name in existing}
+        files = {name: digest for name, digest in written.items() if name not in old}
+        files |= {name: _digest_file(place / name) for name in made}
+        content = json.dumps({"schema": LIST_SCHEMA, "files": files, "old": old}, indent=1)
+        (place / LIST).write_text(content, encoding="utf-8")
+
     def _check(self) -> None:
+        """Raise :class:`~granphon.base.errors.OutputError` if the files cannot be written into
+        their folder, or would replace files that are not an earlier result of granphon.
+        """
         target = self._target
         if any("\0" in part for part in (str(target), *self.names)):
             raise OutputError(
@@ -257,70 +268,77 @@ class ResultFiles:
                 raise OutputError(
                     f"{target / folders[0]} is a folder", "A file of that name is to be written"
                 )
-            digests = [hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known]
-            kept = "Such a file is never replaced, not even with --force"
-            for name in existing:
-                if self._is_read(name):
-                    problem = f"{target / name} is read by this run, and would be overwritten"
-                    raise FileExistsInRunError(problem, kept, "Choose another folder")
-                if not _is_written(
-                    target / name, *digests, *([written[name]] if name in written else [])
-                ):
-                    no_record = "there is no record that granphon wrote it"
-                    problem = (
-                        "granphon wrote it, and it has been changed since"
-                        if name in written
-                        else no_record
-                    )
-                    problem = f"{_name(target)} already holds {name}: {problem}"
-                    raise FileExistsInRunError(
-                        problem, kept, "Move it away, or choose another folder"
-                    )
+            self._require_own(existing, written)
             if existing and not self.force:
-                missing_names = [
-                    name for name in self.names if name in written and name not in existing
-                ]
-                missing = (
-                    f", but not {', '.join(missing_names)}, which granphon wrote there too"
-                    if missing_names
-                    else ""
-                )
-                problem = f"{_name(target)} already holds {', '.join(existing)}{missing}"
-                mend = "Use --force (force=True) to replace it, or choose another folder"
-                raise FileExistsInRunError(
-                    problem, "An existing result is not overwritten unless asked for", mend
-                )
+                self._refuse_existing(existing, written)
             for name in self._stale:
-                read = self._is_read(name)
-                if read or not _is_written(target / name, written[name]):
-                    problem = f"{_name(target)} holds {name} of an earlier run, and "
-                    problem += "this run reads it" if read else "it has been changed since"
-                    why = (
-                        "It would stand beside a result that it does not belong to, and granphon"
-                        " does not remove it"
-                    )
-                    raise FileExistsInRunError(
-                        problem, why, "Move it away, or choose another folder"
-                    )
+                self._require_removable(name, written[name])
             if not os.access(nearest, os.W_OK | os.X_OK):
                 problem = f"there is no permission to write to {_name(nearest)}"
                 raise OutputError(problem, mend="Choose another folder")
+
+    def _require_own(self, existing: Sequence[str], written: Mapping[str, str]) -> None:
+        """Raise :class:`FileExistsInRunError` if an existing file is read by this run, or is none
+        that granphon wrote; ``written`` are the digests of files that granphon wrote.
+        """
+        target = self._target
+        kept = "Such a file is never replaced, not even with --force"
+        known_digests = [hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known]
+        for name in existing:
+            if self._is_read(name):
+                problem = f"{target / name} is read by this run, and would be overwritten"
+                raise FileExistsInRunError(problem, kept, "Choose another folder")
+            digests = list(known_digests)
+            reason = "there is no record that granphon wrote it"
+            if name in written:
+                digests.append(written[name])
+                reason = "granphon wrote it, and it has been changed since"
+            if not _is_written(target / name, *digests):
+                problem = f"{_name(target)} already holds {name}: {reason}"
+                raise FileExistsInRunError(problem, kept, "Move it away, or choose another folder")
+
+    def _refuse_existing(self, existing: Sequence[str], written: Mapping[str, str]) -> None:
+        """Raise :class:`FileExistsInRunError` that names an earlier result, and what it lacks."""
+        missing = [name for name in self.names if name in written and name not in existing]
+        problem = f"{_name(self._target)} already holds {', '.join(existing)}"
+        if missing:
+            problem += f", but not {', '.join(missing)}, which granphon wrote there too"
+        mend = "Use --force (force=True) to replace it, or choose another folder"
+        raise FileExistsInRunError(
+            problem, "An existing result is not overwritten unless asked for", mend
+        )
+
+    def _require_removable(self, name: str, digest: str) -> None:
+        """Raise :class:`FileExistsInRunError` if a file of an earlier run is read by this run, or
+        has another ``digest`` than when granphon wrote it.
+        """
+        target = self._target
+        if self._is_read(name):
+            reason = "this run reads it"
+        elif not _is_written(target / name, digest):
+            reason = "it has been changed since"
+        else:
+            return
+        raise FileExistsInRunError(
+            f"{_name(target)} holds {name} of an earlier run, and {reason}",
+            "It would stand beside a result that it does not belong to, and granphon"
+            " does not remove it",
+            "Move it away, or choose another folder",
+        )
 
     @property
     def _stale(self) -> list[str]:
         """Files of an earlier result, written by granphon, that the new result does not have."""
         target = self._target
         written = read_written_files(self.folder)
-        return [
-            one
-            for one in self.earlier
-            if one in written and one not in self.names and os.path.lexists(target / one)
-        ]
+        candidates = [name for name in self.earlier if name in written and name not in self.names]
+        return [name for name in candidates if os.path.lexists(target / name)]
 
     def _is_read(self, name: str) -> bool:
-        for one in self.inputs:
+        """Whether a file of the folder is one that this run reads."""
+        for path in self.inputs:
             with suppress(OSError):
-                if os.path.samefile(self._target / name, one):
+                if os.path.samefile(self._target / name, path):
                     return True
         return False
 
@@ -331,26 +349,34 @@ def _finish(target: Path, alone: bool = False) -> None:
     """
     new = target / NEW
     if new.is_dir() and not new.is_symlink():
-        files = read_written_files(new)
-        old = read_written_files(new, "old")
-        waiting = [
-            name for name in files if (new / name).is_file() and not (new / name).is_symlink()
-        ]
-        for name, digest in old.items():
-            if (name in waiting or name not in files) and _is_written(target / name, digest):
-                (target / name).unlink()
-        for name in waiting:
-            if os.path.lexists(target / name):  # the user has put it there meanwhile
-                (new / name).unlink()
-            else:
-                os.rename(new / name, target / name)
-        if files or old:
-            os.replace(new / LIST, target / LIST)
-        with suppress(OSError):  # what granphon did not put there stays
-            new.rmdir()
-    for place in target.glob(PREFIX + "*") if alone else ():
+        _move_files(new, target)
+    if not alone:
+        return
+    for place in target.glob(PREFIX + "*"):
         if place.is_dir() and not place.is_symlink():
             shutil.rmtree(place, ignore_errors=True)
+
+
+def _move_files(new: Path, target: Path) -> None:
+    """Move the files of the folder ``new`` into the folder ``target``, where old ones make way, and
+    remove ``new``.
+    """
+    files = read_written_files(new)
+    old = read_written_files(new, "old")
+    waiting = [name for name in files if (new / name).is_file() and not (new / name).is_symlink()]
+    for name, digest in old.items():
+        is_replaced = name in waiting or name not in files
+        if is_replaced and _is_written(target / name, digest):
+            (target / name).unlink()
+    for name in waiting:
+        if os.path.lexists(target / name):  # the user has put it there meanwhile
+            (new / name).unlink()
+        else:
+            os.rename(new / name, target / name)
+    if files or old:
+        os.replace(new / LIST, target / LIST)
+    with suppress(OSError):  # what granphon did not put there stays
+        new.rmdir()
 
 
 def _name(folder: Path) -> Path:
@@ -370,11 +396,9 @@ def explaining(target: Path, why: str = "It is left as it was") -> Iterator[None
     except GranphonError:
         raise
     except OSError as error:
-        mend = (
-            "Free some space, or choose another folder"
-            if error.errno == errno.ENOSPC
-            else "Choose another folder"
-        )
+        mend = "Choose another folder"
+        if error.errno == errno.ENOSPC:
+            mend = "Free some space, or choose another folder"
         problem = f"{_name(target)} cannot be written: {error.strerror or error}"
         if os.path.isdir(target / NEW):
             why = f"The files of the new result are in {NEW} there"
@@ -389,19 +413,9 @@ def _hold_lock(target: Path) -> Iterator[bool]:
     On a file system that does not support locks, it is not.
     """
     path = target / LOCK
-    same = False
-    while not same:
-        with explaining(path.parent):
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
-        about = os.fstat(descriptor)
-        if not stat.S_ISREG(about.st_mode) or about.st_size:
-            os.close(descriptor)
-            problem = f"{path} is not a lock that granphon made"
-            raise OutputError(
-                problem,
-                "A lock of granphon is an empty file",
-                "Move it away, or choose another folder",
-            )
+    is_own = False
+    while not is_own:
+        descriptor = _open_lock(path)
         try:
             _lock(descriptor)
         except OSError as error:
@@ -417,8 +431,8 @@ def _hold_lock(target: Path) -> Iterator[bool]:
         with suppress(OSError):
             # another run may have removed the file between opening and locking it here; then try
             # again
-            same = os.path.samestat(os.fstat(descriptor), os.stat(path))
-        if not same:
+            is_own = os.path.samestat(os.fstat(descriptor), os.stat(path))
+        if not is_own:
             os.close(descriptor)
     try:
         yield True
@@ -426,6 +440,23 @@ def _hold_lock(target: Path) -> Iterator[bool]:
         with suppress(OSError):  # where an open file cannot be removed, it stays
             path.unlink()
         os.close(descriptor)
+
+
+def _open_lock(path: Path) -> int:
+    """Open the file of a lock, which is made if need be, and return its descriptor; OutputError if
+    granphon did not make that file.
+    """
+    with explaining(path.parent):
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+    status = os.fstat(descriptor)
+    if stat.S_ISREG(status.st_mode) and not status.st_size:
+        return descriptor
+    os.close(descriptor)
+    raise OutputError(
+        f"{path} is not a lock that granphon made",
+        "A lock of granphon is an empty file",
+        "Move it away, or choose another folder",
+    )
 
 
 def write_text(path: StrPath, text: str, replace: bool = False) -> None:
@@ -445,21 +476,24 @@ def write_text(path: StrPath, text: str, replace: bool = False) -> None:
         if target.is_dir():
             raise OutputError(f"{target} is a folder", "A file of that name is to be written")
         if not replace and os.path.lexists(target):
-            with open(target, "rb") as old:
-                head = old.read(_HEAD_BYTES)
-                new = data[:_HEAD_BYTES]
-            alike = (
-                b"granphon" in head
-                if b"granphon" in new
-                else head.split(b"\n")[0] == new.split(b"\n")[0]
-            )
-            if head and not alike:
+            with open(target, "rb") as stream:
+                old_head = stream.read(_HEAD_BYTES)
+            if old_head and not _are_alike(old_head, data[:_HEAD_BYTES]):
                 problem = f"{target} is there, and is no such file of granphon"
                 raise FileExistsInRunError(problem, mend="Give another name")
         with put_beside(target) as place, open(place, "xb") as stream:
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
+
+
+def _are_alike(old_head: bytes, new_head: bytes) -> bool:
+    """Whether the heads of two files are of one kind: both name granphon or, if the new one does
+    not, begin with the same line.
+    """
+    if b"granphon" in new_head:
+        return b"granphon" in old_head
+    return old_head.split(b"\n")[0] == new_head.split(b"\n")[0]
 
 
 @contextmanager

@@ -47,9 +47,14 @@ class Heading:
         ``total_per_Hz`` of dos.csv.
         """
         match = re.fullmatch(r"(.*?)\s*(?:[(\[]\s*([^()\[\]]*?)\s*[)\]])?", text.strip(), re.DOTALL)
-        if match and match[2] is None and (told := re.search(r"_(per_)?Hz$", match[1])):
-            return cls(match[1], "1/Hz" if told[1] else "Hz")
-        return cls(match[1], match[2] or "") if match else cls(text, "")
+        if match is None:
+            return cls(text, "")
+        name, unit = match.groups()
+        if unit is None and name.endswith("_per_Hz"):
+            return cls(name, "1/Hz")
+        if unit is None and name.endswith("_Hz"):
+            return cls(name, "Hz")
+        return cls(name, unit or "")
 
     def __str__(self) -> str:
         return f"{self.name} ({self.unit})" if self.unit else self.name
@@ -96,53 +101,25 @@ class Table:
         """The table in the bytes ``raw`` of a file called ``name``; errors and ``quoted`` as for
         :meth:`read`.
         """
-        kept = [
-            (n, line)
-            for n, line in enumerate(decode(name, raw).splitlines(), 1)
+        # the number and the text of each line that counts
+        lines = [
+            (number, line)
+            for number, line in enumerate(decode(name, raw).splitlines(), 1)
             if line.strip()[:1] not in ("", "#")
         ]
-        if not kept:
+        if not lines:
             raise InputError(
                 f"{name} is empty", mend="Give each column a heading, with numbers below it"
             )
-        (first, head), below = kept[0], kept[1:]
+        number, head = lines.pop(0)
         mark = next((mark for mark in "\t;" if mark in head), ",")
-        titles = _split_cells(f"{name}:{first}", head, mark)
-        headings = tuple(Heading.parse(title) for title in titles)
-        numbers = [heading.name for heading in headings if re.fullmatch(NUMBER, heading.name)]
-        if numbers:
-            problem = (
-                f"{name}:{first}: found {f'the number {numbers[0]}' if quoted else 'a number'}"
-                f" where the columns are headed"
-            )
-            raise InputError(
-                problem, mend="Give each column a heading, such as 'force (N), velocity (m/s)'"
-            )
-        columns: tuple[tuple[str, ...], ...]
-        count = len(titles)
-        joined = mark.join(text for _, text in below)
-        if '"' not in joined and all(
-            text.count(mark) == count - 1 and len(text) < _LONGEST_CELL for _, text in below
-        ):
-            cells = joined.split(mark) if below else []  # all rows at once
-            columns = tuple(tuple(map(str.strip, cells[place::count])) for place in range(count))
-        else:
-            rows = []
-            for n, text in below:
-                row = _split_cells(f"{name}:{n}", text, mark)
-                # a short line is filled with empty cells; of a long one, only empty cells are
-                # dropped
-                if any(row[count:]):
-                    problem = (
-                        f"{name}:{n}: found {counted(len(row), 'cell')} below"
-                        f" {counted(count, 'heading')}"
-                    )
-                    raise InputError(
-                        problem, mend=f"{_POINT}, and separate all columns by the same character"
-                    )
-                rows.append(row[:count] + ("",) * (count - len(row)))
-            columns = tuple(zip(*rows, strict=True)) or ((),) * count
-        return cls(name, headings, tuple(n for n, _ in below), columns, quoted)
+        headings = _read_headings(f"{name}:{number}", head, mark, quoted)
+        numbers = tuple(number for number, _ in lines)
+        texts = [line for _, line in lines]
+        columns = _split_evenly(texts, mark, len(headings))
+        if columns is None:
+            columns = _split_columns(name, lines, mark, len(headings))
+        return cls(name, headings, numbers, columns, quoted)
 
     def __contains__(self, name: str) -> bool:
         return self._find_places(name) != []
@@ -159,35 +136,19 @@ class Table:
         has no unit, if there are no rows, or if a cell is not what the kind allows.
         """
         requested = Heading.parse(name)
-        places = self._find_places(name)
-        if len(places) != 1:
-            names = [heading.name for heading in self.headings]
-            meant = closest(requested.name, names)
-            problem = (
-                f"{self.name} has {'two columns' if places else 'no column'} named"
-                f" {requested.name!r}"
-            )
-            mend = f"Did you mean {meant!r}? {mend}" if meant and not places else mend
-            single = f"one column, which must be headed '{requested.name} ({kind.unit})'"
-            several = (
-                f"{len(names)} columns, of which one must be headed '{requested.name}"
-                f" ({kind.unit})'"
-            )
-            why = f"Its columns are {list_names(map(repr, names))}" if self.quoted else ""
-            raise InputError(
-                problem, why or f"It has {single if len(names) == 1 else several}", mend
-            )
+        place = self._require_one(name, kind, mend)
         if not self.lines:
             raise InputError(
                 f"{self.name} has no rows below its headings", mend="Write numbers there"
             )
-        place = places[0]
-        unit = requested.unit or self.headings[place].unit
-        heading = self.headings[place].name
+        heading = self.headings[place]
+        unit = requested.unit or heading.unit
         if not unit:
-            head = f"Write the heading '{heading} ({kind.unit})', or with the unit that is meant"
-            raise InputError(f"{self.name}: the column {heading!r} has no unit", mend=head)
-        quoted = self.quoted or kind.measures(self.headings[place].unit)
+            mend = (
+                f"Write the heading '{heading.name} ({kind.unit})', or with the unit that is meant"
+            )
+            raise InputError(f"{self.name}: the column {heading.name!r} has no unit", mend=mend)
+        quoted = self.quoted or kind.measures(heading.unit)
         if not quoted and not kind.measures(unit):
             problem = (
                 f"{self.name}: the column {requested.name!r} has a unit that is not a unit of"
@@ -198,24 +159,54 @@ class Table:
                 f" kind"
             )
             raise InputError(problem, mend=mend)
-        cells = self.columns[place]
-        values = kind.read_many(cells, unit)
+        values = kind.read_many(self.columns[place], unit)
         if values is None:  # read one by one, so that the error names the first bad cell
-            each = []
-            for line, cell in zip(self.lines, cells, strict=True):
-                where = f"{self.name}:{line}: {heading}"
-                if not re.fullmatch(NUMBER, cell):
-                    content = f"found {cell[:40]!r}" if quoted else "found a text"
-                    if not cell:
-                        content = "found nothing"
-                    mend = _POINT if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
-                    raise InputError(f"{where}: {content}, where a number is needed", mend=mend)
-                try:
-                    each.append(kind.read(f"{cell} {unit}"))
-                except ValueError as refused:
-                    raise InputError(f"{where}: {refused}") from None
-            values = np.array(each)
+            values = self._read_cells(place, kind, unit, quoted)
         return values
+
+    def _require_one(self, name: str, kind: Quantity, mend: str) -> int:
+        """Return the place of the column with a name, which may carry a unit; InputError if there
+        is none, or more than one.
+        """
+        places = self._find_places(name)
+        if len(places) == 1:
+            return places[0]
+        requested = Heading.parse(name)
+        names = [heading.name for heading in self.headings]
+        guess = closest(requested.name, names)
+        if guess and not places:
+            mend = f"Did you mean {guess!r}? {mend}"
+        headed = f"must be headed '{requested.name} ({kind.unit})'"
+        if self.quoted:
+            why = f"Its columns are {list_names(map(repr, names))}"
+        elif len(names) == 1:
+            why = f"It has one column, which {headed}"
+        else:
+            why = f"It has {len(names)} columns, of which one {headed}"
+        count = "two columns" if places else "no column"
+        raise InputError(f"{self.name} has {count} named {requested.name!r}", why, mend)
+
+    def _read_cells(
+        self, place: int, kind: Quantity, unit: str, quoted: bool
+    ) -> NDArray[np.float64]:
+        """Return the numbers of the column at a place, (rows,), SI, read one by one; InputError
+        names the first bad cell, and quotes the cell if it may be ``quoted``.
+        """
+        values = []
+        for line, cell in zip(self.lines, self.columns[place], strict=True):
+            where = f"{self.name}:{line}: {self.headings[place].name}"
+            if not re.fullmatch(NUMBER, cell):
+                content = f"found {cell[:40]!r}" if quoted else "found a text"
+                if not cell:
+                    content = "found nothing"
+                has_comma = re.fullmatch(NUMBER, cell.replace(",", ".", 1))
+                mend = _POINT if has_comma else ""
+                raise InputError(f"{where}: {content}, where a number is needed", mend=mend)
+            try:
+                values.append(kind.read(f"{cell} {unit}"))
+            except ValueError as refused:
+                raise InputError(f"{where}: {refused}") from None
+        return np.array(values)
 
     def numbers(self, name: str) -> NDArray[np.float64]:
         """The numbers of the column called ``name``, (rows,), in the unit of its heading; nan and
@@ -224,22 +215,21 @@ class Table:
         Raises KeyError if there is no such column, :class:`~granphon.base.errors.InputError` if a
         cell is not a number.
         """
-        for place in self._find_places(name):
-            values: list[float] = []  # after an error it holds what was read before
-            try:
-                values.extend(
-                    map(
-                        float if is_plain(self.columns[place]) else plain_float, self.columns[place]
-                    )
-                )
-            except ValueError:
-                line = self.lines[len(values)]
-                cell = self.columns[place][len(values)]
-                raise InputError(
-                    f"line {line}, {name}: found {brief(cell, 40)}, where a number is needed"
-                ) from None
-            return np.array(values)
-        raise KeyError(name)
+        places = self._find_places(name)
+        if not places:
+            raise KeyError(name)
+        cells = self.columns[places[0]]
+        convert = float if is_plain(cells) else plain_float
+        values: list[float] = []  # after an error it holds what was read before
+        try:
+            values.extend(map(convert, cells))
+        except ValueError:
+            line = self.lines[len(values)]
+            cell = brief(cells[len(values)], 40)
+            raise InputError(
+                f"line {line}, {name}: found {cell}, where a number is needed"
+            ) from None
+        return np.array(values)
 
     def unit(self, name: str) -> str:
         """The unit of the column called ``name``: that in ``name`` if it carries one, else that of
@@ -247,9 +237,11 @@ class Table:
 
         Empty if neither has a unit, or there is no such column.
         """
-        return Heading.parse(name).unit or next(
-            (self.headings[place].unit for place in self._find_places(name)), ""
-        )
+        unit = Heading.parse(name).unit
+        places = self._find_places(name)
+        if unit or not places:
+            return unit
+        return self.headings[places[0]].unit
 
     @cached_property
     def keys(self) -> tuple[str, ...]:
@@ -257,6 +249,7 @@ class Table:
         return tuple(heading.key for heading in self.headings)
 
     def _find_places(self, name: str) -> list[int]:
+        """Return the places of the columns with a name, which may carry a unit."""
         key_of_name = Heading.parse(name).key
         return [place for place, key in enumerate(self.keys) if key == key_of_name]
 
@@ -294,13 +287,64 @@ def table_text(
     return stream.getvalue()
 
 
+def _read_headings(where: str, head: str, mark: str, quoted: bool) -> tuple[Heading, ...]:
+    """Return the headings in the first line of a table; InputError if one is a number, which the
+    message shows if the line may be ``quoted``.
+    """
+    headings = tuple(Heading.parse(title) for title in _split_cells(where, head, mark))
+    numbers = [heading.name for heading in headings if re.fullmatch(NUMBER, heading.name)]
+    if numbers:
+        number = f"the number {numbers[0]}" if quoted else "a number"
+        raise InputError(
+            f"{where}: found {number} where the columns are headed",
+            mend="Give each column a heading, such as 'force (N), velocity (m/s)'",
+        )
+    return headings
+
+
+def _split_evenly(texts: list[str], mark: str, count: int) -> tuple[tuple[str, ...], ...] | None:
+    """Return ``count`` columns of cells, split from all lines at once; None if lines have quotes,
+    other numbers of cells, or may be too long.
+    """
+    joined = mark.join(texts)
+    if '"' in joined:
+        return None
+    if any(text.count(mark) != count - 1 or len(text) >= _LONGEST_CELL for text in texts):
+        return None
+    cells = joined.split(mark) if texts else []
+    return tuple(tuple(map(str.strip, cells[place::count])) for place in range(count))
+
+
+def _split_columns(
+    name: str, lines: list[tuple[int, str]], mark: str, count: int
+) -> tuple[tuple[str, ...], ...]:
+    """Return ``count`` columns of cells, split line by line; InputError names the line that has too
+    many. ``lines`` are pairs of a number and a text.
+
+    A short line is filled with empty cells; of a long one, only empty cells are dropped.
+    """
+    rows = []
+    for number, text in lines:
+        row = _split_cells(f"{name}:{number}", text, mark)
+        if any(row[count:]):
+            problem = (
+                f"{name}:{number}: found {counted(len(row), 'cell')} below"
+                f" {counted(count, 'heading')}"
+            )
+            raise InputError(
+                problem, mend=f"{_POINT}, and separate all columns by the same character"
+            )
+        rows.append(row[:count] + ("",) * (count - len(row)))
+    return tuple(zip(*rows, strict=True)) or ((),) * count
+
+
 def _split_cells(where: str, line: str, mark: str) -> tuple[str, ...]:
+    """Return the cells of a line, without spaces around them; InputError for wrong quotes."""
     if '"' not in line and len(line) < _LONGEST_CELL:
         # gives the same cells as csv, at a tenth of the cost
         return tuple(map(str.strip, line.split(mark)))
     try:
-        return tuple(
-            cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True))
-        )
+        cells = next(csv.reader([line], delimiter=mark, skipinitialspace=True))
     except csv.Error as error:
         raise InputError(f"{where} cannot be split into columns", str(error)) from None
+    return tuple(cell.strip() for cell in cells)

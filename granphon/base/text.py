@@ -88,14 +88,14 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
         # without O_NONBLOCK, opening a pipe that nobody writes to would never return
         flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
         with open(path, "rb", opener=lambda name, mode: os.open(name, mode | flags)) as stream:
-            about = os.fstat(stream.fileno())
-            if not stat.S_ISREG(about.st_mode):
+            status = os.fstat(stream.fileno())
+            if not stat.S_ISREG(status.st_mode):
                 raise InputError(
                     f"{path} cannot be read: it is a device or a pipe", mend="Give a regular file"
                 )
             # ask for little more than the file holds, as Python allocates the requested size at
             # once
-            raw = stream.read(about.st_size + 1) if about.st_size <= limit else b""
+            raw = stream.read(status.st_size + 1) if status.st_size <= limit else b""
     except InputError:
         raise
     except FileNotFoundError:
@@ -105,13 +105,12 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
             f"{path} cannot be read: it is a folder", mend="Give the file itself"
         ) from None
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
-        raise InputError(
-            f"{path} cannot be read: {getattr(error, 'strerror', None) or error}"
-        ) from None
-    if max(len(raw), about.st_size) > limit:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path} cannot be read: {reason}") from None
+    if max(len(raw), status.st_size) > limit:
         size = f"{limit // 1_000_000} MB" if limit >= 1_000_000 else f"{limit // 1000} kB"
         raise InputError(f"{path} holds more than {size}", mend="Is this the right file?")
-    if len(raw) > about.st_size:
+    if len(raw) > status.st_size:
         raise InputError(
             f"{path} has grown while it was read", "Somebody is writing it", "Read it again"
         )
@@ -197,8 +196,10 @@ class Document:
 
     def error(self, path: Sequence[str | int], what: str) -> SceneError:
         """The error with the message ``what``, preceded by file, line and key."""
-        key = ".".join(str(part) if str(part).isprintable() else repr(part) for part in path)
-        return SceneError(f"{self.name}:{self.line(path)}: {key + ': ' if key else ''}{what}")
+        words = [str(word) if str(word).isprintable() else repr(word) for word in path]
+        key = ".".join(words)
+        where = f"{self.name}:{self.line(path)}: "
+        return SceneError(f"{where}{key}: {what}" if key else f"{where}{what}")
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
@@ -257,16 +258,18 @@ class _Builder:
         self.name = name
         self.lines = lines
         self.path: list[str | int] = []
-        self.at: int | None = None
+        #: line of an error, where that of the last event is not the one
+        self.error_line: int | None = None
         self.event: Any = None
 
     def build(self) -> Any:
+        """Return the data of the text."""
         with needing("A YAML file"):
             import yaml
 
         odd = _ODD_IN_TEXTS.search(self.text)
         if odd:
-            self.at = self.text.count("\n", 0, odd.start()) + 1
+            self.error_line = self.text.count("\n", 0, odd.start()) + 1
             raise self._make_error(
                 f"found the character {odd[0]!r}", "printable text", "Is this the right file?"
             )
@@ -281,12 +284,9 @@ class _Builder:
         try:
             self._read_event()
             if not isinstance(self._read_event(), yaml.DocumentStartEvent):
-                scene = (
-                    ("a scene", "'granphon init' writes one")
-                    if self.lines is not None
-                    else ("plain data",)
-                )
-                raise self._make_error("found an empty text", *scene)
+                allowed = "plain data" if self.lines is None else "a scene"
+                mend = "" if self.lines is None else "'granphon init' writes one"
+                raise self._make_error("found an empty text", allowed, mend)
             data = self._build_value(self._read_event())
             self._read_event()
             if not isinstance(self._read_event(), yaml.StreamEndEvent):
@@ -295,65 +295,85 @@ class _Builder:
         except InputError:
             raise
         except Exception as error:  # of the parser, which is due to the text
-            mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
-            if mark is not None:
-                self.at = mark.line + 1
-            self.path.clear()
-            problem = " ".join(str(getattr(error, "problem", None) or error).split())
-            if "nesting depth" in problem:
-                # libyaml has a limit of its own, and reads ahead of the events
-                raise self._make_error(*_TOO_DEEP) from None
-            line = "".join(self.text.splitlines()[self.at - 1 : self.at]) if self.at else ""
-            mend = "Indent with spaces" if "\t" in line[: len(line) - len(line.lstrip())] else ""
-            if "mapping values are not allowed" in problem:
-                mend = "Check the indentation, and that each key has a line of its own"
-            raise self._make_error(f"broken YAML, {problem}", "YAML", mend) from None
+            raise self._explain(error) from None
         return data
 
+    def _explain(self, error: Exception) -> InputError:
+        """Return the error that says what the parser did not understand, in which line."""
+        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+        if mark is not None:
+            self.error_line = mark.line + 1
+        self.path.clear()
+        problem = " ".join(str(getattr(error, "problem", None) or error).split())
+        if "nesting depth" in problem:
+            # libyaml has a limit of its own, and reads ahead of the events
+            return self._make_error(*_TOO_DEEP)
+        mend = ""
+        if self.error_line:
+            line = "".join(self.text.splitlines()[self.error_line - 1 : self.error_line])
+            indent = line[: len(line) - len(line.lstrip())]
+            if "\t" in indent:
+                mend = "Indent with spaces"
+        if "mapping values are not allowed" in problem:
+            mend = "Check the indentation, and that each key has a line of its own"
+        return self._make_error(f"broken YAML, {problem}", "YAML", mend)
+
     def _read_event(self) -> Any:
+        """Return the next event of the parser."""
         self.event = next(self.events)
         return self.event
 
     def _make_error(self, found: str, allowed: str, mend: str = "") -> InputError:
-        line = self.at or (self.event.start_mark.line + 1 if self.event is not None else 1)
+        """Return the error at the event that was read last, with its line and key."""
+        line = 1 if self.event is None else self.event.start_mark.line + 1
+        where = f"{self.name}:{self.error_line or line}: "
         key = ".".join(map(str, self.path))
-        where = f"{self.name}:{line}: " + (f"{key}: " if key.isprintable() and key else "")
+        if key and key.isprintable():
+            where += f"{key}: "
         return InputError(f"{where}{found}; allowed: {allowed}", mend=mend)
 
     def _build_value(self, event: Any) -> Any:
-        scalar, sequence, sequence_end, mapping_end = self.kinds
+        """Return the data that begin with an event: a scalar, a list or a mapping."""
+        scalar, sequence, _, _ = self.kinds
         self._check_node(event)
         if type(event) is scalar:
             try:
                 return plain_scalar(event.value) if event.implicit[0] else event.value
             except Refused as refused:
                 raise self._make_error(f"found {refused.found}", refused.allowed) from None
-        path = self.path
-        if len(path) >= MAX_DEPTH:
+        if len(self.path) >= MAX_DEPTH:
             raise self._make_error(*_TOO_DEEP)
-        if type(event) is sequence:
-            items: list[Any] = []
-            while type(event := self._read_event()) is not sequence_end:
-                path.append(len(items))
-                items.append(self._build_value(event))
-                path.pop()
-            return items
+        return self._build_list() if type(event) is sequence else self._build_mapping()
+
+    def _build_list(self) -> list[Any]:
+        """Return the list whose first event was read."""
+        end = self.kinds[2]
+        items: list[Any] = []
+        while type(event := self._read_event()) is not end:
+            self.path.append(len(items))
+            items.append(self._build_value(event))
+            self.path.pop()
+        return items
+
+    def _build_mapping(self) -> dict[str, Any]:
+        """Return the mapping whose first event was read."""
+        scalar, _, _, end = self.kinds
         mapping: dict[str, Any] = {}
-        while type(event := self._read_event()) is not mapping_end:
+        while type(event := self._read_event()) is not end:
             if type(event) is not scalar:
                 raise self._make_error("found a list or block as a key", "a word")
             key = event.value
-            path.append(key)
+            self.path.append(key)
             if key in mapping:
-                first = (
-                    f" (first on line {self.lines[tuple(path)]})" if self.lines is not None else ""
-                )
+                place = ""
+                if self.lines is not None:
+                    place = f" (first on line {self.lines[tuple(self.path)]})"
                 raise self._make_error(
-                    f"found the key twice{first}", "each key once", "Remove one of the two"
+                    f"found the key twice{place}", "each key once", "Remove one of the two"
                 )
             self._check_node(event)  # notes the key's line
             mapping[key] = self._build_value(self._read_event())
-            path.pop()
+            self.path.pop()
         return mapping
 
     def _check_node(self, event: Any) -> None:
@@ -370,7 +390,8 @@ class _Builder:
             )
         if self.lines is not None:
             self.lines.setdefault(tuple(self.path), event.start_mark.line + 1)
-            if type(event) is self.kinds[0] and (odd := _ODD.search(event.value)):
+            odd = _ODD.search(event.value) if type(event) is self.kinds[0] else None
+            if odd:
                 raise self._make_error(f"found the character {odd[0]!r}", "printable text")
 
 
@@ -407,21 +428,25 @@ def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
     """
     # PyYAML's own, whose C part is used, takes more than twice the time, and leaves "1e5" as a text
     # without quotes
-    out = []
+    blocks = []
     for key, value in data.items():
         plain = value.tolist() if hasattr(value, "tolist") else value
+        head = f"{indent}{_write_key(key)}:"
         if isinstance(plain, Mapping) and plain:
-            out.append(f"{indent}{_write_key(key)}:\n{dump_yaml(plain, indent + '  ')}")
-        elif isinstance(plain, list | tuple) and any(
-            isinstance(v, list | tuple | Mapping) for v in plain
-        ):
-            out.append(
-                f"{indent}{_write_key(key)}:\n"
-                + "".join(f"{indent}  - {_write_flow(v)}\n" for v in plain)
-            )
+            blocks.append(f"{head}\n{dump_yaml(plain, indent + '  ')}")
+        elif _is_nested(plain):
+            items = [f"{indent}  - {_write_flow(item)}\n" for item in plain]
+            blocks.append(f"{head}\n{''.join(items)}")
         else:
-            out.append(f"{indent}{_write_key(key)}: {_write_flow(plain)}\n")
-    return "".join(out)
+            blocks.append(f"{head} {_write_flow(plain)}\n")
+    return "".join(blocks)
+
+
+def _is_nested(value: Any) -> bool:
+    """Whether a value is a list that holds lists or mappings."""
+    if not isinstance(value, list | tuple):
+        return False
+    return any(isinstance(item, list | tuple | Mapping) for item in value)
 
 
 def _write_key(key: Any) -> str:
@@ -433,19 +458,17 @@ def _write_key(key: Any) -> str:
 
 
 def _write_flow(value: Any) -> str:
+    """Return a value on one line: lists in brackets, mappings in braces."""
     value = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, Mapping):
-        return (
-            "{"
-            + ", ".join(f"{_write_key(key)}: {_write_flow(v)}" for key, v in value.items())
-            + "}"
-        )
+        entries = [f"{_write_key(key)}: {_write_flow(entry)}" for key, entry in value.items()]
+        return "{" + ", ".join(entries) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(_write_flow(v) for v in value) + "]"
+        return "[" + ", ".join(_write_flow(item) for item in value) + "]"
     if isinstance(value, float):
         return write_float(value)
     text = json.dumps(value, ensure_ascii=False)
-    return "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in text)
+    return "".join(sign if sign.isprintable() else f"\\U{ord(sign):08x}" for sign in text)
 
 
 def write_float(value: float) -> str:
@@ -489,9 +512,8 @@ def show(value: Any) -> str:
     if isinstance(value, Mapping):
         return "a block of keys"
     if isinstance(value, list | tuple):
-        text = (
-            "[" + ", ".join(str(v) if isinstance(v, float) else brief(v) for v in value[:8]) + "]"
-        )
+        words = [str(item) if isinstance(item, float) else brief(item) for item in value[:8]]
+        text = "[" + ", ".join(words) + "]"
     elif value is None:
         return "nothing"
     elif isinstance(value, bool):
@@ -549,7 +571,8 @@ def seal(lines: list[str], place: int = 0) -> str:
     """The text of ``lines`` with a comment line that holds their digest, inserted before
     ``lines[place]``.
     """
-    return "\n".join([*lines[:place], _SEAL + _digest_lines([*lines, ""]), *lines[place:], ""])
+    comment = _SEAL + _digest_lines([*lines, ""])  # the last line ends with a line feed too
+    return "\n".join([*lines[:place], comment, *lines[place:], ""])
 
 
 def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
@@ -575,6 +598,7 @@ def open_seal(path: str | os.PathLike[str], text: str) -> tuple[str, bool]:
 
 
 def _digest_lines(lines: list[str]) -> str:
+    """Return the sha256 of lines joined by line feeds."""
     # line by line, so that a text of millions of lines is not held in memory a second time
     digest = hashlib.sha256()
     between = ""
@@ -642,13 +666,8 @@ def canonical(data: Any) -> str:
     :class:`~granphon.base.errors.InputError` for anything else.
     """
     if isinstance(data, Mapping):
-        return (
-            "{"
-            + ",".join(
-                sorted(f"{json.dumps(str(key))}:{canonical(value)}" for key, value in data.items())
-            )
-            + "}"
-        )
+        entries = [f"{json.dumps(str(key))}:{canonical(value)}" for key, value in data.items()]
+        return "{" + ",".join(sorted(entries)) + "}"
     if hasattr(data, "tolist"):
         # arrays and numbers of NumPy, which the command's help does without
         return canonical(data.tolist())

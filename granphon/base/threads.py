@@ -32,7 +32,9 @@ def count_processors() -> int:
     """
     if multiprocessing.parent_process() is not None:
         return 1
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def share_out(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
@@ -80,17 +82,19 @@ def hold_back_signals() -> Iterator[None]:
     """Hold back the signals that stop this process until the end of the block; processes started in
     it never take them.
     """
-    come, handlers = list[int](), dict[int, Any]()
+    arrived = list[int]()
+    handlers = dict[int, Any]()
     if threading.current_thread() is threading.main_thread():  # which alone handles signals
-        handlers = {
-            kind: handler for kind in _STOPS if (handler := signal.getsignal(kind)) is not None
-        }
-    mask = (
-        signal.pthread_sigmask(signal.SIG_BLOCK, ()) if hasattr(signal, "pthread_sigmask") else None
-    )
+        for stop in _STOPS:
+            handler = signal.getsignal(stop)
+            if handler is not None:
+                handlers[stop] = handler
+    mask = None
+    if hasattr(signal, "pthread_sigmask"):
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     try:
         for kind in handlers:
-            signal.signal(kind, lambda number, _: come.append(number))
+            signal.signal(kind, lambda number, _: arrived.append(number))
         if mask is not None:  # threads and processes inherit it
             signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
         yield
@@ -99,5 +103,5 @@ def hold_back_signals() -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for kind, handler in handlers.items():
             signal.signal(kind, handler)
-        for number in come[:1]:
+        for number in arrived[:1]:
             signal.raise_signal(number)

@@ -56,13 +56,10 @@ def require(name: str, rule: Rule, value: Any) -> Any:
 
 def refuse_unknown_key(key: str, known: Iterable[str], mend: str = "") -> Refused:
     """The refusal of a key that is not one of ``known``."""
-    meant = closest(key, known)
-    return Refused(
-        "an unknown key",
-        ", ".join(known) or "none",
-        mend or (f"Did you mean '{meant}'?" if meant else ""),
-        (key,),
-    )
+    guess = closest(key, known)
+    if guess and not mend:
+        mend = f"Did you mean '{guess}'?"
+    return Refused("an unknown key", ", ".join(known) or "none", mend, (key,))
 
 
 def block(value: Any, rules: Mapping[str, Rule], needed: Sequence[str] = ()) -> dict[str, Any]:
@@ -78,14 +75,18 @@ def block(value: Any, rules: Mapping[str, Rule], needed: Sequence[str] = ()) -> 
     read = {key: read_inside(key, rules[key], item) for key, item in value.items()}
     for key in needed:
         if key not in value:
-            try:  # the rule refuses None, and says what it allows
-                rules[key](None)
-            except Refused as refused:
-                raise Refused(
-                    "nothing, and it has no default", refused.allowed, path=(key,)
-                ) from None
-            raise Refused("nothing, and it has no default", "a value", path=(key,))
+            allowed = _describe_allowed(rules[key])
+            raise Refused("nothing, and it has no default", allowed, path=(key,))
     return read
+
+
+def _describe_allowed(rule: Rule) -> str:
+    """Return what a rule allows, in words: the rule refuses None, and says so."""
+    try:
+        rule(None)
+    except Refused as refused:
+        return refused.allowed
+    return "a value"
 
 
 def each(value: Any, rule: Rule, what: str) -> tuple[Any, ...]:
@@ -93,10 +94,9 @@ def each(value: Any, rule: Rule, what: str) -> tuple[Any, ...]:
     messages.
     """
     if not isinstance(value, list | tuple) or not value:
-        raise Refused(
-            show(value) if value != [] else "an empty list", f"a list of one or more {what}"
-        )
-    return tuple(read_inside(n, rule, one) for n, one in enumerate(value))
+        content = "an empty list" if value == [] else show(value)
+        raise Refused(content, f"a list of one or more {what}")
+    return tuple(read_inside(n, rule, item) for n, item in enumerate(value))
 
 
 def is_one_of(value: object, options: Container[str]) -> bool:
@@ -110,9 +110,14 @@ def choice(value: Any, options: Collection[str]) -> str:
     """
     if is_one_of(value, options):
         return str(value)
-    meant = closest(value, options) if isinstance(value, str) else None
-    tips = getattr(options, "failures", ""), f"Did you mean {meant!r}?" if meant else ""
-    raise Refused(show(value), ", ".join(options), ". ".join(filter(None, tips)))
+    tips = []
+    failures = getattr(options, "failures", "")
+    if failures:
+        tips.append(failures)
+    guess = closest(value, options) if isinstance(value, str) else None
+    if guess:
+        tips.append(f"Did you mean {guess!r}?")
+    raise Refused(show(value), ", ".join(options), ". ".join(tips))
 
 
 def text(value: Any) -> str:
@@ -182,12 +187,12 @@ def real_number(value: Any) -> float:
 
 
 def _number_where(value: Any, allowed: str, holds: Callable[[float], bool]) -> float:
+    """Return a real number that meets a condition; Refused says what is ``allowed``."""
     number = real_number(value)
     if holds(number):
         return number
-    raise Refused(
-        show(value), allowed, "Write it without quotes or unit." if isinstance(value, str) else ""
-    )
+    mend = "Write it without quotes or unit." if isinstance(value, str) else ""
+    raise Refused(show(value), allowed, mend)
 
 
 def number(value: Any, low: float, high: float) -> float:
@@ -234,14 +239,12 @@ def is_whole(value: Any) -> bool:
 
 def whole(value: Any, low: int, high: int | None = None) -> int:
     """A whole number from ``low`` to ``high``; without an upper limit if ``high`` is None."""
-    if is_whole(value) and low <= value <= (value if high is None else high):
+    if is_whole(value) and low <= value and (high is None or value <= high):
         return int(value)
-    raise Refused(
-        show(value),
-        f"a whole number, {low} or more"
-        if high is None
-        else f"a whole number from {low} to {high}",
-    )
+    allowed = f"a whole number, {low} or more"
+    if high is not None:
+        allowed = f"a whole number from {low} to {high}"
+    raise Refused(show(value), allowed)
 
 
 def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tuple[int, ...]:
@@ -265,12 +268,9 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
         raise Refused(show(value), allowed)
     for place, word in enumerate(words[periods:], periods):
         if word != 1:
-            content = f"{show(value)}, whose {('second', 'third')[place - 1]} number is {word}"
-            raise Refused(
-                content,
-                allowed,
-                ("The packing is one row.", "The packing is one layer.")[periods - 1],
-            )
+            ordinal = ("first", "second", "third")[place]
+            mend = "The packing is one row." if periods == 1 else "The packing is one layer."
+            raise Refused(f"{show(value)}, whose {ordinal} number is {word}", allowed, mend)
     if not all(low <= w <= high for w in words[:periods]):
         raise Refused(show(value), allowed)
     return tuple(map(int, words[:periods]))
@@ -305,46 +305,51 @@ def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
     """
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values
-    why = mend = ""
-    own = find_unit_of(values)
-    if own is not None and not is_si(own, unit):
+    carried_unit = find_unit_of(values)
+    if carried_unit is not None and not is_si(carried_unit, unit):
         mend = "Give plain numbers, as x.to_base_units().magnitude of pint."
-        raise Refused(f"numbers in {own}", f"numbers in {unit or 'SI units'}", mend)
+        raise Refused(f"numbers in {carried_unit}", f"numbers in {unit or 'SI units'}", mend)
+    why = ""
+    mend = ""
     if _is_masked(values):
         why = "which has masked entries"
         mend = "Leave them out, as .compressed() does."
     else:
         try:
-            numbers = np.asarray(values)
-            kind = numbers.dtype.kind
-            each = numbers.ravel().tolist() if numbers.dtype.kind == "O" else []
-            # objects are Python's integers of more than 64 bits, fractions, decimals
-            if kind in "iuf" or (kind == "O" and all(map(_is_real, each))):
-                with np.errstate(over="ignore"):
-                    array = np.asarray(numbers, np.float64)
-                if numbers.dtype.itemsize <= array.dtype.itemsize or not np.any(
-                    np.isinf(array) & np.isfinite(numbers)
-                ):
-                    return array
-                why = "which is too large"
-            elif kind == "c" or any(isinstance(one, complex | np.complexfloating) for one in each):
-                why = "which is complex"
+            array, why = _convert(values)
         except OverflowError:
+            array = None
             why = "which is too large"
-        except (
-            TypeError,
-            ValueError,
-        ):
+        except (TypeError, ValueError):
             # lists of different lengths, or a signalling nan among decimals
-            pass
+            array = None
+        if array is not None:
+            return array
     content = brief(values)
-    content += f", {why}" if why and not content.endswith("too large") else ""
-    large = "too large" in content
-    raise Refused(
-        content,
-        "what double precision can hold" if large else "a real number or an array of them",
-        mend,
-    )
+    if why and not content.endswith("too large"):
+        content += f", {why}"
+    allowed = "a real number or an array of them"
+    if "too large" in content:
+        allowed = "what double precision can hold"
+    raise Refused(content, allowed, mend)
+
+
+def _convert(values: Any) -> tuple[NDArray[np.float64] | None, str]:
+    """Return values as an array of floats; or None, and why they are none, if that is known."""
+    numbers = np.asarray(values)
+    kind = numbers.dtype.kind
+    # objects are Python's integers of more than 64 bits, fractions, decimals
+    objects = numbers.ravel().tolist() if kind == "O" else []
+    if kind in "iuf" or (kind == "O" and all(map(_is_real, objects))):
+        with np.errstate(over="ignore"):
+            array = np.asarray(numbers, np.float64)
+        may_overflow = numbers.dtype.itemsize > array.dtype.itemsize
+        if may_overflow and np.any(np.isinf(array) & np.isfinite(numbers)):
+            return None, "which is too large"
+        return array, ""
+    if kind == "c" or any(isinstance(entry, complex | np.complexfloating) for entry in objects):
+        return None, "which is complex"
+    return None, ""
 
 
 def finite_numbers(values: Any, unit: str = "", low: str = "") -> NDArray[np.float64]:
@@ -352,30 +357,27 @@ def finite_numbers(values: Any, unit: str = "", low: str = "") -> NDArray[np.flo
     empty for any sign.
     """
     array = real_numbers(values, unit)
-    holds = {"above zero": array > 0.0, "zero or above": array >= 0.0, "": True}[low] & np.isfinite(
-        array
-    )
-    if array.size and np.all(holds):
+    is_allowed = np.isfinite(array)
+    if low == "above zero":
+        is_allowed &= array > 0.0
+    elif low == "zero or above":
+        is_allowed &= array >= 0.0
+    if array.size and np.all(is_allowed):
         return array
-    wrong = array[~holds]
-    content = (
-        f"{wrong[0]!s} among {array.size} numbers"
-        if wrong.size and array.size > 1
-        else brief(values)
-    )
-    raise Refused(
-        content,
-        " ".join(filter(None, ("one or more finite numbers", low))) + (unit and f", {unit}"),
-    )
+    wrong = array[~is_allowed]
+    content = brief(values)
+    if wrong.size and array.size > 1:
+        content = f"{wrong[0]!s} among {array.size} numbers"
+    allowed = f"one or more finite numbers {low}".rstrip()
+    raise Refused(content, f"{allowed}, {unit}" if unit else allowed)
 
 
 def indices(values: Any, count: int, what: str = "balls") -> NDArray[np.intp]:
     """An index, or several, as (n,): of ``count`` balls, or of others, each once."""
     numbers = finite_numbers(values)
-    plain = numbers.ndim < 2 and np.all(
-        (numbers == np.rint(numbers)) & (numbers >= 0) & (numbers < count)
-    )
-    if not plain or np.unique(numbers).size < numbers.size:
+    is_index = (numbers == np.rint(numbers)) & (numbers >= 0) & (numbers < count)
+    is_list = numbers.ndim < 2
+    if not is_list or not np.all(is_index) or np.unique(numbers).size < numbers.size:
         raise Refused(brief(values), f"indices of {what}, 0 to {count - 1}, each once")
     return np.atleast_1d(numbers).astype(np.intp)
 
@@ -393,8 +395,9 @@ def frequencies(
     most = float(array.max())
     if most > HIGHEST_FREQUENCY:
         raise Refused(f"{most:.9g} Hz", f"frequencies up to {HIGHEST_FREQUENCY:g} Hz")
-    if in_order and (wrong := np.flatnonzero(np.diff(array) <= 0.0)).size:
-        frequency, following = array[wrong[0] : wrong[0] + 2].tolist()
+    falling = np.flatnonzero(np.diff(array) <= 0.0)
+    if in_order and falling.size:
+        frequency, following = array[falling[0] : falling[0] + 2].tolist()
         raise Refused(
             f"{following:.9g} Hz after {frequency:.9g} Hz", "frequencies in ascending order"
         )
@@ -420,12 +423,17 @@ def find_unit_of(values: Any) -> str | None:
     """
     if not hasattr(values, "__array__"):
         return None
-    held = None if isinstance(values, np.ndarray) else getattr(values, "data", None)
-    carried = [getattr(one, name, None) for one in (held, values) for name in ("units", "unit")]
-    return next((str(one) for one in carried if one is not None), None)
+    data = None if isinstance(values, np.ndarray) else getattr(values, "data", None)
+    for carrier in (data, values):
+        for name in ("units", "unit"):
+            unit = getattr(carrier, name, None)
+            if unit is not None:
+                return str(unit)
+    return None
 
 
 def _is_real(value: Any) -> bool:
+    """Whether a value is a real number; truth values and spans of time are none."""
     return isinstance(value, Real | Decimal) and not isinstance(value, bool | np.timedelta64)
 
 
@@ -440,7 +448,7 @@ def _is_masked(values: Any, depth: int = 0) -> bool:
                 "an array of numbers",
                 "Does it contain itself?",
             )
-        return any(_is_masked(one, depth + 1) for one in values)
+        return any(_is_masked(entry, depth + 1) for entry in values)
     return isinstance(values, np.ma.MaskedArray) and bool(np.ma.is_masked(values))
 
 

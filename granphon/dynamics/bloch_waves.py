@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granphon.base.arrays import Array, Complex
+from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import PrecisionError
 from granphon.base.memory import require_memory
 
@@ -135,25 +135,14 @@ def find_bloch_waves(
     count = len(w)
     reach = size // layer
     inner, _, _, up, down = (np.broadcast_to(block, (count, size, size)) for block in blocks)
-    # D_s, s = -reach ... reach, less w
-    steps = [down[:, :layer, :layer]]
-    steps += [inner[:, s * layer : (s + 1) * layer, :layer] for s in range(reach - 1, 0, -1)]
-    steps += [inner[:, :layer, :layer] - w[:, None, None] * np.eye(layer)]
-    steps += [inner[:, :layer, s * layer : (s + 1) * layer] for s in range(1, reach)]
-    steps += [up[:, :layer, :layer]]
+    steps = _list_steps(inner, up, down, w, layer)
     scale = float(np.max(np.abs(inner)))
     inverse, vectors = _solve_pencil(steps, size, scale)
     waves = []
     for n in range(count):
         null_spaces = [_null_space(coupling[n]) for coupling in (down, up)]
         _require_passing_on(null_spaces, inner[n], scale)
-        # 1/(lambda - point): zero where the decay towards lower layers is infinitely fast, and
-        # -1/point towards higher ones
-        order = np.argsort(np.abs(inverse[n] + 1.0 / _POINT))
-        kept = np.setdiff1d(
-            order[null_spaces[0].shape[1] :],
-            np.argsort(np.abs(inverse[n]))[: null_spaces[1].shape[1]],
-        )
+        kept = _choose_finite(inverse[n], null_spaces)
         if np.min(np.abs(inverse[n, kept]), initial=1.0) < np.finfo(float).eps ** 2:
             raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)
         factors = _POINT + 1.0 / inverse[n, kept]
@@ -165,6 +154,34 @@ def find_bloch_waves(
             _require_senses(factors, motions)
         waves.append(_sort_senses(factors, motions, up[n], down[n], null_spaces, reach))
     return waves
+
+
+def _list_steps(inner: Complex, up: Complex, down: Complex, w: Array, layer: int) -> list[Complex]:
+    """Return D_s (n_f, layer, layer), s = -reach ... reach, the middle one less w (n_f,), from
+    blocks (n_f, size, size) of reach layers.
+    """
+    reach = inner.shape[-1] // layer
+    first = slice(0, layer)
+    next_layers = [slice(s * layer, (s + 1) * layer) for s in range(1, reach)]
+    steps = [down[:, first, first]]
+    steps += [inner[:, away, first] for away in reversed(next_layers)]
+    steps += [inner[:, first, first] - w[:, None, None] * np.eye(layer)]
+    steps += [inner[:, first, away] for away in next_layers]
+    steps += [up[:, first, first]]
+    return steps
+
+
+def _choose_finite(inverse: Complex, null_spaces: list[Complex]) -> Index:
+    """Return the waves (m,) that do not decay infinitely fast, from 1/(lambda - point) (2 size,) of
+    all waves, and from the motions without coupling to lower and to higher layers.
+
+    1/(lambda - point) is zero where the decay towards lower layers is infinitely fast, and -1/point
+    towards higher ones.
+    """
+    below, above = null_spaces
+    fast_upwards = np.argsort(np.abs(inverse + 1.0 / _POINT))[: below.shape[1]]
+    fast_downwards = np.argsort(np.abs(inverse))[: above.shape[1]]
+    return np.setdiff1d(np.arange(len(inverse)), np.concatenate([fast_upwards, fast_downwards]))
 
 
 def _solve_pencil(steps: list[Complex], size: int, scale: float) -> tuple[Complex, Complex]:
@@ -206,63 +223,72 @@ def _require_passing_on(null_spaces: list[Complex], inner: Complex, scale: float
 def _sharpen_long(
     factors: Complex, vectors: Complex, couplings: list[Complex], w: float
 ) -> tuple[Complex, Complex]:
-    """Return lambda = exp(i theta) and the motions of a block, where long waves that run, undamped,
-    have all their digits.
+    """Return lambda = exp(i theta) (b,) and the motions (n, b) of a block, where long waves that
+    run, undamped, have all their digits.
 
     For long waves the sum of D_s lambda^s, less w, is a difference of near-equal numbers. The part
     of the sum at lambda = 1 is zero on free motions, which cost nothing if all layers move alike:
     for these it is left out, and D_s (exp(i s theta) - 1) remains. Stiff motions follow the free
     ones at each theta, which Newton's method finds. The amplitudes of the free motions are kept:
-    theta depends on the square of their error.
+    theta depends on the square of their error. ``couplings`` are D_s (layer, layer).
     """
-    reach = len(couplings) // 2
     size = len(couplings[0])
-    long = np.flatnonzero(
-        (np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE) & (np.abs(np.angle(factors)) < _LONG)
-    )
-    alike = np.sum(couplings, axis=0)
+    runs = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
+    long = np.flatnonzero(runs & (np.abs(np.angle(factors)) < _LONG))
     loss = max(
         np.max(np.abs(coupling - opposite.conj().T))
         for coupling, opposite in zip(couplings, couplings[::-1], strict=True)
     )
-    if not long.size or loss > _FREE * np.max(np.abs(couplings[reach])):
+    largest = np.max(np.abs(couplings[len(couplings) // 2]))
+    if not long.size or loss > _FREE * largest:
         return factors, vectors
-    values, modes = np.linalg.eigh(alike)
-    costs = np.abs(values) > _FREE * np.max(np.abs(values))
+    stiffness, modes = np.linalg.eigh(np.sum(couplings, axis=0))
+    costs = np.abs(stiffness) > _FREE * np.max(np.abs(stiffness))
     free = modes[:, ~costs]
     stiff = modes[:, costs]
-    stiffness = values[costs]
     factors = factors.copy()
     vectors = vectors.copy()
-    steps = range(-reach, reach + 1)
     for n in long:
-        theta = float(np.angle(factors[n]))
         moved = free @ (free.conj().T @ vectors[:size, n])
         if np.linalg.norm(moved) < 0.5 * np.linalg.norm(vectors[:size, n]):
             continue  # the edge of another band is near
-        for _ in range(_NEWTON):
-            change = sum(
-                coupling * np.expm1(1j * s * theta)
-                for s, coupling in zip(steps, couplings, strict=True)
-            )
-            slope = sum(
-                coupling * 1j * s * np.exp(1j * s * theta)
-                for s, coupling in zip(steps, couplings, strict=True)
-            )
-            pull = stiff.conj().T @ change
-            following = np.linalg.solve(np.diag(stiffness - w) + pull @ stiff, -pull @ moved)
-            motion = moved + stiff @ following
-            residual = (
-                (motion.conj() @ change @ motion).real
-                + stiffness @ np.abs(following) ** 2
-                - w * np.linalg.norm(motion) ** 2
-            )
-            theta -= float(residual / (motion.conj() @ slope @ motion).real)
+        theta = float(np.angle(factors[n]))
+        theta, motion = _solve_theta(theta, moved, couplings, stiff, stiffness[costs], w)
         factors[n] = np.exp(1j * theta)
-        vectors[:, n] = np.concatenate(
-            [motion * factors[n] ** layer for layer in range(len(vectors) // size)]
-        )
+        layers = range(len(vectors) // size)
+        vectors[:, n] = np.concatenate([motion * factors[n] ** layer for layer in layers])
     return factors, vectors
+
+
+def _solve_theta(
+    theta: float,
+    moved: Complex,
+    couplings: list[Complex],
+    stiff: Complex,
+    stiffness: Array,
+    w: float,
+) -> tuple[float, Complex]:
+    """Return theta, rad, and the motion (layer,) of a layer in a long wave, by Newton's method from
+    a ``theta``.
+
+    ``moved`` (layer,) is the free part of the motion. ``stiff`` (layer, m) are the other motions,
+    of which ``stiffness`` (m,) is what they cost if all layers move alike.
+    """
+    reach = len(couplings) // 2
+    steps = list(zip(range(-reach, reach + 1), couplings, strict=True))
+    for _ in range(_NEWTON):
+        change = sum(coupling * np.expm1(1j * s * theta) for s, coupling in steps)
+        slope = sum(coupling * 1j * s * np.exp(1j * s * theta) for s, coupling in steps)
+        pull = stiff.conj().T @ change
+        following = np.linalg.solve(np.diag(stiffness - w) + pull @ stiff, -pull @ moved)
+        motion = moved + stiff @ following
+        residual = (
+            (motion.conj() @ change @ motion).real
+            + stiffness @ np.abs(following) ** 2
+            - w * np.linalg.norm(motion) ** 2
+        )
+        theta -= float(residual / (motion.conj() @ slope @ motion).real)
+    return theta, motion
 
 
 def _require_senses(factors: Complex, vectors: Complex) -> None:
@@ -299,6 +325,9 @@ def _sort_senses(
 ) -> tuple[BlochWaves, BlochWaves]:
     """Sort waves by the sense in which they run or decay; those that run get a flux of one, each by
     itself.
+
+    ``factors`` (b,) are lambda, and ``vectors`` (n, b) the motions of a block; ``up`` and ``down``
+    (n, n) couple it to the next block and to the one before.
     """
     vectors = vectors / np.linalg.norm(vectors, axis=0)
     runs = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
@@ -318,24 +347,34 @@ def _sort_senses(
         vectors[:, group] = basis @ turned / np.sqrt(np.abs(flux[group]))
     senses = []
     for sign, still in zip((1.0, -1.0), null_spaces, strict=True):
-        run = np.flatnonzero(runs & (sign * flux > 0.0))
-        run = run[np.argsort(np.angle(factors[run]), kind="stable")]
+        running = np.flatnonzero(runs & (sign * flux > 0.0))
+        running = running[np.argsort(np.angle(factors[running]), kind="stable")]
         with np.errstate(divide="ignore"):  # a decay beyond floating point
             inwards = np.abs(factors) ** sign
-        decay = np.flatnonzero(~runs & (inwards < 1.0))
-        decay = decay[np.argsort(-inwards[decay], kind="stable")]
-        chosen = np.concatenate([run, decay])
-        waves = BlochWaves(factors[chosen], vectors[:, chosen], run.size, still)
-        basis = np.concatenate(
-            [waves.vectors / np.linalg.norm(waves.vectors, axis=0), still], axis=1
-        )
-        if basis.shape[0] != basis.shape[1] or np.linalg.cond(basis) > _ALIKE:
-            if np.any(inwards[decay] ** reach < LEAST_PART):
-                raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)
-            why = (
-                "At the edge of a band waves of both senses are one, and at some frequencies"
-                " motions of a layer stay in it"
-            )
-            raise PrecisionError(_ALIKE_WAVES, why, "Shift it by a millionth")
+        decaying = np.flatnonzero(~runs & (inwards < 1.0))
+        decaying = decaying[np.argsort(-inwards[decaying], kind="stable")]
+        chosen = np.concatenate([running, decaying])
+        waves = BlochWaves(factors[chosen], vectors[:, chosen], running.size, still)
+        _require_apart(waves, inwards[decaying] ** reach)
         senses.append(waves)
     return senses[0], senses[1]
+
+
+def _require_apart(waves: BlochWaves, decays: Array) -> None:
+    """Raise :class:`~granphon.base.errors.PrecisionError` unless the waves of one sense make a
+    basis of the motions of a block; ``decays`` (m,) are |lambda| from block to block of those that
+    decay.
+    """
+    scaled = waves.vectors / np.linalg.norm(waves.vectors, axis=0)
+    basis = np.concatenate([scaled, waves.still], axis=1)
+    is_square = basis.shape[0] == basis.shape[1]
+    if is_square and not np.linalg.cond(basis) > _ALIKE:
+        return
+    if np.any(decays < LEAST_PART):
+        raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)
+    raise PrecisionError(
+        _ALIKE_WAVES,
+        "At the edge of a band waves of both senses are one, and at some frequencies motions of a"
+        " layer stay in it",
+        "Shift it by a millionth",
+    )

@@ -248,26 +248,9 @@ class Block:
         slope = np.concatenate([waves.compute_rows(q, True)[0] for waves in self._kinds])
         half = np.concatenate([waves.repeat_half_vectors() for waves in self._kinds])
         stiff = rows @ motions[:, count:] / values[count:]
-        change = half.T[:, :, None] * (slope @ motions[:, :count])
-        ahead = np.tensordot(along, change, 1)
-        if self.signs is None:
-            basis = np.linalg.qr(stiff)[0]
-            change = change - basis @ (basis.conj().T @ change)
-            ahead = ahead - basis @ (basis.conj().T @ ahead)
-            forms = change.conj().swapaxes(1, 2) @ ahead
-            _, speeds, turn = np.linalg.svd(
-                np.pad(ahead, ((0, max(0, count - len(ahead))), (0, 0))), full_matrices=False
-            )
-            speeds = speeds[::-1]
-            turn = turn[::-1].conj().T
-        else:
-            weight = np.concatenate([np.ones((self.n_rows, 1)), -self.signs])
-            pull = stiff.conj().T @ (weight * change)
-            pull_ahead = stiff.conj().T @ (weight * ahead)
-            forms = change.conj().swapaxes(1, 2) @ (weight * ahead)
-            forms = forms - pull.conj().swapaxes(1, 2) @ pull_ahead
-            squares, turn = np.linalg.eigh(np.tensordot(along, forms, 1))
-            speeds = np.sqrt(np.maximum(squares, 0.0))
+        change = half.T[:, :, None] * (slope @ motions[:, :count])  # (p, rows, count)
+        find_cones = self._find_cones if self.signs is None else self._find_pressed_cones
+        speeds, turn, forms = find_cones(stiff, change, along)
         speeds = np.where(speeds <= self._limit * self._largest, 0.0, speeds)
         for _, run in _find_runs((np.diff(speeds) <= _DEGENERATE * speeds[1:])[None]):
             # modes of one speed stay as they are, as far as they can
@@ -278,6 +261,40 @@ class Block:
         gradients = np.einsum("yz,ayx,xz->za", turn.conj(), forms, turn).real
         inverse = np.divide(1.0, speeds, out=np.zeros_like(speeds), where=speeds > 0.0)
         velocities[:count] = gradients * inverse[:, None] + 0.0
+
+    def _find_cones(
+        self, stiff: NDArray[Any], change: NDArray[Any], along: Array
+    ) -> tuple[Array, NDArray[Any], NDArray[Any]]:
+        """Return speeds (m,), ascending, of the modes that leave zero along a direction (p,), their
+        vectors (m, m) as columns, and the forms (p, m, m) of half the gradients of the squares.
+
+        ``stiff`` (rows, k) are the deformations of the modes of higher frequencies, and ``change``
+        (p, rows, m) those of the m modes, per step of q.
+        """
+        count = change.shape[2]
+        ahead = np.tensordot(along, change, 1)
+        basis = np.linalg.qr(stiff)[0]
+        change = change - basis @ (basis.conj().T @ change)
+        ahead = ahead - basis @ (basis.conj().T @ ahead)
+        forms = change.conj().swapaxes(1, 2) @ ahead
+        padded = np.pad(ahead, ((0, max(0, count - len(ahead))), (0, 0)))
+        _, speeds, turn = np.linalg.svd(padded, full_matrices=False)
+        return speeds[::-1], turn[::-1].conj().T, forms
+
+    def _find_pressed_cones(
+        self, stiff: NDArray[Any], change: NDArray[Any], along: Array
+    ) -> tuple[Array, NDArray[Any], NDArray[Any]]:
+        """Return what :meth:`_find_cones` returns, under static forces: squares are then
+        differences of those of deformations and of displacements across contacts.
+        """
+        weight = np.concatenate([np.ones((self.n_rows, 1)), -np.asarray(self.signs)])
+        ahead = np.tensordot(along, change, 1)
+        pull = stiff.conj().T @ (weight * change)
+        pull_ahead = stiff.conj().T @ (weight * ahead)
+        forms = change.conj().swapaxes(1, 2) @ (weight * ahead)
+        forms = forms - pull.conj().swapaxes(1, 2) @ pull_ahead
+        squares, turn = np.linalg.eigh(np.tensordot(along, forms, 1))
+        return np.sqrt(np.maximum(squares, 0.0)), turn, forms
 
     def _resolve(
         self,
@@ -351,6 +368,9 @@ class Block:
     # -- C(q) --------------------------------------------------------------------------------------
 
     def _compute(self, q: Array) -> _Point:
+        """Return the rows of C at wave vectors q (n_q, p), 1/d, of tilted motions if some are
+        bent.
+        """
         rows = self.deforming.compute_rows(q)
         if self.pushing is not None:
             return _Point(q, rows, self.pushing.compute_rows(q))

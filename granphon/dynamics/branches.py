@@ -5,7 +5,7 @@ on them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -102,12 +102,13 @@ class AcousticBranch:
                 f" {float(target.max()):.10g}",
                 mend="Choose lower frequencies",
             )
+        # the first point of the branch at the frequency or above it; Gamma is before all points
         right = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
+        low_q = np.where(right > 0, self.wavenumbers[right - 1], 0.0)
+        low_omega = np.where(right > 0, self.frequencies[right - 1], 0.0)
+        q = np.stack([low_q, self.wavenumbers[right]])
+        omega = np.stack([low_omega, self.frequencies[right]])
         lattice = self.lattice
-        q, omega = (
-            np.stack([np.where(right > 0, values[right - 1], 0.0), values[right]])
-            for values in (self.wavenumbers, self.frequencies)
-        )
         along = np.broadcast_to(self.direction, (target.size, lattice.periods))
         return _solve_wavenumbers(lattice, along, target, q, omega, self.vectors[right], self.name)
 
@@ -124,19 +125,19 @@ def _find_nearest(
     """
     modes = lattice.modes(wavenumbers[:, None] * along, along)
     overlap = np.abs(np.einsum("qm,qmb->qb", references.conj(), modes.eigenvectors))
-    row = np.arange(len(wavenumbers))
-    pick = np.argmax(overlap, axis=1)
-    frequencies = modes.frequencies[row, pick]
-    velocities = modes.group_velocities[row, pick]
+    points = np.arange(len(wavenumbers))
+    nearest = np.argmax(overlap, axis=1)
+    frequencies = modes.frequencies[points, nearest]
+    velocities = modes.group_velocities[points, nearest]
     if lattice.periods == 3:
         # in the plane and on a line no axis of symmetry makes acoustic branches coincide
-        ahead = np.einsum(
-            "qbp,qp->qb", modes.group_velocities, np.broadcast_to(along, (len(wavenumbers), 3))
-        )
+        directions = np.broadcast_to(along, (len(wavenumbers), 3))
+        slopes = np.einsum("qbp,qp->qb", modes.group_velocities, directions)
         change = np.abs(modes.frequencies - frequencies[:, None])
+        change_of_slope = np.abs(slopes - slopes[points, nearest][:, None])
+        steepest = np.max(np.abs(slopes), axis=1, keepdims=True)
         coincides = change <= _ONE_BRANCH * frequencies[:, None]
-        steepest = np.max(np.abs(ahead), axis=1, keepdims=True)
-        coincides &= np.abs(ahead - ahead[row, pick][:, None]) <= _ONE_BRANCH * steepest
+        coincides &= change_of_slope <= _ONE_BRANCH * steepest
         counts = np.count_nonzero(coincides, axis=1)
         several = np.flatnonzero(counts > 1)
         sums = np.sum(coincides[several, :, None] * modes.group_velocities[several], axis=1)
@@ -153,42 +154,47 @@ def _solve_wavenumbers(
     references: NDArray[np.complex128],
     name: str,
 ) -> tuple[Array, Array]:
-    """Solve for wavenumbers (n,) and group velocities (n, p) at ``target`` (n,), between two points
-    (2, n) of a branch.
+    """Solve for wavenumbers (n,), 1/d, and group velocities (n, p) at angular frequencies
+    ``target`` (n,), in directions ``along`` (n, p).
+
+    The branch called ``name`` has ``frequencies`` (2, n) at ``wavenumbers`` (2, n), below and above
+    the target, and eigenvectors near ``references`` (n, n_dof).
     """
     low, high = wavenumbers.copy()
     low_f, high_f = frequencies
     # below the first point the branch is nearly straight, so linear interpolation starts close to
     # the root at any scale
-    x = low + (high - low) * (target - low_f) / (high_f - low_f)
-    value, vector = _find_nearest(lattice, x, along, references)
-    going = np.arange(x.size)
+    q = low + (high - low) * (target - low_f) / (high_f - low_f)
+    omega, velocity = _find_nearest(lattice, q, along, references)
+    unsettled = np.arange(q.size)
     for _ in range(200):
-        goal = target[going]
-        guess = x[going]
-        omega = value[going]
-        high[going] = np.where(omega >= goal, guess, high[going])
-        low[going] = np.where(omega <= goal, guess, low[going])
-        slope = np.sum(vector[going] * along[going], axis=1)
-        step = np.divide(omega - goal, slope, out=np.full_like(guess, np.inf), where=slope > 0.0)
-        inside = (guess - step >= low[going]) & (guess - step <= high[going])
-        x[going] = np.where(inside, guess - step, 0.5 * (low[going] + high[going]))
-        value[going], vector[going] = _find_nearest(
-            lattice, x[going], along[going], references[going]
+        goal = target[unsettled]
+        guess = q[unsettled]
+        value = omega[unsettled]
+        high[unsettled] = np.where(value >= goal, guess, high[unsettled])
+        low[unsettled] = np.where(value <= goal, guess, low[unsettled])
+        slope = np.sum(velocity[unsettled] * along[unsettled], axis=1)
+        step = np.divide(value - goal, slope, out=np.full_like(guess, np.inf), where=slope > 0.0)
+        newton = guess - step
+        middle = 0.5 * (low[unsettled] + high[unsettled])
+        is_inside = (newton >= low[unsettled]) & (newton <= high[unsettled])
+        q[unsettled] = np.where(is_inside, newton, middle)
+        omega[unsettled], velocity[unsettled] = _find_nearest(
+            lattice, q[unsettled], along[unsettled], references[unsettled]
         )
         # Newton's method converges quadratically: after a step as small as this only rounding is
         # left
-        going = going[np.abs(x[going] - guess) > 1e-13 * guess]
-        if not going.size:
+        unsettled = unsettled[np.abs(q[unsettled] - guess) > 1e-13 * guess]
+        if not unsettled.size:
             break
-    is_lost = np.abs(value - target) > 1e-11 * target
+    is_lost = np.abs(omega - target) > 1e-11 * target
     if np.any(is_lost):
         raise GranphonError(
             f"the {name} branch could not be followed along {along[np.argmax(is_lost)]}",
             "It changes its character too fast, at an avoided crossing",
             "Choose another direction",
         )
-    return x, vector
+    return q, velocity
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,58 +232,38 @@ class AcousticBranches:
         or meets the edge.
         """
         count = len(directions)
-        size = lattice.n_branches
         waves = len(lattice.wave_names)
         goals = np.broadcast_to(np.asarray(targets, float), (waves, count))
         edges = find_zone_boundary(lattice, directions)
         grid = edges[:, None] * np.arange(1, _PATH_POINTS + 1) / _PATH_POINTS
         frequencies = np.full((waves, count, _PATH_POINTS), np.inf)
-        vectors = np.zeros((waves, count, _PATH_POINTS, size), complex)
+        vectors = np.zeros((waves, count, _PATH_POINTS, lattice.n_branches), complex)
         rising = np.zeros((waves, count), int)
         falls = np.zeros((waves, count), bool)
-        _, polarisations = lattice.sound_velocities(directions)
-        start = lattice.modes(1e-6 * grid[:, :1] * directions, directions)
-        # sound moves the centre of mass; other motions of zero frequency at Gamma, such as balls
-        # turning like gears, do not
-        motion = start.eigenvectors.reshape(count, lattice.n_balls, lattice.motions.count, size)
-        drift = np.einsum(
-            "i,niab,nak->nkb",
-            np.sqrt(lattice.masses),
-            motion[:, :, lattice.motions.translating],
-            polarisations,
-        )
-        column = _assign_columns(np.abs(drift) ** 2).T
-        last = start.eigenvectors
-        going = np.arange(count)
+        last, column = _find_sound(lattice, 1e-6 * grid[:, :1], directions)
+        followed = np.arange(count)  # directions in which some branch is not at its end
         for first in range(0, _PATH_POINTS, _POINTS_TOGETHER):
-            q = grid[going, first : first + _POINTS_TOGETHER]
-            along = directions[going]
-            wavevectors = (q[..., None] * along[:, None]).reshape(-1, lattice.periods)
-            modes = lattice.modes(wavevectors, np.repeat(along, q.shape[1], axis=0))
-            values = modes.frequencies.reshape(*q.shape, size)
-            eigenvectors = modes.eigenvectors.reshape(*q.shape, size, size)
-            velocities = modes.group_velocities.reshape(*q.shape, size, -1)
-            slopes = np.einsum("npba,na->npb", velocities, along)
-            chain = np.concatenate([last[:, None], eigenvectors], axis=1)
-            overlap = np.abs(np.einsum("npma,npmb->npab", chain[:, :-1].conj(), chain[:, 1:])) ** 2
-            row = np.arange(len(going))
+            q = grid[followed, first : first + _POINTS_TOGETHER]
+            modes = _find_path_modes(lattice, q, directions[followed], last)
+            row = np.arange(len(followed))
             for point in range(q.shape[1]):
-                onward = _assign_columns(overlap[:, point])
+                onward = _assign_columns(modes.overlap[:, point])
                 column = np.stack([onward[row, branch] for branch in column])
-                climbs = ~falls[:, going] & (slopes[row, point, column] > 0.0)
-                falls[:, going] |= ~climbs
-                step = first + point
-                frequencies[:, going, step] = np.where(climbs, values[row, point, column], np.inf)
-                rising[:, going] += climbs
-                vectors[:, going, step] = eigenvectors[row, point, :, column]
-            reached = frequencies[:, going, :][
-                np.arange(waves)[:, None], row, np.maximum(rising[:, going] - 1, 0)
-            ]
-            go_on = np.any(~falls[:, going] & (reached < goals[:, going]), axis=0)
-            going = going[go_on]
+                climbs = ~falls[:, followed] & (modes.slopes[row, point, column] > 0.0)
+                values = np.where(climbs, modes.frequencies[row, point, column], np.inf)
+                falls[:, followed] |= ~climbs
+                rising[:, followed] += climbs
+                frequencies[:, followed, first + point] = values
+                vectors[:, followed, first + point] = modes.vectors[row, point, :, column]
+            # the frequency at the last point at which each branch rose
+            last_rise = np.maximum(rising[:, followed] - 1, 0)
+            reached = frequencies[:, followed, :][np.arange(waves)[:, None], row, last_rise]
+            is_below = ~falls[:, followed] & (reached < goals[:, followed])
+            go_on = np.any(is_below, axis=0)
+            followed = followed[go_on]
             column = column[:, go_on]
-            last = eigenvectors[go_on, -1]
-            if not going.size:
+            last = modes.vectors[go_on, -1]
+            if not followed.size:
                 break
         return cls(lattice, directions, grid, frequencies, rising, falls, vectors)
 
@@ -286,33 +272,21 @@ class AcousticBranches:
         first maximum.
         """
         count = int(self.rising[which, direction])
-        fallen = bool(self.falls[which, direction])
-        points_kept = slice(0, count + fallen)
-        lattice = self.lattice
+        has_fallen = bool(self.falls[which, direction])
+        points_kept = slice(0, count + has_fallen)
         along = self.directions[direction]
-        name = self.lattice.wave_names[which]
         q = self.wavenumbers[direction, points_kept].copy()
         omega = self.frequencies[which, direction, points_kept].copy()
         vectors = self.vectors[which, direction, points_kept]
-        if fallen:
+        if has_fallen:
             # the maximum lies before the last point, and takes its place
-            reference = vectors[count][None]
             low = q[count - 1] if count else 0.0
-            high = q[count]
-            while high - low > 4e-16 * high:
-                points = np.linspace(low, high, 34)[1:-1]
-                _, velocities = _find_nearest(
-                    lattice, points, along, np.broadcast_to(reference, (32, reference.shape[1]))
-                )
-                first = int(np.argmin(np.append(velocities @ along > 0.0, False)))
-                edges = np.concatenate([[low], points, [high]])
-                if (edges[first], edges[first + 1]) == (low, high):
-                    break
-                low = float(edges[first])
-                high = float(edges[first + 1])
-            q[count] = low
-            omega[count] = _find_nearest(lattice, np.array([low]), along, reference)[0][0]
-        return AcousticBranch(lattice, along, name, q, omega, vectors)
+            reference = vectors[count][None]
+            q[count] = _find_maximum(self.lattice, along, low, q[count], reference)
+            frequency, _ = _find_nearest(self.lattice, q[count : count + 1], along, reference)
+            omega[count] = frequency[0]
+        name = self.lattice.wave_names[which]
+        return AcousticBranch(self.lattice, along, name, q, omega, vectors)
 
     def find_wavenumber(
         self, which: int, direction: NDArray[np.intp], target: Array
@@ -322,18 +296,104 @@ class AcousticBranches:
 
         ``target`` must not be above the last point before the maximum.
         """
+        wavenumbers = self.wavenumbers[direction]
         frequencies = self.frequencies[which, direction]
+        # the first point of the branch at the frequency or above it; Gamma is before all points
         right = np.sum(frequencies < target[:, None], axis=1)
         row = np.arange(len(target))
-        q, omega = (
-            np.stack([np.where(right > 0, values[row, right - 1], 0.0), values[row, right]])
-            for values in (self.wavenumbers[direction], frequencies)
-        )
+        low_q = np.where(right > 0, wavenumbers[row, right - 1], 0.0)
+        low_omega = np.where(right > 0, frequencies[row, right - 1], 0.0)
+        q = np.stack([low_q, wavenumbers[row, right]])
+        omega = np.stack([low_omega, frequencies[row, right]])
         references = self.vectors[which, direction, right]
         name = self.lattice.wave_names[which]
         return _solve_wavenumbers(
             self.lattice, self.directions[direction], target, q, omega, references, name
         )
+
+
+class _PathModes(NamedTuple):
+    """All modes at k points along each of n directions.
+
+    Attributes
+    ----------
+    frequencies : (n, k, n_branches), (k/M)^1/2.
+    slopes : (n, k, n_branches), group velocities along the direction.
+    vectors : (n, k, n_dof, n_branches), eigenvectors.
+    overlap : (n, k, n_branches, n_branches), squares of the overlaps of the modes at the point
+        before with those at each point.
+    """
+
+    frequencies: Array
+    slopes: Array
+    vectors: NDArray[np.complex128]
+    overlap: Array
+
+
+def _find_path_modes(
+    lattice: ContactLattice, q: Array, along: Array, last: NDArray[np.complex128]
+) -> _PathModes:
+    """Return the modes at wavenumbers q (n, k), 1/d, in directions ``along`` (n, p), after points
+    with the eigenvectors ``last`` (n, n_dof, n_branches).
+    """
+    size = lattice.n_branches
+    wavevectors = (q[..., None] * along[:, None]).reshape(-1, lattice.periods)
+    modes = lattice.modes(wavevectors, np.repeat(along, q.shape[1], axis=0))
+    vectors = modes.eigenvectors.reshape(*q.shape, size, size)
+    velocities = modes.group_velocities.reshape(*q.shape, size, -1)
+    slopes = np.einsum("npba,na->npb", velocities, along)
+    chain = np.concatenate([last[:, None], vectors], axis=1)
+    overlap = np.abs(np.einsum("npma,npmb->npab", chain[:, :-1].conj(), chain[:, 1:])) ** 2
+    return _PathModes(modes.frequencies.reshape(*q.shape, size), slopes, vectors, overlap)
+
+
+def _find_sound(
+    lattice: ContactLattice, q: Array, directions: Array
+) -> tuple[NDArray[np.complex128], NDArray[np.intp]]:
+    """Return the eigenvectors (n, n_dof, n_branches) at wavenumbers q (n, 1) near Gamma, and the
+    column (n_u, n) of each wave among them.
+
+    Sound moves the centre of mass; other motions of zero frequency at Gamma, such as balls turning
+    like gears, do not.
+    """
+    _, polarisations = lattice.sound_velocities(directions)
+    size = lattice.n_branches
+    vectors = lattice.modes(q * directions, directions).eigenvectors
+    motion = vectors.reshape(len(directions), lattice.n_balls, lattice.motions.count, size)
+    drift = np.einsum(
+        "i,niab,nak->nkb",
+        np.sqrt(lattice.masses),
+        motion[:, :, lattice.motions.translating],
+        polarisations,
+    )
+    return vectors, _assign_columns(np.abs(drift) ** 2).T
+
+
+def _find_maximum(
+    lattice: ContactLattice,
+    along: Array,
+    low: float,
+    high: float,
+    reference: NDArray[np.complex128],
+) -> float:
+    """Return the last wavenumber, 1/d, before the frequency of a branch falls, between ``low`` and
+    ``high``, in the direction ``along`` (p,).
+
+    The branch has eigenvectors near ``reference`` (1, n_dof). The bracket shrinks to one of 33
+    pieces at each turn.
+    """
+    references = np.broadcast_to(reference, (32, reference.shape[1]))
+    while high - low > 4e-16 * high:
+        points = np.linspace(low, high, 34)[1:-1]
+        _, velocities = _find_nearest(lattice, points, along, references)
+        rises = np.append(velocities @ along > 0.0, False)
+        first_fall = int(np.argmin(rises))
+        edges = np.concatenate([[low], points, [high]])
+        if (edges[first_fall], edges[first_fall + 1]) == (low, high):
+            break
+        low = float(edges[first_fall])
+        high = float(edges[first_fall + 1])
+    return low
 
 
 def _assign_columns(overlap: Array) -> NDArray[np.intp]:

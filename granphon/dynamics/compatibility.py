@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.motions import IN_PLANE, Motions, select_motions
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, InstabilityError, PrecisionError
 from granphon.base.results import read_only
 from granphon.base.scales import Units
@@ -527,34 +527,32 @@ class Compatibility:
         have no image, or one that differs.
         """
         table = self.contacts
-        keys = np.column_stack([table.i, table.j, table.shift]).tolist()
-        numbers = {tuple(key): contact for contact, key in enumerate(keys)}
         i = image[table.j]
         j = image[table.i]
         shift = table.shift + cells[table.i] - cells[table.j]
-        straight_keys = np.column_stack([i, j, shift]).tolist()
-        turned_keys = np.column_stack([j, i, -shift]).tolist()
-        straight = np.array([numbers.get(tuple(key), -1) for key in straight_keys])
-        turned = np.array([numbers.get(tuple(key), -1) for key in turned_keys])
-        images = np.where(straight < 0, turned, straight)
+        # an image is straight if it runs from the image of ball j to that of ball i, as listed
+        listed = np.column_stack([table.i, table.j, table.shift]).tolist()
+        numbers = {tuple(key): contact for contact, key in enumerate(listed)}
+        straight = _look_up(numbers, i, j, shift)
+        is_straight = straight >= 0
+        images = np.where(is_straight, straight, _look_up(numbers, j, i, -shift))
         if np.any(images < 0) or np.any(images[images] != np.arange(len(table))):
             return None
-        # scalars are equal; arms are exchanged where the image runs from the image of ball j to
-        # that of ball i
+        # scalars are equal; arms are exchanged where the image is straight
         ratios = [
             np.broadcast_to(ratio, len(table))
             for ratio in (self.mindlin_ratio, self.torsion, self.bending)
         ]
         same = np.column_stack([table.arm_i, table.arm_j, self.stiffness, self.prestress, *ratios])
         swapped = same.copy()
-        swapped[straight >= 0, :2] = same[straight >= 0, 1::-1]
+        swapped[is_straight, :2] = same[is_straight, 1::-1]
         if np.any(np.abs(swapped[images] - same) > _ALIKE * np.abs(same)):
             return None
-        # such an image has the same vectors, and any other the opposite ones; centres are rounded
-        # in proportion to their distance from the origin
+        # a straight image has the same vectors, and any other the opposite ones; centres are
+        # rounded in proportion to their distance from the origin
         size = np.abs(self.positions).max() + np.abs(self.cell).max()
         largest_force = float(np.max(np.abs(self.tangential_force), initial=0.0))
-        sign = np.where(straight < 0, -1.0, 1.0)[:, None]
+        sign = np.where(is_straight, 1.0, -1.0)[:, None]
         for vectors, largest in (
             (table.vector, max(size, 1.0)),
             (table.normal, 1.0),
@@ -744,3 +742,13 @@ class Compatibility:
             dimension=self.dimension,
             **(defaults | fields),
         )
+
+
+def _look_up(
+    numbers: dict[tuple[int, ...], int], i: Index, j: Index, shift: Index
+) -> NDArray[np.intp]:
+    """Return the number (n,) of the contact from ball i (n,) to ball j (n,) in the cell ``shift``
+    (n, p), -1 if there is none; ``numbers`` are those of contacts by (i, j, *shift).
+    """
+    keys = np.column_stack([i, j, shift]).tolist()
+    return np.array([numbers.get(tuple(key), -1) for key in keys], np.intp)

@@ -21,7 +21,7 @@ from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.layers import find_axes
 from granphon.balls.motions import Motions, allowed_motions
-from granphon.base.arrays import Array, Complex
+from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, InstabilityError
 from granphon.base.memory import require_memory
 from granphon.base.results import Result, read_only
@@ -181,6 +181,9 @@ class ContactLattice(LongWaves):
 
     @classmethod
     def _make_of_network(cls, network: ContactNetwork) -> Self:
+        """Return the lattice of a network, without what the network keeps; see
+        :meth:`from_network`.
+        """
         network.require_rest()
         axes = np.flatnonzero(network.pbc)
         dimension = network.dimension
@@ -192,55 +195,39 @@ class ContactLattice(LongWaves):
             )
         moving = network.moving
         units = network.scales
-        count = int(np.count_nonzero(network.moving))
-        number = np.full(network.n_balls, count)
-        number[moving] = np.arange(count)
         kept = np.flatnonzero(moving[network.i] | moving[network.j])
         # of a contact with a body that does not move, ball i is the one that moves
-        swapped = ~moving[network.i[kept]]
-        i = np.where(swapped, network.j[kept], network.i[kept])
-        j = np.where(swapped, network.i[kept], network.j[kept])
-        arm_i = np.where(swapped, network.arm_j[kept], network.arm_i[kept])
-        arm_j = np.where(swapped, network.arm_i[kept], network.arm_j[kept])
-        held = swapped | ~moving[j]
+        is_swapped = ~moving[network.i[kept]]
+        is_held = is_swapped | ~moving[network.j[kept]]
         turn = find_axes(network.cell[axes, :dimension])
-        pushes, force = (forces[kept] for forces in network.static_forces)
-        if not network.prestress:
-            force = np.zeros_like(force)
-        normal, vector, positions, cell, across = (
-            vectors[:, :dimension] @ turn.T
-            for vectors in (
-                network.normal[kept],
-                network.vector[kept],
-                network.positions[moving],
-                network.cell[axes],
-                force,
-            )
-        )
-        normal[swapped] *= -1.0
-        across[swapped] *= -1.0
-        vector[held] = 0.0
+
+        def turn_frame(vectors: Array) -> Array:
+            """Return vectors (n, 3) in the frame of the lattice, (n, dimension)."""
+            return np.asarray(vectors[:, :dimension] @ turn.T)
+
+        cell = turn_frame(network.cell[axes])
         cell[:, axes.size :] = 0.0
-        shift = np.where(held[:, None], 0, network.shift[kept][:, axes])
+        normal = turn_frame(network.normal[kept])
+        normal[is_swapped] *= -1.0
+        vector = turn_frame(network.vector[kept])
+        vector[is_held] = 0.0
+        prestress: Any = 0.0
+        tangential_force = np.zeros((len(kept), 3))
+        if network.prestress:
+            pushes, forces = network.static_forces
+            prestress = pushes[kept] / network.distance[kept] / units.stiffness
+            tangential_force = forces[kept]
+        across = turn_frame(tangential_force)
+        across[is_swapped] *= -1.0
         spring = network.normal_stiffness[kept]
         rotational = spring * units.length**2
-        load = pushes / network.distance[kept] / units.stiffness if network.prestress else 0.0
-        table = ContactTable(
-            read_only(number[i]),
-            read_only(number[j]),
-            read_only(shift),
-            read_only(normal),
-            read_only(vector / units.length),
-            read_only(arm_i / units.length),
-            read_only(arm_j / units.length),
-        )
         return cls(
             cell / units.length,
-            positions / units.length,
-            table,
+            turn_frame(network.positions[moving]) / units.length,
+            _tabulate_contacts(network, kept, normal, vector),
             network.shear_stiffness[kept] / spring,
             stiffness=spring / units.stiffness,
-            prestress=load,
+            prestress=prestress,
             masses=network.masses[moving] / units.mass,
             gyration=find_gyration(network)[moving] / units.length,
             torsion=network.torsion_stiffness[kept] / rotational,
@@ -644,6 +631,39 @@ class ContactLattice(LongWaves):
                 zeros = np.concatenate([zeros, free], axis=1)
             total += int(np.linalg.matrix_rank(zeros, tol=_APART))
         return total
+
+
+def _tabulate_contacts(
+    network: ContactNetwork, kept: Index, normal: Array, vector: Array
+) -> ContactTable:
+    """Return the table of the contacts ``kept`` (n_c,) of a network, with balls numbered among
+    those that move; all that do not move are one more ball.
+
+    Of a contact with a body that does not move, ball i is the one that moves. ``normal`` (n_c, d)
+    and ``vector`` (n_c, d), m, are turned to match.
+    """
+    moving = network.moving
+    length = network.scales.length
+    count = int(np.count_nonzero(moving))
+    number = np.full(network.n_balls, count)
+    number[moving] = np.arange(count)
+    is_swapped = ~moving[network.i[kept]]
+    is_held = is_swapped | ~moving[network.j[kept]]
+    i = np.where(is_swapped, network.j[kept], network.i[kept])
+    j = np.where(is_swapped, network.i[kept], network.j[kept])
+    arm_i = np.where(is_swapped, network.arm_j[kept], network.arm_i[kept])
+    arm_j = np.where(is_swapped, network.arm_i[kept], network.arm_j[kept])
+    axes = np.flatnonzero(network.pbc)
+    shift = np.where(is_held[:, None], 0, network.shift[kept][:, axes])
+    return ContactTable(
+        read_only(number[i]),
+        read_only(number[j]),
+        read_only(shift),
+        read_only(normal),
+        read_only(vector / length),
+        read_only(arm_i / length),
+        read_only(arm_j / length),
+    )
 
 
 def _is_faint(q: Array) -> NDArray[np.bool_]:

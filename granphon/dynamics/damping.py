@@ -20,7 +20,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.arrays import Array, Complex
+from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, PrecisionError, Refused, brief
 from granphon.base.results import Result
 from granphon.base.validation import Rule, finite_numbers, require
@@ -102,7 +102,7 @@ class ContactDamping:
 
     def find_even(self, network: ContactNetwork) -> tuple[float, float] | None:
         """Return (eta, tau) if all contacts have these in all deformations that they resist,
-        without static forces.
+        without static forces; else None.
         """
         if self.is_none:
             return 0.0, 0.0
@@ -110,8 +110,10 @@ class ContactDamping:
         resisted[1] |= (network.torsion_stiffness > 0.0) | (network.bending_stiffness > 0.0)
         losses = self.losses[resisted]
         times = self.times[resisted]
-        is_even = all(np.ptp(each) <= _ALIKE * np.max(each) for each in (losses, times))
-        return (float(losses[0]), float(times[0])) if is_even and not network.prestress else None
+        is_even = all(np.ptp(values) <= _ALIKE * np.max(values) for values in (losses, times))
+        if not is_even or network.prestress:
+            return None
+        return float(losses[0]), float(times[0])
 
 
 def read_loss(name: str, value: Any, rule: Rule) -> Any:
@@ -232,21 +234,29 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     matrices[..., n:, :n] = -stiffness / scale**2
     matrices[..., n:, n:] = -viscous / scale
     rates, vectors = np.linalg.eig(matrices)
-    omega = -1j * rates
+    omega, columns = _choose_half(-1j * rates)
+    vectors = np.take_along_axis(vectors[..., :n, :], columns[..., None, :], -1)
+    vectors = vectors / np.linalg.norm(vectors, axis=-2, keepdims=True)
+    return omega * scale[..., 0], np.asarray(vectors, complex)
+
+
+def _choose_half(omega: Complex) -> tuple[Complex, Index]:
+    """Return n of the 2 n roots ``omega`` (..., 2 n), in the order of :func:`damp_unevenly`, and
+    their columns (..., n) among all.
+    """
+    n = omega.shape[-1] // 2
     still = np.abs(omega) <= _STILL
     ahead = omega.real > _STILL
     creeps = ~still & (np.abs(omega.real) <= _STILL)
     omega = np.where(creeps, 1j * omega.imag, omega)
+    # roots ahead, zeros, those that creep, and last the other one of each pair
     kinds = np.select([ahead, still, creeps], [0, 1, 2], 3)
     order = np.lexsort((np.where(still, -omega.real, omega.imag), kinds))
     omega = np.take_along_axis(omega, order, -1)
     still = np.take_along_axis(still, order, -1)
+    # the second half of the zeros is left out
     spare = still & (2 * np.cumsum(still, axis=-1) > np.sum(still, axis=-1, keepdims=True) + 1)
     kept = np.argsort(spare, axis=-1, kind="stable")[..., :n]
     unsorted = np.take_along_axis(omega, kept, -1)
     kept = np.take_along_axis(kept, np.lexsort((unsorted.imag, unsorted.real)), -1)
-    omega = np.take_along_axis(omega, kept, -1)
-    columns = np.take_along_axis(order, kept, -1)
-    vectors = np.take_along_axis(vectors[..., :n, :], columns[..., None, :], -1)
-    vectors = vectors / np.linalg.norm(vectors, axis=-2, keepdims=True)
-    return omega * scale[..., 0], np.asarray(vectors, complex)
+    return np.take_along_axis(omega, kept, -1), np.take_along_axis(order, kept, -1)

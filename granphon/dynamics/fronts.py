@@ -56,55 +56,77 @@ class _Front(NamedTuple):
     below: Array
 
 
+class _Remainder(NamedTuple):
+    """What a front passes to the front above: ``motions`` (m,), their ``matrix`` (m, m), and those
+    of them, ``soft``, that had no pivot yet.
+    """
+
+    motions: Index
+    matrix: Array
+    soft: Index
+
+
 def dissect(positions: Array, i: Index, j: Index) -> list[Layer]:
     """Cut balls at ``positions`` (n, d), which contacts join, into layers; halves come before the
     layer that cuts them.
 
     Along a period a position counts within the cell. The last layer cuts all that contacts join.
     """
-    from scipy.sparse import csr_array
+    dissection = _Dissection(positions, i, j)
+    dissection.cut(np.arange(len(positions)))
+    return dissection.layers
 
-    n = len(positions)
-    ends = np.concatenate([i, j]), np.concatenate([j, i])
-    touches = csr_array((np.ones(ends[0].size, np.int8), ends), shape=(n, n))
-    layers: list[Layer] = []
-    gone = np.zeros(n, bool)
-    mark = np.zeros(n, bool)
 
-    def find_neighbours(balls: Index) -> Index:
-        return np.unique(touches[balls].indices).astype(np.intp)
+class _Dissection:
+    """Layers of balls at ``positions`` (n, d), which contacts of ``i`` and ``j`` (n_c,) join."""
 
-    def find_touching(balls: Index, neighbours: Index) -> NDArray[np.bool_]:
-        mark[neighbours] = True
-        is_touching = touches[balls] @ mark > 0
-        mark[neighbours] = False
-        return np.asarray(is_touching)
+    def __init__(self, positions: Array, i: Index, j: Index) -> None:
+        from scipy.sparse import csr_array
 
-    def cut(balls: Index) -> int:
-        halves: tuple[int, ...] = ()
+        n = len(positions)
+        ends = np.concatenate([i, j]), np.concatenate([j, i])
+        self.positions = positions
+        self.layers: list[Layer] = []
+        self._touches = csr_array((np.ones(ends[0].size, np.int8), ends), shape=(n, n))
+        self._is_cut = np.zeros(n, bool)  # balls of the layers so far
+        self._mark = np.zeros(n, bool)
+
+    def cut(self, balls: Index) -> int:
+        """Add the layers of some balls (m,), and return the number of the last of them, which cuts
+        all others.
+        """
         layer = balls
+        halves: tuple[int, ...] = ()
         if balls.size > _FEW_BALLS:
-            axis = int(np.argmax(np.ptp(positions[balls], axis=0)))
-            order = balls[np.argsort(positions[balls, axis], kind="stable")]
-            low = order[: order.size // 2]
-            high = order[order.size // 2 :]
-            low_touches = find_touching(low, high)
-            high_touches = find_touching(high, low)
-            if np.count_nonzero(low_touches) <= np.count_nonzero(high_touches):
-                layer = low[low_touches]
-                low = low[~low_touches]
-            else:
-                layer = high[high_touches]
-                high = high[~high_touches]
-            halves = tuple(cut(half) for half in (low, high) if half.size)
-        gone[layer] = True
-        parts = [find_neighbours(layer), *(layers[half].beyond for half in halves)]
-        beyond = np.unique(np.concatenate(parts))
-        layers.append(Layer(layer, beyond[~gone[beyond]], halves))
-        return len(layers) - 1
+            layer, low, high = self._halve(balls)
+            halves = tuple(self.cut(half) for half in (low, high) if half.size)
+        self._is_cut[layer] = True
+        neighbours = np.unique(self._touches[layer].indices).astype(np.intp)
+        beyond_halves = [self.layers[half].beyond for half in halves]
+        beyond = np.unique(np.concatenate([neighbours, *beyond_halves]))
+        self.layers.append(Layer(layer, beyond[~self._is_cut[beyond]], halves))
+        return len(self.layers) - 1
 
-    cut(np.arange(n))
-    return layers
+    def _halve(self, balls: Index) -> tuple[Index, Index, Index]:
+        """Return a layer across the longest axis of some balls (m,), and the balls on both sides,
+        which do not touch: the layer is all that touch the other half, of the half with fewer.
+        """
+        axis = int(np.argmax(np.ptp(self.positions[balls], axis=0)))
+        order = balls[np.argsort(self.positions[balls, axis], kind="stable")]
+        low = order[: order.size // 2]
+        high = order[order.size // 2 :]
+        low_touches = self._find_touching(low, high)
+        high_touches = self._find_touching(high, low)
+        if np.count_nonzero(low_touches) <= np.count_nonzero(high_touches):
+            return low[low_touches], low[~low_touches], high
+        return high[high_touches], low, high[~high_touches]
+
+    def _find_touching(self, balls: Index, neighbours: Index) -> NDArray[np.bool_]:
+        """Return which of the balls (m,) touch any of the ``neighbours``."""
+        self._mark[neighbours] = True
+        is_touching = self._touches[balls] @ self._mark > 0
+        self._mark[neighbours] = False
+        return np.asarray(is_touching)
 
 
 class Fronts:
@@ -128,42 +150,23 @@ class Fronts:
         self._fronts: list[_Front] = []
         rows = np.full(matrix.shape[0], -1)  # of motions in the front that is under way
         uncoupled: list[Index] = []
-        remainders: list[tuple[Index, Array] | None] = []  # of the front of each layer
-        soft_motions: list[Index] = []  # motions without a pivot, of each layer
+        remainders = dict[int, _Remainder]()  # of layers whose front above is still to come
         with progress.step("factors of the contacts", len(layers)) as step:
-            for layer in layers:
-                first = (layer.balls[:, None] * count + np.arange(count)).ravel()
-                inner = np.concatenate([first, *(soft_motions[half] for half in layer.halves)])
-                outer = (layer.beyond[:, None] * count + np.arange(count)).ravel()
-                motions = np.concatenate([inner, outer])
+            for number, layer in enumerate(layers):
+                halves = [remainders.pop(half) for half in layer.halves]
+                first = _list_motions(layer.balls, count)
+                inner = np.concatenate([first, *(half.soft for half in halves)])
+                motions = np.concatenate([inner, _list_motions(layer.beyond, count)])
                 rows[motions] = np.arange(motions.size)
-                front = _compose_front(matrix[first], rows, motions.size)
-                for half in layer.halves:
-                    remainder = remainders[half]
-                    if remainder is not None:
-                        numbers = rows[remainder[0]]
-                        front[numbers[:, None], numbers] += remainder[1]
-                        remainders[half] = None
+                matrix_of_front = _compose_front(matrix[first], rows, motions.size)
+                for half in halves:
+                    passed = rows[half.motions]
+                    matrix_of_front[passed[:, None], passed] += half.matrix
                 rows[motions] = -1
-                lower, order, rank = _factorise(front[: inner.size, : inner.size])
-                hard = order[:rank]
-                soft = order[rank:]
-                later = np.concatenate([soft, np.arange(inner.size, motions.size)])
-                below = np.ascontiguousarray(_divide(lower, front[np.ix_(later, hard)]))
-                matrix_later = np.zeros((0, 0))
-                if later.size:
-                    matrix_later = front[np.ix_(later, later)] - below @ below.T
-                # a soft motion without couplings stays out of the fronts above; the last layer has
-                # no front above
-                coupling = np.max(np.abs(matrix_later[: soft.size]), axis=1, initial=0.0)
-                is_passed = np.concatenate([coupling > _NO_PIVOT, np.ones(outer.size, bool)])
-                if outer.size == 0:
-                    is_passed[:] = False
-                coupled = motions[later]
-                uncoupled.append(coupled[~is_passed])
-                soft_motions.append(motions[soft[is_passed[: soft.size]]])
-                remainders.append((coupled[is_passed], matrix_later[np.ix_(is_passed, is_passed)]))
-                self._fronts.append(_Front(inner[hard], coupled, lower, below))
+                front, remainder, alone = _eliminate(matrix_of_front, motions, inner.size)
+                self._fronts.append(front)
+                remainders[number] = remainder
+                uncoupled.append(alone)
                 step.advance()
         self.aside = np.concatenate(uncoupled)
         self._is_aside = np.zeros(matrix.shape[0], bool)
@@ -213,6 +216,41 @@ class Fronts:
                 check_finite=False,
             )
         return motions
+
+
+def _list_motions(balls: Index, count: int) -> Index:
+    """Return the numbers of the ``count`` motions of each ball, ball after ball."""
+    return np.asarray((balls[:, None] * count + np.arange(count)).ravel())
+
+
+def _eliminate(matrix: Array, motions: Index, n_inner: int) -> tuple[_Front, _Remainder, Index]:
+    """Eliminate the first ``n_inner`` of the ``motions`` (m,) of a front with a ``matrix`` (m, m),
+    as far as they have pivots.
+
+    Returned are the front, what it passes on, and the motions without a pivot that stay out of the
+    fronts above: those without couplings, and all in the last layer, which has no front above.
+    """
+    lower, order, rank = _factorise(matrix[:n_inner, :n_inner])
+    hard = order[:rank]
+    soft = order[rank:]
+    later = np.concatenate([soft, np.arange(n_inner, motions.size)])
+    below = np.ascontiguousarray(_divide(lower, matrix[np.ix_(later, hard)]))
+    remaining = np.zeros((0, 0))
+    if later.size:
+        remaining = matrix[np.ix_(later, later)] - below @ below.T
+    n_outer = motions.size - n_inner
+    coupling = np.max(np.abs(remaining[: soft.size]), axis=1, initial=0.0)
+    is_passed = np.concatenate([coupling > _NO_PIVOT, np.ones(n_outer, bool)])
+    if n_outer == 0:
+        is_passed[:] = False
+    coupled = motions[later]
+    remainder = _Remainder(
+        coupled[is_passed],
+        remaining[np.ix_(is_passed, is_passed)],
+        motions[soft[is_passed[: soft.size]]],
+    )
+    front = _Front(motions[hard], coupled, lower, below)
+    return front, remainder, coupled[~is_passed]
 
 
 def _compose_front(lines: Any, rows: Index, size: int) -> Array:

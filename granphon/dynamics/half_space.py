@@ -17,6 +17,7 @@ F 4, 671, 1974). All is in reduced units: length d, stiffness k, mass M.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -28,7 +29,7 @@ from granphon.base.errors import GranphonError, InputError
 from granphon.base.validation import real_array
 from granphon.dynamics.bloch_waves import Couplings
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.rows import network_rows, push_rows
+from granphon.dynamics.rows import Row, network_rows, push_rows
 from granphon.networks.network import ContactNetwork
 
 #: the elimination of layers ends where the coupling that is left, over the largest block, is below
@@ -110,6 +111,27 @@ class EdgeWaves(NamedTuple):
     weight: Array
 
 
+class _Resonances(NamedTuple):
+    """Narrow resonances of an edge within bands, (n,) each, as Newton's method leaves them.
+
+    Attributes
+    ----------
+    point : number of the wave vector.
+    gap : (2, n) ends of w of the bands.
+    w : real part of the resonance.
+    shift : from w to the root of S + dw S', complex.
+    moved : size of the last step along the real axis; infinite where the step left the bands.
+    weight : energy in the top layer.
+    """
+
+    point: Index
+    gap: Array
+    w: Array
+    shift: Complex
+    moved: Array
+    weight: Array
+
+
 class HalfSpace:
     """The half space of a network's layers above which there is an edge, in the reduced units of
     the network.
@@ -123,29 +145,55 @@ class HalfSpace:
         self.edge = edge
         self.units = network.scales
         self.layers = network.layers_across(axis)
+        self.reach = reach = self._count_reach()
+        n_layers = 4 * reach + 1 + (edge == "clamped")
+        self.cut = cut = network.cut(axis, n_layers, (edge, "free"))
+        self.motions = cut.ball_motions
+        self.per_layer = int(np.count_nonzero(network.moving))
+        self.size = reach * self.per_layer * self.motions.count
+        rows, stiff = self._list_rows()
+        # the contacts kept are those of the two outer blocks, which reach into a third
+        moving = cut.moving
+        number = np.where(moving, np.cumsum(moving) - 1, np.count_nonzero(moving))
+        block = number // (reach * self.per_layer)
+        lower = np.minimum(block[cut.i], block[cut.j])
+        upper = np.maximum(block[cut.i], block[cut.j])
+        crosses = (lower == 0) & (upper == 1) & moving[cut.i] & moving[cut.j]
+        self._kept = kept = np.flatnonzero(lower < 2)
+        self._steps, self._matrix = self._assemble(rows, number)
+        self._stiff: Array = np.concatenate([stiffness[kept] for stiffness in stiff])
+        self._second: Array = np.tile(lower[kept] == 1, len(rows))
+        self._crossing: Array = np.tile(crosses[kept], len(rows))
+        self._kinds = [row.kind for row in rows]
+
+    def _count_reach(self) -> int:
+        """Return the number of layers that a contact reaches across, at most; raise
+        :class:`~granphon.base.errors.InputError` if no contact joins layers.
+        """
+        network = self.network
         periods = np.flatnonzero(network.pbc)
-        p = len(self.layers.cell)
-        d = network.dimension
         _, shift = self.layers.gather(
-            network.positions[:, :d],
+            network.positions[:, : network.dimension],
             network.i,
             network.j,
             network.shift[:, periods],
             np.isinf(network.radii),
         )
-        self.reach = reach = int(np.max(np.abs(self.layers.split(shift)[1]), initial=0))
+        reach = int(np.max(np.abs(self.layers.split(shift)[1]), initial=0))
         if not reach:
             raise InputError(
                 "no contact joins the layers",
                 "Each would have its own waves",
                 "Choose another axis",
             )
-        self.cut = cut = network.cut(axis, 4 * reach + 1 + (edge == "clamped"), (edge, "free"))
+        return reach
+
+    def _list_rows(self) -> tuple[list[Row], list[Array]]:
+        """Return the rows of the contacts of the cut, and their stiffnesses (n_c,) in reduced
+        units, those of static forces among them.
+        """
+        cut = self.cut
         units = self.units
-        moving = cut.moving
-        self.motions = cut.ball_motions
-        self.per_layer = int(np.count_nonzero(network.moving))
-        self.size = reach * self.per_layer * self.motions.count
         rows = network_rows(cut)
         stiff = [row.stiffness / units.stiffness for row in rows]
         if cut.prestress:
@@ -154,38 +202,41 @@ class HalfSpace:
                     "the network has static tangential forces",
                     "With prestress, they have no potential",
                 )
-            pushes = push_rows(cut.normal[:, :d], self.motions)
+            pushes = push_rows(cut.normal[:, : self.network.dimension], self.motions)
             rows += pushes
             stiff += [-cut.normal_force / cut.distance / units.stiffness] * len(pushes)
-        # C(q) is the sum over steps s along the edge of C_s exp(i q.s), with tails at s = 0. The
-        # contacts kept are those of the two outer blocks, which reach into a third
-        number = np.where(moving, np.cumsum(moving) - 1, np.count_nonzero(moving))
-        lower = np.minimum(number[cut.i], number[cut.j]) // (reach * self.per_layer)
-        kept = np.flatnonzero(lower < 2)
-        steps, of_step = np.unique(
+        return rows, stiff
+
+    def _assemble(self, rows: list[Row], number: Index) -> tuple[Index, Array]:
+        """Return steps s (n_s, p - 1) along the edge, and C_s M^-1/2 (n_s, rows n_kept, 3 size) of
+        the contacts that are kept.
+
+        C(q) is the sum over s of C_s exp(i q.s), with tails at s = 0. ``number`` is that of each
+        ball of the cut among those that move, and one more for a body.
+        """
+        cut = self.cut
+        kept = self._kept
+        n_kept = len(kept)
+        count = self.motions.count
+        # the first row is the step of the tails
+        steps, step_of_row = np.unique(
             np.pad(cut.shift[kept], ((1, 0), (0, 0))), axis=0, return_inverse=True
         )
-        self._steps = steps[:, :p]
-        count = self.motions.count
-        root = 1.0 / np.sqrt(np.where(moving, cut.masses / units.mass, np.inf))
-        matrix = np.zeros((len(steps), len(rows), len(kept), int(number.max()) + 1, count))
+        step_of_tail = step_of_row.ravel()[0]
+        step_of_head = step_of_row.ravel()[1:]
+        root = 1.0 / np.sqrt(np.where(cut.moving, cut.masses / self.units.mass, np.inf))
+        tails = cut.i[kept]
+        heads = cut.j[kept]
+        contacts = np.arange(n_kept)
+        matrix = np.zeros((len(steps), len(rows), n_kept, int(number.max()) + 1, count))
         for n, row in enumerate(rows):
-            for coefficients, end, step in (
-                (-row.tail, cut.i, of_step.ravel()[0]),
-                (row.head, cut.j, of_step.ravel()[1:]),
-            ):
-                ball = end[kept]
-                effect = coefficients[kept] * root[ball][:, None]
-                matrix[step, n, np.arange(len(kept)), number[ball]] += effect
-        columns = 3 * self.size // count
-        self._matrix: Array = matrix[:, :, :, :columns].reshape(len(steps), -1, 3 * self.size)
-        self._stiff: Array = np.concatenate([stiffness[kept] for stiffness in stiff])
-        upper = np.maximum(number[cut.i], number[cut.j]) // (reach * self.per_layer)
-        crosses = (lower == 0) & (upper == 1) & moving[cut.i] & moving[cut.j]
-        self._second: Array = np.tile(lower[kept] == 1, len(rows))
-        self._crossing: Array = np.tile(crosses[kept], len(rows))
-        self._kept = kept
-        self._kinds = [row.kind for row in rows]
+            tail = -row.tail[kept] * root[tails][:, None]
+            head = row.head[kept] * root[heads][:, None]
+            matrix[step_of_tail, n, contacts, number[tails]] += tail
+            matrix[step_of_head, n, contacts, number[heads]] += head
+        n_balls = 3 * self.size // count
+        flat = matrix[:, :, :, :n_balls].reshape(len(steps), -1, 3 * self.size)
+        return steps[:, : len(self.layers.cell)], flat
 
     def blocks(self, q: Array) -> tuple[Complex, Complex, Complex]:
         """Return E_0, E and A, (n_q, size, size), at wave vectors q (n_q, p - 1) in fractions of
@@ -263,8 +314,11 @@ class HalfSpace:
     def _eliminate(
         self, outer: Complex, inner: Complex, hop: Complex, point: Index, w: Complex
     ) -> tuple[Complex, Complex]:
-        """Return w - F of the outer block, and of a block with blocks on both sides, (n, m, m), at
-        the wave vectors ``point`` (n,) of the blocks.
+        """Return w - F of the outer block, and of a block with blocks on both sides, both (n, m,
+        m), at each w (n,).
+
+        The blocks ``outer`` E_0, ``inner`` E and ``hop`` A are (n_q, m, m), and ``point`` (n,) is
+        the number of the wave vector of each w.
         """
         size = outer.shape[1]
         surface = np.empty((len(w), size, size), complex)
@@ -274,29 +328,40 @@ class HalfSpace:
             chunk = slice(first, first + together)
             numbers = point[chunk]
             shift = w[chunk, None, None] * np.eye(size)
-            top = outer[numbers].copy()
-            middle = inner[numbers].copy()
-            down = hop[numbers]
-            pair = np.concatenate([down, down.conj().swapaxes(1, 2)], axis=1)  # A on top of B
-            going = np.arange(len(numbers))
-            for _ in range(_MOST_DOUBLINGS):
-                side_by_side = np.concatenate([pair[:, :size], pair[:, size:]], axis=2)
-                products = pair @ np.linalg.solve(shift[going] - middle[going], side_by_side)
-                through = products[:, :size, size:]  # A g B
-                back = products[:, size:, :size]  # B g A
-                top[going] += through
-                middle[going] += through + back
-                next_down = products[:, :size, :size]  # A g A
-                next_up = products[:, size:, size:]  # B g B
-                change = np.max(np.abs(through) + np.abs(back), axis=(1, 2))
-                is_coupled = change > _COUPLING_TOLERANCE * self.highest
-                going = going[is_coupled]
-                pair = np.concatenate([next_down, next_up], axis=1)[is_coupled]
-                if not going.size:
-                    break
+            top, middle = self._double_layers(outer[numbers], inner[numbers], hop[numbers], shift)
             surface[chunk] = shift - top
             bulk[chunk] = shift - middle
         return surface, bulk
+
+    def _double_layers(
+        self, outer: Complex, inner: Complex, hop: Complex, shift: Complex
+    ) -> tuple[Complex, Complex]:
+        """Return F of the outer block, and of a block with blocks on both sides, from their
+        matrices and from w times the unit matrix as ``shift``, all (n, m, m).
+
+        Each turn eliminates every other block, with g = (w - E)^-1 of the blocks in between.
+        """
+        size = outer.shape[1]
+        top = outer.copy()
+        middle = inner.copy()
+        pair = np.concatenate([hop, hop.conj().swapaxes(1, 2)], axis=1)  # A on top of B
+        coupled = np.arange(len(outer))
+        for _ in range(_MOST_DOUBLINGS):
+            side_by_side = np.concatenate([pair[:, :size], pair[:, size:]], axis=2)
+            products = pair @ np.linalg.solve(shift[coupled] - middle[coupled], side_by_side)
+            through = products[:, :size, size:]  # A g B
+            back = products[:, size:, :size]  # B g A
+            top[coupled] += through
+            middle[coupled] += through + back
+            next_down = products[:, :size, :size]  # A g A
+            next_up = products[:, size:, size:]  # B g B
+            change = np.max(np.abs(through) + np.abs(back), axis=(1, 2))
+            is_coupled = change > _COUPLING_TOLERANCE * self.highest
+            coupled = coupled[is_coupled]
+            pair = np.concatenate([next_down, next_up], axis=1)[is_coupled]
+            if not coupled.size:
+                break
+        return top, middle
 
     def inverse_green(self, q: Array, point: Index, w: Complex) -> Complex:
         """Return S = w - F of the outer layers, (n, size, size), at wave vectors ``q[point]`` and w
@@ -311,64 +376,41 @@ class HalfSpace:
         _, inner, hop = self.blocks(q)
 
         def solve(point: Index, angle: Array) -> Array:
+            """Return w (n, size), ascending, at phases ``angle`` (n,) from block to block."""
             turned = hop[point] * np.exp(1j * angle)[:, None, None]
             return np.linalg.eigvalsh(inner[point] + turned + turned.conj().swapaxes(1, 2))
 
         n = len(q)
         size = self.size
-        grid = 2.0 * np.pi * np.arange(_BAND_SAMPLES) / _BAND_SAMPLES
-        samples = solve(np.repeat(np.arange(n), _BAND_SAMPLES), np.tile(grid, n))
+        angles = 2.0 * np.pi * np.arange(_BAND_SAMPLES) / _BAND_SAMPLES
+        samples = solve(np.repeat(np.arange(n), _BAND_SAMPLES), np.tile(angles, n))
         samples = samples.reshape(n, _BAND_SAMPLES, size)
+        # the highest w is where -w is lowest
         sign = np.array([1.0, -1.0])
-        start = grid[np.argmin(samples[..., None] * sign, axis=1)].reshape(-1)  # (n, size, 2)
+        start = angles[np.argmin(samples[..., None] * sign, axis=1)].reshape(-1)  # (n size 2,)
         points = np.repeat(np.arange(n), 2 * size)
         branch = np.tile(np.repeat(np.arange(size), 2), n)
         signs = np.tile(sign, n * size)
 
         def evaluate(angle: Array) -> Array:
+            """Return w times sign at phases ``angle`` (n size 2,)."""
             return np.asarray(signs * solve(points, angle)[np.arange(len(points)), branch])
 
-        # the golden section of all brackets together; f is +-w at two inner angles x
-        golden = 0.5 * (math.sqrt(5.0) - 1.0)
-        step = 2.0 * np.pi / _BAND_SAMPLES
-        low = start - step
-        high = start + step
-        best = evaluate(start)
-        x = np.stack([high - golden * (high - low), low + golden * (high - low)])
-        f = [evaluate(angle) for angle in x]
-        for _ in range(_SECTIONS):
-            is_lower = f[0] < f[1]
-            low = np.where(is_lower, low, x[0])
-            high = np.where(is_lower, x[1], high)
-            new_x = np.where(is_lower, high - golden * (high - low), low + golden * (high - low))
-            new_f = evaluate(new_x)
-            x = np.where(is_lower, [new_x, x[0]], [x[1], new_x])
-            f = [np.where(is_lower, new_f, f[1]), np.where(is_lower, f[0], new_f)]
-            best = np.minimum(best, new_f)
-        return (signs * best).reshape(n, size, 2)
+        lowest = _find_minima(evaluate, start, 2.0 * np.pi / _BAND_SAMPLES)
+        return (signs * lowest).reshape(n, size, 2)
 
     # -- waves of the edge -------------------------------------------------------------------------
 
     def _find_gaps(self, q: Array, inside: bool = False) -> tuple[Index, Array]:
-        """Return intervals of w without a band, or those inside of bands: the wave vector of each,
-        and (2, n) its ends.
+        """Return the intervals of w without a band at wave vectors q (n_q, p - 1), or those
+        ``inside`` of bands: the number of the wave vector of each, (n,), and their ends (2, n).
         """
         points = []
         ends = []
         for point, bands in enumerate(self.bands(q)):
-            ascending = bands[np.argsort(bands[:, 0])]
-            below = np.concatenate([[0.0], np.maximum.accumulate(ascending[:, 1]).clip(0.0)])
-            above = np.append(ascending[:, 0], 1.01 * self.highest)
-            clear = above - below > _LEAST_GAP * above
-            intervals = list(zip(below[clear], above[clear], strict=True))
+            intervals = _find_clear(bands, 1.01 * self.highest)
             if inside:
-                bottoms = [0.0, *(high for _, high in intervals)]
-                tops = [low for low, _ in intervals]
-                intervals = [
-                    (bottom, top)
-                    for bottom, top in zip(bottoms, tops, strict=False)
-                    if top - bottom > _LEAST_GAP * top
-                ]
+                intervals = _find_between(intervals)
             points += [point] * len(intervals)
             ends += intervals
         low, high = np.array(ends).reshape(-1, 2).T
@@ -380,105 +422,51 @@ class HalfSpace:
     def find_waves(self, q: Array) -> EdgeWaves:
         """Find all waves of the edge outside of the bands, at wave vectors q (n_q, p - 1).
 
-        The half space is a crystal without an edge, changed by V in the two blocks that an edge
-        parts. Waves of both edges are where M(w) = sign(V) - |V|^1/2 g |V|^1/2 is singular, g being
-        the Green's function of the crystal. In a gap M is smooth and its eigenvalues rise, so that
-        each has one zero if its sign changes over the gap, and none otherwise.
+        They are where M(w) of :class:`_CutCrystal` is singular. In a gap M is smooth and its
+        eigenvalues rise, so that each has one zero if its sign changes over the gap, and none
+        otherwise.
         """
-        outer, inner, hop = self.blocks(q)
-        size = self.size
-        back = hop.conj().swapaxes(1, 2)
-        none = np.zeros_like(hop)
-        change = np.block([[none, -hop], [-back, outer - inner]])
-        block = np.block([[inner, hop], [back, inner]])
-        across = np.block([[none, none], [hop, none]])
-        strength, basis = np.linalg.eigh(change)
-        signs = np.where(strength < 0.0, -1.0, 1.0)
-        root = basis * np.sqrt(np.abs(strength))[:, None]
-
-        def find(point: Index, w: Array, gap: Array) -> tuple[Complex, Complex, Complex]:
-            """Return M, its derivative by w, and the motions of both blocks, g |V|^1/2."""
-            nearest = np.minimum(w - gap[0], gap[1] - w).clip(_GAP_MARGIN * (gap[1] - gap[0]))
-            aside = np.outer(_GAP_BROADENINGS, nearest)
-            shifted = (w + 1j * aside).ravel()
-            inverse = self._eliminate(block, block, across, np.tile(point, 2), shifted)[1]
-            green = np.linalg.inv(inverse).reshape(2, -1, 2 * size, 2 * size)
-            adjoint = green.conj().swapaxes(2, 3)
-            even = 0.5 * (green + adjoint)
-            odd = (green - adjoint) / (2j * aside[:, :, None, None])
-            level = (4.0 * even[0] - even[1]) / 3.0
-            slope = (4.0 * odd[0] - odd[1]) / 3.0
-            root_adjoint = root[point].conj().swapaxes(1, 2)
-            moved = level @ root[point]
-            matrices = signs[point, None] * np.eye(2 * size) - root_adjoint @ moved
-            return matrices, -root_adjoint @ slope @ root[point], moved
-
-        def rising(point: Index, w: Array, gap: Array) -> Array:
-            return np.asarray(np.linalg.eigvalsh(find(point, w, gap)[0]), float)
-
+        crystal = _CutCrystal(self, q)
         point, gap = self._find_gaps(q)
-        ends = np.stack([rising(point, end, gap) for end in gap])
+        ends = np.stack([crystal.eigenvalues(point, end, gap) for end in gap])  # (2, n, 2 size)
         # zeros at the very ends, beside the poles of g, have no sign
         rounded = _UNSIGNED * np.max(np.abs(ends), axis=2, keepdims=True)
-        row, branch = np.nonzero((ends[0] < -rounded[0]) & (ends[1] > rounded[1]))
-        point = point[row]
-        gap = gap[:, row]
-        if not row.size:
+        interval, branch = np.nonzero((ends[0] < -rounded[0]) & (ends[1] > rounded[1]))
+        point = point[interval]
+        gap = gap[:, interval]
+        if not interval.size:
             return EdgeWaves(point, np.zeros(0, complex), np.zeros(0))
-        low, high = gap.copy()
-        f_low, f_high = ends[:, row, branch]
-        going = np.arange(len(row))
-        w = np.zeros(len(row))
-        side = np.zeros(len(row))
-        for step in range(_SECTIONS * 3):
-            if not going.size:
-                break
-            # false position with the weights of the Illinois rule, and a bisection at every third
-            # step
-            a = low[going]
-            b = high[going]
-            fa = f_low[going]
-            fb = f_high[going]
-            x = 0.5 * (a + b) if step % 3 == 2 else (a * fb - b * fa) / (fb - fa)
-            x = np.clip(x, a, b)
-            value = rising(point[going], x, gap[:, going])[np.arange(len(going)), branch[going]]
-            up = value > 0.0
-            again = np.where(up, 1.0, -1.0) == side[going]
-            high[going] = np.where(up, x, b)
-            low[going] = np.where(up, a, x)
-            f_high[going] = np.where(up, value, np.where(again, 0.5 * fb, fb))
-            f_low[going] = np.where(up, np.where(again, 0.5 * fa, fa), value)
-            side[going] = np.where(up, 1.0, -1.0)
-            w[going] = x
-            going = going[(high[going] - low[going] > _ROOT_TOLERANCE * x) & (value != 0.0)]
-        return self._sort_sides(find, point, w, gap)
 
-    def _sort_sides(self, find: Any, point: Index, w: Array, gap: Array) -> EdgeWaves:
-        """Return the waves of this edge, not of the edge beyond the cut, with their energy on
-        top.
+        def evaluate(waves: Index, w: Array) -> Array:
+            """Return the eigenvalues of M that are to vanish, for some ``waves`` (m,) at w (m,)."""
+            values = crystal.eigenvalues(point[waves], w, gap[:, waves])
+            return np.asarray(values[np.arange(len(waves)), branch[waves]])
+
+        w = _find_roots(evaluate, gap, ends[:, interval, branch])
+        return self._sort_sides(crystal, point, w, gap)
+
+    def _sort_sides(self, crystal: _CutCrystal, point: Index, w: Array, gap: Array) -> EdgeWaves:
+        """Return the waves of this edge, not of the edge beyond the cut, with their energy on top.
+
+        The waves of both edges have w (n,) in gaps with the ends ``gap`` (2, n), at the wave
+        vectors of numbers ``point`` (n,).
         """
-        size = self.size
         waves = []
         order = np.lexsort((w, point))
         is_apart = np.diff(w[order]) > _DEGENERACY * (gap[1] - gap[0])[order][1:]
         is_new = np.ones(len(w), bool)
         is_new[1:] = (np.diff(point[order]) > 0) | is_apart
         for members in np.split(order, np.flatnonzero(is_new)[1:]):
-            number = point[members[:1]]
+            first = members[:1]
             mean = np.mean(w[members])
-            (matrix,), (slope,), (moved,) = find(number, np.array([mean]), gap[:, members[:1]])
-            values, vectors = np.linalg.eigh(matrix)
-            free = vectors[:, np.argsort(np.abs(values))[: len(members)]]
-            # a wave of this edge moves nothing beyond the cut
-            on_top = moved[size:] @ free
-            beyond = moved[:size] @ free
-            top = on_top.conj().T @ on_top
-            scale = np.linalg.inv(np.linalg.cholesky(top + beyond.conj().T @ beyond))
-            share, turned = np.linalg.eigh(scale @ top @ scale.conj().T)
-            for wave in (free @ scale.conj().T @ turned).T[share > 0.5]:
+            matrices, slopes, motions = crystal.find(point[first], np.array([mean]), gap[:, first])
+            slope = slopes[0]
+            beyond = motions[0, : self.size]
+            on_top = motions[0, self.size :]
+            for wave in _choose_side(matrices[0], beyond, on_top, len(members)):
                 energy = float((wave.conj() @ slope @ wave).real)
-                top_energy = float(np.sum(np.abs(moved[size:] @ wave) ** 2))
-                waves.append((number[0], mean, top_energy / energy))
+                top_energy = float(np.sum(np.abs(on_top @ wave) ** 2))
+                waves.append((point[first][0], mean, top_energy / energy))
         table = np.array(waves).reshape(-1, 3)
         return EdgeWaves(table[:, 0].astype(np.intp), table[:, 1].astype(complex), table[:, 2])
 
@@ -501,143 +489,112 @@ class HalfSpace:
         """Find leaky waves within bands at q (n_q, p - 1): poles below narrow resonances of S + dw
         S' on the real axis.
         """
+        narrow = self._find_narrow(q)
+        depth = np.abs(narrow.shift.imag + _BAND_BROADENING * self.highest)
+        least = _POLE_NOISE * self.highest
+        is_narrow = depth < 2.0 * _MOST_WIDTH * narrow.w
+        kept = np.flatnonzero(is_narrow & (narrow.moved < np.inf) & (narrow.weight > _TOP_PART))
+        # many resonances lead to one pole
+        roots = narrow.w[kept] - 1j * depth[kept]
+        kept = kept[self._find_different(narrow.point[kept], roots, _SAME_POLE)]
+        point = narrow.point[kept]
+        poles = narrow.w[kept].astype(complex)
+        is_settled = narrow.moved[kept] <= _NEWTON_TOLERANCE * narrow.w[kept]
+        outer, inner, hop = self.blocks(q)
+        for n in np.flatnonzero((depth[kept] > least) | ~is_settled):
+            start = complex(narrow.w[kept[n]], -max(depth[kept[n]], least))
+            poles[n] = self._find_pole(outer[point[n]], inner[point[n]], hop[point[n]], start)
+        low, high = narrow.gap[:, kept]
+        is_within = (poles.real >= low) & (poles.real <= high) & (poles.imag <= least)
+        leaks = np.flatnonzero(is_within & (poles.imag > -2.0 * _MOST_WIDTH * poles.real))
+        leaks = leaks[self._find_different(point[leaks], poles[leaks])]
+        squares = poles[leaks].real + 1j * np.minimum(poles[leaks].imag, 0.0)
+        return EdgeWaves(point[leaks], squares, narrow.weight[kept[leaks]])
+
+    def _find_narrow(self, q: Array) -> _Resonances:
+        """Return the narrow resonances at q (n_q, p - 1) to which Newton's method on the real axis
+        leads from starts throughout the bands.
+        """
         point, gap = self._find_gaps(q, inside=True)
-        steps = _DIFFERENCE_STEP * self.highest * np.array([-1.0, 0.0, 1.0])
-        top = self.highest
-
-        def solve(point: Index, w: Array) -> tuple[Complex, Array]:
-            """Return dw (n, size) of the resonances of S + dw S' at w, and their energy on top."""
-            real = (w + steps[:, None]).ravel()
-            shifted = np.asarray(real + 1j * _BAND_BROADENING * top, complex)
-            inverse = self.inverse_green(q, np.tile(point, 3), shifted)
-            low, middle, high = inverse.reshape(3, len(w), self.size, self.size)
-            slope = (high - low) / (2.0 * _DIFFERENCE_STEP * top)
-            values, vectors = np.linalg.eig(np.linalg.solve(slope, -middle))
-            norm = np.abs(np.einsum("nab,nac,ncb->nb", vectors.conj(), slope, vectors))
-            return values, np.sum(np.abs(vectors) ** 2, axis=1) / norm
-
         # denser towards the edges of the bands
         starts = 0.5 * (1.0 - np.cos(np.pi * (np.arange(_LEAKY_STARTS) + 0.5) / _LEAKY_STARTS))
         x = (gap[0] + (gap[1] - gap[0]) * starts[:, None]).ravel()
         point = np.tile(point, _LEAKY_STARTS)
         gap = np.tile(gap, _LEAKY_STARTS)
         reach = 2.0 * (gap[1] - gap[0]) / _LEAKY_STARTS
-        offset = solve(point, x)[0] if len(x) else np.zeros((0, self.size), complex)
-        close = np.abs(offset.real) <= reach[:, None]
-        row, column = np.nonzero(close & (np.abs(offset.imag) < 2.0 * _MOST_WIDTH * x[:, None]))
-        point = point[row]
-        gap = gap[:, row]
-        shift = offset[row, column]
-        w = np.clip(x[row] + shift.real, *gap)
-        weight = np.zeros(len(row))
-        size = np.full(len(row), np.inf)
-        going = np.arange(len(row))
+        offset = np.zeros((0, self.size), complex)
+        if len(x):
+            offset = self._find_resonances(q, point, x)[0]
+        is_close = np.abs(offset.real) <= reach[:, None]
+        is_narrow = np.abs(offset.imag) < 2.0 * _MOST_WIDTH * x[:, None]
+        start, resonance = np.nonzero(is_close & is_narrow)
+        point = point[start]
+        gap = gap[:, start]
+        shift = offset[start, resonance]
+        w = np.clip(x[start] + shift.real, *gap)
+        weight = np.zeros(len(start))
+        moved = np.full(len(start), np.inf)
+        moving = np.arange(len(start))
         for _ in range(_SEARCH_STEPS):
-            if not going.size:
+            if not moving.size:
                 break
-            offset, weights = solve(point[going], w[going])
-            best = np.argmin(np.abs(offset), axis=1)
-            shift[going] = offset[np.arange(len(going)), best]
-            weight[going] = weights[np.arange(len(going)), best]
-            moved = w[going] + shift[going].real
-            inside = (moved >= gap[0, going]) & (moved <= gap[1, going])
-            size[going] = np.where(inside, np.abs(shift[going].real), np.inf)
-            w[going[inside]] = moved[inside]
-            going = going[inside & (size[going] > _NEWTON_TOLERANCE * w[going])]
-        depth = np.abs(shift.imag + _BAND_BROADENING * top)
-        least = _POLE_NOISE * top
-        kept = np.flatnonzero(
-            (depth < 2.0 * _MOST_WIDTH * w) & (size < np.inf) & (weight > _TOP_PART)
-        )
-        # many resonances lead to one pole
-        kept = kept[self._find_different(point[kept], w[kept] - 1j * depth[kept], _SAME_POLE)]
-        poles = w[kept].astype(complex)
-        blocks = self.blocks(q)
-        for number, chosen in enumerate(kept):
-            if depth[chosen] > least or size[chosen] > _NEWTON_TOLERANCE * w[chosen]:
-                outer, inner, hop = (block[point[chosen]] for block in blocks)
-                start = complex(w[chosen], -max(depth[chosen], least))
-                poles[number] = self._find_pole(outer, inner, hop, start)
-        low, high = gap[:, kept]
-        within = (poles.real >= low) & (poles.real <= high) & (poles.imag <= least)
-        leaks = np.flatnonzero(within & (poles.imag > -2.0 * _MOST_WIDTH * poles.real))
-        leaks = leaks[self._find_different(point[kept[leaks]], poles[leaks])]
-        squares = poles[leaks].real + 1j * np.minimum(poles[leaks].imag, 0.0)
-        return EdgeWaves(point[kept[leaks]], squares, weight[kept[leaks]])
+            offset, weights = self._find_resonances(q, point[moving], w[moving])
+            nearest = (np.arange(len(moving)), np.argmin(np.abs(offset), axis=1))
+            shift[moving] = offset[nearest]
+            weight[moving] = weights[nearest]
+            new_w = w[moving] + shift[moving].real
+            is_inside = (new_w >= gap[0, moving]) & (new_w <= gap[1, moving])
+            moved[moving] = np.where(is_inside, np.abs(shift[moving].real), np.inf)
+            w[moving[is_inside]] = new_w[is_inside]
+            moving = moving[is_inside & (moved[moving] > _NEWTON_TOLERANCE * w[moving])]
+        return _Resonances(point, gap, w, shift, moved, weight)
+
+    def _find_resonances(self, q: Array, point: Index, w: Array) -> tuple[Complex, Array]:
+        """Return dw (n, size) of the resonances of S + dw S' at w (n,), and their energy on top (n,
+        size), at the wave vectors ``q[point]``.
+        """
+        top = self.highest
+        steps = _DIFFERENCE_STEP * top * np.array([-1.0, 0.0, 1.0])
+        real = (w + steps[:, None]).ravel()
+        shifted = np.asarray(real + 1j * _BAND_BROADENING * top, complex)
+        inverse = self.inverse_green(q, np.tile(point, 3), shifted)
+        low, middle, high = inverse.reshape(3, len(w), self.size, self.size)
+        slope = (high - low) / (2.0 * _DIFFERENCE_STEP * top)
+        values, vectors = np.linalg.eig(np.linalg.solve(slope, -middle))
+        norm = np.abs(np.einsum("nab,nac,ncb->nb", vectors.conj(), slope, vectors))
+        return values, np.sum(np.abs(vectors) ** 2, axis=1) / norm
 
     def _find_different(self, point: Index, w: Complex, near: float = 0.0) -> Index:
-        """Return indices that sort w (n,) at each wave vector, without those that repeat another.
+        """Return indices that sort w (n,) at each wave vector, of numbers ``point`` (n,), without
+        those that repeat another.
 
         Two are the same if they differ by less than ``near`` times the lesser half width.
         """
         order = np.lexsort((w.real, point))
         depth = -w[order].imag
-        is_new = np.ones(len(order), bool)
         same = near * np.minimum(depth[1:], depth[:-1]) + 0.1 * _NEWTON_TOLERANCE * self.highest
-        is_new[1:] = (np.diff(point[order]) > 0) | (np.abs(np.diff(w[order])) > same)
+        is_apart = np.abs(np.diff(w[order])) > same
+        is_new = np.ones(len(order), bool)
+        is_new[1:] = (np.diff(point[order]) > 0) | is_apart
         return order[is_new]
 
     def _find_pole(self, outer: Complex, inner: Complex, hop: Complex, w: complex) -> complex:
         """Return the root of S near w, straight below the real axis; nan if the search finds none.
 
-        Waves that go from the edge take the motions of a block, times L, to the next: S = w - E_0 -
-        A L. Above the real axis these are the waves that decay. On the way down they stay the same
-        waves as long as each of their factors, the eigenvalues of L, moves by less than its
-        distance from the factors of all other waves.
+        The blocks are E_0, E and A, (size, size). Each step of Newton's method begins on the real
+        axis, where the waves that decay from the edge are known, and follows these waves down to w.
         """
-        from scipy.linalg import ordqz
-        from scipy.optimize import linear_sum_assignment
-
-        size = self.size
-        eye = np.eye(size)
-        none = np.zeros((size, size))
+        blocks = _EdgeBlocks(outer, inner, hop)
         width = -w.imag
-        right = np.block([[eye, none], [none, hop]])
-
-        def solve(w: complex, earlier: Complex) -> tuple[Complex, Array, Complex]:
-            """Return the factors that continue ``earlier`` ones, the distance of each from those of
-            other waves, and the waves.
-            """
-            choices = list[tuple[Complex, Array]]()
-
-            def choose(alpha: Any, beta: Any) -> Any:
-                factors = np.full(2 * size, _FAR, complex)
-                np.divide(alpha, beta, out=factors, where=np.abs(alpha) < _FAR * np.abs(beta))
-                moves = np.tile(np.abs(factors), (size, 1))
-                if len(earlier):
-                    moves = np.abs(factors - earlier[:, None])
-                columns = linear_sum_assignment(moves)[1]
-                chosen = np.isin(np.arange(2 * size), columns)
-                distances = np.abs(factors[columns, None] - factors[~chosen])
-                choices.append((factors[columns], np.min(distances, axis=1)))
-                return chosen
-
-            left = np.block([[none, eye], [-hop.conj().T, w * eye - inner]])
-            waves = ordqz(left, right, choose, "complex")[5][:, :size]
-            factors, distances = choices[0]
-            return factors, distances, np.asarray(waves, complex)
-
-        def inverse_green(w: complex, waves: Complex) -> Complex:
-            return w * eye - outer - hop @ waves[size:] @ np.linalg.inv(waves[:size])
-
         for _ in range(_NEWTON_STEPS):
-            position = complex(w.real, _BAND_BROADENING * self.highest)
-            factors, apart, waves = solve(position, np.zeros(0, complex))
-            step = w.imag - position.imag
-            while position.imag > w.imag:
-                step = max(step, w.imag - position.imag)
-                trial = solve(position + 1j * step, factors)
-                if np.all(np.abs(trial[0] - factors) <= _MOST_MOVED * np.minimum(trial[1], apart)):
-                    factors, apart, waves = trial
-                    position = position + 1j * step
-                    step = 2.0 * step
-                elif step > -_LEAST_STEP * width:
-                    return complex(np.nan)
-                else:
-                    step *= 0.5
-            inverse = inverse_green(w, waves)
+            begin = complex(w.real, _BAND_BROADENING * self.highest)
+            descent = blocks.descend(begin, w, _LEAST_STEP * width)
+            if descent is None:
+                return complex(np.nan)
             aside = _LEAST_STEP * width
-            slope = (inverse_green(w + aside, solve(w + aside, factors)[2]) - inverse) / aside
+            inverse = blocks.inverse_green(w, descent.vectors)
+            beside = blocks.continue_waves(w + aside, descent.factors)
+            slope = (blocks.inverse_green(w + aside, beside.vectors) - inverse) / aside
             shifts = np.linalg.eigvals(np.linalg.solve(slope, -inverse))
             shift = shifts[np.argmin(np.abs(shifts))]
             w = w + shift
@@ -726,6 +683,33 @@ class HalfSpace:
         :class:`~granphon.base.errors.InputError` for an edge that is held, and if there is no such
         wave.
         """
+        from scipy.optimize import brentq, minimize_scalar
+
+        medium = self._find_continuum(direction)
+        angles = np.linspace(-1.4, 1.4, 281)
+        best = float(angles[np.argmin(medium.velocities_along(angles))])
+        minimum = minimize_scalar(
+            medium.velocities_along,
+            bounds=(best - 0.01, best + 0.01),
+            method="bounded",
+            options={"xatol": 1e-12},
+        )
+        limit = float(minimum.fun)
+        low = 1e-3 * limit
+        high = (1.0 - 1e-9) * limit
+        if not medium.impedance(low) * medium.impedance(high) < 0.0:
+            raise GranphonError(
+                "no long wave runs along this edge", mend="Choose another direction"
+            )
+        return float(brentq(medium.impedance, low, high, xtol=1e-15 * limit, rtol=1e-15))
+
+    def _find_continuum(self, direction: Array) -> _EdgeContinuum:
+        """Return the elastic continuum of the crystal, in the frame of the cut, for waves along
+        ``direction`` (p - 1,).
+
+        Raises :class:`~granphon.base.errors.InputError` for an edge that is held, for balls that do
+        not move along the edge and across it, and for a network that is not upright.
+        """
         if self.edge != "free":
             raise InputError(
                 f"the edge is held ({self.edge})", "Long waves there are none", "Take edge='free'"
@@ -738,52 +722,296 @@ class HalfSpace:
             raise InputError(
                 "the balls do not move along the edge and across it", mend="Use other motions"
             )
-        inside = [moves.index(axis) for axis in range(p)]
         turn = self.layers.turn[:p, :p]
         if not np.allclose(np.abs(np.linalg.det(turn)), 1.0):
             raise InputError(
                 "the periods of the network do not lie along x, or in the xy plane", mend="Turn it"
             )
+        inside = [moves.index(axis) for axis in range(p)]
         gradients = np.ix_(inside, range(p), inside, range(p))
         stiffness = lattice.gradient_stiffness()[gradients] / lattice.measure
         tensor = np.einsum("ai,bj,ck,dl,ijkl->abcd", turn, turn, turn, turn, stiffness)
         density = float(lattice.masses.sum()) / lattice.measure
-        along = np.append(direction, 0.0)
-        normal = np.eye(p)[-1]
-        still = np.einsum("ijkl,j,l->ik", tensor, along, along)
-        mixed = np.einsum("ijkl,j,l->ik", tensor, along, normal)
-        inverse = np.linalg.inv(np.einsum("ijkl,j,l->ik", tensor, normal, normal))
+        return _EdgeContinuum(tensor, density, np.append(direction, 0.0))
 
-        def slowest(angle: Any) -> Any:
-            """Return the velocity along the edge of the slowest bulk wave that runs at an angle."""
-            course = np.cos(angle)[..., None] * along + np.sin(angle)[..., None] * normal
-            acoustic = np.einsum("ijkl,...j,...l->...ik", tensor, course, course)
-            squared = np.linalg.eigvalsh(acoustic)[..., 0] / density
-            return np.sqrt(np.maximum(squared, 0.0)) / np.cos(angle)
 
-        def impedance(v: float) -> float:
-            # displacements a exp(i (m + p n).x), with the roots p that decay below the edge, and
-            # their tractions
-            dynamic = still - density * v * v * np.eye(p)
-            coupling = mixed @ inverse @ mixed.T - dynamic
-            system = np.block([[-inverse @ mixed.T, inverse], [coupling, -mixed @ inverse]])
-            roots, vectors = np.linalg.eig(system)
-            chosen = np.argsort(-roots.imag)[:p]
-            shape = vectors[:p, chosen]
-            force = vectors[p:, chosen]
-            impedances = -1j * force @ np.linalg.inv(shape)
-            return float(np.linalg.eigvalsh(0.5 * (impedances + impedances.conj().T))[0])
+class _CutCrystal:
+    """A crystal without an edge, changed by V in the two blocks that an edge parts, at wave vectors
+    q (n_q, p - 1) along the edge.
 
-        from scipy.optimize import brentq, minimize_scalar
+    Waves of both edges are where M(w) = sign(V) - |V|^1/2 g |V|^1/2 is singular, g being the
+    Green's function of the crystal. ``signs`` (n_q, 2 size) are those of the eigenvalues of V, and
+    ``root`` (n_q, 2 size, 2 size) is |V|^1/2 in the basis of its eigenvectors.
+    """
 
-        grid = np.linspace(-1.4, 1.4, 281)
-        best = float(grid[np.argmin(slowest(grid))])
-        near = (best - 0.01, best + 0.01)
-        minimum = minimize_scalar(slowest, bounds=near, method="bounded", options={"xatol": 1e-12})
-        limit = float(minimum.fun)
-        ends = (1e-3 * limit, (1.0 - 1e-9) * limit)
-        if not impedance(ends[0]) * impedance(ends[1]) < 0.0:
-            raise GranphonError(
-                "no long wave runs along this edge", mend="Choose another direction"
-            )
-        return float(brentq(impedance, *ends, xtol=1e-15 * limit, rtol=1e-15))
+    def __init__(self, space: HalfSpace, q: Array) -> None:
+        self.space = space
+        outer, inner, hop = space.blocks(q)
+        back = hop.conj().swapaxes(1, 2)
+        none = np.zeros_like(hop)
+        change = np.block([[none, -hop], [-back, outer - inner]])
+        self.inner = np.block([[inner, hop], [back, inner]])
+        self.hop = np.block([[none, none], [hop, none]])
+        strength, basis = np.linalg.eigh(change)
+        self.signs = np.where(strength < 0.0, -1.0, 1.0)
+        self.root = basis * np.sqrt(np.abs(strength))[:, None]
+
+    def find(self, point: Index, w: Array, gap: Array) -> tuple[Complex, Complex, Complex]:
+        """Return M, its derivative by w, and the motions of both blocks, g |V|^1/2, all (n, 2 size,
+        2 size), at w (n,) in gaps with ends (2, n), at the wave vectors ``point`` (n,).
+        """
+        size = self.inner.shape[1]
+        nearest = np.minimum(w - gap[0], gap[1] - w).clip(_GAP_MARGIN * (gap[1] - gap[0]))
+        aside = np.outer(_GAP_BROADENINGS, nearest)
+        shifted = (w + 1j * aside).ravel()
+        points = np.tile(point, 2)
+        _, inverse = self.space._eliminate(self.inner, self.inner, self.hop, points, shifted)
+        green = np.linalg.inv(inverse).reshape(2, -1, size, size)
+        adjoint = green.conj().swapaxes(2, 3)
+        even = 0.5 * (green + adjoint)
+        odd = (green - adjoint) / (2j * aside[:, :, None, None])
+        level = (4.0 * even[0] - even[1]) / 3.0
+        slope = (4.0 * odd[0] - odd[1]) / 3.0
+        root = self.root[point]
+        root_adjoint = root.conj().swapaxes(1, 2)
+        moved = level @ root
+        matrices = self.signs[point, None] * np.eye(size) - root_adjoint @ moved
+        return matrices, -root_adjoint @ slope @ root, moved
+
+    def eigenvalues(self, point: Index, w: Array, gap: Array) -> Array:
+        """Return the eigenvalues (n, 2 size) of M, ascending; arguments are those of
+        :meth:`find`.
+        """
+        return np.asarray(np.linalg.eigvalsh(self.find(point, w, gap)[0]), float)
+
+
+def _choose_side(matrix: Complex, beyond: Complex, on_top: Complex, count: int) -> Complex:
+    """Return the waves (m, 2 size) of this edge among ``count`` waves on which M, ``matrix``, is
+    zero.
+
+    ``beyond`` and ``on_top`` (size, 2 size) are the motions beyond the cut and on top. A wave of
+    this edge moves nothing beyond the cut.
+    """
+    values, vectors = np.linalg.eigh(matrix)
+    free = vectors[:, np.argsort(np.abs(values))[:count]]
+    moved_on_top = on_top @ free
+    moved_beyond = beyond @ free
+    top = moved_on_top.conj().T @ moved_on_top
+    scale = np.linalg.inv(np.linalg.cholesky(top + moved_beyond.conj().T @ moved_beyond))
+    share, turned = np.linalg.eigh(scale @ top @ scale.conj().T)
+    waves = (free @ scale.conj().T @ turned).T
+    return np.asarray(waves[share > 0.5])
+
+
+def _find_clear(bands: Array, top: float) -> list[tuple[float, float]]:
+    """Return the ends of the intervals of w from zero to ``top`` in which no band lies, from the
+    ends (size, 2) of the bands.
+    """
+    ascending = bands[np.argsort(bands[:, 0])]
+    below = np.concatenate([[0.0], np.maximum.accumulate(ascending[:, 1]).clip(0.0)])
+    above = np.append(ascending[:, 0], top)
+    clear = above - below > _LEAST_GAP * above
+    return list(zip(below[clear], above[clear], strict=True))
+
+
+def _find_between(intervals: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return the ends of the intervals of w between the ``intervals`` without a band, from zero
+    on.
+    """
+    bottoms = [0.0, *(high for _, high in intervals)]
+    tops = [low for low, _ in intervals]
+    between = zip(bottoms, tops, strict=False)
+    return [(bottom, top) for bottom, top in between if top - bottom > _LEAST_GAP * top]
+
+
+def _find_minima(evaluate: Callable[[Array], Array], start: Array, reach: float) -> Array:
+    """Return the least values (n,) of functions within ``reach`` of ``start`` (n,), by golden
+    sections of all brackets together; ``evaluate`` returns the values (n,) at points (n,).
+    """
+    golden = 0.5 * (math.sqrt(5.0) - 1.0)
+    low = start - reach
+    high = start + reach
+    least = evaluate(start)
+    # two points within each bracket, and the values there
+    x = np.stack([high - golden * (high - low), low + golden * (high - low)])
+    f = [evaluate(points) for points in x]
+    for _ in range(_SECTIONS):
+        is_lower = f[0] < f[1]
+        low = np.where(is_lower, low, x[0])
+        high = np.where(is_lower, x[1], high)
+        new_x = np.where(is_lower, high - golden * (high - low), low + golden * (high - low))
+        new_f = evaluate(new_x)
+        x = np.where(is_lower, [new_x, x[0]], [x[1], new_x])
+        f = [np.where(is_lower, new_f, f[1]), np.where(is_lower, f[0], new_f)]
+        least = np.minimum(least, new_f)
+    return least
+
+
+def _find_roots(evaluate: Callable[[Index, Array], Array], ends: Array, values: Array) -> Array:
+    """Return the roots (n,) of functions that rise from below zero to above it, between ``ends``
+    (2, n), at which they have ``values`` (2, n).
+
+    ``evaluate`` returns the values (m,) of some of the functions, by their numbers (m,), at points
+    (m,). The steps are those of false position with the weights of the Illinois rule, and a
+    bisection at every third step.
+    """
+    low, high = ends.copy()
+    f_low, f_high = values
+    n = len(low)
+    roots = np.zeros(n)
+    last_side = np.zeros(n)  # 1 if the last point was above the root, else -1
+    wide = np.arange(n)  # functions whose brackets are not yet narrow
+    for step in range(_SECTIONS * 3):
+        if not wide.size:
+            break
+        a = low[wide]
+        b = high[wide]
+        fa = f_low[wide]
+        fb = f_high[wide]
+        x = 0.5 * (a + b) if step % 3 == 2 else (a * fb - b * fa) / (fb - fa)
+        x = np.clip(x, a, b)
+        value = evaluate(wide, x)
+        is_above = value > 0.0
+        side = np.where(is_above, 1.0, -1.0)
+        # an end that stays twice counts half
+        weight = np.where(side == last_side[wide], 0.5, 1.0)
+        high[wide] = np.where(is_above, x, b)
+        low[wide] = np.where(is_above, a, x)
+        f_high[wide] = np.where(is_above, value, weight * fb)
+        f_low[wide] = np.where(is_above, weight * fa, value)
+        last_side[wide] = side
+        roots[wide] = x
+        is_wide = high[wide] - low[wide] > _ROOT_TOLERANCE * x
+        wide = wide[is_wide & (value != 0.0)]
+    return roots
+
+
+class _Decay(NamedTuple):
+    """Waves that decay from the edge at one w.
+
+    Attributes
+    ----------
+    factors : (size,) by which they change from block to block.
+    distances : (size,) of each factor from those of all other waves.
+    vectors : (2 size, size) motions of two blocks.
+    """
+
+    factors: Complex
+    distances: Array
+    vectors: Complex
+
+
+class _EdgeBlocks(NamedTuple):
+    """The blocks E_0, E and A (size, size) of a half space at one wave vector.
+
+    Waves that go from the edge take the motions of a block, times L, to the next: S = w - E_0 - A
+    L. Above the real axis these are the waves that decay. On the way down they stay the same waves
+    as long as each of their factors, the eigenvalues of L, moves by less than its distance from the
+    factors of all other waves.
+    """
+
+    outer: Complex
+    inner: Complex
+    hop: Complex
+
+    def inverse_green(self, w: complex, vectors: Complex) -> Complex:
+        """Return S (size, size) at w from the waves that go from the edge, (2 size, size)."""
+        size = len(self.outer)
+        passed_on = self.hop @ vectors[size:] @ np.linalg.inv(vectors[:size])
+        return w * np.eye(size) - self.outer - passed_on
+
+    def continue_waves(self, w: complex, earlier: Complex | None = None) -> _Decay:
+        """Return the waves at w whose factors continue ``earlier`` ones (size,), or the waves that
+        decay.
+        """
+        from scipy.linalg import ordqz
+        from scipy.optimize import linear_sum_assignment
+
+        size = len(self.outer)
+        eye = np.eye(size)
+        none = np.zeros((size, size))
+        choices = list[tuple[Complex, Array]]()
+
+        def choose(alpha: Any, beta: Any) -> Any:
+            """Return which waves (2 size,), of factors alpha/beta, are chosen."""
+            factors = np.full(2 * size, _FAR, complex)
+            np.divide(alpha, beta, out=factors, where=np.abs(alpha) < _FAR * np.abs(beta))
+            moves = np.tile(np.abs(factors), (size, 1))
+            if earlier is not None:
+                moves = np.abs(factors - earlier[:, None])
+            columns = linear_sum_assignment(moves)[1]
+            is_chosen = np.isin(np.arange(2 * size), columns)
+            distances = np.abs(factors[columns, None] - factors[~is_chosen])
+            choices.append((factors[columns], np.min(distances, axis=1)))
+            return is_chosen
+
+        forward = np.block([[none, eye], [-self.hop.conj().T, w * eye - self.inner]])
+        backward = np.block([[eye, none], [none, self.hop]])
+        vectors = ordqz(forward, backward, choose, "complex")[5][:, :size]
+        factors, distances = choices[0]
+        return _Decay(factors, distances, np.asarray(vectors, complex))
+
+    def descend(self, begin: complex, end: complex, least_step: float) -> _Decay | None:
+        """Return the waves that decay at ``begin``, above the real axis, continued straight down to
+        ``end``; None if steps longer than ``least_step`` lose them.
+        """
+        position = begin
+        decay = self.continue_waves(position)
+        step = end.imag - position.imag
+        while position.imag > end.imag:
+            step = max(step, end.imag - position.imag)
+            trial = self.continue_waves(position + 1j * step, decay.factors)
+            largest_moves = _MOST_MOVED * np.minimum(trial.distances, decay.distances)
+            if np.all(np.abs(trial.factors - decay.factors) <= largest_moves):
+                decay = trial
+                position = position + 1j * step
+                step = 2.0 * step
+            elif step > -least_step:
+                return None
+            else:
+                step *= 0.5
+        return decay
+
+
+class _EdgeContinuum(NamedTuple):
+    """An elastic continuum below an edge, in reduced units: the stiffness ``tensor`` (p, p, p, p),
+    the ``density``, and the direction ``along`` (p,) of waves; the last axis is across the edge.
+    """
+
+    tensor: Array
+    density: float
+    along: Array
+
+    @property
+    def normal(self) -> Array:
+        """The direction (p,) across the edge."""
+        return np.asarray(np.eye(len(self.along))[-1])
+
+    def velocities_along(self, angle: Any) -> Any:
+        """Return the velocity along the edge (...) of the slowest bulk wave that runs at an
+        ``angle`` (...) to the edge, rad.
+        """
+        course = np.cos(angle)[..., None] * self.along + np.sin(angle)[..., None] * self.normal
+        acoustic = np.einsum("ijkl,...j,...l->...ik", self.tensor, course, course)
+        squared = np.linalg.eigvalsh(acoustic)[..., 0] / self.density
+        return np.sqrt(np.maximum(squared, 0.0)) / np.cos(angle)
+
+    def impedance(self, velocity: float) -> float:
+        """Return the lowest eigenvalue of the surface impedance of waves of a velocity along the
+        edge.
+
+        Displacements are a exp(i (m + p n).x), with the roots p that decay below the edge.
+        """
+        size = len(self.along)
+        still = np.einsum("ijkl,j,l->ik", self.tensor, self.along, self.along)
+        mixed = np.einsum("ijkl,j,l->ik", self.tensor, self.along, self.normal)
+        inverse = np.linalg.inv(np.einsum("ijkl,j,l->ik", self.tensor, self.normal, self.normal))
+        dynamic = still - self.density * velocity * velocity * np.eye(size)
+        coupling = mixed @ inverse @ mixed.T - dynamic
+        system = np.block([[-inverse @ mixed.T, inverse], [coupling, -mixed @ inverse]])
+        roots, vectors = np.linalg.eig(system)
+        decaying = np.argsort(-roots.imag)[:size]
+        shape = vectors[:size, decaying]
+        traction = vectors[size:, decaying]
+        impedances = -1j * traction @ np.linalg.inv(shape)
+        return float(np.linalg.eigvalsh(0.5 * (impedances + impedances.conj().T))[0])

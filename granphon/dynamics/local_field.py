@@ -20,12 +20,12 @@ move, and u_1 is the radial displacement of the corona. Reduced units: length d,
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
 from granphon.base.arrays import Array
@@ -163,6 +163,9 @@ def local_field(
 def _compute_local_field(
     structure: Lattice, eta: float, bending: float, torsion: float
 ) -> LocalField:
+    """Return the local field of a lattice, see :func:`local_field`, from arguments that have been
+    checked.
+    """
     medium = ContactLattice.of(structure, eta, torsion=torsion, bending=bending)
     try:
         medium.require_rigid()
@@ -172,42 +175,49 @@ def _compute_local_field(
             f" the rest of the lattice holds the"
             f" neighbours of a ball, and some motions of the rest cost nothing; {error}"
         ) from None
-
-    def make_field(xi: float, alpha: float | None = None, beta: float | None = None) -> LocalField:
-        return LocalField(alpha, beta, xi, eta, structure.name, bending, torsion)
-
     blocks = medium.elongating_blocks
+    alpha = None
+    beta = None
     if all(block.rank == block.n_rows for block in blocks):
-        return make_field(0.0)  # the contacts can take up any deformation
-    # mean elongations under a unit tension of one ball's star: of the star, then on top and at the
-    # bridges
+        xi = 0.0  # the contacts can take up any deformation
+    else:
+        elongations = _integrate_response(medium)
+        if elongations is None:
+            raise PrecisionError(
+                f"the local field of lattice {medium.name!r} at mindlin_ratio {eta:g},"
+                f" torsion {torsion:g}, bending {bending:g} does not converge",
+                "Stiffnesses are so unequal that some of its motions cost almost no energy beside"
+                " others",
+                "Use stiffnesses nearer to that of compression",
+            )
+        star, *second = elongations.tolist()
+        xi = 1.0 / star - 1.0
+        if second:
+            # the elongations are u_alpha - u_1 on top, and (sqrt(3) u_beta - u_1)/2 at a bridge
+            on_top, bridge = second
+            alpha = 1.0 + on_top / star
+            beta = float((1.0 + 2.0 * bridge / star) / np.sqrt(3.0))
+    return LocalField(alpha, beta, xi, eta, structure.name, bending, torsion)
+
+
+def _integrate_response(medium: ContactLattice) -> Array | None:
+    """Return the mean elongations (kinds,) under a unit tension of one ball's star: of the star,
+    then on top and at the bridges; None if the integral over the zone does not settle.
+    """
+    response = _Response(medium)
+    operations = _find_operations(medium)
     coarser = np.full(1, np.inf)
-    find = _make_response(medium)
     for order in _ORDERS[medium.periods]:
-        zone = divide_zone(medium.reciprocal, order, _find_operations(medium))
-        values = np.asarray(sum(weights @ find(q) for q, weights in zone))
+        zone = divide_zone(medium.reciprocal, order, operations)
+        values = np.asarray(sum(weights @ response(q) for q, weights in zone))
         # u_1 is small at strong friction and near one at weak friction. Both u_1 and Xi = 1/u_1 - 1
         # must be accurate, so 1 - u_1 must be well above rounding
         accepted = _AGREEMENT[medium.periods] * values[0] * (1.0 - values[0])
         has_settled = np.max(np.abs(values - coarser)) <= accepted
         if has_settled and 1.0 - values[0] > _LEAST_HELD:
-            break
+            return values
         coarser = values
-    else:
-        raise PrecisionError(
-            f"the local field of lattice {medium.name!r} at mindlin_ratio {eta:g},"
-            f" torsion {torsion:g}, bending {bending:g} does not converge",
-            "Stiffnesses are so unequal that some of its motions cost almost no energy beside"
-            " others",
-            "Use stiffnesses nearer to that of compression",
-        )
-    star, *second = values.tolist()
-    xi = 1.0 / star - 1.0
-    if not second:
-        return make_field(xi)
-    # the elongations are u_alpha - u_1 on top, and (sqrt(3) u_beta - u_1)/2 at a bridge
-    on_top, bridge = second
-    return make_field(xi, 1.0 + on_top / star, float((1.0 + 2.0 * bridge / star) / np.sqrt(3.0)))
+    return None
 
 
 # -- the response of the lattice -------------------------------------------------------------------
@@ -216,67 +226,91 @@ def _compute_local_field(
 @lru_cache(maxsize=16)
 def _find_operations(medium: ContactLattice) -> list[Operation]:
     """Find the operations on q that leave the response of a lattice the same."""
-    return find_symmetries(_make_response(medium), medium.reciprocal)
+    return find_symmetries(_Response(medium), medium.reciprocal)
 
 
-def _make_response(medium: ContactLattice) -> Callable[[Array], Array]:
-    """Return the function that takes q (n_q, p) and finds s^H P t (n_q, kinds), the mean over the
-    contacts of each kind.
+class _Response:
+    """The response of a lattice to a tension t of the contacts of a ball, its star: s^H P t, the
+    mean over the contacts of each kind.
 
     The kinds are the star of a ball, and, on the triangular lattice, the contacts on top of it and
-    at its bridges: a lattice in the plane with six contacts at every ball is triangular, in
-    whatever cell.
+    at its bridges.
+    """
+
+    def __init__(self, medium: ContactLattice) -> None:
+        blocks = medium.elongating_blocks
+        self.medium = medium
+        self._kinds = _list_kinds(medium)
+        self._counts = [sum(len(points) for points, _ in kind) for kind in self._kinds]
+        self._columns = np.concatenate([block.columns for block in blocks])
+        self._rank = sum(block.rank for block in blocks)
+        entries = len(medium.rows) * len(medium.contacts) * len(self._columns)
+        self._together = max(1, _ENTRIES // entries)
+
+    def __call__(self, q: Array) -> Array:
+        """Return the response (n_q, kinds) at wave vectors q (n_q, p), 1/d."""
+        starts = range(0, len(q), self._together)
+        return np.concatenate([self._find(q[start : start + self._together]) for start in starts])
+
+    def _find(self, q: Array) -> Array:
+        """Return the response (n_q, kinds) at wave vectors that fit into memory together."""
+        # of an orthonormal basis of the range: P = Q Q^H
+        basis = self._find_basis(q)
+        adjoint = basis[:, : len(self.medium.contacts)].conj().swapaxes(1, 2)
+        projections = []
+        for kind in self._kinds:
+            # the Fourier transforms (n_q, n_c, n_balls) of the tensions
+            transforms = [np.exp(-1j * (q @ points.T)) @ contacts for points, contacts in kind]
+            projections.append(adjoint @ np.stack(transforms, axis=2))
+        star = projections[0]
+        sums = [np.einsum("qrb,qrb->q", kind.conj(), star).real for kind in projections]
+        return np.stack(sums, axis=1) / self._counts
+
+    def _find_basis(self, q: Array) -> NDArray[Any]:
+        """Return an orthonormal basis (n_q, rows, rank) of the deformations that motions make."""
+        rows = self.medium.compatibility(q)[..., self._columns]
+        if self._rank == rows.shape[2]:
+            # the QR factor does not depend on the scale of the columns: small near Gamma
+            return np.linalg.qr(rows)[0]
+        lengths = np.linalg.norm(rows, axis=1, keepdims=True)
+        scaled = rows / np.where(lengths > 0.0, lengths, 1.0)
+        return np.linalg.svd(scaled, full_matrices=False)[0][..., : self._rank]
+
+
+def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:
+    """Return the contacts about each ball of the cell, for each kind: their midpoints (m, p) along
+    the periods, d, and a table (m, n_c) that is 1 where a midpoint is that of a contact of the
+    lattice.
+
+    The kinds are the star of a ball, and on the triangular lattice the contacts on top of it and at
+    its bridges: a lattice in the plane with six contacts at every ball is triangular, in whatever
+    cell.
     """
     table = medium.contacts
     p = medium.periods
-    triangular = medium.dimension == 2 and len(table) == 3 * medium.n_balls
+    is_triangular = medium.dimension == 2 and len(table) == 3 * medium.n_balls
     middle = medium.positions[table.i] + 0.5 * table.vector
-    # for each kind and each ball of the cell: midpoints along the periods, and which contacts of
-    # the table they belong to
-    tensions: list[list[tuple[Array, Array]]] = [[] for _ in range(3 if triangular else 1)]
+    inverse = np.linalg.inv(medium.cell[:, :p])
+    kinds: list[list[tuple[Array, Array]]] = [[] for _ in range(3 if is_triangular else 1)]
     for ball, centre in enumerate(medium.positions):
         spokes = np.concatenate([table.vector[table.i == ball], -table.vector[table.j == ball]])
-        kinds = [0.5 * spokes]
-        if triangular:
-            across = np.stack([-spokes[:, 1], spokes[:, 0]], axis=1)
-            sides = [0.5 * spokes + sign * _TRIANGLE_HEIGHT * across for sign in (1.0, -1.0)]
-            kinds += [1.5 * spokes, np.concatenate([spokes + 0.5 * side for side in sides])]
-        for of_balls, offsets in zip(tensions, kinds, strict=True):
-            midpoints = centre + offsets
+        offsets = [0.5 * spokes]
+        if is_triangular:
+            offsets += [1.5 * spokes, _list_bridges(spokes)]
+        for kind, from_centre in zip(kinds, offsets, strict=True):
+            midpoints = centre + from_centre
             separation = midpoints[:, None] - middle
-            steps = separation[..., :p] @ np.linalg.inv(medium.cell[:, :p])
+            steps = separation[..., :p] @ inverse
             apart = np.concatenate([steps - np.rint(steps), separation[..., p:]], axis=-1)
             is_contact = np.max(np.abs(apart), axis=-1) < _SAME_MIDPOINT
-            of_balls.append((midpoints[:, :p], is_contact.astype(float)))
-    counts = [sum(len(midpoints) for midpoints, _ in of_balls) for of_balls in tensions]
-    columns = np.concatenate([block.columns for block in medium.elongating_blocks])
-    rank = sum(block.rank for block in medium.elongating_blocks)
-    size = max(1, _ENTRIES // (len(medium.rows) * len(medium.contacts) * len(columns)))
+            kind.append((midpoints[:, :p], is_contact.astype(float)))
+    return kinds
 
-    def find(q: Array) -> Array:
-        return np.concatenate(
-            [find_part(q[start : start + size]) for start in range(0, len(q), size)]
-        )
 
-    def find_part(q: Array) -> Array:
-        rows = medium.compatibility(q)[..., columns]
-        if rank == rows.shape[2]:
-            # the QR factor does not depend on the scale of the columns: small near Gamma
-            basis = np.linalg.qr(rows)[0]
-        else:
-            lengths = np.linalg.norm(rows, axis=1, keepdims=True)
-            basis = np.linalg.svd(
-                rows / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False
-            )[0][..., :rank]
-        # of an orthonormal basis of the range: P = Q Q^H
-        adjoint = basis[:, : len(medium.contacts)].conj().swapaxes(1, 2)
-        projections = []
-        for of_balls in tensions:
-            # the Fourier transforms (n_q, n_c, n_balls) of the tensions
-            transforms = [np.exp(-1j * (q @ points.T)) @ contacts for points, contacts in of_balls]
-            projections.append(adjoint @ np.stack(transforms, axis=2))
-        star = projections[0]
-        sums = [np.einsum("qrb,qrb->q", each.conj(), star).real for each in projections]
-        return np.stack(sums, axis=1) / counts
-
-    return find
+def _list_bridges(spokes: Array) -> Array:
+    """Return the midpoints (2 n, 2) of the contacts that bridge two spokes (n, 2) of a ball in the
+    plane, from its centre, d.
+    """
+    across = np.stack([-spokes[:, 1], spokes[:, 0]], axis=1)
+    sides = [0.5 * spokes + sign * _TRIANGLE_HEIGHT * across for sign in (1.0, -1.0)]
+    return np.concatenate([spokes + 0.5 * side for side in sides])

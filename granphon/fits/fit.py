@@ -145,7 +145,6 @@ def find_warnings(
     errors_known : whether standard errors rest on more than the rounding of the data.
     """
     names = problem.model.names
-    velocity = problem.velocity
     dof = problem.dof
     residuals, matrix = problem(logs)
     leverages = compute_leverages(matrix)
@@ -156,28 +155,14 @@ def find_warnings(
     elif not errors_known:
         warnings.append(
             f"the scatter about the fit, {float(problem.sigma[0]):.2g} m/s, is below the rounding"
-            f" of the data, {find_rounding(velocity):.2g} m/s: standard errors are not known;"
-            f" give sigma"
+            f" of the data, {find_rounding(problem.velocity):.2g} m/s: standard errors are not"
+            f" known; give sigma"
         )
     if "width" in names and dof:
         warnings += _judge_excess(problem, logs, sigma_given)
-    frequency = problem.model.waves.frequency
-    if frequency is not None:
-        wavelength = velocity / frequency
-        balls = wavelength / problem.model.packing.diameter
-        longest = int(np.argmax(balls))
-        if balls[longest] > _LONGEST_WAVE:
-            hertz = np.broadcast_to(frequency, velocity.shape)[longest]
-            size = f"{wavelength[longest]:.3g} m long, {balls[longest]:.3g} diameters"
-            fault = f"the wave of a pulse at {hertz:.4g} Hz is {size}"
-            warnings.append(f"{fault}: its velocity is that of long waves. Is the frequency in Hz?")
-    # a datum that alone decides the fit
-    most = int(np.argmax(leverages))
-    if dof and leverages[most] > _DECIDING_LEVERAGE:
-        warnings.append(
-            f"{problem.describe(most)}, decides the fit almost alone: its leverage is"
-            f" {leverages[most]:.4g}, and cannot be above 1"
-        )
+    warnings += _judge_waves(problem)
+    if dof:
+        warnings += _judge_leverage(problem, leverages)
     if errors_known and dof > 1:
         warnings += _judge_farthest(problem, residuals, leverages, chi2, sigma_given)
     if errors_known:
@@ -190,6 +175,33 @@ def find_warnings(
     return warnings
 
 
+def _judge_waves(problem: FitProblem) -> list[str]:
+    """Return a warning if the wave of a pulse is longer than any array of balls."""
+    frequency = problem.model.waves.frequency
+    if frequency is None:
+        return []
+    wavelength = problem.velocity / frequency
+    balls = wavelength / problem.model.packing.diameter
+    longest = int(np.argmax(balls))
+    if balls[longest] <= _LONGEST_WAVE:
+        return []
+    hertz = np.broadcast_to(frequency, problem.velocity.shape)[longest]
+    size = f"{wavelength[longest]:.3g} m long, {balls[longest]:.3g} diameters"
+    fault = f"the wave of a pulse at {hertz:.4g} Hz is {size}"
+    return [f"{fault}: its velocity is that of long waves. Is the frequency in Hz?"]
+
+
+def _judge_leverage(problem: FitProblem, leverages: Array) -> list[str]:
+    """Return a warning if one datum decides the fit almost alone, by the leverages (n,)."""
+    datum = int(np.argmax(leverages))
+    if leverages[datum] <= _DECIDING_LEVERAGE:
+        return []
+    return [
+        f"{problem.describe(datum)}, decides the fit almost alone: its leverage is"
+        f" {leverages[datum]:.4g}, and cannot be above 1"
+    ]
+
+
 def _judge_excess(problem: FitProblem, logs: Array, sigma_given: bool) -> list[str]:
     """Return a warning if data are above the velocity of equal balls by more than their noise,
     which no width explains.
@@ -200,18 +212,8 @@ def _judge_excess(problem: FitProblem, logs: Array, sigma_given: bool) -> list[s
     equal_balls = problem.model.equal_balls(logs)[0]
     excess = velocity / equal_balls - 1.0
     # the scatter about a fit that such data bend is no measure of their noise, and a given sigma
-    # may be too small: the noise is the rms distance of velocities from lines through their
-    # neighbours in force
-    order = np.lexsort((velocity, problem.model.force))
-    x = np.log(problem.model.force[order])
-    y = np.log(velocity[order])
-    reach = x[2:] - x[:-2]
-    weight = np.where(reach > 0.0, (x[1:-1] - x[:-2]) / np.where(reach > 0.0, reach, 1.0), 0.5)
-    distances = y[1:-1] - (1.0 - weight) * y[:-2] - weight * y[2:]
-    square = math.inf
-    if distances.size:
-        square = float(np.mean(distances**2 / (1.0 + weight**2 + (1.0 - weight) ** 2)))
-    noise = max(math.sqrt(square), np.finfo(float).eps)
+    # may be too small
+    noise = _find_noise(problem.model.force, velocity)
     if sigma_given:
         chances = ndtr(-excess / np.maximum(problem.sigma / equal_balls, noise))
     else:
@@ -226,6 +228,26 @@ def _judge_excess(problem: FitProblem, logs: Array, sigma_given: bool) -> list[s
     why = "a spread only slows sound, so that what is fitted is not a width"
     mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
     return [f"{where}, {by}: {why}. {mend}"]
+
+
+def _find_noise(force: Array, velocity: Array) -> float:
+    """Return the relative noise of velocities (n,) at forces (n,): the rms distance of their
+    logarithms from lines through their neighbours in force; infinite if there are no neighbours.
+    """
+    order = np.lexsort((velocity, force))
+    x = np.log(force[order])
+    y = np.log(velocity[order])
+    # (n - 2,): where each datum lies between its two neighbours, 0 to 1
+    reach = x[2:] - x[:-2]
+    is_apart = reach > 0.0
+    step = x[1:-1] - x[:-2]
+    weight = np.where(is_apart, step / np.where(is_apart, reach, 1.0), 0.5)
+    distances = y[1:-1] - (1.0 - weight) * y[:-2] - weight * y[2:]
+    if not distances.size:
+        return math.inf
+    variance_of_distance = 1.0 + weight**2 + (1.0 - weight) ** 2
+    square = float(np.mean(distances**2 / variance_of_distance))
+    return max(math.sqrt(square), float(np.finfo(float).eps))
 
 
 def _judge_farthest(
@@ -275,37 +297,10 @@ class FitProblem:
         right, or are too few.
         """
         model.require_carried()
-        start = model.find_start(1e-9 * model.packing.diameter)
-        with np.errstate(all="ignore"):
-            ratio = data.velocity / model.equal_balls(start)[0]
-        least = _LEAST_RATIO_OF_MODULUS if "young_modulus" in model.names else _LEAST_RATIO
-        if not least < math.exp(float(np.mean(np.log(ratio)))) < 1.0 / least:
-            fault = (
-                f"the velocities are {np.min(ratio):.3g} to {np.max(ratio):.3g} times those of"
-                f" equal balls"
-            )
-            mend = "Check the units of force and velocity, and that their columns are not swapped"
-            raise InputError(fault, mend=mend)
+        _require_units(model, data.velocity)
         relative_error = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
-        if np.any(relative_error <= _MODEL_ERROR):
-            fault = f"sigma is as small as {np.min(relative_error):.3g} times the velocity"
-            why = f"Those of a model have relative errors of {_MODEL_ERROR:g}"
-            raise InputError(
-                fault, why, "Check the units of sigma, or give the errors that the data have"
-            )
-        if np.any(relative_error >= 1.0 / _MODEL_ERROR):
-            fault = f"sigma is as large as {np.max(relative_error):.3g} times the velocity"
-            raise InputError(fault, "No measurement has such an error", "Check its units")
-        if len(data.force) < len(model.names) + (data.sigma is None):
-            plural = "s" if len(data.force) > 1 else ""
-            fault = (
-                f"found {len(data.force)} measurement{plural}, to which"
-                f" {' and '.join(model.names)} cannot be fitted"
-            )
-            why = ""
-            if data.sigma is None:
-                why = "Without sigma one more is needed, to find the scatter"
-            raise InputError(fault, why, "Measure more")
+        _require_plain_errors(relative_error)
+        _require_enough(model.names, len(data.force), data.sigma is not None)
         sigma = 1.0 if data.sigma is None else data.sigma
         return cls(model, data.velocity, np.ones(data.force.shape) * sigma)
 
@@ -363,67 +358,89 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
     the other parameters to their best. Widths so large that the medium refuses them are left out.
     """
     model = problem.model
-    where = problem.model.width_index
     if model.is_sampled:
-        best = find_best(replace(problem, model=replace(model, choice=MediumChoice("ema"))))[1]
-        problem = replace(problem, model=model.settle_geometry(best)).simulate_at(best)
-        # the samples are simulated again until they belong to the minimum
-        for _ in range(_MOST_SIMULATED):
-            best = _descend(problem, best)
-            renewed = problem.simulate_at(best)
-            if renewed is problem:
-                return problem, best
-            problem = renewed
-        names = " and ".join(model.names)
-        fault = f"{names} still changed after {_MOST_SIMULATED} simulations"
-        mend = "Take more balls or samples, and with a history a lower step_tolerance"
-        raise InputError(fault, "Forces of few balls jump when the width changes", mend)
-    if where is None:
+        return _find_best_of_samples(problem)
+    if model.width_index is None:
         return problem, _descend(problem, model.find_start(model.packing.width))
-    is_other = np.arange(len(model.names)) != where
+    starts, squares = _try_widths(problem, model.width_index)
+    # beyond the first and the last width the sum of squares counts as infinite
+    bounded = [math.inf, *squares, math.inf]
+    minima = []
+    for trial, start in enumerate(starts):
+        below, square, above = bounded[trial : trial + 3]
+        if square <= min(below, above):
+            minima.append(_descend(problem, start))
+    return problem, min(minima, key=lambda logs: float(np.sum(problem(logs)[0] ** 2)))
+
+
+def _find_best_of_samples(problem: FitProblem) -> tuple[FitProblem, Array]:
+    """Return what :func:`find_best` returns, for a simulation: its samples are simulated again
+    until they belong to the minimum.
+    """
+    model = problem.model
+    of_medium = replace(problem, model=replace(model, choice=MediumChoice("ema")))
+    _, best = find_best(of_medium)
+    problem = replace(problem, model=model.settle_geometry(best)).simulate_at(best)
+    for _ in range(_MOST_SIMULATED):
+        best = _descend(problem, best)
+        renewed = problem.simulate_at(best)
+        if renewed is problem:
+            return problem, best
+        problem = renewed
+    names = " and ".join(model.names)
+    fault = f"{names} still changed after {_MOST_SIMULATED} simulations"
+    mend = "Take more balls or samples, and with a history a lower step_tolerance"
+    raise InputError(fault, "Forces of few balls jump when the width changes", mend)
+
+
+def _try_widths(problem: FitProblem, index: int) -> tuple[list[Array], list[float]]:
+    """Return the logarithms (p,) of the parameters at each width that is tried, and the sum of
+    squares to which one linear step brings the other parameters; ``index`` is that of the width.
+
+    Raises :class:`~granphon.base.errors.InputError` if velocities do not depend on the width.
+    """
+    is_other = np.arange(len(problem.model.names)) != index
     starts: list[Array] = []
-    squares = [math.inf]
+    squares: list[float] = []
     effect = 0.0
     for width in problem.widths.tolist():
-        logs = model.find_start(width)
+        logs = problem.model.find_start(width)
         try:
             residuals, matrix = problem(logs)
         except InputError:
             if not starts:  # even the narrowest width fails: the width is not the cause
                 raise
             break
-        step = np.linalg.lstsq(matrix[:, is_other], residuals, rcond=SAME_EFFECT)[0]
+        derivatives = matrix[:, is_other]
+        step = np.linalg.lstsq(derivatives, residuals, rcond=SAME_EFFECT)[0]
         starts.append(logs)
-        squares.append(float(np.sum((residuals - matrix[:, is_other] @ step) ** 2)))
+        squares.append(float(np.sum((residuals - derivatives @ step) ** 2)))
         fitted = problem.velocity / problem.sigma - residuals
-        effect = max(effect, float(np.max(np.abs(matrix[:, where] / fitted))))
+        effect = max(effect, float(np.max(np.abs(matrix[:, index] / fitted))))
     if effect < _NO_EFFECT:
-        fault = (
-            f"in the medium {model.choice.label!r} sound does not depend on the width of this"
-            f" spread"
+        raise _explain_no_effect(problem.model)
+    return starts, squares
+
+
+def _explain_no_effect(model: VelocityModel) -> InputError:
+    """Return the error that says that velocities do not depend on the width."""
+    fault = (
+        f"in the medium {model.choice.label!r} sound does not depend on the width of this spread"
+    )
+    if model.packing.structure.periods == 1:
+        return InputError(
+            fault,
+            "On a line all contacts carry the same force",
+            "Fit young_modulus without the width",
         )
-        if model.packing.structure.periods == 1:
-            raise InputError(
-                fault,
-                "On a line all contacts carry the same force",
-                "Fit young_modulus without the width",
-            )
-        raise InputError(
-            fault, mend="Use another medium, such as ema, and a spread that has a shape"
-        )
-    squares.append(math.inf)
-    minima = [
-        _descend(problem, start)
-        for i, start in enumerate(starts, 1)
-        if squares[i] <= min(squares[i - 1], squares[i + 1])
-    ]
-    return problem, min(minima, key=lambda logs: float(np.sum(problem(logs)[0] ** 2)))
+    return InputError(fault, mend="Use another medium, such as ema, and a spread that has a shape")
 
 
 def _descend(problem: FitProblem, start: Array) -> Array:
     """Find the minimum of the sum of squares that is reached from the logarithms ``start``."""
     from scipy.optimize import least_squares
 
+    # scipy asks for residuals and derivatives one after the other: both are found at once
     @lru_cache(maxsize=2)
     def system(move: tuple[float, ...]) -> tuple[Array, Array]:
         return problem(start + np.array(move))
@@ -450,57 +467,83 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
     of the logarithms.
     """
     model = problem.model
-    sigma = problem.sigma
     worst = int(np.argmax(errors))
-    where = model.width_index
-    if where is None:
+    index = model.width_index
+    if index is None:
         fault = f"the data do not determine {' and '.join(model.names)}"
         why = f"The standard error of {model.names[worst]} is {errors[worst]:.3g} times its value"
         return InputError(fault, why, _MEASURE)
-    width = float(np.exp(logs[where]))
-    error = float(errors[where])
-    ideal = model.equal_balls(logs)[0]
-    excess = float(np.average(problem.velocity / ideal - 1.0, weights=(ideal / sigma) ** 2))
-    if model.names == ("width",) and excess > _NO_EFFECT:
-        if model.waves.frequency is not None:
-            long = replace(model.equal_balls, waves=replace(model.waves, frequency=None))(logs)[0]
-            excess_over_long = np.average(
-                problem.velocity / long - 1.0, weights=(ideal / sigma) ** 2
-            )
-            if excess_over_long <= _NO_EFFECT:
-                fault = (
-                    f"the velocities are on average {100.0 * excess:.2g} % above those of pulses"
-                    f" of equal balls"
-                )
-                why = (
-                    f"They are not above those of long waves."
-                    f" {model.equal_balls.describe_nearest_to_top(logs)}"
-                )
-                return InputError(fault, why, "Check the frequency; leave it out for long waves")
-        fault = f"the velocities are on average {100.0 * excess:.2g} % above those of equal balls"
-        mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
-        return InputError(fault, "A spread of diameters slows sound, so that no width fits", mend)
+    if model.names == ("width",):
+        explained = _explain_excess(problem, logs)
+        if explained is not None:
+            return explained
     if model.names[worst] != "width" and errors[worst] > 1.0:
         fault = (
             f"the data do not determine {model.names[worst]}: its standard error is"
             f" {errors[worst]:.3g} times its value"
         )
         return InputError(fault, mend=_MEASURE)
+    width = float(np.exp(logs[index]))
+    error = float(errors[index])
     if error > 1.0 or width < problem.widths[0]:
-        best = (
+        return _explain_no_width(problem, width, error)
+    return _explain_widest(problem, logs, width)
+
+
+def _explain_excess(problem: FitProblem, logs: Array) -> InputError | None:
+    """Return the error that says that velocities are above those of equal balls on average; None if
+    they are not.
+    """
+    model = problem.model
+    equal_balls = model.equal_balls(logs)[0]
+    weights = (equal_balls / problem.sigma) ** 2
+    excess = float(np.average(problem.velocity / equal_balls - 1.0, weights=weights))
+    if excess <= _NO_EFFECT:
+        return None
+    above = f"the velocities are on average {100.0 * excess:.2g} % above those"
+    if model.waves.frequency is not None:
+        of_long_waves = replace(model.equal_balls, waves=replace(model.waves, frequency=None))
+        long_waves = of_long_waves(logs)[0]
+        excess_over_long = np.average(problem.velocity / long_waves - 1.0, weights=weights)
+        if excess_over_long <= _NO_EFFECT:
+            why = (
+                f"They are not above those of long waves."
+                f" {model.equal_balls.describe_nearest_to_top(logs)}"
+            )
+            mend = "Check the frequency; leave it out for long waves"
+            return InputError(f"{above} of pulses of equal balls", why, mend)
+    mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
+    why = "A spread of diameters slows sound, so that no width fits"
+    return InputError(f"{above} of equal balls", why, mend)
+
+
+def _explain_no_width(problem: FitProblem, width: float, error: float) -> InputError:
+    """Return the error of a best ``width``, m, that cannot be told from zero; ``error`` is the
+    relative standard error.
+    """
+    fault = "the width cannot be told from zero"
+    if width > problem.widths[0]:
+        fault += (
             f": the best is {write_quantity(width, 'm', 3)}, its standard error"
             f" {write_quantity(error * width, 'm', 3)}"
         )
-        fault = "the width cannot be told from zero" + (best if width > problem.widths[0] else "")
-        least = float(np.min(model.force))
-        why = (
-            f"Down to {least:.3g} N the data show no slowing of sound at low forces that exceeds"
-            f" their errors"
-        )
-        return InputError(fault, why, "Measure at lower forces, or more precisely")
+    least = float(np.min(problem.model.force))
+    why = (
+        f"Down to {least:.3g} N the data show no slowing of sound at low forces that exceeds"
+        f" their errors"
+    )
+    return InputError(fault, why, "Measure at lower forces, or more precisely")
+
+
+def _explain_widest(problem: FitProblem, logs: Array, width: float) -> InputError:
+    """Return the error of a sum of squares that still falls at the widest ``width``, m, that can be
+    computed.
+    """
+    model = problem.model
     falling = f"no width fits: the sum of squares still falls at {write_quantity(width, 'm', 3)}"
-    tops = None if model.waves.frequency is None else model.find_tops(logs)
-    if tops is not None and np.any(model.waves.frequency > _NEAR_TOP * tops):
+    frequency = model.waves.frequency
+    tops = None if frequency is None else model.find_tops(logs)
+    if tops is not None and np.any(frequency > _NEAR_TOP * tops):
         fault = f"{falling}, beyond which the balls do not carry the frequency"
         return InputError(
             fault, model.describe_nearest_to_top(logs), "Check the frequency and the velocities"
@@ -510,6 +553,48 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
     return InputError(
         fault, why, "Check the units of the data, the Young modulus, diameter and density"
     )
+
+
+def _require_units(model: VelocityModel, velocity: Array) -> None:
+    """Raise InputError if velocities (n,), m/s, are so far from those of equal balls that a unit is
+    wrong.
+    """
+    start = model.find_start(1e-9 * model.packing.diameter)
+    with np.errstate(all="ignore"):
+        ratio = velocity / model.equal_balls(start)[0]
+    least = _LEAST_RATIO_OF_MODULUS if "young_modulus" in model.names else _LEAST_RATIO
+    mean_ratio = math.exp(float(np.mean(np.log(ratio))))
+    if least < mean_ratio < 1.0 / least:
+        return
+    fault = (
+        f"the velocities are {np.min(ratio):.3g} to {np.max(ratio):.3g} times those of equal balls"
+    )
+    mend = "Check the units of force and velocity, and that their columns are not swapped"
+    raise InputError(fault, mend=mend)
+
+
+def _require_plain_errors(relative_error: Array) -> None:
+    """Raise InputError for relative standard errors that no measurement has."""
+    if np.any(relative_error <= _MODEL_ERROR):
+        fault = f"sigma is as small as {np.min(relative_error):.3g} times the velocity"
+        why = f"Those of a model have relative errors of {_MODEL_ERROR:g}"
+        raise InputError(
+            fault, why, "Check the units of sigma, or give the errors that the data have"
+        )
+    if np.any(relative_error >= 1.0 / _MODEL_ERROR):
+        fault = f"sigma is as large as {np.max(relative_error):.3g} times the velocity"
+        raise InputError(fault, "No measurement has such an error", "Check its units")
+
+
+def _require_enough(names: Sequence[str], count: int, sigma_given: bool) -> None:
+    """Raise InputError if the parameters are too many for this ``count`` of measurements."""
+    least = len(names) if sigma_given else len(names) + 1
+    if count >= least:
+        return
+    plural = "s" if count > 1 else ""
+    fault = f"found {count} measurement{plural}, to which {' and '.join(names)} cannot be fitted"
+    why = "" if sigma_given else "Without sigma one more is needed, to find the scatter"
+    raise InputError(fault, why, "Measure more")
 
 
 class Fitted(Result):
@@ -547,20 +632,22 @@ class Fitted(Result):
         """Return units by name; those of ``values`` are separated by commas, the rows of
         ``covariance`` by semicolons.
         """
-        each = [self._units_of_parameters[name] or "1" for name in self.parameters]
-        rows = (", ".join(f"{a}^2" if a == b else f"{a} {b}" for b in each) for a in each)
-        return super()._field_units() | {"values": ", ".join(each), "covariance": "; ".join(rows)}
+        units = [self._units_of_parameters[name] or "1" for name in self.parameters]
+        rows = []
+        for unit in units:
+            products = [f"{unit}^2" if unit == factor else f"{unit} {factor}" for factor in units]
+            rows.append(", ".join(products))
+        return super()._field_units() | {"values": ", ".join(units), "covariance": "; ".join(rows)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Build a fit from plain data, SI; the keys that stand in fit.yaml before the fields are
         ignored.
         """
-        ignored = ("versions", *cls._head)
-        mapping = isinstance(data, Mapping)
-        return super().from_dict(
-            {n: v for n, v in data.items() if n not in ignored} if mapping else data
-        )
+        if isinstance(data, Mapping):
+            ignored = ("versions", *cls._head)
+            data = {name: value for name, value in data.items() if name not in ignored}
+        return super().from_dict(data)
 
     def _check(self) -> None:
         super()._check()
@@ -574,15 +661,13 @@ class Fitted(Result):
         """Write fit.yaml, the whole fit, and fit.csv, the data with the fit, into a folder, which
         is made if need be.
         """
-        head = {"versions": versions("numpy", "scipy")} | {
-            name: getattr(self, name) for name in self._head
-        }
+        head: dict[str, Any] = {"versions": versions("numpy", "scipy")}
+        for name in self._head:
+            head[name] = getattr(self, name)
         write_text(Path(folder) / "fit.yaml", dump_yaml(head | self.to_dict()))
         columns = self._list_columns()
-        write_text(
-            Path(folder) / "fit.csv",
-            table_text(columns, np.stack(list(columns.values()), axis=1).tolist()),
-        )
+        rows = np.stack(list(columns.values()), axis=1).tolist()
+        write_text(Path(folder) / "fit.csv", table_text(columns, rows))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -671,9 +756,8 @@ class WidthFit(Fitted):
     @property
     def is_isotropic(self) -> bool:
         """Whether long waves in the lattice have the same velocities in all directions."""
-        return bool(
-            MediumChoice("ala").of(self.packing).at_force(float(self.force[0])).is_isotropic
-        )
+        state = MediumChoice("ala").of(self.packing).at_force(float(self.force[0]))
+        return bool(state.is_isotropic)
 
     def velocity_at(self, force: ArrayLike, medium: str | None = None) -> Any:
         """Return the velocity of the fitted packing, m/s, at other forces, N; in another ``medium``
@@ -694,10 +778,10 @@ class WidthFit(Fitted):
             forces = real_array("force", force, "N")
             model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), waves)
             start = model.find_start(self.packing.width)
-            return model.settle_geometry(start)(start)[0].reshape(forces.shape)[()]
-        return waves.velocity(
-            choice.of(self.packing).at_force(force, finite_overlap=waves.finite_overlap)
-        )[0][()]
+            velocities, _ = model.settle_geometry(start)(start)
+            return velocities.reshape(forces.shape)[()]
+        state = choice.of(self.packing).at_force(force, finite_overlap=waves.finite_overlap)
+        return waves.velocity(state)[0][()]
 
     def _list_columns(self) -> dict[str, Any]:
         columns = {
@@ -793,54 +877,26 @@ def fit_width(
     choice.require_fixed("a fit")
     problem = FitProblem.of(VelocityModel(packing, names, choice, data.force, waves), data)
     problem, logs = find_best(problem)
-    # the geometry of samples is settled, and with it whether overlap is finite
-    waves = problem.model.waves
-    if data.sigma is None:
-        # numbers in double precision scatter by their rounding at least
-        residuals = problem(logs)[0]
-        least = np.finfo(float).eps * float(np.max(data.velocity))
-        scatter = max(math.sqrt(float(residuals @ residuals) / problem.dof), least)
-        problem = replace(problem, sigma=np.full(residuals.shape, scatter))
-    residuals, matrix = problem(logs)
-    # the covariance of the logarithms, and the step to the minimum of the linear problem
-    norms = np.linalg.norm(matrix, axis=0)
-    directions, singular, right = np.linalg.svd(
-        matrix / np.maximum(norms, 1e-300), full_matrices=False
-    )
-    is_same = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
-    are_all = len(names) == len(VARIABLE)  # no data can tell all three apart
-    # if the other parameters were known, the standard error of a parameter would be 1/norm
-    index = problem.model.width_index
-    vanishes = index is not None and logs[index] < math.log(problem.widths[0])
-    if not (is_same and are_all) and (np.any(norms < 1.0) or vanishes):
-        raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
-    if is_same:
-        why = ""
-        if are_all:
-            why = "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only"
-        mend = "Measure over a wider range of force, or fit fewer parameters"
-        raise InputError(f"the data cannot tell {' and '.join(names)} apart", why, mend)
-    root = (right / singular[:, None]).T / norms[:, None]
-    covariance = root @ root.T
-    step = root @ (directions.T @ residuals)
-    errors = np.sqrt(np.diag(covariance))
-    # where the given sigma is smaller than the scatter, the step is compared with errors that the
-    # scatter would give
-    chi2 = float(residuals @ residuals)
     sigma_given = data.sigma is not None
-    scatter = max(1.0, math.sqrt(chi2 / max(problem.dof, 1)))
-    if np.any(errors > 1.0) or np.any(np.abs(step) > 1e-3 * scatter * errors + 1e-9):
-        raise explain_undetermined(problem, logs, errors)
-    fitted = problem.model.fit_packing(logs)
-    values = np.exp(logs)
+    if not sigma_given:
+        problem = _take_scatter(problem, logs)
+    covariance = _find_covariance(problem, logs)
+    errors = np.sqrt(np.diag(covariance))
+    residuals, _ = problem(logs)
+    chi2 = float(residuals @ residuals)
     least_scatter = _SCATTER_OF_ROUNDING * find_rounding(data.velocity)
     errors_known = sigma_given or float(problem.sigma[0]) >= least_scatter
     warnings = find_warnings(problem, logs, errors, sigma_given, errors_known)
-    covariance = covariance if errors_known else np.full(covariance.shape, np.nan)
+    if not errors_known:
+        covariance = np.full(covariance.shape, np.nan)
+    fitted = problem.model.fit_packing(logs)
+    values = np.exp(logs)
     # the validity of a simulation is decided at the least and the greatest force
     loads = data.force
     if problem.model.is_sampled:
         loads = loads[[np.argmin(loads), np.argmax(loads)]]
+    # the geometry of samples is settled now, and with it whether overlap is finite
+    waves = problem.model.waves
     state = problem.model.choice.of(fitted).at_force(loads, finite_overlap=waves.finite_overlap)
     return WidthFit(
         fitted,
@@ -858,6 +914,53 @@ def fit_width(
         problem.dof,
         (*warnings, *validity(state).warnings),
     )
+
+
+def _take_scatter(problem: FitProblem, logs: Array) -> FitProblem:
+    """Return the problem with sigma, (n,), m/s, from the scatter about the fit at ``logs``."""
+    residuals, _ = problem(logs)
+    # numbers in double precision scatter by their rounding at least
+    least = np.finfo(float).eps * float(np.max(problem.velocity))
+    scatter = max(math.sqrt(float(residuals @ residuals) / problem.dof), least)
+    return replace(problem, sigma=np.full(residuals.shape, scatter))
+
+
+def _find_covariance(problem: FitProblem, logs: Array) -> Array:
+    """Return the covariance (p, p) of the logarithms of the parameters, at their minimum ``logs``;
+    InputError if the data do not determine them.
+    """
+    names = problem.model.names
+    residuals, matrix = problem(logs)
+    norms = np.linalg.norm(matrix, axis=0)
+    directions, singular, right = np.linalg.svd(
+        matrix / np.maximum(norms, 1e-300), full_matrices=False
+    )
+    is_same = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
+    are_all = len(names) == len(VARIABLE)  # no data can tell all three apart
+    # if the other parameters were known, the standard error of a parameter would be 1/norm
+    index = problem.model.width_index
+    vanishes = index is not None and logs[index] < math.log(problem.widths[0])
+    is_undetermined = np.any(norms < 1.0) or vanishes
+    if is_undetermined and not (is_same and are_all):
+        raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
+    if is_same:
+        why = ""
+        if are_all:
+            why = "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only"
+        mend = "Measure over a wider range of force, or fit fewer parameters"
+        raise InputError(f"the data cannot tell {' and '.join(names)} apart", why, mend)
+    root = (right / singular[:, None]).T / norms[:, None]
+    covariance = root @ root.T
+    errors = np.sqrt(np.diag(covariance))
+    # the step to the minimum of the linear problem: where the given sigma is smaller than the
+    # scatter, the step is compared with errors that the scatter would give
+    step = root @ (directions.T @ residuals)
+    chi2 = float(residuals @ residuals)
+    scatter = max(1.0, math.sqrt(chi2 / max(problem.dof, 1)))
+    is_off = np.abs(step) > 1e-3 * scatter * errors + 1e-9
+    if np.any(errors > 1.0) or np.any(is_off):
+        raise explain_undetermined(problem, logs, errors)
+    return np.asarray(covariance)
 
 
 def convert_pressure(

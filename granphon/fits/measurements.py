@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Self
 
@@ -48,6 +48,9 @@ COLUMNS: Mapping[str, Quantity] = {
     "frequency": FREQUENCY,
 }
 
+#: the column by which the relative error of another quantity is converted to that of a velocity
+_MEASURED_OF_ERROR = {"time_sigma": "time", "cutoff_sigma": "cutoff"}
+
 
 def _explain_column(kind: str) -> str:
     """Return how to name a column: in the file, for ``granphon fit``, and in Python."""
@@ -87,7 +90,7 @@ class Measurements(Result):
     frequency: Annotated[Any, "", "Hz"] = None
 
     def __post_init__(self) -> None:
-        counts = {}
+        counts = {}  # of the numbers of each field
         for name in self.units:
             values = getattr(self, name)
             is_required = name in ("force", "velocity")
@@ -143,116 +146,187 @@ class Measurements(Result):
             given twice: by two columns, or by a ``distance`` and a column of distances or of
             velocities.
         """
+        source = _SourceColumns.read(path, columns or {}, periods)
+        load = source.choose("force", "side_force", "pressure") or "force"
+        _require_conversion(path, load, frame, pressed)
+        measured = source.choose("velocity", "time", "cutoff") or "velocity"
+        error = source.choose("sigma", "time_sigma", "cutoff_sigma")
+        pulse = source.choose("frequency")
+        if measured == "cutoff":
+            _require_long_waves(path, carried is not None, pulse is not None)
+        required = [load, measured]
+        if measured == "time" and distance is None:
+            required.append("distance")
+        if error in _MEASURED_OF_ERROR:
+            required.append(_MEASURED_OF_ERROR[error])
+        required += [kind for kind in (error, pulse) if kind]
+        source.require(list(dict.fromkeys(required)))
+        force = source.read_force(load, {"side_force": frame, "pressure": pressed}.get(load))
+        if distance is not None:
+            _require_no_second_distance(source, measured)
+        if measured == "velocity":
+            velocity = source.column("velocity")
+        elif measured == "cutoff" and carried is not None:
+            velocity = carried(force, source.column("cutoff"))
+        elif distance is None:
+            velocity = source.column("distance") / source.column("time")
+        else:
+            velocity = positive("distance", distance, "m") / source.column("time")
+        sigma = None if error is None else source.read_sigma(error, velocity)
+        frequency = None if pulse is None else source.column("frequency")
+        try:
+            return cls(force, velocity, sigma, frequency)
+        except InputError as refusal:
+            raise InputError(f"{path}: {refusal}") from None
+
+
+@dataclass(frozen=True)
+class _SourceColumns:
+    """The columns of a table of measurements, by their kinds, which are those of :data:`COLUMNS`.
+
+    ``names`` has the headings of kinds that go by other names, and ``quantities`` the quantity of
+    each kind.
+    """
+
+    path: str | os.PathLike[str]
+    table: Table
+    names: Mapping[str, str]
+    quantities: Mapping[str, Quantity]
+
+    @classmethod
+    def read(
+        cls, path: str | os.PathLike[str], names: Mapping[str, str], periods: int
+    ) -> _SourceColumns:
+        """Read a table; InputError if it cannot be read, or ``names`` has a kind that is not
+        known.
+        """
         table = Table.read(path)
-        named = dict(columns or {})
-        unknown = [name for name in named if name not in COLUMNS]
+        unknown = [kind for kind in names if kind not in COLUMNS]
         if unknown:
             raise InputError(
                 f"{unknown[0]!r} is not a kind of column of measurements",
                 mend=suggest(unknown[0], COLUMNS),
             )
+        return cls(path, table, dict(names), {**COLUMNS, **load_quantities(periods)})
 
-        def choose(*kinds: str) -> str | None:
-            """Return which of these kinds of column the table has; None if it has none of them."""
-            present = [kind for kind in kinds if kind in named]
-            if not present:
-                present = [kind for kind in kinds if kind in table]
-            if len(present) > 1:
-                mend = f"Keep one of them. {_explain_column(present[0])}"
-                raise InputError(f"{path} has both {' and '.join(present)}", mend=mend)
-            return present[0] if present else None
+    def heading(self, kind: str) -> str:
+        """Return the heading of the column of a kind."""
+        return self.names.get(kind, kind)
 
-        quantities = {**COLUMNS, **load_quantities(periods)}
+    def choose(self, *kinds: str) -> str | None:
+        """Return which of these kinds the table has; None if it has none, InputError if it has
+        several. A kind with a name of its own in ``names`` goes before the others.
+        """
+        present = [kind for kind in kinds if kind in self.names]
+        if not present:
+            present = [kind for kind in kinds if kind in self.table]
+        if len(present) > 1:
+            mend = f"Keep one of them. {_explain_column(present[0])}"
+            raise InputError(f"{self.path} has both {' and '.join(present)}", mend=mend)
+        return present[0] if present else None
 
-        def read(kind: str) -> Array:
-            return table.column(named.get(kind, kind), quantities[kind], _explain_column(kind))
+    def column(self, kind: str) -> Array:
+        """Return the values of a column, (n,), SI."""
+        return self.table.column(self.heading(kind), self.quantities[kind], _explain_column(kind))
 
-        load = choose("force", "side_force", "pressure")
-        if load == "side_force" and frame is None:
-            why = "The contact forces depend on the number of balls on a side too"
-            mend = "Give the scene's load as side_force and balls_per_side"
-            raise InputError(f"{path} gives side forces", why, mend)
-        if load == "pressure" and pressed is None:
-            why = "The contact forces depend on the packing too"
-            mend = "Give pressed, a function that returns the contact forces"
-            raise InputError(f"{path} gives pressures", why, mend)
-        measured = choose("velocity", "time", "cutoff") or "velocity"
-        timed = measured == "time"
-        error = choose("sigma", "time_sigma", "cutoff_sigma")
-        pulsed = choose("frequency")
-        if measured == "cutoff" and (carried is None or pulsed):
-            why = "The velocities of long waves depend on the packing too"
-            mend = "Give carried, a function that returns the velocities"
-            if pulsed:
-                why = "These are no pulses of a given frequency"
-                mend = "Leave the frequency out"
-            raise InputError(f"{path} gives cut-off frequencies", why, mend)
-        required = [measured]
-        if timed and distance is None:
-            required.append("distance")
-        # the error of a time or a cut-off is converted by that time or cut-off
-        error_of = error.removesuffix("_sigma") if error and error != "sigma" else measured
-        if error_of != measured:
-            required.append(error_of)
-        required += [kind for kind in (error, pulsed) if kind]
-        heads = {kind: named.get(kind, kind) for kind in (load or "force", *required)}
-        # columns that the table lacks, and those without a unit: one error says all
-        lacking = [kind for kind, name in heads.items() if name not in table]
-        unitless = [
-            kind for kind, name in heads.items() if kind not in lacking and not table.unit(name)
-        ]
-        if lacking or unitless:
-            lacks = [
-                "no column named " + " and none named ".join(repr(heads[kind]) for kind in lacking)
-            ] * bool(lacking)
-            lacks += ["no unit for " + " and ".join(repr(heads[kind]) for kind in unitless)] * bool(
-                unitless
-            )
-            first = next(kind for kind in heads if kind in lacking + unitless)
-            headings = " and ".join(f"'{kind} ({quantities[kind].unit})'" for kind in heads)
-            unit = quantities[first].unit
-            mend = (
-                f"Head the columns {headings}, each with its unit in brackets;"
-                f" instead of a force there may be 'pressure ({quantities['pressure'].unit})'"
-                f" or 'side_force (N)',"
-                " instead of a velocity 'time (s)' and 'distance (m)', or 'cutoff (Hz)'. For"
-                " other names, granphon fit takes"
-                f" --column '{first}=NAME ({unit})', Python columns={{'{first}': 'NAME ({unit})'}}"
-            )
-            why = f"Its columns are {list_names(repr(str(heading)) for heading in table.headings)}"
-            raise InputError(f"{table.name} has {', and '.join(lacks)}", why, mend)
-        converted = {"side_force": frame, "pressure": pressed}.get(load or "force")
-        force = read(load or "force")
-        if converted is not None:
-            force = np.array([converted(value) for value in force.tolist()])
-        length_column = choose("distance" if timed else "velocity")
-        if distance is not None and length_column is not None:
-            why = (
-                "A distance given beside the table is for times of flight only, and for all of them"
-            )
-            mend = "Leave it out" if timed else "Leave it out, or name the column of times"
-            raise InputError(
-                f"{path} has a {length_column} column, and a distance is given too", why, mend
-            )
-        if measured == "velocity":
-            velocity = read("velocity")
-        elif carried is not None and not timed:
-            velocity = carried(force, read("cutoff"))
-        elif distance is None:
-            velocity = read("distance") / read("time")
-        else:
-            velocity = positive("distance", distance, "m") / read("time")
-        sigma = None
-        if error is not None:
-            head = named.get(error, error)
-            if PERCENT.measures(table.unit(head)):
-                sigma = velocity * (table.column(head, PERCENT, _explain_column(error)) / 100.0)
-            else:
-                sigma = (
-                    read("sigma") if error == "sigma" else velocity * read(error) / read(error_of)
-                )
-        frequency = read("frequency") if pulsed else None
-        try:
-            return cls(force, velocity, sigma, frequency)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
+    def require(self, kinds: Sequence[str]) -> None:
+        """Raise InputError, which names all of them, if columns of these kinds are missing or have
+        no unit.
+        """
+        names = {kind: repr(self.heading(kind)) for kind in kinds}
+        missing = [kind for kind in kinds if self.heading(kind) not in self.table]
+        present = [kind for kind in kinds if kind not in missing]
+        unitless = [kind for kind in present if not self.table.unit(self.heading(kind))]
+        if not missing and not unitless:
+            return
+        lacks = []
+        if missing:
+            listed = " and none named ".join(names[kind] for kind in missing)
+            lacks.append(f"no column named {listed}")
+        if unitless:
+            lacks.append("no unit for " + " and ".join(names[kind] for kind in unitless))
+        headings = " and ".join(f"'{kind} ({self.quantities[kind].unit})'" for kind in kinds)
+        example = next(kind for kind in kinds if kind in missing + unitless)
+        unit = self.quantities[example].unit
+        mend = (
+            f"Head the columns {headings}, each with its unit in brackets;"
+            f" instead of a force there may be 'pressure ({self.quantities['pressure'].unit})'"
+            f" or 'side_force (N)',"
+            " instead of a velocity 'time (s)' and 'distance (m)', or 'cutoff (Hz)'. For"
+            " other names, granphon fit takes"
+            f" --column '{example}=NAME ({unit})', Python columns={{'{example}': 'NAME ({unit})'}}"
+        )
+        headings_of_table = list_names(repr(str(heading)) for heading in self.table.headings)
+        raise InputError(
+            f"{self.table.name} has {', and '.join(lacks)}",
+            f"Its columns are {headings_of_table}",
+            mend,
+        )
+
+    def read_force(self, load: str, convert: Callable[[float], float] | None) -> Array:
+        """Return the contact forces, (n,), N, from the column of a kind of ``load``, which
+        ``convert`` converts to forces; None for a column of forces.
+        """
+        values = self.column(load)
+        if convert is None:
+            return values
+        return np.array([convert(value) for value in values.tolist()])
+
+    def read_sigma(self, error: str, velocity: Array) -> Array:
+        """Return the standard errors of velocities (n,), m/s, from the column of the kind
+        ``error``.
+
+        An error in per cent, or of a time or a cut-off, is relative: a velocity has the same.
+        """
+        heading = self.heading(error)
+        if PERCENT.measures(self.table.unit(heading)):
+            percents = self.table.column(heading, PERCENT, _explain_column(error))
+            return velocity * (percents / 100.0)
+        if error == "sigma":
+            return self.column("sigma")
+        return velocity * self.column(error) / self.column(_MEASURED_OF_ERROR[error])
+
+
+def _require_conversion(
+    path: Any,
+    load: str,
+    frame: Callable[[float], float] | None,
+    pressed: Callable[[float], float] | None,
+) -> None:
+    """Raise InputError if the table has side forces or pressures, and no function that converts
+    them to contact forces.
+    """
+    if load == "side_force" and frame is None:
+        why = "The contact forces depend on the number of balls on a side too"
+        mend = "Give the scene's load as side_force and balls_per_side"
+        raise InputError(f"{path} gives side forces", why, mend)
+    if load == "pressure" and pressed is None:
+        why = "The contact forces depend on the packing too"
+        mend = "Give pressed, a function that returns the contact forces"
+        raise InputError(f"{path} gives pressures", why, mend)
+
+
+def _require_long_waves(path: Any, can_convert: bool, has_pulses: bool) -> None:
+    """Raise InputError for cut-off frequencies that cannot be converted to velocities, or that
+    stand beside frequencies of pulses.
+    """
+    if has_pulses:
+        why = "These are no pulses of a given frequency"
+        raise InputError(f"{path} gives cut-off frequencies", why, "Leave the frequency out")
+    if not can_convert:
+        why = "The velocities of long waves depend on the packing too"
+        mend = "Give carried, a function that returns the velocities"
+        raise InputError(f"{path} gives cut-off frequencies", why, mend)
+
+
+def _require_no_second_distance(source: _SourceColumns, measured: str) -> None:
+    """Raise InputError if the table has a column that stands against a distance given beside the
+    table: one of distances, or of velocities where no times are measured.
+    """
+    has_times = measured == "time"
+    column = source.choose("distance" if has_times else "velocity")
+    if column is None:
+        return
+    why = "A distance given beside the table is for times of flight only, and for all of them"
+    mend = "Leave it out" if has_times else "Leave it out, or name the column of times"
+    raise InputError(f"{source.path} has a {column} column, and a distance is given too", why, mend)

@@ -96,11 +96,8 @@ class TransferFunction(Result):
             values: Any = getattr(self, name)
             if values is None:
                 continue
-            numbers = np.array(
-                finite_list(
-                    name, values, self.units.get(name, ""), "" if name == "phase" else "above zero"
-                )
-            )
+            allowed = "" if name == "phase" else "above zero"
+            numbers = np.array(finite_list(name, values, self.units.get(name, ""), allowed))
             if numbers.shape != np.shape(self.frequencies):
                 fault = (
                     f"there are {numbers.size} numbers of {name}, and {np.size(self.frequencies)}"
@@ -138,86 +135,131 @@ class TransferFunction(Result):
         Raises :class:`~granphon.base.errors.InputError` for a file, line or cell that cannot be
         read, a column that is missing or has another unit, and what the constructor refuses.
         """
+        source = _SourceColumns.read(path, columns or {}, quantity)
+        source.require("frequency")
+        source.require("magnitude")
+        magnitude = source.read_magnitude()
+        sigma = source.read_sigma(magnitude)
+        phase = source.read_angle("phase")
+        phase_sigma = source.read_angle("phase_sigma")
+        frequencies = source.table.column(source.headings["frequency"], FREQUENCY)
+        try:
+            return cls(frequencies, magnitude, phase, sigma, phase_sigma)
+        except InputError as error:
+            raise InputError(f"{source.table.name}: {error}") from None
+
+
+@dataclass(frozen=True)
+class _SourceColumns:
+    """The columns of a table that holds a transfer function of a ``quantity``, by their kinds.
+
+    ``headings`` has the heading of each kind of :data:`_COLUMNS`, also of kinds that the table
+    lacks.
+    """
+
+    table: Table
+    headings: Mapping[str, str]
+    quantity: str
+
+    @classmethod
+    def read(
+        cls, path: str | os.PathLike[str], names: Mapping[str, str], quantity: str
+    ) -> _SourceColumns:
+        """Read a table; InputError if it cannot be read, or ``names`` has a kind that is not
+        known.
+        """
         table = Table.read(path)
-        named = dict(columns or {})
-        unknown = [name for name in named if name not in _COLUMNS]
+        unknown = [kind for kind in names if kind not in _COLUMNS]
         if unknown:
             fault = f"{unknown[0]!r} is not a kind of column of a transfer function"
             raise InputError(fault, mend=suggest(unknown[0], _COLUMNS))
-        heads = {kind: named.get(kind, kind) for kind in _COLUMNS}
-        for kind in _COLUMNS[:2]:
-            if heads[kind] not in table:
-                fault = f"{table.name} has no column named {heads[kind]!r}"
-                why = (
-                    f"Its columns are"
-                    f" {list_names(repr(str(heading)) for heading in table.headings)}"
-                )
-                mend = (
-                    f"Head it '{kind}', or name it: --column '{kind}=NAME', columns={{'{kind}':"
-                    f" 'NAME'}}"
-                )
-                raise InputError(fault, why, mend)
+        return cls(table, {kind: names.get(kind, kind) for kind in _COLUMNS}, quantity)
 
-        def read(kind: str, factors: Mapping[str, float]) -> Array | None:
-            """Return the numbers of a column in one of these units; None if it is not there, or has
-            another unit.
-            """
-            unit = table.unit(heads[kind])
-            if heads[kind] not in table or unit not in factors:
-                return None
-            try:
-                return factors[unit] * table.numbers(heads[kind])
-            except InputError as error:
-                raise InputError(f"{table.name}, {error}") from None
+    def has(self, kind: str) -> bool:
+        """Whether the table has a column of this kind."""
+        return self.headings[kind] in self.table
 
-        def measure(kind: str) -> Array:
-            unit = _MAGNITUDES.get(quantity)
-            values = read(kind, {} if unit else _NUMBERS)
-            if unit and table.unit(heads[kind]) in _NUMBERS:
-                fault = f"{table.name}: the column {heads[kind]!r} has no unit of {unit.name}"
-                mend = (
-                    f"Head it '{kind} ({unit.unit})'; or if it is a transmissibility, give"
-                    f" quantity='transmissibility'"
-                )
-                raise InputError(fault, mend=f"{mend} (in a scene, response.quantity)")
-            if values is None and unit:
-                return table.column(heads[kind], unit)
+    def require(self, kind: str) -> None:
+        """Raise InputError if the table has no column of this kind."""
+        if self.has(kind):
+            return
+        listed = list_names(repr(str(heading)) for heading in self.table.headings)
+        mend = f"Head it '{kind}', or name it: --column '{kind}=NAME', columns={{'{kind}': 'NAME'}}"
+        raise InputError(
+            f"{self.table.name} has no column named {self.headings[kind]!r}",
+            f"Its columns are {listed}",
+            mend,
+        )
+
+    def convert(self, kind: str, factors: Mapping[str, float]) -> Array | None:
+        """Return the numbers of a column, (n,), times the factor of its unit; None if the table
+        has no such column, or the unit is not among ``factors``.
+        """
+        unit = self.table.unit(self.headings[kind])
+        if not self.has(kind) or unit not in factors:
+            return None
+        try:
+            return factors[unit] * self.table.numbers(self.headings[kind])
+        except InputError as error:
+            raise InputError(f"{self.table.name}, {error}") from None
+
+    def read_magnitude(self) -> Array:
+        """Return the magnitudes, (n,), m/N, m/s/N or 1, also of a column in dB."""
+        decibels = self.convert("magnitude", {"dB": 1.0})
+        return self.measure("magnitude") if decibels is None else 10.0 ** (decibels / 20.0)
+
+    def read_sigma(self, magnitude: Array) -> Array | None:
+        """Return the standard errors of magnitudes (n,), in the unit of these; None if the table
+        has none.
+        """
+        if not self.has("sigma"):
+            return None
+        percents = self.convert("sigma", {"%": 0.01})
+        if percents is not None:
+            return percents * magnitude
+        decibels = self.convert("sigma", {"dB": math.log(10.0) / 20.0})
+        return self.measure("sigma") if decibels is None else decibels * magnitude
+
+    def read_angle(self, kind: str) -> Array | None:
+        """Return the angles of a column, (n,), rad; None if the table has no such column."""
+        angle = self.convert(kind, _ANGLES)
+        if angle is None and self.has(kind):
+            fault = f"{self.table.name}: the column {self.headings[kind]!r} is not in rad or deg"
+            raise InputError(fault, mend=f"Head it '{kind} (rad)'")
+        return angle
+
+    def measure(self, kind: str) -> Array:
+        """Return the numbers of a column, (n,), in the unit of the magnitude: m/N, m/s/N or 1."""
+        heading = self.headings[kind]
+        unit = self.table.unit(heading)
+        magnitude = _MAGNITUDES.get(self.quantity)
+        if magnitude is None:
+            values = self.convert(kind, _NUMBERS)
             if values is None:
-                fault = (
-                    f"{table.name}: the column {heads[kind]!r} has the unit"
-                    f" {table.unit(heads[kind])!r}"
-                )
                 raise InputError(
-                    fault, "A transmissibility is a number", "Leave the unit out, or use % or dB"
+                    f"{self.table.name}: the column {heading!r} has the unit {unit!r}",
+                    "A transmissibility is a number",
+                    "Leave the unit out, or use % or dB",
                 )
             return values
-
-        decibels = read("magnitude", {"dB": 1.0})
-        magnitude = measure("magnitude") if decibels is None else 10.0 ** (decibels / 20.0)
-        sigma: Array | None = None
-        if heads["sigma"] in table:
-            percents = read("sigma", {"%": 0.01})
-            decibel_error = read("sigma", {"dB": math.log(10.0) / 20.0})
-            relative = decibel_error if percents is None else percents
-            sigma = measure("sigma") if relative is None else relative * magnitude
-        angles = []
-        for kind in ("phase", "phase_sigma"):
-            angle = read(kind, _ANGLES)
-            if angle is None and heads[kind] in table:
-                fault = f"{table.name}: the column {heads[kind]!r} is not in rad or deg"
-                raise InputError(fault, mend=f"Head it '{kind} (rad)'")
-            angles.append(angle)
-        frequencies = table.column(heads["frequency"], FREQUENCY)
-        try:
-            return cls(frequencies, magnitude, angles[0], sigma, angles[1])
-        except InputError as error:
-            raise InputError(f"{table.name}: {error}") from None
+        if unit in _NUMBERS:
+            mend = (
+                f"Head it '{kind} ({magnitude.unit})'; or if it is a transmissibility, give"
+                f" quantity='transmissibility' (in a scene, response.quantity)"
+            )
+            fault = f"{self.table.name}: the column {heading!r} has no unit of {magnitude.name}"
+            raise InputError(fault, mend=mend)
+        return self.table.column(heading, magnitude)
 
 
 @dataclass(frozen=True)
 class _Model:
     """The transfer function of a network at (n,) frequencies, as a function of the parameters
-    (p,).
+    (p,), SI.
+
+    ``damping``, s, and ``loss_factor`` are pairs of those of normal and of all other motion, which
+    are not fitted; ``places`` are the arguments of :meth:`granphon.Waves.response` that are not
+    fitted.
     """
 
     network: ContactNetwork
@@ -240,6 +282,7 @@ class _Model:
         return find_pair("damping", self.damping), find_pair("loss_factor", self.loss_factor)
 
     def __call__(self, parameters: Array) -> NDArray[np.complex128]:
+        """Return the complex transfer function (n,), in the unit of the measured one."""
         values = dict(zip(self.names, parameters.tolist(), strict=True))
         network = self.network
         load = values.get("load", 1.0)
@@ -331,22 +374,27 @@ def find_secant(
     compare: Callable[[Array], Array], values: Array, index: int, scatter: float, name: str
 ) -> Array:
     """Return the change of the residuals over that of one loss, between its best value and the
-    value at which the residuals have changed by their scatter.
+    value at which the residuals have changed by their scatter: a column (n,) of a Jacobian.
 
     Magnitudes depend on a loss that is nearly zero by its square only, so that the derivative there
     says nothing of the error: the loss up to which the misfit rises by that of one standard
-    deviation does. ``values`` are in units of a typical value, ``index`` says which is the loss.
+    deviation does. ``compare`` returns residuals (n,) from parameters (p,) in units of typical
+    values, as ``values`` are; ``index`` is the index of the loss among them.
 
     Raises :class:`~granphon.base.errors.InputError` if no loss changes the residuals so much.
     """
     from scipy.optimize import brentq
 
-    start = compare(values)
+    best_residuals = compare(values)
+    direction = np.zeros(values.size)
+    direction[index] = 1.0
 
     def change(step: float) -> Array:
-        return compare(values + step * (np.arange(values.size) == index)) - start
+        """Return the change of the residuals, (n,), when the loss rises by a step."""
+        return compare(values + step * direction) - best_residuals
 
     def rise(logarithm: float) -> float:
+        """Return by how much the change at a step, of this logarithm, exceeds the scatter."""
         return float(np.linalg.norm(change(math.exp(logarithm)))) - scatter
 
     logarithm = math.log(_LEAST_LOSS)
@@ -383,8 +431,8 @@ def fit_damping(
         experiment.
     measured : the transfer function, :class:`TransferFunction`.
     source, receiver, quantity, direction, polarisation, distance : as for
-    :meth:`granphon.Waves.response`; of several
-        receivers, those of a plane say, the mean is compared.
+        :meth:`granphon.Waves.response`; of several receivers, those of a plane say, the mean is
+        compared.
     parameters : one or more of "damping", s; "loss_factor"; "tangential_damping" and
         "tangential_loss_factor", of slip, twist and rolling, which are otherwise those of normal
         motion; "stiffness", by which all stiffnesses are multiplied; "load", by which static forces
@@ -403,8 +451,6 @@ def fit_damping(
     apart, too few data, losses of which the data say nothing, and what
     :meth:`granphon.Waves.response` refuses.
     """
-    from scipy.optimize import least_squares
-
     if not isinstance(measured, TransferFunction):
         raise InputError(
             "the data are no transfer function",
@@ -418,8 +464,6 @@ def fit_damping(
         raise InputError("the data cannot tell stiffness and load apart", why, "Fit one of them")
     # wrong values are refused before the fit
     given_damping = ContactDamping.of(network, damping, loss_factor)
-    fixed_damping = damping if isinstance(damping, tuple) else (damping, damping)
-    fixed_loss = loss_factor if isinstance(loss_factor, tuple) else (loss_factor, loss_factor)
     places = {
         "source": source,
         "receiver": receiver,
@@ -429,145 +473,242 @@ def fit_damping(
         "distance": distance,
     }
     model = _Model(
-        network,
-        names,
-        (fixed_damping[0], fixed_damping[1]),
-        (fixed_loss[0], fixed_loss[1]),
-        measured.frequencies,
-        places,
+        network, names, _make_pair(damping), _make_pair(loss_factor), measured.frequencies, places
     )
-    m = measured.magnitude
-    phase = measured.phase
+    comparison = _Comparison(model, measured)
     sigma_given = measured.sigma is not None
-    dof = m.size * (1 if phase is None else 2) - len(names)
-    if dof < (not sigma_given):
-        why = "" if sigma_given else "Without sigma one more is needed, to find the scatter"
-        fault = (
-            f"there are {dof + len(names)} numbers, to which {len(names)} parameters cannot be"
-            f" fitted"
-        )
-        raise InputError(fault, why, "Measure more")
-    sigma = m if measured.sigma is None else measured.sigma
-    angle = sigma / m if measured.phase_sigma is None else measured.phase_sigma
-    turned = np.ones(m.size) if phase is None else np.exp(1j * phase)
-
-    # parameters are fitted in units of a typical value
-    middle = 2.0 * math.pi * float(np.median(measured.frequencies))
-    scale = np.array([{"s": 1.0 / middle}.get(PARAMETERS[name], 1.0) for name in names])
-    is_loss = np.array([name not in ("stiffness", "load", "gain") for name in names])
-
-    @lru_cache(maxsize=16)
-    def respond_without_gain(values: tuple[float, ...]) -> NDArray[np.complex128]:
-        return model(np.array(values))
-
-    def respond(values: tuple[float, ...]) -> NDArray[np.complex128]:
-        """Return the transfer function; the network is not solved anew for another gain."""
-        if "gain" not in names:
-            return respond_without_gain(values)
-        place = names.index("gain")
-        others = (*values[:place], 1.0, *values[place + 1 :])
-        return np.asarray(values[place] * respond_without_gain(others))
-
-    def compare(scaled: Array) -> Array:
-        """Return the residuals of magnitudes, and of phases if they are known, over sigma."""
-        h = respond(tuple((scaled * scale).tolist()))
-        residuals = (m - np.abs(h)) / sigma
-        if phase is None:
-            return np.asarray(residuals)
-        return np.concatenate([residuals, np.angle(turned / h) / angle])
-
-    def compare_logarithms(scaled: Array) -> Array:
-        """Return the differences of logarithms of magnitudes, and of phases if they are known."""
-        h = respond(tuple((scaled * scale).tolist()))
-        with np.errstate(divide="ignore"):
-            differences = np.log(m / np.abs(h))
-        if phase is None:
-            return np.asarray(differences)
-        return np.concatenate([differences, np.angle(turned / h)])
-
-    def start(loss: float, stiffer: float = 1.0) -> tuple[float, Array]:
-        """Return the misfit of logarithms, and parameters, with the gain that fits best."""
-        scaled = np.where(is_loss, loss / max(int(np.sum(is_loss)), 1), 1.0)
-        for name, value in (("stiffness", stiffer), ("load", stiffer**3)):
-            if name in names:
-                scaled[names.index(name)] = value
-        differences = compare_logarithms(scaled)
-        if "gain" in names:
-            scaled[names.index("gain")] = math.exp(float(np.mean(differences[: m.size])))
-            differences = compare_logarithms(scaled)
-        return float(differences @ differences), scaled
-
-    ratios = [1.0]
-    is_searched = bool({"stiffness", "load"} & set(names))
-    if is_searched:
-        misfits = sorted((start(_BROAD, ratio)[0], ratio) for ratio in _STIFFER.tolist())
-        ratios = [ratio for _, ratio in misfits[:_FOLLOWED]]
-    losses = _LOSSES.tolist() if np.any(is_loss) else [0.0]
-    starts = sorted(
-        (start(loss, ratio) for ratio in ratios for loss in losses),
-        key=lambda misfit_and_parameters: misfit_and_parameters[0],
-    )
-    low = np.where(is_loss, 0.0, 1e-3)
-    limits = (low, np.full(low.shape, np.inf))
-    fits = [
-        least_squares(
-            compare,
-            first,
-            "3-point",
-            limits,
-            x_scale=np.maximum(first, 1e-3),
-            ftol=1e-13,
-            xtol=1e-13,
-            gtol=1e-13,
-        )
-        for _, first in starts[: _FOLLOWED if is_searched else 1]
-    ]
-    best = min(fits, key=lambda fit: float(fit.cost))
-    h = respond(tuple((best.x * scale).tolist()))
+    dof = comparison.dof
+    _require_data(dof, len(names), sigma_given)
+    best = comparison.find_best()
     chi2 = 2.0 * float(best.cost)
     scatter = 1.0 if sigma_given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
-    jacobian = np.array(best.jac)
-    least = np.linalg.norm(jacobian, axis=0) * best.x
-    for index in np.flatnonzero(is_loss & (least < scatter)).tolist():
-        jacobian[:, index] = find_secant(compare, best.x, index, scatter, names[index])
-    norms = np.linalg.norm(jacobian, axis=0)
-    _, singular, right = np.linalg.svd(jacobian / np.maximum(norms, 1e-300), full_matrices=False)
-    if np.any(norms == 0.0) or singular[-1] < SAME_EFFECT * singular[0]:
-        fault = f"the data cannot tell {' and '.join(names)} apart"
-        raise InputError(fault, mend="Measure a wider range, or fit fewer parameters")
-    root = (right / singular[:, None]).T / norms[:, None] * scale[:, None] * scatter
-    covariance = root @ root.T
-    values = best.x * scale
+    jacobian = comparison.find_jacobian(best, scatter)
+    covariance = comparison.find_covariance(jacobian, scatter)
+    values = best.x * comparison.scale
     warnings = list(given_damping.find_warnings(float(np.max(measured.frequencies))))
-    warnings += judge_residuals(chi2, dof, len(names)) if sigma_given or not dof else []
-    warnings += [
-        f"the standard error of {name} is {error:.2g}, and its value {value:.2g}: it can"
-        f" hardly be told from zero"
-        for name, value, error in zip(
-            names, values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True
-        )
-        if error > LARGE_ERROR * value
-    ]
-    pairs = model.losses(dict(zip(names, values.tolist(), strict=True)))
-    mean_damping, mean_loss_factor = (
-        np.array([float(np.mean(of_contacts)) for of_contacts in pair]) for pair in pairs
-    )
+    if sigma_given or not dof:
+        warnings += judge_residuals(chi2, dof, len(names))
+    warnings += _judge_errors(names, values, np.sqrt(np.diag(covariance)))
+    damping_pair, loss_pair = model.losses(dict(zip(names, values.tolist(), strict=True)))
     with_errors = replace(
-        measured, sigma=sigma * scatter, phase_sigma=None if phase is None else angle * scatter
+        measured,
+        sigma=comparison.sigma * scatter,
+        phase_sigma=None if measured.phase is None else comparison.phase_sigma * scatter,
     )
-    phases = np.angle(h) if phase is None else phase - np.angle(turned / h)
     return DampingFit(
         names,
         values,
         covariance,
-        mean_damping,
-        mean_loss_factor,
+        _average_contacts(damping_pair),
+        _average_contacts(loss_pair),
         with_errors,
         quantity,
         sigma_given,
-        np.abs(h),
-        phases,
+        np.abs(comparison.respond(best.x)),
+        comparison.find_phases(best.x),
         chi2 if sigma_given else float(dof),
         dof,
         tuple(warnings),
     )
+
+
+class _Comparison:
+    """A measured transfer function beside that of a model, whose parameters are scaled.
+
+    Attributes
+    ----------
+    scale : (p,) typical values of the parameters, SI; "scaled" parameters are over these.
+    is_loss : (p,) whether a parameter is a damping or a loss factor.
+    sigma : (n,) standard errors of magnitudes, in their unit; the magnitudes themselves, relative
+        errors of 1, if they are not known.
+    phase_sigma : (n,) standard errors of phases, rad.
+    phasor : (n,) exp(i phase) of the measured phases; 1 if these are not known.
+    """
+
+    def __init__(self, model: _Model, measured: TransferFunction) -> None:
+        self.model = model
+        self.measured = measured
+        self.names = model.names
+        magnitude = measured.magnitude
+        self.sigma = magnitude if measured.sigma is None else measured.sigma
+        self.phase_sigma = self.sigma / magnitude
+        if measured.phase_sigma is not None:
+            self.phase_sigma = measured.phase_sigma
+        self.phasor: Any = np.ones(magnitude.size)
+        if measured.phase is not None:
+            self.phasor = np.exp(1j * measured.phase)
+        middle = 2.0 * math.pi * float(np.median(measured.frequencies))
+        is_time = [PARAMETERS[name] == "s" for name in self.names]
+        self.scale = np.where(is_time, 1.0 / middle, 1.0)
+        self.is_loss = np.array([name not in ("stiffness", "load", "gain") for name in self.names])
+        self._respond = lru_cache(maxsize=16)(self._find_response)
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom: magnitudes and phases less parameters."""
+        magnitudes = self.measured.magnitude.size
+        numbers = magnitudes if self.measured.phase is None else 2 * magnitudes
+        return numbers - len(self.names)
+
+    def _find_response(self, parameters: tuple[float, ...]) -> NDArray[np.complex128]:
+        return self.model(np.array(parameters))
+
+    def respond(self, scaled: Array) -> NDArray[np.complex128]:
+        """Return the transfer function of the model, (n,).
+
+        The last few responses of the network are kept: another gain needs no other response.
+        """
+        parameters = scaled * self.scale
+        if "gain" not in self.names:
+            return self._respond(tuple(parameters.tolist()))
+        index = self.names.index("gain")
+        gain = float(parameters[index])
+        parameters[index] = 1.0
+        return np.asarray(gain * self._respond(tuple(parameters.tolist())))
+
+    def compare(self, scaled: Array) -> Array:
+        """Return the residuals of magnitudes, and of phases if they are known, over sigma: (n,) or
+        (2 n,).
+        """
+        response = self.respond(scaled)
+        residuals = (self.measured.magnitude - np.abs(response)) / self.sigma
+        if self.measured.phase is None:
+            return np.asarray(residuals)
+        phase_differences = np.angle(self.phasor / response)
+        return np.concatenate([residuals, phase_differences / self.phase_sigma])
+
+    def compare_logarithms(self, scaled: Array) -> Array:
+        """Return the differences of logarithms of magnitudes, and of phases, rad, if they are
+        known: (n,) or (2 n,).
+        """
+        response = self.respond(scaled)
+        with np.errstate(divide="ignore"):
+            differences = np.log(self.measured.magnitude / np.abs(response))
+        if self.measured.phase is None:
+            return np.asarray(differences)
+        return np.concatenate([differences, np.angle(self.phasor / response)])
+
+    def find_start(self, loss: float, stiffer: float = 1.0) -> tuple[float, Array]:
+        """Return the misfit of logarithms, and scaled parameters (p,) with the gain that fits best.
+
+        The losses add up to ``loss``, and stiffnesses are ``stiffer`` times those of the network.
+        """
+        scaled = np.where(self.is_loss, loss / max(int(np.sum(self.is_loss)), 1), 1.0)
+        if "stiffness" in self.names:
+            scaled[self.names.index("stiffness")] = stiffer
+        if "load" in self.names:
+            scaled[self.names.index("load")] = stiffer**3
+        differences = self.compare_logarithms(scaled)
+        if "gain" in self.names:
+            of_magnitudes = differences[: self.measured.magnitude.size]
+            scaled[self.names.index("gain")] = math.exp(float(np.mean(of_magnitudes)))
+            differences = self.compare_logarithms(scaled)
+        return float(differences @ differences), scaled
+
+    def list_starts(self) -> list[Array]:
+        """Return the scaled parameters (p,) from which minima are sought, the best first."""
+        ratios = [1.0]
+        count = 1
+        if {"stiffness", "load"} & set(self.names):
+            tried = _STIFFER.tolist()
+            misfits = sorted((self.find_start(_BROAD, ratio)[0], ratio) for ratio in tried)
+            ratios = [ratio for _, ratio in misfits[:_FOLLOWED]]
+            count = _FOLLOWED
+        losses = _LOSSES.tolist() if np.any(self.is_loss) else [0.0]
+        starts = [self.find_start(loss, ratio) for ratio in ratios for loss in losses]
+        starts.sort(key=lambda misfit_and_parameters: misfit_and_parameters[0])
+        return [parameters for _, parameters in starts[:count]]
+
+    def find_best(self) -> Any:
+        """Return scipy's result of least squares at the lowest minimum: ``x`` (p,) scaled,
+        ``cost``, ``jac``.
+        """
+        fits = [self._descend(start) for start in self.list_starts()]
+        return min(fits, key=lambda fit: float(fit.cost))
+
+    def _descend(self, start: Array) -> Any:
+        """Return scipy's result at the minimum that is reached from scaled parameters (p,)."""
+        from scipy.optimize import least_squares
+
+        low = np.where(self.is_loss, 0.0, 1e-3)
+        high = np.full(low.shape, np.inf)
+        return least_squares(
+            self.compare,
+            start,
+            "3-point",
+            (low, high),
+            x_scale=np.maximum(start, 1e-3),
+            ftol=1e-13,
+            xtol=1e-13,
+            gtol=1e-13,
+        )
+
+    def find_jacobian(self, best: Any, scatter: float) -> Array:
+        """Return the derivatives of residuals by scaled parameters, (n, p), at a minimum of
+        :meth:`find_best`; secants for losses that are nearly zero.
+        """
+        jacobian = np.array(best.jac)
+        change_to_zero = np.linalg.norm(jacobian, axis=0) * best.x
+        for index in np.flatnonzero(self.is_loss & (change_to_zero < scatter)).tolist():
+            jacobian[:, index] = find_secant(
+                self.compare, best.x, index, scatter, self.names[index]
+            )
+        return jacobian
+
+    def find_covariance(self, jacobian: Array, scatter: float) -> Array:
+        """Return the covariance (p, p) of the parameters, SI, from the derivatives (n, p) of
+        residuals by scaled parameters; InputError if parameters have the same effect.
+        """
+        norms = np.linalg.norm(jacobian, axis=0)
+        _, singular, right = np.linalg.svd(
+            jacobian / np.maximum(norms, 1e-300), full_matrices=False
+        )
+        if np.any(norms == 0.0) or singular[-1] < SAME_EFFECT * singular[0]:
+            fault = f"the data cannot tell {' and '.join(self.names)} apart"
+            raise InputError(fault, mend="Measure a wider range, or fit fewer parameters")
+        scaled_root = (right / singular[:, None]).T / norms[:, None]
+        root = scaled_root * self.scale[:, None] * scatter
+        return np.asarray(root @ root.T)
+
+    def find_phases(self, scaled: Array) -> Array:
+        """Return the phases (n,) of the model, rad, on the turn of the measured phases."""
+        response = self.respond(scaled)
+        if self.measured.phase is None:
+            return np.angle(response)
+        return np.asarray(self.measured.phase - np.angle(self.phasor / response))
+
+
+def _make_pair(loss: Any) -> tuple[Any, Any]:
+    """Return a loss of normal and one of all other motion, from such a tuple or one for both."""
+    return (loss[0], loss[1]) if isinstance(loss, tuple) else (loss, loss)
+
+
+def _average_contacts(pair: tuple[Any, Any]) -> Array:
+    """Return the means (2,) over the contacts of a pair of losses, of which each is a number or
+    (n_c,).
+    """
+    return np.array([float(np.mean(losses)) for losses in pair])
+
+
+def _require_data(dof: int, parameters: int, sigma_given: bool) -> None:
+    """Raise InputError if degrees of freedom are too few for this number of parameters."""
+    least = 0 if sigma_given else 1
+    if dof >= least:
+        return
+    fault = (
+        f"there are {dof + parameters} numbers, to which {parameters} parameters cannot be fitted"
+    )
+    why = "" if sigma_given else "Without sigma one more is needed, to find the scatter"
+    raise InputError(fault, why, "Measure more")
+
+
+def _judge_errors(names: Sequence[str], values: Array, errors: Array) -> list[str]:
+    """Return a warning for each parameter whose standard error is above half its value; values and
+    errors are (p,), SI.
+    """
+    return [
+        f"the standard error of {name} is {error:.2g}, and its value {value:.2g}: it can"
+        f" hardly be told from zero"
+        for name, value, error in zip(names, values.tolist(), errors.tolist(), strict=True)
+        if error > LARGE_ERROR * value
+    ]

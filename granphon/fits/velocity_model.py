@@ -102,26 +102,27 @@ class Waves(Result):
         for single in states:
             branches = follow_acoustic_branches(single.contact_lattice(), self.direction)
             tops.append(branches[self.branch].top)
-        reduced = np.array(tops)
+        reduced = np.array(tops)[0] if is_shared else np.array(tops)
         rates = np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass)
-        return np.asarray((reduced[0] if is_shared else reduced) * rates / (2.0 * np.pi))
+        return np.asarray(reduced * rates / (2.0 * np.pi))
 
     def velocity(self, state: ContactState) -> tuple[Array, Array]:
         """Return the velocity at each load, m/s, of long waves or of pulses (group), and d log v /
         d log frequency.
         """
         if self.frequency is None:
-            velocities = np.asarray(
-                state.long_waves(self.direction)[..., state.wave_names.index(self.branch)]
-            )
+            wave = state.wave_names.index(self.branch)
+            velocities = np.asarray(state.long_waves(self.direction)[..., wave])
             return velocities, np.zeros(velocities.shape)
-        # the steps lead to lower frequencies, where the branch is sure to exist
+        # the steps, (3, ...) for any shape of loads, lead to lower frequencies, where the branch is
+        # sure to exist
         steps = np.array([0.0, _FREQUENCY_STEP, 2.0 * _FREQUENCY_STEP])
-        steps = steps.reshape(3, *[1] * len(state.shape))
+        steps = np.expand_dims(steps, tuple(range(1, 1 + len(state.shape))))
         frequencies = self.frequency * (1.0 - steps)
-        group = pulse_velocities(state, frequencies, self.direction, branches=self.branch).group[0]
-        difference = 1.5 * group[0] - 2.0 * group[1] + 0.5 * group[2]
-        return group[0], difference / (_FREQUENCY_STEP * group[0])
+        pulses = pulse_velocities(state, frequencies, self.direction, branches=self.branch)
+        velocities, one_step, two_steps = pulses.group[0]
+        difference = 1.5 * velocities - 2.0 * one_step + 0.5 * two_steps
+        return velocities, difference / (_FREQUENCY_STEP * velocities)
 
 
 @dataclass(frozen=True)
@@ -168,20 +169,21 @@ class _SampleCurve:
     def __call__(self, logs: Array) -> tuple[Array, Array]:
         """Return value and slope of the curve at each log f*, (n,)."""
         cell, fraction = np.divmod(logs / _NODE_SPACING, 1.0)
+        # (n, 6): two nodes below the cell of each, the two ends of the cell, and two above
         nodes = cell.astype(int)[:, None] + np.arange(-2, 4)
         lacking = sorted(set(nodes.ravel().tolist()) - set(self._known))
         if lacking:
-            self._known |= dict(zip(lacking, self._solve(lacking), strict=True))
-        y = np.array([[self._known[node] for node in row] for row in nodes.tolist()])
-        first, last = (
-            (y[:, i - 2] - 8.0 * y[:, i - 1] + 8.0 * y[:, i + 1] - y[:, i + 2]) / 12.0
-            for i in (2, 3)
-        )
-        rise = y[:, 3] - y[:, 2]
-        bend = 3.0 * rise - 2.0 * first - last
-        twist = first + last - 2.0 * rise
-        value = y[:, 2] + fraction * (first + fraction * (bend + fraction * twist))
-        slope = first + fraction * (2.0 * bend + 3.0 * fraction * twist)
+            self._known |= zip(lacking, self._solve(lacking), strict=True)
+        rows = [[self._known[node] for node in row] for row in nodes.tolist()]
+        y = np.array(rows).T
+        slope_below = (y[0] - 8.0 * y[1] + 8.0 * y[3] - y[4]) / 12.0
+        slope_above = (y[1] - 8.0 * y[2] + 8.0 * y[4] - y[5]) / 12.0
+        # the cubic polynomial in the fraction of the cell with these slopes
+        rise = y[3] - y[2]
+        bend = 3.0 * rise - 2.0 * slope_below - slope_above
+        twist = slope_below + slope_above - 2.0 * rise
+        value = y[2] + fraction * (slope_below + fraction * (bend + fraction * twist))
+        slope = slope_below + fraction * (2.0 * bend + 3.0 * fraction * twist)
         return value, slope / _NODE_SPACING
 
     def _solve(self, nodes: list[int]) -> list[float]:
@@ -333,10 +335,10 @@ class VelocityModel:
         """
         tops = self.find_tops(logs)
         frequencies = np.broadcast_to(self.waves.frequency, tops.shape)
-        i = int(np.argmax(frequencies / tops))
+        datum = int(np.argmax(frequencies / tops))
         return (
-            f"Datum {i + 1} has {frequencies[i]:.6g} Hz at {self.force[i]:.4g} N, where the"
-            f" {self.waves.branch} branch ends at {tops[i]:.6g} Hz"
+            f"Datum {datum + 1} has {frequencies[datum]:.6g} Hz at {self.force[datum]:.4g} N, where"
+            f" the {self.waves.branch} branch ends at {tops[datum]:.6g} Hz"
         )
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
@@ -351,21 +353,30 @@ class VelocityModel:
         constant, factor = np.array([VARIABLE[name] for name in self.names]).T
         slopes = constant + np.multiply.outer(exponent, factor)
         if self.waves.finite_overlap:
-            long = replace(self.waves, frequency=None)
-            columns = list[Array]()
-            for move in _STEP * np.eye(len(logs)):
-                low_state, _ = self._find_state(self._make_packing(logs - move))
-                high_state, _ = self._find_state(self._make_packing(logs + move))
-                low = long.velocity(low_state)[0]
-                high = long.velocity(high_state)[0]
-                columns.append(np.log(high / low) / (2.0 * _STEP))
-            slopes = np.stack(columns, axis=1)
+            slopes = self._find_differences(logs)
         # a pulse has v = s g(nu d/s), with s in proportion to the velocity of long waves and power
         # = d log g / d log nu
         of_diameter = np.array([float(name == "diameter") for name in self.names])
         return velocities, slopes + power[:, None] * (of_diameter - slopes)
 
+    def _find_differences(self, logs: Array) -> Array:
+        """Return the derivatives (n, p) of the logarithms of velocities of long waves by those of
+        parameters, as central differences.
+        """
+        long_waves = replace(self.waves, frequency=None)
+        columns = []
+        for move in _STEP * np.eye(len(logs)):
+            low_state, _ = self._find_state(self._make_packing(logs - move))
+            high_state, _ = self._find_state(self._make_packing(logs + move))
+            low, _ = long_waves.velocity(low_state)
+            high, _ = long_waves.velocity(high_state)
+            columns.append(np.log(high / low) / (2.0 * _STEP))
+        return np.stack(columns, axis=1)
+
     def _make_packing(self, logs: Array) -> Packing:
+        """Return the packing whose parameters have these logarithms (p,); its spread has the same
+        shape to the last bit at every width.
+        """
         with np.errstate(over="ignore", under="ignore"):
             values: dict[str, Any] = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
         width = values.pop("width", self.packing.width)
@@ -374,6 +385,7 @@ class VelocityModel:
         return change_packing(self.packing, values)
 
     def _widen(self, width: float) -> _WidenedSpread:
+        """Return the spread of the packing at another width, m."""
         return _WidenedSpread(positive("width", width, "m"), self.packing.spread or Uniform(0.0))
 
     def _find_state(self, packing: Packing) -> tuple[ContactState, Array]:
@@ -391,10 +403,10 @@ class VelocityModel:
         except InputError as error:
             if error.load_index != 0:  # not the lowest load
                 raise
-            i = int(np.argmin(self.force))
+            lowest = int(np.argmin(self.force))
             where = (
-                f"datum {i + 1}, the lowest, is f* = {even.reduced_force[i]:.3g} if the width is"
-                f" {packing.width:.3g} m"
+                f"datum {lowest + 1}, the lowest, is f* = {even.reduced_force[lowest]:.3g} if the"
+                f" width is {packing.width:.3g} m"
             )
             raise InputError(
                 f"{where}, and the curve through simulated loads begins lower: {error}"
@@ -424,7 +436,6 @@ class VelocityModel:
         spread = self.packing.spread
         if isinstance(spread, Discrete | Measured):
             shift = values.get("diameter", self.packing.diameter) - spread.mean
-            spread = replace(
-                spread, diameters=tuple(diameter + shift for diameter in spread.diameters)
-            )
+            diameters = tuple(diameter + shift for diameter in spread.diameters)
+            spread = replace(spread, diameters=diameters)
         return change_packing(self.packing, values | {"spread": spread})

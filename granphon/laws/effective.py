@@ -52,7 +52,7 @@ from numpy.typing import NDArray
 
 from granphon.balls.diameters import NormalShape, PointShape, Shape, UniformShape
 from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Flags
 from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
 from granphon.base.scales import WidthUnits
@@ -136,11 +136,9 @@ class EffectiveLaw(SpreadLaw):
     @cached_property
     def _energy_offset(self) -> float:
         # energies of the curve are counted from its start, and those of the series from zero
-        curve = self.curve
-        series = curve.series
-        return float(
-            curve.value(np.array(series.start), ENERGY) - series.value(series.start, ENERGY)
-        )
+        series = self.curve.series
+        energy_of_curve = self.curve.value(np.array(series.start), ENERGY)
+        return float(energy_of_curve - series.value(series.start, ENERGY))
 
     def _evaluate_near(self, y: Array, order: int) -> Array:
         curve = self.curve
@@ -217,9 +215,9 @@ class EffectiveCurve:
         step.
         """
         table = self.tables[order]
-        return np.stack(
-            [np.sum(table[::2], axis=0) - np.sum(table[1::2], axis=0), np.sum(table, axis=0)]
-        )
+        # Chebyshev polynomials are 1 at the upper end, and 1, -1, 1, ... at the lower one
+        lower = np.sum(table[::2], axis=0) - np.sum(table[1::2], axis=0)
+        return np.stack([lower, np.sum(table, axis=0)])
 
     def value(self, y: Array, order: int) -> Array:
         """Return a derivative of the energy at y between the start of the curve, from which
@@ -292,13 +290,12 @@ class EffectiveCurve:
         t = (root - middle) / half
         if order < SLOPE:
             return np.asarray(chebyshev.chebval(t, self.tables[order][:, index], tensor=False))
-        whole, divided = (
-            chebyshev.chebval(t, table[:, index], tensor=False) for table in self._slopes
-        )
-        rise = 2.0 * half * root
-        return np.asarray(
-            whole + np.divide(divided, rise, out=np.zeros_like(rise), where=divided != 0.0)
-        )
+        quotients, numerators = self._slopes
+        whole = chebyshev.chebval(t, quotients[:, index], tensor=False)
+        numerator = chebyshev.chebval(t, numerators[:, index], tensor=False)
+        rise = 2.0 * half * root  # dy/dt
+        divided = np.divide(numerator, rise, out=np.zeros_like(rise), where=numerator != 0.0)
+        return np.asarray(whole + divided)
 
     def _evaluate_by_step(
         self, index: NDArray[np.intp], values: Array, function: Callable[[Index, Array], Array]
@@ -495,13 +492,11 @@ class PointAverages:
         rise = np.where(closed, block.origin[:, 0] - openings[:, None], 0.0)
         root = np.sqrt(rise[..., None] + block.root**2) * closed[..., None]
         top = root[..., -1:]
-        change = (
-            block.drop
-            * (block.root + block.root[:, -1:])
-            / np.where(closed[..., None], root + top, np.inf)
-        )
+        sum_of_roots = np.where(closed[..., None], root + top, np.inf)
+        change = block.drop * (block.root + block.root[:, -1:]) / sum_of_roots
 
         def sum_pairs(values: Array) -> Array:
+            """Return the sums over the pairs of each ball, (n, ...), of values (m, ...)."""
             shape = values.shape[1:]
             columns = values.reshape(len(values), int(np.prod(shape)))
             return np.asarray(pair_weights @ columns).reshape(-1, *shape)
@@ -542,14 +537,18 @@ class PointAverages:
         basis = np.stack(values)
         change = np.stack(changes)
         return [
-            np.einsum("mn,m...->n...", table, terms[: len(table)])
-            for table, terms in (
-                (stiffness, basis),
-                (stiffness, change),
-                (force, change),
-                (force, basis[..., -1]),
-            )
+            _sum_series(stiffness, basis),
+            _sum_series(stiffness, change),
+            _sum_series(force, change),
+            _sum_series(force, basis[..., -1]),
         ]
+
+
+def _sum_series(table: Array, terms: Array) -> Array:
+    """Return the sums (n, ...) of the Chebyshev series (m, n) of n balls, from terms (m or more,
+    ...).
+    """
+    return np.asarray(np.einsum("mn,m...->n...", table, terms[: len(table)]))
 
 
 def _integrate_series(table: Array, scale: float, middle: Array) -> Array:
@@ -667,17 +666,17 @@ def solve_curve(
     solved_steps = []
     solved_tables = []
     count = 1  # of steps that are solved at once
-    guess = None
+    guess = None  # overlaps and k/<K^Q> of the last attempt
     while force > LEAST_SOLVED_FORCE:
-        origin, _, high = pending[-1]
+        origin, low, high = pending[-1]
         if stiffness * (origin - first_opening + high**2) <= _VANISHED * force:
             break
         # where the first contact opens, force and stiffness are both zero: steps approach that end
         # but do not include it
-        if pending[-1][:2] == (first_opening, 0.0):
+        if (origin, low) == (first_opening, 0.0):
             pending[-1:] = _halve(pending[-1])
             continue
-        attempted = pending[: -count - 1 : -1]
+        attempted = reversed(pending[-count:])
         steps = [step for step in attempted if step[:2] != (first_opening, 0.0)]
         block = Block.of(steps, points)
         # steps of a density are long and few: one is solved at a time, because a step that must be
@@ -687,22 +686,19 @@ def solve_curve(
             count = allowed
             continue
         balls = averages.balls(block) if averages else DensityBalls(shape, xi, order, block)
-        # k/<K^Q> is smooth: start from that of the last attempt, or from a constant
-        ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
-        start = balls.mean * ratio * (stiffness / (balls.mean[0, -1] * ratio[0, -1]))
+        start = _estimate(balls, block, guess, stiffness)
         solution = _relax(balls, derivative, block, start, stiffness)
-        if solution is None:
-            rough = np.ones(len(steps), bool)
-        else:
+        is_rough = np.ones(len(steps), bool)
+        if solution is not None:
             k, forces = solution
             table = k @ coefficients.T
             last = np.max(np.abs(table[:, -2:]), axis=1)
-            rough = last > np.maximum(tolerance, balls.noise) * np.min(k, axis=1)
-        hopeless = np.any((block.half < _SHORTEST * block.middle)[rough])
-        if len(steps) > 1 and (solution is None or hopeless):
+            is_rough = last > np.maximum(tolerance, balls.noise) * np.min(k, axis=1)
+        is_hopeless = bool(np.any((block.half < _SHORTEST * block.middle)[is_rough]))
+        if len(steps) > 1 and (solution is None or is_hopeless):
             count = len(steps) // 2
             continue
-        if hopeless:  # doubles cannot tell apart the points of a shorter step
+        if is_hopeless:  # doubles cannot tell apart the points of a shorter step
             if force < VALID_FORCE:
                 break
             overlap = float(block.y[0, -1])
@@ -710,13 +706,10 @@ def solve_curve(
                 f"the effective medium does not converge below an overlap of {overlap:.6g} widths",
                 mend="Raise the load",
             )
-        if np.any(rough):
-            finer = [
-                _halve(step) if is_rough else [step]
-                for step, is_rough in zip(steps, rough.tolist(), strict=True)
-            ]
-            pending[-len(steps) :] = [step for pieces in reversed(finer) for step in pieces]
-            count = sum(map(len, finer))
+        if np.any(is_rough):
+            finer = _halve_rough(steps, is_rough)
+            pending[-len(steps) :] = finer
+            count = len(finer)
             if solution is not None:
                 ascending = np.argsort(block.y, axis=None)
                 guess = block.y.ravel()[ascending], (k / balls.mean).ravel()[ascending]
@@ -774,7 +767,31 @@ def _make_curve(
     return EffectiveCurve(shape, xi, far, read_only(geometry), (energies, forces, stiffness))
 
 
+def _estimate(
+    balls: DensityBalls | PointBalls, block: Block, guess: tuple[Array, Array] | None, top: float
+) -> Array:
+    """Return an estimate of k, (B, s + 1), at the points of a block, which is ``top`` at the upper
+    end.
+
+    k/<K^Q> is smooth: the ratio is that of the last attempt, whose overlaps and ratios are the
+    ``guess``, or else a constant.
+    """
+    ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
+    return np.asarray(balls.mean * ratio * (top / (balls.mean[0, -1] * ratio[0, -1])))
+
+
+def _halve_rough(steps: list[Step], is_rough: Flags) -> list[Step]:
+    """Return the steps, which are in descending order, in ascending order, with the rough ones
+    halved.
+    """
+    finer = []
+    for step, must_halve in zip(reversed(steps), reversed(is_rough.tolist()), strict=True):
+        finer += _halve(step) if must_halve else [step]
+    return finer
+
+
 def _halve(step: Step) -> list[Step]:
+    """Return the two halves of a step, in ascending order."""
     origin, low, high = step
     middle = 0.5 * (low + high)
     return [(origin, low, middle), (origin, middle, high)]

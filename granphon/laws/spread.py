@@ -71,11 +71,8 @@ class Series(NamedTuple):
 
     def ratio(self, y: Array, order: int) -> Array:
         """Return a derivative of the energy divided by that of equal balls."""
-        return np.asarray(
-            np.polynomial.polynomial.polyval(
-                self.scale / y, self.mean * _compute_factors(order) / _HERTZ[order]
-            )
-        )
+        coefficients = self.mean * _compute_factors(order) / _HERTZ[order]
+        return np.asarray(np.polynomial.polynomial.polyval(self.scale / y, coefficients))
 
     def value(self, y: float, order: int) -> float:
         """Return a derivative of the reduced energy at y."""
@@ -117,11 +114,13 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
     x = x / scale
     moments = [float(np.sum(weights * x**m)) for m in n]
     binomial = np.cumprod(np.concatenate([[1.0], (1.5 - n[:-1]) / (n[:-1] + 1.0)]))
-    # (1 + z (x + x')/2)^(3/2) with z = scale/y, averaged over x'
-    pairs = [
-        sum(math.comb(m, j) * moments[j] * x ** (m - j) for j in range(m + 1)) for m in n.tolist()
-    ]
-    balls = np.array([binomial[m] * 0.5**m * pairs[m] for m in n])
+    # (1 + z (x + x')/2)^(3/2) with z = scale/y, averaged over x': the term of z^m of each ball has
+    # the mean of (x + x')^m
+    rows = []
+    for m in n.tolist():
+        mean_power = sum(math.comb(m, j) * moments[j] * x ** (m - j) for j in range(m + 1))
+        rows.append(binomial[m] * 0.5**m * mean_power)
+    balls = np.array(rows)
     if math.isinf(xi):
         return Series(balls @ weights, scale, _SERIES_START * scale, balls, weights)
     powers = _compute_factors(STIFFNESS)
@@ -133,9 +132,9 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
         terms = [(balls[j] - mean[j]) * inverse[m - j] for j in n[1:m]]
         mean[m] = weights @ sum(terms, balls[m] * inverse[0]) / inverse[0, 0]
         # 1/(K^Q + Xi k), to the same order
-        inverse[m] = -inverse[0] * sum(
-            powers[j] * (balls[j] + xi * mean[j]) * inverse[m - j] for j in n[1 : m + 1]
-        )
+        stiffnesses = [powers[j] * (balls[j] + xi * mean[j]) for j in n[1 : m + 1]]
+        products = [stiffness * inverse[m - j] for j, stiffness in enumerate(stiffnesses, 1)]
+        inverse[m] = -inverse[0] * sum(products)
     return Series(mean, scale, _SERIES_START * scale, balls, weights)
 
 
@@ -213,9 +212,8 @@ class SpreadLaw(EnergyLaw):
         # W may be so small that the reduced load is above the floating range, where the series
         # holds
         with np.errstate(over="ignore", under="ignore"):
-            is_far = self._units.reduced_force(load) >= self._series.value(
-                self._series.start, FORCE
-            )
+            force_at_start = self._series.value(self._series.start, FORCE)
+            is_far = self._units.reduced_force(load) >= force_at_start
             return self._evaluate_parts(load, is_far, invert_series, invert_near)
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
@@ -247,8 +245,9 @@ class SpreadLaw(EnergyLaw):
             excess, stiffness = self._compute_excesses(y, nodes.positions)
             force = self._evaluate_near(y, FORCE)
             k = self._evaluate_near(y, STIFFNESS)
-            moved = (force / np.where(k > 0.0, k, 1.0))[:, None] * excess / (stiffness + self.xi)
-            closed = self.shape.average(y[:, None] - moved, 0.0, nodes.positions)
+            force_over_stiffness = force / np.where(k > 0.0, k, 1.0)
+            displacement = force_over_stiffness[:, None] * excess / (stiffness + self.xi)
+            closed = self.shape.average(y[:, None] - displacement, 0.0, nodes.positions)
             # weights sum to one but for rounding
             return np.asarray(np.minimum(np.sum(nodes.weights * closed, axis=-1), 1.0))
 
@@ -277,9 +276,9 @@ class SpreadLaw(EnergyLaw):
         """Return the SI value of the reduced unit of energy, force, stiffness or slope of the
         stiffness.
         """
-        return float(
-            getattr(self._units, ("energy", "force", "stiffness", "stiffness_slope")[order])
-        )
+        units = self._units
+        name = ("energy", "force", "stiffness", "stiffness_slope")[order]
+        return float(getattr(units, name))
 
     def least_valid_force(self, width: float) -> float:
         """Return the force, N, from which the law is valid for a packing of ``width`` W, m: the
@@ -324,12 +323,12 @@ class SpreadLaw(EnergyLaw):
         self, overlap: ArrayLike, far: Callable[[Array], Array], near: Callable[[Array], Array]
     ) -> Any:
         """Evaluate a function of y: ``far`` from the start of the series on, ``near`` below it."""
-        in_blocks = (
-            partial(evaluate_in_blocks, function, size=_LOADS_AT_ONCE) for function in (far, near)
-        )
+        far_in_blocks = partial(evaluate_in_blocks, far, size=_LOADS_AT_ONCE)
+        near_in_blocks = partial(evaluate_in_blocks, near, size=_LOADS_AT_ONCE)
         with np.errstate(over="ignore", under="ignore"):
             y = np.asarray(np.asarray(overlap, float) / self.width)
-            return self._evaluate_parts(y, y >= self._series.start, *in_blocks)
+            is_far = y >= self._series.start
+            return self._evaluate_parts(y, is_far, far_in_blocks, near_in_blocks)
 
 
 # -- the averaged force ----------------------------------------------------------------------------

@@ -49,7 +49,9 @@ def compute_form_coefficients(shape: Shape) -> tuple[float, float]:
     distribution without cutoff.
     """
     x, weights = shape.nodes(0.0, 64, whole=True)
-    second, third, fourth = (float(np.sum(weights * x**n)) for n in (2, 3, 4))
+    second = float(np.sum(weights * x**2))
+    third = float(np.sum(weights * x**3))
+    fourth = float(np.sum(weights * x**4))
     return third / second**1.5, fourth / second**2 - 3.0
 
 
@@ -73,37 +75,52 @@ def explain_uncovered(packing: Packing, truth: FrictionHistory = REST) -> str | 
             f"none were measured on the {packing.structure.name} lattice{against}; they were on"
             f" these: {lattices}"
         )
-    shape = packing.spread.shape if packing.spread else None
-    skewness, kurtosis = compute_form_coefficients(shape) if shape else (0.0, 0.0)
-    most = rows["most"]
-    is_out_of_plane = packing.structure.periods == 2 and packing.motions not in (
-        None,
-        IN_PLANE.name,
-    )
-    reasons = {
-        "the errors are those of balls that move in the plane alone": is_out_of_plane,
-        "the errors are those of contacts that resist neither twist nor rolling": bool(
-            packing.torsion or packing.bending
-        ),
-        f"the distribution of diameters has skewness {skewness:.3g} and excess kurtosis"
-        f" {kurtosis:.3g}; they are known up to {most['skewness']:.3g} and"
-        f" {most['kurtosis']:.3g}": abs(skewness) > most["skewness"] or kurtosis > most["kurtosis"],
-    }
-    if truth.friction_coefficient is not None:
-        low, high = rows["mindlin_ratios"]
-        eta = packing.mindlin_ratio
-        least = rows["friction_coefficient"]
-        measured = "against arrays loaded with friction they were measured for"
-        reasons |= {
-            f"{measured} Mindlin ratios from {low:.3g} to {high:.3g}, not for {eta:.3g}": not (
-                low * (1.0 - 1e-9) <= eta <= high * (1.0 + 1e-9)
-            ),
-            f"{measured} friction coefficients from {least:g} on, not for"
-            f" {truth.friction_coefficient:g}": truth.friction_coefficient < least,
-            f"{measured} shear_response {' and '.join(rows['errors'])} on this lattice, not for"
-            f" {truth.shear_response}": truth.shear_response not in rows["errors"],
-        }
-    return next((reason for reason, applies in reasons.items() if applies), None)
+    reason = _explain_balls(packing, rows["most"])
+    if reason is None and truth.is_loaded:
+        reason = _explain_friction(packing.mindlin_ratio, truth, rows)
+    return reason
+
+
+def _explain_balls(packing: Packing, most: Mapping[str, float]) -> str | None:
+    """Return the reason why balls of a packing were not measured; None if they were.
+
+    ``most`` holds the largest skewness and excess kurtosis of diameters.
+    """
+    moves_in_plane = packing.motions in (None, IN_PLANE.name)
+    if packing.structure.periods == 2 and not moves_in_plane:
+        return "the errors are those of balls that move in the plane alone"
+    if packing.torsion or packing.bending:
+        return "the errors are those of contacts that resist neither twist nor rolling"
+    if packing.spread is None:
+        return None
+    skewness, kurtosis = compute_form_coefficients(packing.spread.shape)
+    if abs(skewness) > most["skewness"] or kurtosis > most["kurtosis"]:
+        return (
+            f"the distribution of diameters has skewness {skewness:.3g} and excess kurtosis"
+            f" {kurtosis:.3g}; they are known up to {most['skewness']:.3g} and"
+            f" {most['kurtosis']:.3g}"
+        )
+    return None
+
+
+def _explain_friction(eta: float, truth: FrictionHistory, rows: Mapping[str, Any]) -> str | None:
+    """Return the reason why a Mindlin ratio ``eta`` or a ``truth`` with friction was not measured;
+    None if both were.
+    """
+    measured = "against arrays loaded with friction they were measured for"
+    low, high = rows["mindlin_ratios"]
+    if not low * (1.0 - 1e-9) <= eta <= high * (1.0 + 1e-9):
+        return f"{measured} Mindlin ratios from {low:.3g} to {high:.3g}, not for {eta:.3g}"
+    mu = truth.friction_coefficient
+    least = rows["friction_coefficient"]
+    if mu is not None and mu < least:
+        return f"{measured} friction coefficients from {least:g} on, not for {mu:g}"
+    if truth.shear_response not in rows["errors"]:
+        responses = " and ".join(rows["errors"])
+        return (
+            f"{measured} shear_response {responses} on this lattice, not for {truth.shear_response}"
+        )
+    return None
 
 
 def find_error(
@@ -137,11 +154,10 @@ def find_error(
     with np.errstate(over="ignore", divide="ignore"):
         error = np.exp(np.interp(np.log(reduced), np.log(loads), np.log(errors)))
         # the overlap over that at the greatest load of the table, by the law of equal balls
-        growth = (
-            (reduced - 0.5) / (loads[-1] - 0.5)
-            if axis == "overlap"
-            else overlap_of(reduced / loads[-1])
-        )
+        if axis == "overlap":
+            growth = (reduced - 0.5) / (loads[-1] - 0.5)
+        else:
+            growth = np.asarray(overlap_of(reduced / loads[-1]))
         error = error / np.maximum(growth, 1.0) ** power
     if medium == SIMULATION:
         error = error * (DEVIATIONS / math.sqrt(balls))

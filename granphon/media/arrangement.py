@@ -155,37 +155,47 @@ class Arrangement:
         """The crystal."""
         if self.given is not None:
             return self.given
-        balls = {name: replace(ball, name=name) for name, ball in self.kinds}
-        options = {name: getattr(self, name) for name in _OPTIONS}
-        options["law"] = dict(self.law) if isinstance(self.law, tuple) else self.law
-
-        def find_ball(name: str) -> Ball:
-            if name not in balls:
-                guess = closest(name, balls)
-                mend = f"Did you mean {guess}?" if guess else f"Give one of {', '.join(balls)}"
-                raise InputError(f"there is no kind of ball {name!r}", mend=mend)
-            return balls[name]
-
-        if self.lattice is None:
-            site_balls = [find_ball(name) for _, name in self.sites]
-            positions = [list(position) for position, _ in self.sites]
-            made = Crystal(site_balls, self.cell, positions, name="crystal", **options)
-        else:
-            kinds = [find_ball(name) for name in self.order or tuple(balls)]
-            made = Crystal.on(self.lattice, kinds, **options)
-        if any(ball.spread for ball in made.kinds):
+        crystal = self._make_cell()
+        if any(ball.spread for ball in crystal.kinds):
             if self.cut or self.replace or self.remove:
                 problem = "a crystal is cut or has defects, and a kind of its balls has a spread"
                 why = "Layers would repeat one sample"
                 raise InputError(problem, why, "Leave one of them out, or use gp.Crystal")
-            return made.sample(self.repeat or None, self.seed)
+            return crystal.sample(self.repeat or None, self.seed)
         if self.repeat:
-            made = made.repeat(self.repeat)
+            crystal = crystal.repeat(self.repeat)
         for axis, layers, edges in self.cut:
-            made = made.cut(list(axis) if isinstance(axis, tuple) else axis, layers, edges)
+            crystal = crystal.cut(list(axis) if isinstance(axis, tuple) else axis, layers, edges)
         for index, name in self.replace:
-            made = made.replace(index, find_ball(name))
-        return made.remove(list(self.remove)) if self.remove else made
+            crystal = crystal.replace(index, self._find_ball(name))
+        if self.remove:
+            crystal = crystal.remove(list(self.remove))
+        return crystal
+
+    def _make_cell(self) -> Crystal:
+        """Return the crystal of one cell, without defects."""
+        options = {name: getattr(self, name) for name in _OPTIONS}
+        options["law"] = dict(self.law) if isinstance(self.law, tuple) else self.law
+        if self.lattice is None:
+            site_balls = [self._find_ball(name) for _, name in self.sites]
+            positions = [list(position) for position, _ in self.sites]
+            return Crystal(site_balls, self.cell, positions, name="crystal", **options)
+        kinds = [self._find_ball(name) for name in self.order or tuple(self._named_balls)]
+        return Crystal.on(self.lattice, kinds, **options)
+
+    def _find_ball(self, name: str) -> Ball:
+        """Return the ball of the kind of this name."""
+        balls = self._named_balls
+        if name not in balls:
+            guess = closest(name, balls)
+            mend = f"Did you mean {guess}?" if guess else f"Give one of {', '.join(balls)}"
+            raise InputError(f"there is no kind of ball {name!r}", mend=mend)
+        return balls[name]
+
+    @cached_property
+    def _named_balls(self) -> dict[str, Ball]:
+        """The ball of each kind, which has the name of the kind."""
+        return {name: replace(ball, name=name) for name, ball in self.kinds}
 
     # -- attributes that a packing has too ---------------------------------------------------------
 
@@ -238,10 +248,9 @@ class Arrangement:
         for name, ball in self.kinds:
             if name in crystal.names:
                 rows += _describe_kind(name, ball)
-        counts = [np.count_nonzero(crystal.kind == number) for number in range(len(crystal.kinds))]
-        balls = ", ".join(
-            f"{count} {name}" for count, name in zip(counts, crystal.names, strict=True)
-        )
+        counts = np.bincount(crystal.kind, minlength=len(crystal.kinds)).tolist()
+        pairs = zip(counts, crystal.names, strict=True)
+        balls = ", ".join(f"{count} {name}" for count, name in pairs)
         law = "of each pair" if isinstance(self.law, tuple) else type(self.law).__name__
         rows.append(("crystal", crystal.name, ""))
         rows.append(("balls of the cell", balls, ""))
@@ -362,8 +371,9 @@ class LoadedCrystal(NetworkState):
         Open contacts do not count; of a sample, whose contacts open one by one, all contacts count,
         as in :meth:`Crystal.at_force`.
         """
-        is_sample = bool(np.any(self.source.crystal.deviations))
-        counts = (self.source.normal_stiffness > 0.0) | is_sample
+        counts = self.source.normal_stiffness > 0.0
+        if np.any(self.source.crystal.deviations):
+            counts = np.ones_like(counts)
         return np.mean(values, axis=-1, where=counts)[()]
 
     @property

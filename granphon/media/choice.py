@@ -129,8 +129,8 @@ class AutoMedium(Medium[ContactState]):
     @cached_property
     def truth(self) -> FrictionHistory:
         """The simulated arrays that expected errors are relative to."""
-        given = {name: getattr(self, name) for name in REFERENCE_OPTIONS}
-        return require("AutoMedium", FrictionHistory.read, given)  # type: ignore[no-any-return]
+        options = {name: getattr(self, name) for name in REFERENCE_OPTIONS}
+        return require("AutoMedium", FrictionHistory.read, options)  # type: ignore[no-any-return]
 
     def choose(self, kind: str, loads: ArrayLike) -> list[ServingMedium]:
         """Choose the first sufficient medium for each load of a ``kind`` ("force", "pressure",
@@ -144,10 +144,9 @@ class AutoMedium(Medium[ContactState]):
         serving = []
         for index in np.unique(chosen):
             served = np.flatnonzero(chosen == index)
+            medium = candidates[index]
             serving.append(
-                ServingMedium(
-                    candidates[index], served, self.packing, load[served], True, self.truth
-                )
+                ServingMedium(medium, served, self.packing, load[served], True, self.truth)
             )
         return serving
 
@@ -169,8 +168,8 @@ class AutoMedium(Medium[ContactState]):
         """
         reason = explain_uncovered(self.packing, self.truth)
         if reason is not None:
-            what = f"the errors of the media are not known here: {reason}"
-            raise InputError(what, mend="Name a medium")
+            problem = f"the errors of the media are not known here: {reason}"
+            raise InputError(problem, mend="Name a medium")
         candidates = list_candidates(self.packing, self.truth)
         errors = np.array(
             [medium.expected_error(self.packing, load, self.truth) for medium in candidates]
@@ -185,20 +184,23 @@ class AutoMedium(Medium[ContactState]):
 
     def _explain_failure(self, load: Load, least: float, largest: MediumChoice) -> InputError:
         """Return the error for a load at which the ``least`` expected error is too large."""
-        place = load.describe(self.packing.structure.periods)
-        place += f" against {self.truth}" * self.truth.is_loaded
+        where = load.describe(self.packing.structure.periods)
+        if self.truth.is_loaded:
+            where += f" against {self.truth}"
         if math.isfinite(least):
+            balls = largest.of(self.packing).arrays[0].balls
             return InputError(
-                f"no medium has an expected error of {self.tolerance:g} or less at {place}",
+                f"no medium has an expected error of {self.tolerance:g} or less at {where}",
                 f"The smallest expected error there is {least:.2g}, of a simulation of"
-                f" {largest.of(self.packing).arrays[0].balls:,} balls",
+                f" {balls:,} balls",
                 "Raise the tolerance, or simulate more samples by hand",
             )
         name = "a*" if load.kind == "overlap" else "f*"
         reduced = float(reduce_load(self.packing, load))
+        least_load = find_least_load(self.packing, load, self.truth)
         return InputError(
-            f"the errors of the media are not known at {place}, {name} = {reduced:.3g}",
-            f"They are known from {name} = {find_least_load(self.packing, load, self.truth):g} on",
+            f"the errors of the media are not known at {where}, {name} = {reduced:.3g}",
+            f"They are known from {name} = {least_load:g} on",
             "Raise the load, or name a medium",
         )
 
@@ -216,14 +218,14 @@ class AutoMedium(Medium[ContactState]):
 
 #: the classes of media of packings by the names that scenes and sweeps use
 MEDIA: Registry[type[Medium[Any]]] = Registry("medium")
-for _one in (
+for _medium in (
     AveragedLattice,
     AveragedForce,
     EffectiveMedium,
     DirectSimulation,
     AutoMedium,
 ):
-    MEDIA.own(_one.name, _one)
+    MEDIA.own(_medium.name, _medium)
 
 
 def register_medium(medium: T) -> T:
@@ -235,15 +237,15 @@ def register_medium(medium: T) -> T:
     decorator. Raises :class:`~granphon.base.errors.InputError` for what is no such class, and for a
     name that is taken.
     """
-    given: Any = medium
-    own = vars(medium) if isinstance(given, type) and issubclass(given, Medium) else {}
-    if not isinstance(own.get("name"), str):
+    candidate: Any = medium
+    is_medium = isinstance(candidate, type) and issubclass(candidate, Medium)
+    attributes = vars(candidate) if is_medium else {}
+    if not isinstance(attributes.get("name"), str):
         mend = "Give a subclass of granphon.LawMedium with a name of its own"
         raise InputError(f"{brief(medium)} is no medium", mend=mend)
-    found: type[Medium[Any]] = medium
-    if "words" not in own:
-        found.words = own["name"]
-    MEDIA.add(own["name"], found, found)
+    if "words" not in attributes:
+        candidate.words = attributes["name"]
+    MEDIA.add(attributes["name"], candidate, candidate)
     return medium
 
 
@@ -270,20 +272,20 @@ class MediumChoice:
     """
 
     name: str
-    options: tuple[
-        tuple[str, Load | Any], ...
-    ] = ()  # the class is named so that plain data are made into it again
+    # Load is named so that plain data are made into it again
+    options: tuple[tuple[str, Load | Any], ...] = ()
 
     def __post_init__(self) -> None:
         name = require("medium", _read_name, self.name)
-        given = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
+        options = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
         # options at their default are dropped, so that choices with the same meaning compare equal
-        kept = tuple(
-            one
-            for one in sorted(given.items())
-            if one[1] != find_medium(name).options[one[0]].default
-        )
-        object.__setattr__(self, "options", kept)
+        defaults = {option: rule.default for option, rule in find_medium(name).options.items()}
+        changed = [
+            (option, value)
+            for option, value in sorted(options.items())
+            if value != defaults[option]
+        ]
+        object.__setattr__(self, "options", tuple(changed))
 
     @classmethod
     def parse(
@@ -294,8 +296,8 @@ class MediumChoice:
         """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}; see
         :func:`read_medium`.
         """
-        found: MediumChoice = require("medium", partial(read_medium, lattice=lattice), value)
-        return found
+        medium: MediumChoice = require("medium", partial(read_medium, lattice=lattice), value)
+        return medium
 
     def settings_on(self, lattice: Lattice) -> dict[str, Any]:
         """Every option with its value on a lattice, as a scene would give it: the default of a
@@ -304,16 +306,18 @@ class MediumChoice:
         A history of friction is left out where there is none, with its options, and so is a
         geometry that is not named.
         """
-        found = self.settings
-        if "shape" in found:
-            found["shape"] = found["shape"] or DEFAULT_SHAPES[lattice.periods]
-        if "friction_history" in found and not self.history.is_loaded:
-            found = {name: value for name, value in found.items() if name not in HISTORY_OPTIONS}
-        if isinstance(start := found.get("start"), Load):
-            found["start"] = {
-                start.kind: load_quantities(lattice.periods)[start.kind].write(float(start.array))
+        settings = self.settings
+        if "shape" in settings:
+            settings["shape"] = settings["shape"] or DEFAULT_SHAPES[lattice.periods]
+        if "friction_history" in settings and not self.history.is_loaded:
+            settings = {
+                name: value for name, value in settings.items() if name not in HISTORY_OPTIONS
             }
-        return {name: value for name, value in found.items() if value is not None}
+        start = settings.get("start")
+        if isinstance(start, Load):
+            quantity = load_quantities(lattice.periods)[start.kind]
+            settings["start"] = {start.kind: quantity.write(float(start.array))}
+        return {name: value for name, value in settings.items() if value is not None}
 
     @property
     def label(self) -> str:
@@ -335,9 +339,9 @@ class MediumChoice:
         """Every option with its value, defaults included; a shape whose default depends on the
         lattice is None.
         """
-        return {
-            option: known.default for option, known in find_medium(self.name).options.items()
-        } | dict(self.options)
+        known_options = find_medium(self.name).options
+        defaults = {name: option.default for name, option in known_options.items()}
+        return defaults | dict(self.options)
 
     @property
     def history(self) -> FrictionHistory:
@@ -396,8 +400,10 @@ class MediumChoice:
         That is so by name, or after a history of friction; otherwise the geometry is left to the
         load (:meth:`by_geometry`).
         """
-        named = dict(self.options).get("geometry")
-        return named == EXACT or (named is None and self.simulates and self.history.is_loaded)
+        geometry = dict(self.options).get("geometry")
+        if geometry is None:
+            return self.simulates and self.history.is_loaded
+        return bool(geometry == EXACT)
 
     def has_finite_overlap(self, asked: bool) -> bool:
         """Whether its states have the terms of relative order delta/d, where they are ``asked`` for
@@ -408,23 +414,25 @@ class MediumChoice:
     def by_geometry(
         self, packing: Balls, load: Load, finite_overlap: bool = False
     ) -> list[tuple[MediumChoice, list[int]]]:
-        """Return the choice in each geometry, by word, that the medium of a packing has at values
-        of a load, and places.
+        """Return the choice with the name of each geometry that the medium of a packing has at a
+        load, and the indices of the values of the load in that geometry.
         """
         medium = self.of(packing)
-        return [
-            (MediumChoice(self.name, (*self.options, ("geometry", one.geometry))), places)
-            if isinstance(one, DirectSimulation) and one is not medium
-            else (self, places)
-            for one, places in medium.by_geometry(load, finite_overlap or None)
-        ]
+        choices = []
+        for serving, indices in medium.by_geometry(load, finite_overlap or None):
+            choice_of_geometry = self
+            if isinstance(serving, DirectSimulation) and serving is not medium:
+                options = (*self.options, ("geometry", serving.geometry))
+                choice_of_geometry = MediumChoice(self.name, options)
+            choices.append((choice_of_geometry, indices))
+        return choices
 
     def settle(self, packing: Packing, load: Load, finite_overlap: bool = False) -> MediumChoice:
         """Return the choice in one geometry: exact if it is :meth:`by_geometry` at any value of the
         load.
         """
-        found = self.by_geometry(packing, load, finite_overlap)
-        return next((one for one, _ in found if one.is_exact), found[0][0])
+        choices = [medium for medium, _ in self.by_geometry(packing, load, finite_overlap)]
+        return next((medium for medium in choices if medium.is_exact), choices[0])
 
     @property
     def stand_in(self) -> MediumChoice:
@@ -448,9 +456,9 @@ class MediumChoice:
         is asked of these.
         """
         if not self.simulates:
-            said = f"the medium {self.label!r} has no array of balls for {what}"
+            problem = f"the medium {self.label!r} has no array of balls for {what}"
             raise InputError(
-                said, mend="Take medium: simulation, or in Python gp.Waves of a state's network"
+                problem, mend="Take medium: simulation, or in Python gp.Waves of a state's network"
             )
 
     def require_for(self, balls: Balls) -> None:
@@ -470,9 +478,9 @@ class MediumChoice:
         """Return the medium for this packing."""
         self.require_for(packing)
         options: Any = dict(self.options)
-        # a worker may not know it
-        found: type[Any] = find_medium(require("medium", _read_name, self.name))
-        return found(packing, **options)  # type: ignore[no-any-return]
+        # a worker may not know a medium that was registered
+        medium: type[Any] = find_medium(require("medium", _read_name, self.name))
+        return medium(packing, **options)  # type: ignore[no-any-return]
 
     def choose(self, packing: Balls, load: Load) -> list[ServingMedium]:
         """Return the media that serve the values of an applied load.
@@ -525,17 +533,15 @@ class ServingMedium:
         """The simulation of each sample alone, which is the same however many samples there are;
         none of other media.
         """
-        own = {name: value for name, value in self.medium.options if name != "samples"}
-        return [
-            replace(
-                self,
-                medium=MediumChoice(
-                    self.medium.name, tuple((own | {"shape": one.shape, "seed": seed}).items())
-                ),
-            )
-            for one in self.arrays
-            for seed in range(one.seed, one.seed + one.samples)
-        ]
+        name = self.medium.name
+        options = {option: value for option, value in self.medium.options if option != "samples"}
+        samples = []
+        for simulation in self.arrays:
+            for seed in range(simulation.seed, simulation.seed + simulation.samples):
+                of_sample = options | {"shape": simulation.shape, "seed": seed}
+                medium = MediumChoice(name, tuple(of_sample.items()))
+                samples.append(replace(self, medium=medium))
+        return samples
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state of the medium at a load, any of those that it serves; the state says
@@ -548,14 +554,18 @@ class ServingMedium:
         """Return the medium in each geometry in which a simulation serves some of the loads, see
         :class:`MediumChoice`.
         """
-        found = self.medium.by_geometry(self.packing, self.load, finite_overlap)
-        if len(found) == 1:
-            return [replace(self, medium=found[0][0])]
+        choices = self.medium.by_geometry(self.packing, self.load, finite_overlap)
+        if len(choices) == 1:
+            return [replace(self, medium=choices[0][0])]
         return [
             replace(
-                self, medium=one, loads=self.loads[places], load=self.load[places], is_part=True
+                self,
+                medium=medium,
+                loads=self.loads[indices],
+                load=self.load[indices],
+                is_part=True,
             )
-            for one, places in found
+            for medium, indices in choices
         ]
 
     @cached_property
@@ -576,13 +586,13 @@ def list_candidates(packing: Packing, truth: FrictionHistory = REST) -> list[Med
     if not packing.spread_matters:
         return [MediumChoice(AveragedLattice.name)]  # exact for equal balls, and on a line
     averages = [MediumChoice(name) for name in AVERAGES]
+    candidates = [medium for medium in averages if medium.of(packing).is_quick]
     history = tuple(truth.options.items())
     structure = packing.structure
-    shapes = [even_shape(structure, side) for side in SIDES[structure.periods]]
-    return [
-        *(medium for medium in averages if medium.of(packing).is_quick),
-        *(MediumChoice(DirectSimulation.name, (("shape", one), *history)) for one in shapes),
-    ]
+    for side in SIDES[structure.periods]:
+        shape = even_shape(structure, side)
+        candidates.append(MediumChoice(DirectSimulation.name, (("shape", shape), *history)))
+    return candidates
 
 
 def even_shape(structure: Lattice, side: float) -> tuple[int, ...]:
@@ -600,18 +610,21 @@ def read_medium(value: Any, lattice: Lattice | None = None, written: bool = Fals
     With a ``lattice``, the shape of a sample has one length for each of its periods. What is
     ``written`` in a file has units; otherwise plain numbers are in SI.
     """
-    is_block = isinstance(value, Mapping) and len(value) == 1
-    name, given = next(iter(value.items())) if is_block else (value, None)
+    options: Any = None
     if isinstance(value, MediumChoice):
         name = value.name
-        given = dict(value.options)
+        options = dict(value.options)
         written = False
+    elif isinstance(value, Mapping) and len(value) == 1:
+        name, options = next(iter(value.items()))
+    else:
+        name = value
     _read_name(name)
     rule = partial(_read_options, name, lattice=lattice, written=written)
-    options = {} if given is None else read_inside(name, rule, given)
-    if lattice is not None and options.get("shape") == DEFAULT_SHAPES[lattice.periods]:
-        del options["shape"]
-    return MediumChoice(name, tuple(options.items()))
+    read_options = {} if options is None else read_inside(name, rule, options)
+    if lattice is not None and read_options.get("shape") == DEFAULT_SHAPES[lattice.periods]:
+        del read_options["shape"]
+    return MediumChoice(name, tuple(read_options.items()))
 
 
 def default_medium(balls: Balls, differ: bool = False) -> str:
@@ -628,9 +641,9 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
 
     It has none in the directions of the lattice, which an automatic medium may choose.
     """
-    for one in media:
-        if one.name == AutoMedium.name or one.settings.get("geometry") == LATTICE:
-            raise no_finite_overlap(one.label)
+    for medium in media:
+        if medium.name == AutoMedium.name or medium.settings.get("geometry") == LATTICE:
+            raise no_finite_overlap(medium.label)
 
 
 #: what to take in place of a medium that granphon no longer has, by the name of that medium
@@ -641,6 +654,7 @@ _REPLACEMENTS = {
 
 
 def _read_name(value: Any) -> str:
+    """Read the name of a medium: a rule of :mod:`granphon.base.validation`."""
     if is_one_of(value, (CrystalMedium.name,)):
         return str(value)
     if is_one_of(value, _REPLACEMENTS) and value not in MEDIA:
@@ -649,7 +663,7 @@ def _read_name(value: Any) -> str:
 
 
 def _read_options(
-    name: str, given: Any, lattice: Lattice | None = None, written: bool = False
+    name: str, values: Any, lattice: Lattice | None = None, written: bool = False
 ) -> dict[str, Any]:
     """Read options of the medium ``name`` by their rules; see :func:`read_medium` for the other
     arguments.
@@ -661,11 +675,12 @@ def _read_options(
         quantities = load_quantities(lattice.periods)
 
         def read(kind: str, value: Any) -> float:
-            plain = not written and not isinstance(value, str)
-            return real_number(value) if plain else quantities[kind].read(value)
+            """Read the value of a load of this kind, SI."""
+            is_plain = not written and not isinstance(value, str)
+            return real_number(value) if is_plain else quantities[kind].read(value)
 
         rules["start"] = partial(read_start, load=read)
-    found = block(given, rules)
-    if found and "friction_history" in rules:
-        FrictionHistory.read(found)
-    return found
+    options = block(values, rules)
+    if options and "friction_history" in rules:
+        FrictionHistory.read(options)
+    return options

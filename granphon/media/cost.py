@@ -159,17 +159,16 @@ class Cost:
     @property
     def text(self) -> str:
         """The estimate as one line of text: what is done, memory, and the time in one word."""
-        many = f", {self.equilibria} equilibria" if self.equilibria > 1 else ""
-        simulated = (f"simulation of {self.balls:,} balls{many}",) if self.equilibria else ()
-        what = "; ".join(simulated + self.parts)
-        size = (
-            f"{_write_digits(self.memory / 1e9)} GB"
-            if self.memory >= 1e9
-            else f"{self.memory / 1e6:.0f} MB"
-        )
+        parts = list(self.parts)
+        if self.equilibria:
+            many = f", {self.equilibria} equilibria" if self.equilibria > 1 else ""
+            parts.insert(0, f"simulation of {self.balls:,} balls{many}")
+        size = f"{self.memory / 1e6:.0f} MB"
+        if self.memory >= 1e9:
+            size = f"{_write_digits(self.memory / 1e9)} GB"
         seconds = self.seconds
         word = next(word for most, word in _WORDS if seconds < most)
-        return f"{what}: about {size} and {word}"
+        return f"{'; '.join(parts)}: about {size} and {word}"
 
 
 def write_duration(seconds: float) -> str:
@@ -184,7 +183,8 @@ def write_duration(seconds: float) -> str:
 
 def _write_digits(value: float) -> str:
     """Write a number with two significant digits."""
-    return f"{value:.2g}" if value < 100.0 else f"{float(f'{value:.2g}'):,.0f}"
+    rounded = f"{value:.2g}"
+    return rounded if value < 100.0 else f"{float(rounded):,.0f}"
 
 
 # -- what is timed ---------------------------------------------------------------------------------
@@ -194,9 +194,11 @@ def time_once(work: Callable[[], object]) -> float:
     """Return the processor's time of a small piece of work, s, the shortest of some repetitions."""
     shortest = math.inf
     begin = process_time()
-    while (before := process_time()) - begin < _REPEATED_SECONDS:
+    before = begin
+    while before - begin < _REPEATED_SECONDS:
         work()
         shortest = min(shortest, process_time() - before)
+        before = process_time()
     return shortest
 
 
@@ -256,6 +258,7 @@ def _measure_matrix(eigenvectors: bool) -> float:
     matrix = parts[0] + parts[0].T + 1j * (parts[1] - parts[1].T)
 
     def solve() -> Any:
+        """Find the eigenvalues of the matrix, once."""
         return np.linalg.eigh(matrix) if eigenvectors else np.linalg.eigvalsh(matrix)
 
     return time_once(solve) / _SMALL_MATRIX**3
@@ -305,10 +308,8 @@ def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = Tr
     its cube: a small matrix is timed.
     """
     square = branches * branches
-    what = (
-        f"{'bands' if eigenvectors else 'frequencies'} at {points:,} wave"
-        f" vector{'s' * (points != 1)}"
-    )
+    name = "bands" if eigenvectors else "frequencies"
+    what = f"{name} at {points:,} wave {'vector' if points == 1 else 'vectors'}"
     kept = points * 50.0 * branches
     numbers = 275.0 + 0.2 * square
     if eigenvectors:
@@ -334,7 +335,8 @@ def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
     24^3 to 48^3 wave vectors. In space two equal sides suffice.
     """
     points = math.prod(mesh)
-    solved = points * (0.125 if len(set(mesh)) < len(mesh) else 1.0)
+    has_equal_sides = len(set(mesh)) < len(mesh)
+    solved = points * (0.125 if has_equal_sides else 1.0)
     matrices = min(solved, 4096.0) * 200.0 * branches**2
     memory = 1e6 + 70.0 * points + solved * 20.0 * branches + matrices
     units = Units(solved * (50.0 + 4.0 * branches**2), _measure_number)
@@ -381,10 +383,8 @@ def motion_memory(balls: int, contacts: int, frames: int) -> float:
     """Return the memory, bytes, of a motion of so many ``balls`` and ``contacts``, kept at so many
     times.
     """
-    return (
-        8.0 * frames * (15.0 * balls + 2.0 * contacts) * _MOTION_COPIES
-        + _MOTION_CONTACT_BYTES * contacts
-    )
+    frame_bytes = 8.0 * frames * (15.0 * balls + 2.0 * contacts)
+    return frame_bytes * _MOTION_COPIES + _MOTION_CONTACT_BYTES * contacts
 
 
 def motion(
@@ -401,9 +401,11 @@ def motion(
     A step takes as long as some products of the dynamical matrix with a vector, whose time per ball
     is ``measure()``; ``implicit`` steps are iterated. That loops are compiled once is not counted.
     """
-    step = (
-        _STEP_PRODUCTS * (_DAMPED_STEP if damped else 1.0) * (_IMPLICIT_STEP if implicit else 1.0)
-    )
+    step = _STEP_PRODUCTS
+    if damped:
+        step *= _DAMPED_STEP
+    if implicit:
+        step *= _IMPLICIT_STEP
     units = Units((steps * step + frames * _FRAME_PRODUCTS) * balls, measure)
     what = f"motion of {balls:,} balls in {steps:,.0f} steps"
     memory = motion_memory(balls, contacts, frames)
@@ -435,7 +437,9 @@ def sweep_states(cases: int, loads: int, frequencies: int) -> Cost:
     long, were measured with 40 to 40 000 states, and up to 1e7 frequencies.
     """
     states = cases * loads
-    what = f"{states:,} states" + (f" with {frequencies:,} frequencies each" if frequencies else "")
+    what = f"{states:,} states"
+    if frequencies:
+        what += f" with {frequencies:,} frequencies each"
     memory = 8000.0 * cases + states * (2400.0 + 30.0 * frequencies) + 120.0 * frequencies
     units = Units(10_000.0 * cases + states * (125.0 + frequencies), _measure_number)
     return Cost(kept=memory, units=(units,), parts=(what,))

@@ -28,17 +28,12 @@ from numpy.typing import ArrayLike
 from granphon.array.sparse_matrices import compose
 from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
 from granphon.balls.contact_laws import (
-    DMT,
-    JKR,
-    Hertz,
     PairLaw,
-    PowerLaw,
-    TabulatedLaw,
     check_law,
     law_of_pair,
     read_laws,
 )
-from granphon.balls.contact_model import ContactModel, PlainLaw
+from granphon.balls.contact_model import ContactModel, GivenLaw
 from granphon.balls.contact_table import (
     TOUCH,
     ContactTable,
@@ -213,15 +208,7 @@ class Crystal(Result):
     cell: Annotated[Array, "p d", "", "finite"]
     positions: Annotated[Array, "n d", "", "finite"]
     contacts: ContactTable
-    law: (
-        Hertz
-        | PowerLaw
-        | DMT
-        | JKR
-        | TabulatedLaw
-        | tuple[tuple[tuple[str, str], PlainLaw], ...]
-        | Any
-    )
+    law: GivenLaw
     friction: bool
     motions: str | None
     torsion: float | str
@@ -244,19 +231,8 @@ class Crystal(Result):
         name: str = "of these balls",
     ) -> None:
         require("name", label, name)
-        centres = real_array("positions", positions)
-        vectors = real_array("cell", cell)
-        if centres.ndim != 2 or not len(centres) or not 1 <= centres.shape[1] <= 3:
-            problem = f"positions of the crystal have the shape {centres.shape}"
-            raise InputError(problem, mend="Give (n, d) centres in m, d = 1, 2 or 3")
+        centres, vectors = _read_sites(positions, cell)
         n, d = centres.shape
-        vectors = vectors.reshape(0, d) if vectors.size == 0 else vectors
-        if vectors.ndim != 2 or vectors.shape[1] != d or len(vectors) > d:
-            problem = f"the cell has the shape {vectors.shape}, and positions have {d} coordinates"
-            raise InputError(problem, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m")
-        if not (np.all(np.isfinite(centres)) and np.all(np.isfinite(vectors))):
-            problem = "the cell or a position of the crystal is not finite"
-            raise InputError(problem, mend="Give finite numbers, in m")
         site_balls = list_balls(balls)
         if len(site_balls) != n:
             problem = f"there are {len(site_balls)} balls and {n} positions"
@@ -310,8 +286,7 @@ class Crystal(Result):
         )
         table = self.contacts
         radii = self._mean_radii
-        face_balls = [balls for face in self.faces for balls in face.balls]
-        ends = np.concatenate([table.i, table.j, *face_balls])
+        ends = np.concatenate([table.i, table.j, *(side.balls for side in self._sides)])
         separations = self.positions[table.j] + table.shift @ self.cell - self.positions[table.i]
         along_normal = table.normal * np.linalg.norm(separations, axis=1)[:, None]
         tolerance = TOUCH * float(np.mean(radii))
@@ -354,8 +329,10 @@ class Crystal(Result):
         used = kind[np.sort(np.unique(kind, return_index=True)[1])]
         faces = []
         for face in self.faces:
-            low, high = (read_only(np.flatnonzero(np.isin(origin, balls))) for balls in face.balls)
-            faces.append(replace(face, balls=(low, high)))
+            lower, upper = face.balls
+            new_lower = read_only(np.flatnonzero(np.isin(origin, lower)))
+            new_upper = read_only(np.flatnonzero(np.isin(origin, upper)))
+            faces.append(replace(face, balls=(new_lower, new_upper)))
         return self._derive(
             kinds=tuple(self.kinds[number] for number in used),
             names=tuple(self.names[number] for number in used),
@@ -389,13 +366,12 @@ class Crystal(Result):
         kinds = list_balls(balls)
         find_kinds(kinds)
         if (isinstance(lattice, str) and lattice == "chain") or lattice is LATTICES["chain"]:
-            steps = [
-                ball.radius + following.radius
-                for ball, following in zip(kinds, kinds[1:] + kinds[:1], strict=True)
-            ]
-            positions = np.concatenate([[0.0], np.cumsum(steps)])
+            radii = np.array([ball.radius for ball in kinds])
+            # each ball touches the next, and the last touches the first of the next cell
+            ends = np.cumsum(radii + np.roll(radii, -1))
+            positions = np.append(0.0, ends[:-1])[:, None]
             options = {"name": "chain"} | options
-            return cls(kinds, [[float(positions[-1])]], positions[:-1, None], **options)
+            return cls(kinds, [[float(ends[-1])]], positions, **options)
         structure = find_structure(lattice)
         n = structure.n_balls
         if len(kinds) > n or n % len(kinds):
@@ -434,28 +410,13 @@ class Crystal(Result):
             problem = f"{brief(atoms)} are not Atoms"
             raise InputError(problem, mend="Give ase.Atoms, with lengths in m")
         symbols = atoms.get_chemical_symbols()
-        if not symbols or not isinstance(balls, Mapping):
-            problem = "there are no atoms"
-            mend = "Give one or more"
-            if symbols:
-                problem = f"the balls are {brief(balls)}"
-                mend = 'Give balls by symbols, as {"Na": ball}'
-            raise InputError(problem, mend=mend)
-        missing = sorted(set(symbols) - set(balls))
-        if missing:
-            problem = f"there is no ball for {', '.join(missing)}"
-            raise InputError(problem, mend="Give one for each symbol")
+        _require_symbols(symbols, balls)
         find_kinds([balls[symbol] for symbol in symbols])
         named = {symbol: replace(balls[symbol], name=symbol) for symbol in sorted(set(symbols))}
         positions = np.array(atoms.positions, float)
         cell = np.array(atoms.cell, float)[np.array(atoms.pbc, bool)]
         tolerance = TOUCH * float(np.mean([ball.radius for ball in named.values()]))
-        d = 3
-        while d > 1 and len(cell) < d:
-            is_level = np.ptp(positions[:, d - 1]) <= tolerance
-            if not is_level or np.any(np.abs(cell[:, d - 1]) > tolerance):
-                break
-            d -= 1
+        d = _find_dimension(positions, cell, tolerance)
         options = {"name": "of these atoms"} | options
         site_balls = [named[symbol] for symbol in symbols]
         return cls(site_balls, cell[:, :d], positions[:, :d], **options)
@@ -504,7 +465,6 @@ class Crystal(Result):
         given.
         """
         p = self.periods
-        n = self.n_balls
         listed = None
         if diameters is not None:
             listed = self._read_diameters(diameters, shape)
@@ -513,16 +473,15 @@ class Crystal(Result):
             problem = f"no ball of crystal {self.name!r} has a spread of diameters"
             mend = "Give one to a ball, as granphon.Ball(material, 8e-3, spread=...), or diameters"
             raise InputError(problem, mend=mend)
-        counts = tuple(np.atleast_1d(np.asarray((1,) * p if shape is None else shape)).tolist())
+        one_cell = (1,) * p
+        counts = tuple(np.atleast_1d(np.asarray(one_cell if shape is None else shape)).tolist())
         supercell = self.repeat(counts) if p or counts else self
-        deviations = np.zeros(supercell.n_balls)
-        if listed is not None:
+        if listed is None:
+            deviations = self._draw(supercell.kind, counts, seed)
+        else:
             deviations = listed.ravel().astype(float)
-        sample_shape = (*counts, n) if n > 1 or not p else counts
         for number, ball in enumerate(self.kinds):
             members = supercell.kind == number
-            if listed is None and ball.spread is not None:
-                deviations[members] = ball.spread.sample(sample_shape, seed).ravel()[members]
             # the mean is subtracted twice, so that what remains of it is zero to the rounding of
             # the deviations, not of the diameters
             deviations[members] -= np.mean(deviations[members])
@@ -533,14 +492,29 @@ class Crystal(Result):
                 raise InputError(problem, mend="Give a smaller spread")
         return supercell._derive(deviations=deviations)
 
+    def _draw(self, kind: Index, counts: tuple[int, ...], seed: int) -> Array:
+        """Return deviations, m, or diameters with any mean, of the balls of a supercell, whose
+        kinds are ``kind`` (n,); zero of balls without a spread.
+        """
+        deviations = np.zeros(kind.size)
+        n = self.n_balls
+        sample_shape = (*counts, n) if n > 1 or not self.periods else counts
+        for number, ball in enumerate(self.kinds):
+            if ball.spread is not None:
+                members = kind == number
+                deviations[members] = ball.spread.sample(sample_shape, seed).ravel()[members]
+        return deviations
+
     def _read_diameters(self, diameters: ArrayLike, shape: Any) -> Array:
         """Return diameters (L1, ..., Lp), or (L1, ..., Lp, n) of n > 1 balls in the cell, m."""
         p = self.periods
         n = self.n_balls
         array = finite_array("diameters", diameters, "m", "above zero")
+        axes = [f"L{axis + 1}" for axis in range(p)]
+        if n > 1:
+            axes.append(str(n))
         has_balls = n == 1 or array.shape[-1:] == (n,)
-        if array.ndim != p + (n > 1) or not has_balls or shape is not None:
-            axes = [f"L{axis + 1}" for axis in range(p)] + [str(n)] * (n > 1)
+        if array.ndim != len(axes) or not has_balls or shape is not None:
             problem = f"diameters have the shape {array.shape}, and shape is {brief(shape)}"
             raise InputError(problem, mend=f"Give an array ({', '.join(axes)}), and no shape")
         return array
@@ -582,9 +556,10 @@ class Crystal(Result):
         """
         kinds = dict(zip(self.names, self.kinds, strict=True))
         mapping: object = balls
-        if not isinstance(mapping, Mapping) or not all(
+        are_balls = isinstance(mapping, Mapping) and all(
             isinstance(ball, Ball) for ball in mapping.values()
-        ):
+        )
+        if not are_balls:
             example = f'{{"{self.names[0]}": ball}}'
             mend = f"Give a granphon.Ball for each kind that changes, as {example}"
             raise InputError(f"the balls are {brief(mapping)}", mend=mend)
@@ -830,10 +805,10 @@ class Crystal(Result):
         keys, pair_of_contact = np.unique(low * (m + 1) + high, return_inverse=True)
         bodies: list[Body] = [*self.kinds, RIGID_PLANE]
         names = [*self.names, RIGID_PLANE.name]
-        pairs = [
-            (bodies[a], bodies[b], names[a], names[b])
-            for a, b in (divmod(key, m + 1) for key in keys.tolist())
-        ]
+        pairs = []
+        for key in keys.tolist():
+            first, second = divmod(key, m + 1)
+            pairs.append((bodies[first], bodies[second], names[first], names[second]))
         return pairs, pair_of_contact.astype(np.intp)
 
     @cached_property
@@ -859,10 +834,11 @@ class Crystal(Result):
         """Return the law of balls i and j, 4 G*/E*, and E*, Pa; numbers that no ball has are
         floors.
         """
-        first, second = (
-            self.names[self.kind[end]] if end < self.n_balls else RIGID_PLANE.name for end in (i, j)
-        )
-        return self.contact_model.law_of(first, second)
+        return self.contact_model.law_of(self._find_kind_name(i), self._find_kind_name(j))
+
+    def _find_kind_name(self, number: int) -> str:
+        """Return the name of the kind of a ball; a number that no ball has is a floor."""
+        return self.names[self.kind[number]] if number < self.n_balls else RIGID_PLANE.name
 
     def touch(self) -> CrystalState:
         """Return the state in which balls touch without load; stiffnesses are those at overlaps of
@@ -916,27 +892,17 @@ class Crystal(Result):
         """
         self._require_drawn()
         d = self.dimension
-        p = self.periods
         table = self.contacts
         unknowns = self._number_unknowns()
         # strains are unknowns times this length, m: forces on strains, sums over all contacts, are
         # then as large as forces on balls are in sum
         length = 2.0 * float(np.mean(self._mean_radii)) * math.sqrt(max(len(table), 1))
-        entries = self._list_ball_entries(unknowns)
-        rows = np.arange(len(table)) * d
-        for number, (a, b) in enumerate(unknowns.strains, start=unknowns.n_free):
-            entries.append((rows + a, number, table.vector[:, b] / length))
-            if a != b:
-                entries.append((rows + b, number, table.vector[:, a] / length))
-        entries += self._list_floor_entries(unknowns)
-        bulges = self._bulges
-        vectors = [table.vector]
-        offsets = [bulges[table.i] + bulges[table.j]]
-        for floor in self._floors:
-            radii = self._mean_radii[floor.balls]
-            vectors.append(floor.sign * radii[:, None] * np.eye(d)[floor.axis])
-            offsets.append(bulges[floor.balls])
-        vector = np.concatenate(vectors)
+        entries = [
+            *self._list_ball_entries(unknowns),
+            *self._list_strain_entries(unknowns, length),
+            *self._list_floor_entries(unknowns),
+        ]
+        vector, offset = self._find_vectors()
         is_flat = np.arange(len(vector)) >= len(table)
         shape = (len(vector) * d, unknowns.first_wall + len(unknowns.walls))
         frame = Frame(
@@ -944,14 +910,41 @@ class Crystal(Result):
             is_flat,
             compose(entries, shape),
             d,
-            self.cell[:, :p],
+            self.cell[:, : self.periods],
             unknowns.n_free,
             unknowns.strains,
             tuple(len(face.balls[1]) for face in unknowns.walls),
             length,
-            np.concatenate(offsets),
+            offset,
         )
         return frame, unknowns.free_number, unknowns.wall_of_ball
+
+    def _find_vectors(self) -> tuple[Array, Array]:
+        """Return the vectors (n_c, d) of the contacts on the sites, m, those with floors last, and
+        the overlaps (n_c,) that the balls' own diameters add, m.
+        """
+        table = self.contacts
+        bulges = self._bulges
+        vectors = [table.vector]
+        offsets = [bulges[table.i] + bulges[table.j]]
+        for floor in self._floors:
+            radii = self._mean_radii[floor.balls]
+            vectors.append(floor.sign * radii[:, None] * np.eye(self.dimension)[floor.axis])
+            offsets.append(bulges[floor.balls])
+        return np.concatenate(vectors), np.concatenate(offsets)
+
+    def _list_strain_entries(self, unknowns: _Unknowns, length: float) -> list[_Entry]:
+        """Return the entries of strains, which are unknowns times a ``length``, m, on the contacts
+        of balls.
+        """
+        table = self.contacts
+        entries: list[_Entry] = []
+        rows = np.arange(len(table)) * self.dimension
+        for number, (a, b) in enumerate(unknowns.strains, start=unknowns.n_free):
+            entries.append((rows + a, number, table.vector[:, b] / length))
+            if a != b:
+                entries.append((rows + b, number, table.vector[:, a] / length))
+        return entries
 
     def _list_ball_entries(self, unknowns: _Unknowns) -> list[_Entry]:
         """Return the entries of the displacements of balls and walls on the contacts of balls."""
@@ -1011,7 +1004,7 @@ class Crystal(Result):
         n_free_balls = int(np.count_nonzero(is_free))
         free_number = np.full(self.n_balls, -1, np.intp)
         free_number[is_free] = np.arange(n_free_balls)
-        strains = tuple((a, b) for a in range(p) for b in range(a, p))
+        strains = tuple(itertools.combinations_with_replacement(range(p), 2))
         walls = [face for face in self.faces if face.is_pressed]
         n_free = self.dimension * n_free_balls
         return _Unknowns(free_number, n_free, strains, walls, wall_of_ball)
@@ -1117,6 +1110,7 @@ class Crystal(Result):
         values, fields = self._read_gravity(self._read_tensor("stress", stress, 1.0), gravity, 2)
 
         def describe(tensor: Array) -> str:
+            """Return a stress (p, p) in words."""
             rounded = np.round(tensor, 12) if np.max(np.abs(tensor)) > 1e-6 else tensor
             return f"the stress {brief(rounded.tolist())} {_PRESSURE_UNITS[self.periods]}"
 
@@ -1197,7 +1191,7 @@ class Crystal(Result):
         """
         load_shape = values.shape[: values.ndim - rank]
         if gravity is None:
-            return values, [None] * math.prod(load_shape)
+            return values, [None for _ in range(math.prod(load_shape))]
         field = finite_array("gravity", gravity)
         d = self.dimension
         field = field[..., None] if d == 1 and field.shape[-1:] != (1,) else field
@@ -1246,8 +1240,10 @@ class Crystal(Result):
         pressure on the faces.
         """
         frame, free_number, _ = self._frame
-        force, pressed, held_values = np.zeros((3, frame.motion.shape[1]))
-        held = np.zeros(len(force), bool)
+        n_unknowns = frame.motion.shape[1]
+        force = np.zeros(n_unknowns)
+        held = np.zeros(n_unknowns, bool)
+        held_values = np.zeros(n_unknowns)
         lift: tuple[str, str] | None = None
         if field is not None:
             force[: frame.n_free] = (self.masses[free_number >= 0, None] * field).ravel()
@@ -1257,18 +1253,28 @@ class Crystal(Result):
         if strain is not None:
             held[frame.strains] = True
             held_values[frame.strains] = [strain[a, b] * frame.length for a, b in frame.pairs]
+        pressed = self._press_faces(pressure)
+        if not np.all(np.isfinite(force + pressed)):
+            raise FloatingPointError(f"the forces of {words} are not finite")
+        return Push(force + pressed, held, held_values, stress, pressed, words, lift)
+
+    def _press_faces(self, pressure: float) -> Array:
+        """Return the forces of a pressure on walls that move, and on the balls of free faces, which
+        share it equally: (n_unknowns,), N.
+        """
+        frame, free_number, _ = self._frame
+        forces = np.zeros(frame.motion.shape[1])
         for side in self._sides:
             thicknesses = [face.thickness for face in self.faces if face.axis != side.axis]
             face_force = pressure * frame.measure * math.prod(thicknesses)
             if side.wall >= 0:
-                pressed[frame.strains.stop + side.wall] -= face_force
+                forces[frame.strains.stop + side.wall] -= face_force
             elif side.edge == "free":
-                numbers = free_number[side.balls][free_number[side.balls] >= 0]
+                numbers = free_number[side.balls]
+                numbers = numbers[numbers >= 0]
                 ball_force = side.sign * face_force / max(len(numbers), 1)
-                pressed[self.dimension * numbers + side.axis] -= ball_force
-        if not np.all(np.isfinite(force + pressed)):
-            raise FloatingPointError(f"the forces of {words} are not finite")
-        return Push(force + pressed, held, held_values, stress, pressed, words, lift)
+                forces[self.dimension * numbers + side.axis] -= ball_force
+        return forces
 
     def _explain_lift(self, field: Array, pressure: float) -> tuple[str, str] | None:
         """Return why gravity lifts balls off the face on which they stand, and what mends that;
@@ -1278,18 +1284,22 @@ class Crystal(Result):
         mass = float(np.sum(self.masses[free_number >= 0]))
         for face in self.faces:
             low, high = face.edges
-            lift = field[face.axis] if low != "free" else -field[face.axis]
-            thicknesses = [other.thickness for other in self.faces if other is not face]
+            stands_on_low = low != "free"
+            lift = field[face.axis] if stands_on_low else -field[face.axis]
+            thicknesses = [cut.thickness for cut in self.faces if cut is not face]
             weight = mass * lift / (self.measure * math.prod(thicknesses))
-            if lift > 0.0 and pressure <= weight and (low, high) != ("clamped", "clamped"):
-                unit = _PRESSURE_UNITS[self.periods + len(self.faces)]
-                word, sign = (low, "") if low != "free" else (high, "-")
-                why = (
-                    f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {word} on which"
-                    f" the balls stand"
-                )
-                press = f"press with more than their weight, {weight:.4g} {unit}"
-                return why, f"Turn it round, or {press}"
+            is_held_at_both = face.edges == ("clamped", "clamped")
+            if lift <= 0.0 or pressure > weight or is_held_at_both:
+                continue
+            unit = _PRESSURE_UNITS[self.periods + len(self.faces)]
+            support = low if stands_on_low else high
+            sign = "" if stands_on_low else "-"
+            why = (
+                f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {support} on which"
+                f" the balls stand"
+            )
+            press = f"press with more than their weight, {weight:.4g} {unit}"
+            return why, f"Turn it round, or {press}"
         return None
 
     def _push_hydrostatic(self, pressure: float, field: Array | None, words: str) -> Push:
@@ -1347,12 +1357,10 @@ class Crystal(Result):
         springs = self._springs
         words = f"a mean {kind} of {goal:g} {'N' if kind == 'force' else 'm'}, at a pressure of"
         pressure = self._estimate_pressure(kind, goal)
-        low = 0.0
-        high = math.inf
+        search = _PressureSearch(goal)
         start: Rest | None = None
         state: Rest | None = None
         last_error = math.inf
-        last_point = (0.0, math.nan)  # pressure, mean
         differ = bool(np.any(frame.offset))
         tolerance = _SAMPLED if differ else _MEAN
         for _ in range(_MEANS):
@@ -1380,38 +1388,29 @@ class Crystal(Result):
                 # gravity alone presses more than the goal, and less pressure changes nothing
                 break
             last_error = error
-            if excess < 0.0:
-                low = pressure
-            else:
-                high = pressure
-            # a mean of the wrong sign says nothing about the size of the step
-            growth = goal / mean if mean / goal > 0.0 else 2.0
-            power = contacts.power
-            guess = pressure * (growth if kind == "force" else growth ** (1.0 / power))
-            # factor of the overlaps from which the next state is found
-            factor = growth**power if kind == "force" else growth
+            # the overlaps from which the next state is found grow by a factor, too
+            pressure_growth, growth = contacts.find_growth(kind, goal, mean)
+            guess = pressure * pressure_growth
             if differ:  # overlaps on the sites do not grow, and their mean follows no power
-                factor = 1.0
-                last_pressure, last_mean = last_point
-                if math.isfinite(last_mean) and mean != last_mean:
-                    pressure_step = pressure - last_pressure
-                    guess = pressure + (goal - mean) * pressure_step / (mean - last_mean)
-                last_point = pressure, mean
-            start = Rest(factor * small.x, factor * small.overlap, small.normal)
-            middle = 0.5 * (low + min(high, 2.0 * pressure))
-            pressure = guess if low < guess < high else middle
-            if pressure in (low, high):
+                growth = 1.0
+                guess = search.extrapolate(pressure, mean, guess)
+            start = Rest(growth * small.x, growth * small.overlap, small.normal)
+            next_pressure = search.choose(pressure, excess, guess)
+            if next_pressure is None:
                 if error <= rounding:
                     return state, push
                 break
+            pressure = next_pressure
         problem = (
             f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any"
             f" pressure"
         )
         why = f"At a pressure of {pressure:.4g} it is {mean:.4g}"
-        if field is None:
-            raise InputError(problem, why)
-        raise InputError(problem, f"{why}, as gravity presses more", "Give a larger one")
+        mend = ""
+        if field is not None:
+            why += ", as gravity presses more"
+            mend = "Give a larger one"
+        raise InputError(problem, why, mend)
 
     def _estimate_pressure(self, kind: str, goal: float) -> float:
         """Return the pressure at which contacts of equal forces have the mean force (N) or overlap
@@ -1452,30 +1451,13 @@ class Crystal(Result):
         """Return the state at the loads ``values``, of which the last ``rank`` axes belong to one
         load.
         """
-        frame, free_number, wall_of_ball = self._frame
+        frame = self._frame[0]
         load_shape = values.shape[: values.ndim - rank]
-        d = self.dimension
-        p = self.periods
         springs = self._springs
-        displacements = np.zeros((len(solutions), self.n_balls, d))
-        wall_motions = np.zeros((len(solutions), len(frame.walls)))
-        strain, stress = np.zeros((2, len(solutions), p, p))
-        for index, (state, _) in enumerate(solutions):
-            displacements[index, free_number >= 0] = state.x[: frame.n_free].reshape(-1, d)
-            wall_motions[index] = state.x[frame.strains.stop :]
-            strain[index] = frame.strain(state.x)
-            if p:
-                deformation = np.eye(p) + strain[index] if follows else np.eye(p)
-                stress[index] = self._find_stress(state, deformation)
-        for side in self._sides:
-            if side.wall >= 0:
-                riders = wall_of_ball == side.wall
-                displacements[:, riders, side.axis] = wall_motions[:, side.wall, None]
-        # a motion of the whole crystal means nothing where no wall is in its way
-        if not any("clamped" in face.edges for face in self.faces):
-            loose = np.setdiff1d(np.arange(d), [side.axis for side in self._floors])
-            displacements[..., loose] -= np.mean(displacements[..., loose], axis=1, keepdims=True)
-        overlap = np.array([state.overlap for state, _ in solutions])
+        states = [state for state, _ in solutions]
+        displacements, wall_motions = self._find_displacements(states)
+        strain = np.array([frame.strain(state.x) for state in states])
+        overlap = np.array([state.overlap for state in states])
         depth = np.max(overlap / frame.distance, axis=1)
         deepest_push = solutions[int(np.argmax(depth))][1]
         modulus = min(ball.material.young_modulus for ball in self.kinds)
@@ -1484,9 +1466,9 @@ class Crystal(Result):
             "normal_force": np.array([springs.force(overlaps) for overlaps in overlap]),
             "overlap": overlap,
             "normal_stiffness": np.array([springs.stiffness(overlaps) for overlaps in overlap]),
-            "normal": np.array([state.normal for state, _ in solutions]),
+            "normal": np.array([state.normal for state in states]),
             "displacements": displacements,
-            "stress": stress,
+            "stress": self._find_stresses(states, strain if follows else np.zeros_like(strain)),
             "strain": strain,
             "ways": wall_motions,
         }
@@ -1495,6 +1477,38 @@ class Crystal(Result):
             for name, array in arrays.items()
         }
         return CrystalState(self, **shaped, finite_overlap=follows)
+
+    def _find_displacements(self, states: Sequence[Rest]) -> tuple[Array, Array]:
+        """Return the displacements of the balls, (loads, n, d), and of the walls that a load moves,
+        (loads, n_w), m.
+        """
+        frame, free_number, wall_of_ball = self._frame
+        d = self.dimension
+        displacements = np.zeros((len(states), self.n_balls, d))
+        wall_motions = np.zeros((len(states), len(frame.walls)))
+        for index, state in enumerate(states):
+            displacements[index, free_number >= 0] = state.x[: frame.n_free].reshape(-1, d)
+            wall_motions[index] = state.x[frame.strains.stop :]
+        for side in self._sides:
+            if side.wall >= 0:
+                riders = wall_of_ball == side.wall
+                displacements[:, riders, side.axis] = wall_motions[:, side.wall, None]
+        # a motion of the whole crystal means nothing where no wall is in its way
+        if not any("clamped" in face.edges for face in self.faces):
+            loose = np.setdiff1d(np.arange(d), [side.axis for side in self._floors])
+            displacements[..., loose] -= np.mean(displacements[..., loose], axis=1, keepdims=True)
+        return displacements, wall_motions
+
+    def _find_stresses(self, states: Sequence[Rest], strains: Array) -> Array:
+        """Return the stress (loads, p, p) of states at rest on cells with ``strains`` (loads, p,
+        p).
+        """
+        p = self.periods
+        stresses = np.zeros((len(states), p, p))
+        if p:
+            for index, state in enumerate(states):
+                stresses[index] = self._find_stress(state, np.eye(p) + strains[index])
+        return stresses
 
     def _find_stress(self, state: Rest, deformation: Array) -> Array:
         """Return the stress (p, p) of a state at rest on the cell with a ``deformation`` (p, p)."""
@@ -1505,6 +1519,45 @@ class Crystal(Result):
         virial = virial @ deformation.T
         measure = frame.measure * float(np.linalg.det(deformation))
         return np.asarray(-0.5 * (virial + virial.T) / measure)
+
+
+class _PressureSearch:
+    """The pressures that were tried for a mean force (N) or overlap (m), the ``goal``, and the
+    interval that remains.
+    """
+
+    def __init__(self, goal: float) -> None:
+        self.goal = goal
+        self.low = 0.0
+        self.high = math.inf
+        self.last_pressure = 0.0
+        self.last_mean = math.nan
+
+    def extrapolate(self, pressure: float, mean: float, guess: float) -> float:
+        """Return the pressure of the goal on the secant through the last two pressures and their
+        means; the ``guess`` if there is no secant.
+        """
+        if math.isfinite(self.last_mean) and mean != self.last_mean:
+            pressure_step = pressure - self.last_pressure
+            mean_step = mean - self.last_mean
+            guess = pressure + (self.goal - mean) * pressure_step / mean_step
+        self.last_pressure = pressure
+        self.last_mean = mean
+        return guess
+
+    def choose(self, pressure: float, excess: float, guess: float) -> float | None:
+        """Return the next pressure: the ``guess``, or the middle of the interval if the guess
+        leaves that; None if nothing remains of the interval.
+
+        ``excess`` is that of the mean at ``pressure`` over the goal.
+        """
+        if excess < 0.0:
+            self.low = pressure
+        else:
+            self.high = pressure
+        middle = 0.5 * (self.low + min(self.high, 2.0 * pressure))
+        chosen = guess if self.low < guess < self.high else middle
+        return None if chosen in (self.low, self.high) else chosen
 
 
 class _MeanContacts(NamedTuple):
@@ -1526,18 +1579,31 @@ class _MeanContacts(NamedTuple):
         """
         force = springs.force(state.overlap)
         stiffness = springs.stiffness(state.overlap)
-        counts = (stiffness > 0.0 if springs.adhere else force != 0.0) | differ
+        counts = stiffness > 0.0 if springs.adhere else force != 0.0
+        if differ:
+            counts = np.ones(force.size, bool)
         return cls(state.overlap, force, stiffness, counts)
 
     def find_mean(self, kind: str) -> float:
         """Return the mean force, N, or overlap, m."""
-        return float(np.mean((self.force if kind == "force" else self.overlap)[self.counts]))
+        values = self.force if kind == "force" else self.overlap
+        return float(np.mean(values[self.counts]))
 
     @property
     def power(self) -> float:
         """Exponent f/(k delta) with which overlaps grow with the pressure."""
         work = np.mean((self.stiffness * self.overlap)[self.counts])
         return float(np.mean(self.force[self.counts]) / work)
+
+    def find_growth(self, kind: str, goal: float, mean: float) -> tuple[float, float]:
+        """Return the factors by which the pressure and the overlaps are to grow for the mean to
+        become the ``goal``.
+        """
+        # a mean of the wrong sign says nothing about the size of the step
+        growth = goal / mean if mean / goal > 0.0 else 2.0
+        if kind == "force":
+            return growth, growth**self.power
+        return growth ** (1.0 / self.power), growth
 
     def bound_rounding(self, kind: str, goal: float, differ: bool, adhere: bool) -> float:
         """Return the relative error of the mean that is put down to rounding."""
@@ -1589,6 +1655,7 @@ class CrystalState(Result):
     finite_overlap: bool = False
 
     def _field_units(self) -> dict[str, str]:
+        """The SI unit of each attribute; that of the stress depends on the number of periods."""
         return {**self.units, "stress": ("", "N", "N/m", "Pa")[self.crystal.periods]}
 
     def __getitem__(self, index: Any) -> CrystalState:
@@ -1713,13 +1780,7 @@ class CrystalState(Result):
         if np.any(np.isfinite(last_overlap)):
             ratio = np.max(np.maximum(self.overlap, 0.0) / last_overlap, axis=-1)
             checks.append(check_limit("table", ratio))
-        for name, (attribute, _, _, limit, at_least) in BALL_LIMITS.items():
-            for ball, kind_name in zip(crystal.kinds, crystal.names, strict=True):
-                value = attrgetter(attribute)(ball)
-                is_beyond = value < limit if at_least else value > limit
-                if is_beyond:
-                    values = np.full(self.shape, value)
-                    checks.append(check_limit(name, values, f" (ball {kind_name})"))
+        checks += self._check_balls()
         strengths = [ball.material.yield_strength for ball in crystal.kinds]
         if any(strengths):
             known_strengths = [math.inf if value is None else value for value in strengths]
@@ -1728,6 +1789,19 @@ class CrystalState(Result):
             pressure = np.divide(self.normal_force, area, out=np.zeros_like(area), where=area > 0.0)
             checks.append(check_limit("yield", np.max(pressure / strength, axis=-1)))
         return tuple(checks)
+
+    def _check_balls(self) -> list[Check]:
+        """Return the conditions that balls do not meet: material constants that no solid has."""
+        crystal = self.crystal
+        checks = []
+        for name, (attribute, _, _, limit, at_least) in BALL_LIMITS.items():
+            for ball, kind_name in zip(crystal.kinds, crystal.names, strict=True):
+                value = attrgetter(attribute)(ball)
+                is_beyond = value < limit if at_least else value > limit
+                if is_beyond:
+                    values = np.full(self.shape, value)
+                    checks.append(check_limit(name, values, f" (ball {kind_name})"))
+        return checks
 
     @property
     def valid(self) -> Any:
@@ -1801,13 +1875,14 @@ class CrystalState(Result):
         """Return the cell, and the balls and then the walls, as arguments of a network."""
         crystal = self.crystal
         floors = crystal._floors
-        follows = self.finite_overlap
         n = crystal.n_balls
         d = crystal.dimension
         p = crystal.periods
         deformation = np.eye(d)
-        deformation[:p, :p] += self.strain if follows else 0.0
-        displacements = self.displacements if follows else 0.0
+        displacements = np.zeros((n, d))
+        if self.finite_overlap:
+            deformation[:p, :p] += self.strain
+            displacements = self.displacements
         cell = np.zeros((3, 3))
         cell[:p, :d] = crystal.cell @ deformation.T
         positions = np.zeros((n + len(floors), 3))
@@ -1818,45 +1893,34 @@ class CrystalState(Result):
             positions[number, floor.axis] = np.mean(heights)
         infinite = np.full(len(floors), np.inf)
         inertias = np.array([ball.inertia for ball in crystal.kinds])[crystal.kind]
+        kinds = [crystal.names[number] for number in crystal.kind.tolist()]
+        kinds += [RIGID_PLANE.name for _ in floors]
         return {
             "cell": cell,
             "positions": positions,
             "radii": np.append(crystal.radii, infinite),
             "masses": np.append(np.where(self._clamped, np.inf, crystal.masses), infinite),
             "inertias": np.append(inertias, infinite),
-            "kinds": (
-                *(crystal.names[number] for number in crystal.kind.tolist()),
-                *(RIGID_PLANE.name,) * len(floors),
-            ),
+            "kinds": tuple(kinds),
         }
 
     def _list_contacts(self) -> dict[str, Any]:
         """Return the closed contacts as arguments of a network, those with floors last."""
         crystal = self.crystal
         table = crystal.contacts
-        floors = crystal._floors
-        follows = self.finite_overlap
-        bulges = np.append(crystal._bulges, np.zeros(len(floors)))
-        i = [table.i]
-        j = [table.j]
-        arm_i = [table.arm_i]
-        arm_j = [table.arm_j]
-        for number, floor in enumerate(floors, start=crystal.n_balls):
-            i.append(floor.balls)
-            j.append(np.full(len(floor.balls), number))
-            arm_i.append(crystal._mean_radii[floor.balls])
-            arm_j.append(np.zeros(len(floor.balls)))
-        ends_i = np.concatenate(i)
-        ends_j = np.concatenate(j)
+        i, j, arm_i, arm_j = self._list_ends()
         shift = np.zeros((crystal.n_contacts, 3), np.intp)
         shift[: len(table), : crystal.periods] = table.shift
         normal = np.zeros((crystal.n_contacts, 3))
         normal[:, : crystal.dimension] = self.normal
-        # in the true geometry arms are radii less half of the overlap
-        half_overlap = 0.5 * self.overlap if follows else 0.0
+        if self.finite_overlap:  # arms are the balls' own radii less half of the overlap
+            bulges = np.append(crystal._bulges, np.zeros(len(crystal._floors)))
+            half_overlap = 0.5 * self.overlap
+            arm_i = arm_i + bulges[i] - half_overlap
+            arm_j = arm_j + bulges[j] - half_overlap
         fields: dict[str, Any] = {
-            "i": ends_i,
-            "j": ends_j,
+            "i": i,
+            "j": j,
             "shift": shift,
             "normal": normal,
             "normal_force": self.normal_force,
@@ -1864,13 +1928,30 @@ class CrystalState(Result):
             "shear_stiffness": self.shear_stiffness,
             "torsion_stiffness": self.torsion_stiffness,
             "bending_stiffness": self.bending_stiffness,
-            "arm_i": np.concatenate(arm_i) + bulges[ends_i] * follows - half_overlap,
-            "arm_j": np.concatenate(arm_j) + bulges[ends_j] * follows - half_overlap,
+            "arm_i": arm_i,
+            "arm_j": arm_j,
         }
         contacts = {name: values[self._in_network] for name, values in fields.items()}
-        if follows:  # the statics are those of normal forces alone
+        if self.finite_overlap:  # the statics are those of normal forces alone
             contacts["tangential_force"] = np.zeros((np.count_nonzero(self._in_network), 3))
         return contacts
+
+    def _list_ends(self) -> tuple[Index, Index, Array, Array]:
+        """Return the balls i and j (n_c,) of the contacts, j being the number of the floor of those
+        with floors, and the arms (n_c,) to either at touch, m.
+        """
+        crystal = self.crystal
+        table = crystal.contacts
+        i = [table.i]
+        j = [table.j]
+        arm_i = [table.arm_i]
+        arm_j = [table.arm_j]
+        for number, floor in enumerate(crystal._floors, start=crystal.n_balls):
+            i.append(floor.balls)
+            j.append(np.full(len(floor.balls), number))
+            arm_i.append(crystal._mean_radii[floor.balls])
+            arm_j.append(np.zeros(len(floor.balls)))
+        return np.concatenate(i), np.concatenate(j), np.concatenate(arm_i), np.concatenate(arm_j)
 
 
 def list_balls(balls: Any) -> list[Any]:
@@ -1905,18 +1986,20 @@ def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
     return tuple(number_of_ball), np.array(numbers, np.intp)
 
 
+def _count_in_letters() -> Iterator[str]:
+    """Yield A, B, ..., Z, AA, AB, ..."""
+    for size in itertools.count(1):
+        for letters in itertools.product(ascii_uppercase, repeat=size):
+            yield "".join(letters)
+
+
 def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -> tuple[str, ...]:
     """Return the name of each kind: the ``known`` name, or that of its ball, or the next of A, B,
     C, ...
     """
     names = {ball: (known or {}).get(ball) or ball.name for ball in kinds}
     used_names = {name for name in names.values() if name} | {RIGID_PLANE.name}
-    letters = (
-        "".join(word)
-        for size in itertools.count(1)
-        for word in itertools.product(ascii_uppercase, repeat=size)
-    )
-    free_names = (letter for letter in letters if letter not in used_names)
+    free_names = (letters for letters in _count_in_letters() if letters not in used_names)
     kind_names = tuple(names[ball] or next(free_names) for ball in kinds)
     counts = Counter([*kind_names, RIGID_PLANE.name])
     twice = next((name for name in kind_names if counts[name] > 1), None)
@@ -1924,6 +2007,52 @@ def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -
         problem = f"two kinds are called {twice!r}"
         raise InputError(problem, "Laws are given by names", "Name each kind differently")
     return kind_names
+
+
+def _read_sites(positions: ArrayLike, cell: ArrayLike) -> tuple[Array, Array]:
+    """Return centres (n, d) and the vectors (p, d) of a cell, m, whose shapes fit."""
+    centres = real_array("positions", positions)
+    vectors = real_array("cell", cell)
+    if centres.ndim != 2 or not len(centres) or not 1 <= centres.shape[1] <= 3:
+        problem = f"positions of the crystal have the shape {centres.shape}"
+        raise InputError(problem, mend="Give (n, d) centres in m, d = 1, 2 or 3")
+    d = centres.shape[1]
+    vectors = vectors.reshape(0, d) if vectors.size == 0 else vectors
+    if vectors.ndim != 2 or vectors.shape[1] != d or len(vectors) > d:
+        problem = f"the cell has the shape {vectors.shape}, and positions have {d} coordinates"
+        raise InputError(problem, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m")
+    if not (np.all(np.isfinite(centres)) and np.all(np.isfinite(vectors))):
+        problem = "the cell or a position of the crystal is not finite"
+        raise InputError(problem, mend="Give finite numbers, in m")
+    return centres, vectors
+
+
+def _require_symbols(symbols: Sequence[str], balls: object) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` unless there are atoms, and ``balls`` is a
+    mapping that has each of their ``symbols``.
+    """
+    if not symbols:
+        raise InputError("there are no atoms", mend="Give one or more")
+    if not isinstance(balls, Mapping):
+        mend = 'Give balls by symbols, as {"Na": ball}'
+        raise InputError(f"the balls are {brief(balls)}", mend=mend)
+    missing = sorted(set(symbols) - set(balls))
+    if missing:
+        problem = f"there is no ball for {', '.join(missing)}"
+        raise InputError(problem, mend="Give one for each symbol")
+
+
+def _find_dimension(positions: Array, cell: Array, tolerance: float) -> int:
+    """Return the dimension of the line, plane or space in which balls lie, of positions (n, 3) and
+    a cell (p, 3), m: z, and then y, are left out if all are equal to a ``tolerance``, m.
+    """
+    for dimension in (3, 2):
+        axis = dimension - 1
+        is_level = np.ptp(positions[:, axis]) <= tolerance
+        leaves = np.any(np.abs(cell[:, axis]) > tolerance)
+        if len(cell) >= dimension or not is_level or leaves:
+            return dimension
+    return 1
 
 
 def _require_cell(vectors: Array, radius: float, name: str) -> None:
@@ -1968,8 +2097,9 @@ def _require_large_enough(structure: Lattice, cell: Array, kinds: Sequence[Ball]
     before they touch the smaller one.
     """
     p = structure.periods
-    images = np.stack(np.meshgrid(*[[-1, 0, 1]] * p), axis=-1).reshape(-1, p)
-    gap = float(np.min(np.linalg.norm(images[np.any(images, axis=1)] @ cell, axis=1)))
+    images = np.array(list(itertools.product((-1, 0, 1), repeat=p)))
+    images = images[np.any(images, axis=1)]  # without the ball itself
+    gap = float(np.min(np.linalg.norm(images @ cell, axis=1)))
     small, large = sorted(kinds, key=lambda ball: ball.diameter)
     if gap >= large.diameter * (1.0 - TOUCH):
         return

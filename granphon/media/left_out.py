@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.array.geometry import LARGEST_RATIO
-from granphon.balls.hertz import force_of, overlap_of
+from granphon.balls.hertz import force_of
 from granphon.balls.lattices import LATTICES
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
@@ -25,7 +25,9 @@ from granphon.media.loading import reduce_load
 
 #: the geometries of contacts: directions are those of the lattice, or follow from the positions of
 #: the balls
-LATTICE, EXACT = GEOMETRIES = "lattice", "exact"
+LATTICE = "lattice"
+EXACT = "exact"
+GEOMETRIES = (LATTICE, EXACT)
 #: part of the shear modulus up to which the directions of the lattice may leave it out, if no
 #: geometry is named
 _CHOSEN_LIMIT = 1e-3
@@ -65,15 +67,6 @@ _OPEN_CONTACTS = {
 }
 
 
-def find_spacing(packing: Packing, force: Array) -> Array:
-    """Return the approximate a* of reduced forces."""
-    alike = np.asarray(0.5 + overlap_of(force))
-    if packing.structure.periods not in _CURVES:
-        return alike
-    known, forces = _CURVES[packing.structure.periods]
-    return np.where(force > forces[-1], alike, np.interp(force, forces, known))
-
-
 def estimate_reduced_force(packing: Packing, load: Load) -> Array:
     """Return the approximate f* of each value of an applied load."""
     reduced = np.ravel(reduce_load(packing, load))
@@ -82,9 +75,10 @@ def estimate_reduced_force(packing: Packing, load: Load) -> Array:
     alike = np.asarray(force_of(reduced - 0.5))
     if packing.structure.periods not in _CURVES:
         return alike
-    known, forces = _CURVES[packing.structure.periods]
-    near = np.exp(np.interp(np.log(np.maximum(reduced, known[0])), np.log(known), np.log(forces)))
-    return np.where(reduced > known[-1], alike, near)
+    spacings, forces = _CURVES[packing.structure.periods]
+    log_spacing = np.log(np.maximum(reduced, spacings[0]))
+    interpolated = np.exp(np.interp(log_spacing, np.log(spacings), np.log(forces)))
+    return np.where(reduced > spacings[-1], alike, interpolated)
 
 
 def estimate_open_contacts(packing: Packing, load: Load) -> Array:
@@ -101,12 +95,12 @@ def estimate_open_contacts(packing: Packing, load: Load) -> Array:
     if structure.periods not in _OPEN_CONTACTS or not packing.spread_matters:
         return np.zeros_like(force)
     with np.errstate(all="ignore"):  # a load that no array bears is refused elsewhere
-        found: Array = np.interp(
+        fraction: Array = np.interp(
             np.log(force), np.log(_OPEN_FORCES), _OPEN_CONTACTS[structure.periods]
         )
     if structure.name in ("triangular", "fcc", "hcp") and LATTICES[structure.name] == structure:
-        return found
-    return np.where(found > 0.0, 1.0, 0.0)
+        return fraction
+    return np.where(fraction > 0.0, 1.0, 0.0)
 
 
 def estimate_shear_deficit(
@@ -139,8 +133,8 @@ def expect_shear_deficit(
     if not (packing.mindlin_ratio and packing.spread_matters):
         return np.zeros(load.size)
     closed = 1.0 - estimate_open_contacts(packing, load)
-    own = packing.relative_width if ratio is None else ratio
-    return estimate_shear_deficit(closed, own, packing.structure.periods, history)
+    ratio = packing.relative_width if ratio is None else ratio
+    return estimate_shear_deficit(closed, ratio, packing.structure.periods, history)
 
 
 def find_left_out(deficit: Array, geometry: str | None) -> Array:
@@ -173,8 +167,7 @@ def choose_geometries(
     exact, and where that is False, and not None, it is not.
     """
     if finite_overlap is not None or not can_be_exact(packing):
-        return [EXACT if finite_overlap else LATTICE] * load.size
-    return [
-        EXACT if deficit > _CHOSEN_LIMIT else LATTICE
-        for deficit in expect_shear_deficit(packing, load).tolist()
-    ]
+        is_exact = np.full(load.size, bool(finite_overlap))
+    else:
+        is_exact = expect_shear_deficit(packing, load) > _CHOSEN_LIMIT
+    return [EXACT if exact else LATTICE for exact in is_exact]

@@ -101,7 +101,9 @@ _LIMITS = {
 
 def _write_force(force: float) -> str:
     """Text of a force, N, with four digits."""
-    size, unit = (1.0, "N") if force == 0.0 or 0.01 <= force < 1e4 else prefixed(force, "N")
+    if force == 0.0 or 0.01 <= force < 1e4:
+        return f"{force:.4g} N"
+    size, unit = prefixed(force, "N")
     return f"{force / size:.4g} {unit}"
 
 
@@ -131,7 +133,8 @@ class Check(Result):
     def ok(self) -> Any:
         """Whether the condition holds, with the shape of the load."""
         value = np.asarray(self.value)
-        return np.asarray(value >= self.limit if self.at_least else value <= self.limit)[()]
+        holds = value >= self.limit if self.at_least else value <= self.limit
+        return np.asarray(holds)[()]
 
     @property
     def failing(self) -> int:
@@ -153,15 +156,26 @@ class Check(Result):
         worst = float(value.min() if self.at_least else value.max())
         if self.name == "medium":
             return self._warn_of_medium(worst, failing, loads)
-        if self.name in BALL_LIMITS:
-            _, quantity, unit, *_ = BALL_LIMITS[self.name]
-            relation = "less" if self.at_least else "more"
-            sentence = f"the {quantity} is {{worst}} {unit}, {relation} than {{limit}} {unit}"
-        else:
-            sentence = _LIMITS[self.name].sentence
         # the spread and the constants of a ball do not depend on the load
         several = loads > 1 and self.name not in ("spread", *BALL_LIMITS)
         bound = "up to " if several and failing > 1 else ""
+        sentence = self._write_sentence(worst, bound)
+        if several and failing < loads:
+            sentence = f"at {failing} of {loads} loads {sentence}"
+        elif several:
+            share = "both" if loads == 2 else f"all {loads}"
+            sentence = f"at {share} loads {sentence}"
+        return f"{sentence[0].upper()}{sentence[1:]}: {self.reason}."
+
+    def _write_sentence(self, worst: float, bound: str) -> str:
+        """Return what fails, in words, with the value ``worst`` and the limit; ``bound`` stands
+        before the value.
+        """
+        if self.name in BALL_LIMITS:
+            _, quantity, unit, *_ = BALL_LIMITS[self.name]
+            relation = "less" if self.at_least else "more"
+            limit = f"{self.limit:g} {unit}"
+            return f"the {quantity} is {bound}{worst:.4g} {unit}, {relation} than {limit}"
         words = {
             "worst": f"{bound}{worst:.4g}",
             "percent": f"{bound}{100.0 * worst:.4g} %",
@@ -170,11 +184,7 @@ class Check(Result):
             "about": f"{bound}about {100.0 * worst:.2g} %",
             "half": f"{100.0 * (1.0 - math.sqrt(max(1.0 - worst, 0.0))):.2g} %",
         }
-        sentence = sentence.format_map(words)
-        if several:
-            share = f"all {loads}" if failing == loads else f"{failing} of {loads}"
-            sentence = f"at {'both' if share == 'all 2' else share} loads {sentence}"
-        return f"{sentence[0].upper()}{sentence[1:]}: {self.reason}."
+        return _LIMITS[self.name].sentence.format_map(words)
 
     def _warn_of_medium(self, worst: float, failing: int, loads: int) -> str:
         """Return the warning that contact forces, at worst ``worst`` N, are below the range of the

@@ -82,27 +82,28 @@ def require_load(packing: Packing, load: Load, largest: float) -> None:
     the mean, m.
     """
     hertz = AveragedLattice(replace(packing, spread=None))
-    if packing.width and not packing.spread_matters:
-        least_force = packing.width_units.reduced_force(float(np.min(hertz.at(load).force)))
-        if least_force < THRESHOLD_FORCE:  # no threshold of rigidity is on a line
-            problem = (
-                f"a contact force of f* = {least_force:.3g} is below {THRESHOLD_FORCE:g}, the least"
-                f" that is simulated"
-            )
-            raise InputError(
-                problem, mend="Raise the load, or take another medium, which on a line is exact too"
-            )
-    elif load.kind != "overlap":
-        least_force = packing.width_units.reduced_force(float(np.min(hertz.at(load).force)))
-        if packing.width and least_force < THRESHOLD_FORCE:
-            raise explain_too_small(least_force)
-    elif not packing.width:
-        hertz.at(load)
-    else:
+    differ_on_line = packing.width and not packing.spread_matters
+    if load.kind == "overlap" and packing.width and not differ_on_line:
         if np.max(load.array) > packing.width:
             hertz.at(Load("overlap", np.max(load.array)))
         if np.min(load.array) <= -largest:
             raise explain_untouched(load, largest)
+        return
+    forces = hertz.at(load).force
+    if not packing.width:
+        return
+    least_force = packing.width_units.reduced_force(float(np.min(forces)))
+    if least_force >= THRESHOLD_FORCE:
+        return
+    if not differ_on_line:
+        raise explain_too_small(least_force)
+    # no threshold of rigidity is on a line
+    problem = (
+        f"a contact force of f* = {least_force:.3g} is below {THRESHOLD_FORCE:g}, the least that is"
+        f" simulated"
+    )
+    mend = "Raise the load, or take another medium, which on a line is exact too"
+    raise InputError(problem, mend=mend)
 
 
 def sort_by_load(prescribed: Sequence[ReducedLoad]) -> list[int]:
@@ -207,20 +208,17 @@ class FrictionHistory:
         :class:`~granphon.base.errors.Refused` for an option out of range, a history without a
         friction coefficient, and options of a history without ``friction_history``.
         """
-        values = {
-            name: read_inside(name, option.rule, options[name])
-            for name, option in HISTORY_OPTIONS.items()
-            if name in options
-        }
-        if values.pop("friction_history", False):
-            if values.get("friction_coefficient") is None:
-                allowed = "a number, zero or above, or inf"
-                mend = (
-                    "Give a friction_coefficient too, such as 0.2: it is a property of the"
-                    " surfaces."
-                )
-                path = ("friction_coefficient",)
-                raise Refused("no friction_coefficient", allowed, mend, path)
+        values: dict[str, Any] = {}
+        for name, option in HISTORY_OPTIONS.items():
+            if name in options:
+                values[name] = read_inside(name, option.rule, options[name])
+        has_history = values.pop("friction_history", False)
+        if has_history and values.get("friction_coefficient") is None:
+            allowed = "a number, zero or above, or inf"
+            mend = "Give a friction_coefficient too, such as 0.2: it is a property of the surfaces."
+            path = ("friction_coefficient",)
+            raise Refused("no friction_coefficient", allowed, mend, path)
+        if has_history:
             return cls(**values)
         for name, value in values.items():
             if value != HISTORY_OPTIONS[name].default:
@@ -238,9 +236,8 @@ class FrictionHistory:
     @property
     def options(self) -> dict[str, Any]:
         """Every option of :data:`HISTORY_OPTIONS`, with its value."""
-        return {"friction_history": self.is_loaded} | {
-            option.name: getattr(self, option.name) for option in fields(self)
-        }
+        options = {option.name: getattr(self, option.name) for option in fields(self)}
+        return {"friction_history": self.is_loaded} | options
 
     @property
     def reference(self) -> Self:
@@ -419,6 +416,7 @@ class LoadedSample:
             self._require_above(history, start, path)
 
     def _stencils(self, mindlin_ratio: float = 0.0) -> Stencils:
+        """Return the stencils of the sample; without a ``mindlin_ratio`` those of smooth balls."""
         structure = self.packing.structure
         shape = array_shape(self.deviations, structure)
         return Stencils(shape, mindlin_ratio, self.workers, structure)
@@ -504,22 +502,30 @@ def require_above(start: ReducedLoad, path: Sequence[ReducedLoad], from_gas: boo
     for index, load in enumerate(path):
         if load.overlap is None:
             is_below = load.force < start.force * (1.0 - _ROUNDING)
-            name = f"f* = {load.force:.4g}"
         else:
             is_below = start.overlap is not None and load.overlap < start.overlap - _ROUNDING
-            name = f"a* = {load.overlap + 0.5:.4g}"
         if is_below:
-            starts = [f"f* = {start.force:.4g}"] if start.force else []
-            starts += [f"a* = {start.overlap + 0.5:.4g}"] if start.overlap is not None else []
-            problem = f"the load {name} is below the start of the loading, {' at '.join(starts)}"
-            why = "Samples are at rest without friction at the start, and loaded from there"
-            lower = "give a lower start, "
-            if from_gas:
-                stand = "Pressed from the gas, the sample stands there at first"
-                why = f"{stand}, and is loaded from there"
-                lower = ""
-            path_mend = "unload along a path: simulation.path(...), in a scene ordered: true"
-            mend = f"Raise the load, {lower}or {path_mend}"
-            error = InputError(problem, why, mend)
+            error = _explain_below(start, load, from_gas)
             error.load_index = index
             raise error
+
+
+def _explain_below(start: ReducedLoad, load: ReducedLoad, from_gas: bool) -> InputError:
+    """Return the error of a load below the start."""
+    name = f"f* = {load.force:.4g}"
+    if load.overlap is not None:
+        name = f"a* = {load.overlap + 0.5:.4g}"
+    starts = []
+    if start.force:
+        starts.append(f"f* = {start.force:.4g}")
+    if start.overlap is not None:
+        starts.append(f"a* = {start.overlap + 0.5:.4g}")
+    problem = f"the load {name} is below the start of the loading, {' at '.join(starts)}"
+    path_mend = "unload along a path: simulation.path(...), in a scene ordered: true"
+    if from_gas:
+        stand = "Pressed from the gas, the sample stands there at first"
+        return InputError(
+            problem, f"{stand}, and is loaded from there", f"Raise the load, or {path_mend}"
+        )
+    why = "Samples are at rest without friction at the start, and loaded from there"
+    return InputError(problem, why, f"Raise the load, give a lower start, or {path_mend}")

@@ -163,6 +163,9 @@ class Medium(ABC, Generic[StateT]):
 def _require_sound(
     structure: Lattice, present: tuple[float, ...], motions: Motions, pushed: bool
 ) -> None:
+    """Raise as :meth:`Medium.require_sound` does; ``present`` says by 0 or 1 which stiffnesses
+    contacts have, against slip, twist and rolling.
+    """
     eta, torsion, bending = present
     lattice = ContactLattice.of(structure, eta, torsion=torsion, bending=bending, motions=motions)
     lattice.sound_velocities(np.eye(lattice.periods), _LEAST_PUSH if pushed else None)
@@ -239,50 +242,54 @@ class LawMedium(Medium[ContactState]):
         )
         load = load.applied
         follows = read_finite_overlap(finite_overlap)
-        law = self.law
-        diameter = self.packing.diameter
-        periods = self.packing.structure.periods
+        packing = self.packing
+        words = load.describe(packing.structure.periods)
         with np.errstate(all="ignore"):  # numbers beyond double precision are refused below
-            if load.kind == "overlap":
-                overlap = load.array
-                if law.least_overlap == 0.0:
-                    require_compressive("overlap", overlap)
-                if np.any(overlap <= law.least_overlap):
-                    raise explain_untouched(load, -law.least_overlap)
-                force = np.asarray(law.force(overlap))
-            elif load.kind == "pressure":
-                # the lattice's pressure factor times f is P d^(p-1), or P a^(p-1) if the boundary
-                # follows the balls; the slope is f over the power of the spacing
-                slope = load.array / self.packing.structure.pressure_factor
-                force = slope * diameter ** (periods - 1)
-                overlap = np.asarray(law.overlap(force))
-                if follows and periods > 1:
-                    overlap = self._shrink_boundary(slope, overlap)
-                    force = np.asarray(law.force(overlap))
-            else:
-                force = load.array
-                overlap = np.asarray(law.overlap(load.array))
-            stiffness = np.asarray(law.stiffness(overlap))
-            length = np.maximum(np.abs(overlap), self.packing.width)
+            force, overlap = self._solve(load, follows)
+            stiffness = np.asarray(self.law.stiffness(overlap))
+            length = np.maximum(np.abs(overlap), packing.width)
             # the last three are of the size of the slope of the stiffness, the pressure and the
             # moduli
-            ratios = [stiffness / length, force / diameter, stiffness / diameter]
+            ratios = [stiffness / length, force / packing.diameter, stiffness / packing.diameter]
             sizes = np.array([force, stiffness, length, *ratios])
         if not np.all((sizes >= LEAST_NORMAL) & (sizes < np.inf)):
-            raise InputError(
-                f"{load.describe(periods)} is too small or too large for double precision"
-            )
-        modulus = self.packing.material.young_modulus
-        require_shallow(modulus, float(np.max(overlap / diameter)), load.describe(periods))
+            raise InputError(f"{words} is too small or too large for double precision")
+        depth = float(np.max(overlap / packing.diameter))
+        require_shallow(packing.material.young_modulus, depth, words)
         return ContactState(
-            packing=self.packing,
+            packing=packing,
             medium=self.name,
-            law=law,
+            law=self.law,
             force=force[()],
             overlap=overlap[()],
             normal_stiffness=stiffness[()],
             finite_overlap=follows,
         )
+
+    def _solve(self, load: Load, follows: bool) -> tuple[Array, Array]:
+        """Return the mean contact force, N, and the overlap, m, at an applied load, with its shape;
+        a boundary that ``follows`` the balls shrinks.
+        """
+        law = self.law
+        if load.kind == "overlap":
+            overlap = load.array
+            if law.least_overlap == 0.0:
+                require_compressive("overlap", overlap)
+            if np.any(overlap <= law.least_overlap):
+                raise explain_untouched(load, -law.least_overlap)
+            return np.asarray(law.force(overlap)), overlap
+        if load.kind != "pressure":
+            return load.array, np.asarray(law.overlap(load.array))
+        # the lattice's pressure factor times f is P d^(p-1), or P a^(p-1) if the boundary follows
+        # the balls; the slope is f over the power of the spacing
+        structure = self.packing.structure
+        slope = load.array / structure.pressure_factor
+        force = slope * self.packing.diameter ** (structure.periods - 1)
+        overlap = np.asarray(law.overlap(force))
+        if follows and structure.periods > 1:
+            overlap = self._shrink_boundary(slope, overlap)
+            force = np.asarray(law.force(overlap))
+        return force, overlap
 
     def _shrink_boundary(self, slope: Array, overlap: Array) -> Array:
         """Return the overlap delta at which the boundary has shrunk with the balls: f(delta) =
@@ -345,12 +352,10 @@ class AveragedForce(LawMedium):
     @property
     def spread_law(self) -> Law:
         """Contact law of the medium for balls that differ, in SI."""
-        spread = self.packing.spread
-        return (
-            AveragedLaw(self.packing.law.coefficient, self.packing.width, spread.shape)
-            if spread
-            else self.packing.law
-        )
+        packing = self.packing
+        if not packing.spread:
+            return packing.law
+        return AveragedLaw(packing.law.coefficient, packing.width, packing.spread.shape)
 
 
 @dataclass(frozen=True, init=False)

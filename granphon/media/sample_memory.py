@@ -56,12 +56,14 @@ def estimate_memory(packing: Packing, balls: int, samples: int, load: Load, load
     motions = packing.ball_motions.count if turning else periods
     green = _GREEN_BYTES * structure.n_balls * motions**2
     kept = _SAMPLE_BYTES * (samples - 1) + _EQUILIBRIUM_BYTES[periods] * (count - 1)
-    memory = balls * ((_ROTATING_BALL_BYTES if turning else _BALL_BYTES)[periods] + green + kept)
+    solved = _ROTATING_BALL_BYTES[periods] if turning else _BALL_BYTES[periods]
+    memory = balls * (solved + green + kept)
     memory += (samples - 1) * min(_WORKSPACE_BYTES[periods] * balls, _MOST_WORKSPACE)
     if not packing.width:
         return memory
     force = np.maximum(estimate_reduced_force(packing, load.applied), LEAST_FORCE)
-    if periods > 1 and np.any(force < _FACTOR_FORCE) and balls <= MOST_BALLS[periods - 1]:
+    are_factorised = periods > 1 and balls <= MOST_BALLS[periods - 1]
+    if are_factorised and np.any(force < _FACTOR_FORCE):
         memory += balls * (_ROTATING_FACTOR_BYTES if turning else _FACTOR_BYTES)
     if loaded:
         memory += balls * (_HISTORY_BYTES[periods] + count * _HISTORY_STATE_BYTES[periods])

@@ -134,10 +134,9 @@ class SampleLaw(EnergyLaw):
         """Return the mean over samples of a quantity at each ``overlap``, m."""
         overlaps = np.asarray(overlap, float)
         distinct, numbers = np.unique(overlaps, return_inverse=True)
-        means = [
-            np.mean([quantity(sample) for sample in self._simulate(value)])
-            for value in distinct.tolist()
-        ]
+        means = []
+        for value in distinct.tolist():
+            means.append(np.mean([quantity(sample) for sample in self._simulate(value)]))
         return np.array(means)[numbers].reshape(overlaps.shape)[()]
 
     @cached_property
@@ -149,6 +148,7 @@ class SampleLaw(EnergyLaw):
         return SampleLaw, (self.simulation,)  # a copy starts without the samples that are kept
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """Return the derivative of the energy of this order, from the energy itself on."""
         names = ("energy", "force", "normal_stiffness", "stiffness_slope")
         return self._average_at(overlap, attrgetter(names[order]))
 
@@ -215,9 +215,10 @@ class SimulatedState(ContactState):
 
         The force or the overlap of the state is exact if the load is given as such.
         """
-        rows = [(sample.force, sample.overlap, sample.normal_stiffness) for sample in samples]
-        columns = np.moveaxis(np.array(rows).reshape(*load.shape, -1, 3), -1, 0)
-        forces, overlaps, stiffnesses = columns
+        shape = (*load.shape, -1)  # that of the load, then samples
+        forces = np.reshape([sample.force for sample in samples], shape)
+        overlaps = np.reshape([sample.overlap for sample in samples], shape)
+        stiffnesses = np.reshape([sample.normal_stiffness for sample in samples], shape)
         fixed_overlap = load.kind == "overlap"
         if fixed_overlap:  # samples act in parallel
             stiffness = np.mean(stiffnesses, axis=-1)
@@ -514,12 +515,12 @@ class SimulatedState(ContactState):
         simulation = self._simulation
         if simulation is None or simulation.geometry is not None:
             return self._fill_shape(self.finite_overlap)
-        return np.reshape(
-            [sample.is_exact for sample in self.samples[:: self.n_samples]], self.shape
-        )[()]
+        first_samples = self.samples[:: self.n_samples]
+        return np.reshape([sample.is_exact for sample in first_samples], self.shape)[()]
 
     @property
     def _shrinkage(self) -> Any:
+        """a/d at loads of the exact geometry, otherwise 1."""
         return np.where(self._is_exact, 1.0 - self.relative_overlap, 1.0)[()]
 
     @property
@@ -610,7 +611,9 @@ class SimulatedState(ContactState):
         periods = self.packing.structure.periods
         shortening = self._shortening
         exponent = _compute_exponent(np.mean(self._exponent_terms, axis=-2))
-        return ((exponent - 0.5 * periods * shortening) / (1.0 + (periods - 1.0) * shortening))[()]
+        velocity_rise = exponent - 0.5 * periods * shortening  # d log v / d log f
+        pressure_rise = 1.0 + (periods - 1.0) * shortening  # d log P / d log f
+        return (velocity_rise / pressure_rise)[()]
 
     @property
     def exponent_error(self) -> Any:
@@ -622,7 +625,9 @@ class SimulatedState(ContactState):
         if self.n_samples == 1:
             return self._fill_shape(math.nan)
         error = jackknife(_compute_exponent, self._exponent_terms)
-        return (error / (1.0 + (self.packing.structure.periods - 1.0) * self._shortening))[()]
+        periods = self.packing.structure.periods
+        pressure_rise = 1.0 + (periods - 1.0) * self._shortening  # d log P / d log f
+        return (error / pressure_rise)[()]
 
     @property
     def _exponent_terms(self) -> Array:
@@ -763,12 +768,7 @@ class DirectSimulation(Medium[SimulatedState]):
             object.__setattr__(self, "packing", self._take_spread(diameters))
             object.__setattr__(self, "diameters", diameters)
             object.__setattr__(self, "shape", diameters.shape[:periods])
-        if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
-            problem = (
-                f"the width of the diameters is {self.packing.relative_width:.3g} of their mean"
-            )
-            why = f"Samples are simulated from {_LEAST_WIDTH:g} on"
-            raise InputError(problem, why, "Leave the spread out")
+        self._require_width()
         samples = whole_number("samples", self.samples, 1, _MOST_SAMPLES)
         object.__setattr__(self, "samples", samples)
         seed = whole_number("seed", self.seed, 0, _MOST_SEED + 1 - samples)
@@ -783,47 +783,65 @@ class DirectSimulation(Medium[SimulatedState]):
         require_small(self.ratio)
         self._require_history()
 
+    def _require_width(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for diameters that differ too little."""
+        if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
+            problem = (
+                f"the width of the diameters is {self.packing.relative_width:.3g} of their mean"
+            )
+            why = f"Samples are simulated from {_LEAST_WIDTH:g} on"
+            raise InputError(problem, why, "Leave the spread out")
+
     def _require_simulated_lattice(self) -> None:
         """Raise unless balls move as simulated balls do, and stand without friction, or are held by
         friction from the gas on.
         """
+        structure = self.packing.structure
+        motions = self._read_motions()
+        history = self.history
+        is_held = history.is_loaded and history.from_gas and history.friction_coefficient != 0
+        soft_waves = None if is_held else _explain_fall(structure, motions)
+        if soft_waves is not None:
+            problem = (
+                f"the {structure.name} lattice is not simulated, because it does not stand without"
+                f" friction"
+            )
+            raise MechanismError(problem, soft_waves, self._suggest_support())
+
+    def _read_motions(self) -> Motions:
+        """Return the motions of simulated balls; raise
+        :class:`~granphon.base.errors.InputError` if those of the packing are others.
+        """
         packing = self.packing
         structure = packing.structure
-        history = self.history
         periods = structure.periods
         motions = next(iter(allowed_motions(periods).values()))
-        if structure.dimension > periods or packing.motions not in (None, motions.name):
-            balls = f"the motions {packing.motions!r}"
+        why = "Simulated balls move along the periods of their lattice"
+        if structure.dimension > periods:
+            problem = f"balls with a lattice of {periods} periods in space are not simulated"
+            raise InputError(problem, why, "Use another medium")
+        if packing.motions not in (None, motions.name):
+            problem = f"balls with the motions {packing.motions!r} are not simulated"
             mend = f"Use another medium, or the motions {motions.name!r}"
-            if structure.dimension > periods:
-                balls = f"a lattice of {periods} periods in space"
-                mend = "Use another medium"
-            why = "Simulated balls move along the periods of their lattice"
-            raise InputError(f"balls with {balls} are not simulated", why, mend)
-        if history.is_loaded and history.from_gas and history.friction_coefficient != 0:
-            return
-        soft_waves = _explain_fall(structure, motions)
-        if soft_waves is None:
-            return
-        problem = (
-            f"the {structure.name} lattice is not simulated, because it does not stand without"
-            f" friction"
-        )
+            raise InputError(problem, why, mend)
+        return motions
+
+    def _suggest_support(self) -> str:
+        """Return what holds the lattice, which does not stand without friction."""
+        packing = self.packing
         lattices = "use another medium, or a lattice with more contacts, such as triangular or fcc"
         with_friction = ContactLattice.of(
-            structure, packing.material.mindlin_ratio, bending=packing.bending
+            packing.structure, packing.material.mindlin_ratio, bending=packing.bending
         )
-        friction = "" if packing.friction else "friction: true of the packing and "
         if with_friction.mechanism:
-            mend = f"Friction does not hold it either: {lattices}"
-        elif history.is_loaded:
+            return f"Friction does not hold it either: {lattices}"
+        friction = "" if packing.friction else "friction: true of the packing and "
+        if self.history.is_loaded:
             keys = f"{friction}start: gas, and a friction_coefficient above zero"
             start = f"Start the history at the gas ({keys}), from which friction holds it"
-            mend = f"{start}; or {lattices}"
-        else:
-            keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
-            mend = f"A simulation with {keys} simulates it; or {lattices}"
-        raise MechanismError(problem, soft_waves, mend)
+            return f"{start}; or {lattices}"
+        keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
+        return f"A simulation with {keys} simulates it; or {lattices}"
 
     def _read_shape(self) -> tuple[int, ...] | None:
         """Return the numbers of cells along the periods, None if they are not given."""
@@ -844,8 +862,10 @@ class DirectSimulation(Medium[SimulatedState]):
         periods = structure.periods
         n = structure.n_balls
         array = read_only(finite_array("diameters", diameters, "m", "above zero"))
-        if array.ndim != periods + (n > 1) or (n > 1 and array.shape[-1] != n):
-            axes = [f"L{axis + 1}" for axis in range(periods)] + [str(n)] * (n > 1)
+        axes = [f"L{axis + 1}" for axis in range(periods)]
+        if n > 1:
+            axes.append(str(n))
+        if array.ndim != len(axes) or (n > 1 and array.shape[-1] != n):
             problem = f"diameters have the shape {array.shape}"
             raise InputError(problem, mend=f"Give an array ({', '.join(axes)})")
         if self.shape not in (DEFAULT_SHAPES[periods], array.shape[:periods]):
@@ -916,9 +936,8 @@ class DirectSimulation(Medium[SimulatedState]):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, DirectSimulation):
             return NotImplemented
-        return self._key == other._key and bool(
-            np.all(np.asarray(self.diameters) == np.asarray(other.diameters))
-        )
+        are_equal = np.asarray(self.diameters) == np.asarray(other.diameters)
+        return self._key == other._key and bool(np.all(are_equal))
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -1006,7 +1025,8 @@ class DirectSimulation(Medium[SimulatedState]):
         if self.diameters is None:
             return max(0.0, largest)
         # diameters that are given may be larger than the largest of the packing's spread
-        return max(packing.width_units.width * float(np.max(self.deviations(0))), largest)
+        largest_given = packing.width_units.width * float(np.max(self.deviations(0)))
+        return max(largest_given, largest)
 
     def seed_of(self, index: int) -> int | None:
         """Return the seed of a sample; None if the diameters are given."""
@@ -1020,19 +1040,21 @@ class DirectSimulation(Medium[SimulatedState]):
         packing = self.packing
         n = packing.structure.n_balls
         shape = (*self.cells, n) if n > 1 else self.cells
-        diameters = np.zeros(shape)
-        if packing.spread is not None and self.diameters is not None:
+        if packing.spread is None:
+            diameters = np.zeros(shape)
+        elif self.diameters is not None:
             diameters = self.diameters
-        elif packing.spread is not None:
+        else:
             diameters = packing.spread.sample(shape, self.seed + index)
-        if n > 1:
+        if n > 1:  # the balls of a cell come in front of the cells
             diameters = np.ascontiguousarray(np.moveaxis(diameters, -1, 0))
         if packing.spread is None:
             return diameters
         # the mean is subtracted twice, so that what remains of it is zero to the rounding of the
         # deviations, not of the diameters
         differences = diameters - np.mean(diameters)
-        return np.asarray((differences - np.mean(differences)) / packing.width_units.width)
+        differences = differences - np.mean(differences)
+        return np.asarray(differences / packing.width_units.width)
 
     @property
     def is_quick(self) -> bool:
@@ -1074,11 +1096,11 @@ class DirectSimulation(Medium[SimulatedState]):
         if self.history.is_loaded:
             return self._press(load, prescribed)
         equilibria = self._find_equilibria(prescribed)
-        samples = [
-            Sample(self.packing, self.seed_of(index), equilibria_of_sample[load_index])
-            for load_index in range(load.size)
-            for index, equilibria_of_sample in enumerate(equilibria)
-        ]
+        samples = []
+        for load_index in range(load.size):
+            for index, equilibria_of_sample in enumerate(equilibria):
+                equilibrium = equilibria_of_sample[load_index]
+                samples.append(Sample(self.packing, self.seed_of(index), equilibrium))
         return SimulatedState.of(self, samples, load)
 
     def _join_geometries(self, load: Load, finite_overlap: bool | None) -> SimulatedState:
@@ -1087,7 +1109,7 @@ class DirectSimulation(Medium[SimulatedState]):
         groups = self.by_geometry(load, finite_overlap)
         if finite_overlap is not None:  # one geometry at all loads
             return groups[0][0].at(load, finite_overlap=finite_overlap)
-        samples_at: list[Sequence[Any]] = [()] * load.size
+        samples_at: list[Sequence[Any]] = [() for _ in range(load.size)]
         for simulation, indices in groups:
             try:
                 samples = simulation.at(load.flat[indices]).samples
@@ -1095,9 +1117,12 @@ class DirectSimulation(Medium[SimulatedState]):
                 if error.load_index is not None:
                     error.load_index = indices[error.load_index]
                 raise
-            for row, index in enumerate(indices):
-                samples_at[index] = samples[row * self.samples : (row + 1) * self.samples]
-        return SimulatedState.of(self, list(itertools.chain(*samples_at)), load)
+            first = 0
+            for index in indices:
+                samples_at[index] = samples[first : first + self.samples]
+                first += self.samples
+        all_samples = list(itertools.chain.from_iterable(samples_at))
+        return SimulatedState.of(self, all_samples, load)
 
     def _find_equilibria(self, prescribed: Sequence[ReducedLoad]) -> list[dict[int, Equilibrium]]:
         """Return the equilibria of each sample at rest without friction, by the index of the
@@ -1152,25 +1177,8 @@ class DirectSimulation(Medium[SimulatedState]):
             why = "Without friction the forces do not depend on the way to the load"
             mend = "Give friction_history=True, or use at_force"
             raise InputError("a path needs friction_history", why, mend)
-        values_of: dict[str, ArrayLike | None] = {
-            "force": force,
-            "pressure": pressure,
-            "overlap": overlap,
-        }
-        if load is None:
-            load = Load.only(**values_of)
-        elif not isinstance(load, Load):
-            problem = f"a path takes no {brief(load)}"  # type: ignore[unreachable]
-            mend = (
-                "Give force=[...] (N), pressure=[...] or overlap=[...] (m), or a Load of"
-                " granphon.balls.loads"
-            )
-            raise InputError(problem, "It does not say what kind of load that is", mend)
-        elif any(values is not None for values in values_of.values()):
-            kinds = [kind for kind, values in values_of.items() if values is not None]
-            problem = f"the loads of a path are given as a Load and as {' and '.join(kinds)}"
-            raise InputError(problem, mend="Give one")
-        load = load.applied
+        values_of = {"force": force, "pressure": pressure, "overlap": overlap}
+        load = _read_path(load, values_of).applied
         self._require_memory(load)
         simulation = replace(self, ordered=True)
         return simulation._press(load, simulation.prescribed(load), progress)
@@ -1183,23 +1191,13 @@ class DirectSimulation(Medium[SimulatedState]):
         """
         order = self.history.sort(prescribed)
         path = [prescribed[index] for index in order]
-        presses = [
-            partial(self._loaded_sample(number).press, path) for number in range(self.samples)
-        ]
-        with progress.step("loading with friction", len(path) * len(presses)) as step:
-            if self.executor is None:
-                results = [press(report=step.advance) for press in presses]
-            else:
-                results = []
-                with naming_lost_workers("the simulation"):
-                    jobs = [self.executor.submit(press) for press in presses]
-                    for job in jobs:
-                        results.append(job.result())
-                        step.advance(len(path))
+        results = self._press_each(path, progress)
         # the loads that all samples have reached, in the order of ``load``
         n_reached = min(len(samples) for samples, _ in results)
         steps = sorted(range(n_reached), key=lambda step_index: order[step_index])
-        reached = [samples[step_index] for step_index in steps for samples, _ in results]
+        reached = []
+        for step_index in steps:
+            reached += [samples[step_index] for samples, _ in results]
         errors = [error for samples, error in results if len(samples) == n_reached]
         error = next((error for error in errors if error is not None), None)
         if error is None:
@@ -1210,6 +1208,24 @@ class DirectSimulation(Medium[SimulatedState]):
             loads = load.flat[[order[step_index] for step_index in steps]]
             error.reached = SimulatedState.of(self, reached, loads)
         raise error
+
+    def _press_each(
+        self, path: Sequence[ReducedLoad], progress: Progress
+    ) -> list[tuple[list[PressedSample], GranphonError | None]]:
+        """Load each sample along a path: return its states at the loads that it reaches, and the
+        error at which its path ends.
+        """
+        loaded_samples = [self._loaded_sample(number) for number in range(self.samples)]
+        with progress.step("loading with friction", len(path) * self.samples) as step:
+            if self.executor is None:
+                return [sample.press(path, report=step.advance) for sample in loaded_samples]
+            results = []
+            with naming_lost_workers("the simulation"):
+                jobs = [self.executor.submit(sample.press, path) for sample in loaded_samples]
+                for job in jobs:
+                    results.append(job.result())
+                    step.advance(len(path))
+            return results
 
     def _require_memory(self, load: Load) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if the samples do not fit into the memory
@@ -1296,8 +1312,28 @@ class DirectSimulation(Medium[SimulatedState]):
         if all((reduced.overlap is None) == by_force for reduced in self.prescribed(load)):
             return 0.0
         slowness = 1.0 + _SLOW_FORCE / start.force if by_force else 1.0
-        balls = self.balls * (_EXACT_BALL if self.is_exact else 1)
+        balls = self.balls
+        if self.is_exact:
+            balls *= _EXACT_BALL
         return slowness * self.samples * max(balls, _LEAST_SAMPLE[self.is_exact])
+
+
+def _read_path(load: Load | None, values_of: Mapping[str, ArrayLike | None]) -> Load:
+    """Return the loads of a path, from a load or from the values of one kind, in SI."""
+    if load is None:
+        return Load.only(**values_of)
+    if not isinstance(load, Load):
+        problem = f"a path takes no {brief(load)}"  # type: ignore[unreachable]
+        mend = (
+            "Give force=[...] (N), pressure=[...] or overlap=[...] (m), or a Load of"
+            " granphon.balls.loads"
+        )
+        raise InputError(problem, "It does not say what kind of load that is", mend)
+    kinds = [kind for kind, values in values_of.items() if values is not None]
+    if kinds:
+        problem = f"the loads of a path are given as a Load and as {' and '.join(kinds)}"
+        raise InputError(problem, mend="Give one")
+    return load
 
 
 def _compute_exponent(means: Array) -> Array:
@@ -1331,8 +1367,9 @@ def _explain_fall(structure: Lattice, motions: Motions) -> str | None:
     if frictionless.mechanism:
         return frictionless.mechanism
     periods = structure.periods
-    ticks = [np.arange(_PROBED) / _PROBED] * periods
-    fractions = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, periods)
+    tick = np.arange(_PROBED) / _PROBED
+    grids = np.meshgrid(*[tick for _ in range(periods)], indexing="ij")
+    fractions = np.stack(grids, axis=-1).reshape(-1, periods)
     wavevectors = frictionless.wavevectors(fractions[1:])  # without q = 0
     lowest_frequencies = frictionless.frequencies(wavevectors)[:, 0]
     stands = np.all(lowest_frequencies > _SOFT)

@@ -252,7 +252,8 @@ class State(ABC):
         scale = np.asarray(self.velocity_scale)
         directions = np.shape(direction)[:-1]
         scale_at_each = scale.reshape(scale.shape + (1,) * len(directions))
-        return [np.broadcast_to(scale_at_each, scale.shape + directions)] * len(names)
+        scales = np.broadcast_to(scale_at_each, scale.shape + directions)
+        return [scales for _ in names]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -317,21 +318,26 @@ class ContactState(State, Result):
             )
         derived = self._find_again()
         for name, unit in (("force", "N"), ("overlap", "m"), ("normal_stiffness", "N/m")):
-            if name not in derived:
-                continue
-            values = np.asarray(getattr(self, name))
-            expected = np.asarray(derived[name])
-            size = np.maximum(np.abs(values), self.packing.width if name == "overlap" else 0.0)
-            is_wrong = ~(np.abs(expected - values) <= _ALIKE * size)
-            if np.any(is_wrong):
-                value = float(values[is_wrong].flat[0])
-                expected_value = float(expected[is_wrong].flat[0])
-                problem = f"{name} of the {type(self).__name__} is {value:.6g} {unit}"
-                why = (
-                    f"What the overlap, the law and the samples of the state make of it is"
-                    f" {expected_value:.6g} {unit}"
-                )
-                raise InputError(problem, why, "Make the state again")
+            if name in derived:
+                self._require_derived(name, unit, np.asarray(derived[name]))
+
+    def _require_derived(self, name: str, unit: str, expected: Array) -> None:
+        """Raise :class:`InputError` unless the numbers of a name are as ``expected``, to
+        rounding.
+        """
+        values = np.asarray(getattr(self, name))
+        least_size = self.packing.width if name == "overlap" else 0.0
+        size = np.maximum(np.abs(values), least_size)
+        is_wrong = ~(np.abs(expected - values) <= _ALIKE * size)
+        if np.any(is_wrong):
+            value = float(values[is_wrong].flat[0])
+            expected_value = float(expected[is_wrong].flat[0])
+            problem = f"{name} of the {type(self).__name__} is {value:.6g} {unit}"
+            why = (
+                f"What the overlap, the law and the samples of the state make of it is"
+                f" {expected_value:.6g} {unit}"
+            )
+            raise InputError(problem, why, "Make the state again")
 
     def _find_again(self) -> dict[str, Any]:
         """Return numbers of the state, by name, as the law of the state gives them at the
@@ -351,7 +357,8 @@ class ContactState(State, Result):
         """The SI unit of each attribute; the units of pressure and density depend on the number of
         periods of the lattice.
         """
-        return {**self.units, **self.packing.structure.units_of({"pressure", "effective_density"})}
+        of_lattice = self.packing.structure.units_of({"pressure", "effective_density"})
+        return {**self.units, **of_lattice}
 
     @property
     def torsion(self) -> Values:
@@ -448,9 +455,8 @@ class ContactState(State, Result):
         """Normal stiffness k over the stiffness of the ideal lattice at the same force, the
         ordinate of Figure 11.
         """
-        return _unwrap_scalars(
-            self.normal_stiffness / self.packing.law.stiffness(self.overlap_of_equal_balls)
-        )
+        stiffness = self.packing.law.stiffness(self.overlap_of_equal_balls)
+        return _unwrap_scalars(self.normal_stiffness / stiffness)
 
     @cached_property
     def overlap_of_equal_balls(self) -> Array:
@@ -465,9 +471,8 @@ class ContactState(State, Result):
         :func:`granphon.local_exponent`.
         """
         slope = self.law.stiffness_slope(self.overlap)
-        return _unwrap_scalars(
-            0.5 * (self.force / self.normal_stiffness) * (slope / self.normal_stiffness)
-        )
+        k = self.normal_stiffness
+        return _unwrap_scalars(0.5 * (self.force / k) * (slope / k))
 
     @property
     def exponent_error(self) -> Values:
@@ -519,8 +524,9 @@ class ContactState(State, Result):
         """
         overlaps = self._convert_overlap(self.packing.width_units.reduced_overlap)
         ratio = math.sqrt(12.0) * np.asarray(overlaps)
-        level = (ratio > 1.0 / MUCH_LARGER).astype(int) + (ratio >= MUCH_LARGER)
-        words = np.array(["low", "intermediate", "high"])[level]
+        words = np.full(ratio.shape, "intermediate")
+        words[ratio <= 1.0 / MUCH_LARGER] = "low"
+        words[ratio >= MUCH_LARGER] = "high"
         return words if self.shape else str(words)
 
     def _convert_overlap(self, reduce: Callable[[Values], Values]) -> Values:
@@ -637,6 +643,9 @@ class ContactState(State, Result):
         """
 
         def find_waves(lattice: ContactLattice, prestress: Array | None) -> Array:
+            """Return the velocities of a lattice as the first row (..., 1, n_u), and below it the
+            displacements (..., n_u, n_u).
+            """
             velocities, polarisations = lattice.sound_velocities(direction, prestress)
             return np.concatenate([velocities[..., None, :], polarisations], axis=-2)
 
@@ -663,19 +672,12 @@ class ContactState(State, Result):
         The prestress is None if it is left out.
         """
         packing = self.packing
-        finite = self.finite_overlap
         shape = self.shape
-        prestress = self._prestress if finite else None
-        has_rolling = bool(packing.torsion or packing.bending)
-        changes = packing.torsion == MINDLIN or (finite and has_rolling)
-        # where no strain twists contacts, their torsion does not matter; prestress might change
-        # that
-        is_unaffected = False
-        if changes and prestress is None:
-            is_unaffected = not ideal_lattice(packing, 1.0).is_twisted_by_sound
-        if packing.structure.n_balls == 1 or not changes or is_unaffected:
+        prestress = self._prestress if self.finite_overlap else None
+        if not self._lattice_changes:
             return find(self.reference_lattice, prestress)
-        squared = np.broadcast_to((1.0 - self.relative_overlap) ** 2 if finite else 1.0, shape)
+        spacing = 1.0 - self.relative_overlap if self.finite_overlap else 1.0
+        squared = np.broadcast_to(spacing**2, shape)
         torsion = np.broadcast_to(self.torsion, shape) / squared
         bending = packing.bending / squared
         results = []
@@ -683,6 +685,20 @@ class ContactState(State, Result):
             lattice = ideal_lattice(packing, float(torsion[index]), float(bending[index]))
             results.append(find(lattice, None if prestress is None else prestress[index]))
         return np.asarray(results).reshape(*shape, *results[0].shape)
+
+    @property
+    def _lattice_changes(self) -> bool:
+        """Whether the load changes ratios of elastic constants in another way than by the
+        prestress: by torsion or bending, where a cell has several balls.
+        """
+        packing = self.packing
+        if packing.structure.n_balls == 1:
+            return False
+        if self.finite_overlap:
+            return packing.torsion == MINDLIN or bool(packing.torsion or packing.bending)
+        # where no strain twists contacts, their torsion does not matter; prestress might change
+        # that
+        return packing.torsion == MINDLIN and ideal_lattice(packing, 1.0).is_twisted_by_sound
 
     @property
     def name(self) -> str:
@@ -890,6 +906,7 @@ class NetworkState(State):
         """
 
         def find_tensor(lattice: ContactLattice, network: ContactNetwork) -> Array:
+            """Return the tensor (n, n) of one load."""
             scales = network.scales
             unit = scales.force if lattice.periods == 1 else scales.modulus
             return np.asarray(unit * lattice.elastic_tensor())
@@ -918,9 +935,11 @@ class NetworkState(State):
         """
         shape = self.shape
         waves = [lattice.sound_velocities(direction) for lattice in self._lattices]
-        velocities, vectors = (np.array(values) for values in zip(*waves, strict=True))
+        velocities = np.array([velocities_at_load for velocities_at_load, _ in waves])
+        vectors = np.array([vectors_at_load for _, vectors_at_load in waves])
         velocities = velocities.reshape((*shape, *velocities.shape[1:]))
-        scale = self.velocity_scale.reshape((*shape, *(1,) * (velocities.ndim - len(shape))))
+        n_inner_axes = velocities.ndim - len(shape)  # for directions and branches
+        scale = self.velocity_scale.reshape((*shape, *(1,) * n_inner_axes))
         return velocities * scale, vectors.reshape((*shape, *vectors.shape[1:]))
 
     @property
@@ -930,6 +949,7 @@ class NetworkState(State):
         """
 
         def find_velocity(lattice: ContactLattice, network: ContactNetwork) -> float:
+            """Return the velocity at one load, m/s; zero where a contact does not resist twist."""
             torsion = np.broadcast_to(lattice.torsion, lattice.stiffness.shape) * lattice.stiffness
             if not np.all(torsion):
                 return 0.0

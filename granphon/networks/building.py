@@ -89,9 +89,23 @@ class Balls:
     radius_rounding: Array | None = None
     kinds: tuple[str, ...] | None = None
 
+    def require(self, is_fine: Flags, name: str, values: Array) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless the values (n,) or (n, d), m, of
+        all balls are fine; the message names the first that is not.
+        """
+        if np.all(is_fine):
+            return
+        ball = int(np.argmin(is_fine))
+        value = values[ball].tolist()
+        number = ball if self.labels is None else int(self.labels[ball])
+        why = ""
+        if value == math.inf:
+            why = "Only a body that does not move may have a radius of inf"
+        raise InputError(f"{self.name}: ball {number} has the {name} {value} m", why)
+
     def find_errors(self, i: Index, j: Index, normal: Array) -> tuple[Array, Array]:
         """Return the greatest and the standard error that rounding leaves in the overlaps of balls
-        i and j, (n_c,), m.
+        i and j, (n_c,), m; ``normal`` is (n_c, 3).
         """
         width = self.positions.shape[1]
         places = np.zeros_like(self.positions) if self.rounding is None else self.rounding
@@ -144,6 +158,18 @@ class Contacts:
             f" {wrong}{total}"
         )
 
+    def require_pushing(self, force: Array, adhesive: bool) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if a force (n_c,), N, is not finite, or
+        pulls where contacts are not ``adhesive``.
+        """
+        is_odd = ~(np.isfinite(force) & ((force >= 0.0) | bool(adhesive)))
+        self.refuse(
+            is_odd,
+            f"has the force {_first(force, is_odd):.6g} N",
+            "Forces that pull, or are not finite, are not of elastic balls",
+            "Forces that press count as positive",
+        )
+
     def find_steps(self, between: Array, periods: Array, touch: Array, still: Flags) -> Index:
         """Return the whole cells (n_c, p) by which balls j are displaced, from the vectors of
         contacts.
@@ -175,14 +201,12 @@ class Contacts:
         """
         p = len(periods)
         nearest = -_round_steps(between @ np.linalg.pinv(periods))
-        grid = np.meshgrid(*[[-1, 0, 1]] * p, indexing="ij")
-        steps = np.stack(grid, axis=-1).reshape(-1, p)
-        distances = np.stack(
-            [np.linalg.norm(between + (nearest + step) @ periods, axis=1) for step in steps],
-            axis=1,
-        )
-        is_ball = with_itself[:, None] & np.all(nearest[:, None] + steps == 0, axis=2)
-        distances[is_ball] = np.inf
+        # (3^p, p): the cell that rounding finds, and those around it
+        steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * p, indexing="ij"), axis=-1).reshape(-1, p)
+        vectors = [between + (nearest + step) @ periods for step in steps]
+        distances = np.stack([np.linalg.norm(vector, axis=1) for vector in vectors], axis=1)
+        is_same_place = np.all(nearest[:, None] + steps == 0, axis=2)
+        distances[with_itself[:, None] & is_same_place] = np.inf
         # a ball has two equally near images of itself, which are one contact
         rank = np.where(with_itself, 2, 1)
         second = np.sort(distances, axis=1)[np.arange(len(distances)), rank]
@@ -277,31 +301,58 @@ class Source:
         pbc = self.pbc & (np.arange(3) < dimension)
         if material is not None:
             self._judge_material(material)
-        masses = balls.masses
-        if masses is None:
-            if material is None:
-                mend = "Give the masses, or the material of the balls"
-                raise InputError(
-                    f"{balls.name} has no column 'mass', and no material is given", mend=mend
-                )
-            masses = material.density * (4.0 / 3.0 * math.pi) * balls.radii**3
-        elif material is not None:
-            self._compare_masses(material)
+        masses = self._find_masses(material)
         inertias = 0.4 * masses * balls.radii**2 if balls.inertias is None else balls.inertias
         pairs = self._find_pairs(positions, np.isinf(masses), pbc)
         force, stiffness, shear = self._find_springs(pairs, material, friction)
-        if prestress and contacts.tangential_force is None and dimension > 1 and np.any(shear):
-            fault = f"{contacts.name} has no tangential forces, and its normal ones act (prestress)"
-            why = (
-                "Contacts that resist slip bear both, of one order: without them a packing at"
-                " rest may seem unstable"
+        resists_slip = bool(np.any(shear))
+        if prestress and contacts.tangential_force is None and dimension > 1 and resists_slip:
+            _warn_of_missing_forces(contacts)
+        model = self.contact_model
+        if material is not None:
+            mean_diameter = 2.0 * float(np.mean(balls.radii[np.isfinite(balls.radii)]))
+            ball = Ball(material, mean_diameter)
+            model = ContactModel((ball,), friction=resists_slip, own_radii=True)
+        return {
+            "cell": self.cell,
+            "pbc": tuple(pbc.tolist()),
+            "positions": positions,
+            "radii": balls.radii,
+            "masses": masses,
+            "inertias": inertias,
+            **self._list_contact_fields(pairs, force, stiffness, shear),
+            "motions": next(iter(allowed_motions(dimension))) if motions is None else motions,
+            "dimension": dimension,
+            "prestress": prestress,
+            "left_out": self.left_out,
+            "labels": balls.labels,
+            "kinds": balls.kinds,
+            "adhesive": self.adhesive,
+            "contact_model": model,
+        }
+
+    def _find_masses(self, material: Material | None) -> Array:
+        """Return the masses (n,), kg: of the source, or of solid balls of the material."""
+        balls = self.balls
+        if balls.masses is not None:
+            if material is not None:
+                self._compare_masses(material)
+            return balls.masses
+        if material is None:
+            mend = "Give the masses, or the material of the balls"
+            raise InputError(
+                f"{balls.name} has no column 'mass', and no material is given", mend=mend
             )
-            mend = (
-                "Give tx, ty, tz (p1, p2, p3 of compute pair/local) or tangential_x,"
-                " tangential_y, tangential_z"
-            )
-            warnings.warn(message(fault, why, mend), InconsistencyWarning, stacklevel=3)
-        of_contacts: dict[str, Any] = {
+        return np.asarray(material.density * (4.0 / 3.0 * math.pi) * balls.radii**3)
+
+    def _list_contact_fields(
+        self, pairs: _Pairs, force: Array, stiffness: Array, shear: Array
+    ) -> dict[str, Any]:
+        """Return all fields of the contacts of the network, (n_c,) or (n_c, 3); without contacts
+        that are open.
+        """
+        contacts = self.contacts
+        fields: dict[str, Any] = {
             "i": pairs.i,
             "j": pairs.j,
             "shift": pairs.shift,
@@ -314,35 +365,13 @@ class Source:
         defaults = {"torsion_stiffness": zeros, "bending_stiffness": zeros, **pairs.arms}
         for name, default in defaults.items():
             values = getattr(contacts, name)
-            of_contacts[name] = default if values is None else values
+            fields[name] = default if values is None else values
         if contacts.tangential_force is not None:
-            of_contacts["tangential_force"] = contacts.tangential_force
-        if contacts.normal_stiffness is None:
-            # without force a Hertz contact has no stiffness: it is open
-            of_contacts = {name: values[force > 0.0] for name, values in of_contacts.items()}
-        model = self.contact_model
-        if material is not None:
-            size = 2.0 * float(np.mean(balls.radii[np.isfinite(balls.radii)]))
-            model = ContactModel(
-                (Ball(material, size),), friction=bool(np.any(shear)), own_radii=True
-            )
-        return {
-            "cell": self.cell,
-            "pbc": tuple(pbc.tolist()),
-            "positions": positions,
-            "radii": balls.radii,
-            "masses": masses,
-            "inertias": inertias,
-            **of_contacts,
-            "motions": next(iter(allowed_motions(dimension))) if motions is None else motions,
-            "dimension": dimension,
-            "prestress": prestress,
-            "left_out": self.left_out,
-            "labels": balls.labels,
-            "kinds": balls.kinds,
-            "adhesive": self.adhesive,
-            "contact_model": model,
-        }
+            fields["tangential_force"] = contacts.tangential_force
+        if contacts.normal_stiffness is not None:
+            return fields
+        # without force a Hertz contact has no stiffness: it is open
+        return {name: values[force > 0.0] for name, values in fields.items()}
 
     def _require_range(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for positions, radii, vectors and shifts
@@ -350,21 +379,14 @@ class Source:
         """
         balls = self.balls
         contacts = self.contacts
-        placed = np.all(np.abs(balls.positions) < LARGEST, axis=1)
-        fixed = np.zeros(len(placed), bool) if balls.masses is None else np.isinf(balls.masses)
-        sized = (balls.radii > 0.0) & ((balls.radii < LARGEST) | (fixed & np.isinf(balls.radii)))
-        for is_fine, name, values in (
-            (placed, "place", balls.positions),
-            (sized, "radius", balls.radii),
-        ):
-            if not np.all(is_fine):
-                ball = int(np.argmin(is_fine))
-                value = values[ball].tolist()
-                number = ball if balls.labels is None else int(balls.labels[ball])
-                why = ""
-                if value == math.inf:
-                    why = "Only a body that does not move may have a radius of inf"
-                raise InputError(f"{balls.name}: ball {number} has the {name} {value} m", why)
+        is_placed = np.all(np.abs(balls.positions) < LARGEST, axis=1)
+        balls.require(is_placed, "place", balls.positions)
+        is_fixed = np.zeros(len(is_placed), bool)
+        if balls.masses is not None:
+            is_fixed = np.isinf(balls.masses)
+        may_be_infinite = is_fixed & np.isinf(balls.radii)
+        is_sized = (balls.radii > 0.0) & ((balls.radii < LARGEST) | may_be_infinite)
+        balls.require(is_sized, "radius", balls.radii)
         if contacts.vector is not None:
             far = ~np.all(np.abs(contacts.vector) < LARGEST, axis=1)
             contacts.refuse(far, "has a vector that is not finite, or too large")
@@ -372,12 +394,15 @@ class Source:
             far = ~np.all(np.abs(contacts.shift) <= MOST_STEPS, axis=1)
             contacts.refuse(far, f"has a shift of more than {MOST_STEPS} cells")
         lengths = np.max(np.abs(self.cell), axis=1)
-        if not (np.all(lengths < LARGEST) and np.all((lengths > 1.0 / LARGEST) | ~self.pbc)):
+        is_long = (lengths > 1.0 / LARGEST) | ~self.pbc
+        if not (np.all(lengths < LARGEST) and np.all(is_long)):
             raise InputError(f"the cell is {self.cell.tolist()} m", mend="Give vectors in m")
 
     def _find_pairs(self, positions: Array, is_fixed: Flags, pbc: Flags) -> _Pairs:
-        """Return the pairs of balls (``positions`` (n, 3), m) that contacts join; balls that are
-        fixed do not move.
+        """Return the pairs of balls that contacts join.
+
+        ``positions`` are (n, 3), m; ``is_fixed`` (n,) says which balls do not move, and ``pbc``
+        (3,) along which vectors of the cell the network repeats.
         """
         balls = self.balls
         contacts = self.contacts
@@ -393,19 +418,7 @@ class Source:
         touch = balls.radii[i] + balls.radii[j]
         shift = contacts.shift
         if shift is None:
-            shift = np.zeros((len(i), 3), np.intp)
-            axes = np.flatnonzero(pbc)
-            periods = self.cell[axes]
-            if axes.size and np.linalg.matrix_rank(periods) < axes.size:
-                mend = "Give other vectors, or name fewer as periodic"
-                raise InputError(
-                    "the periodic vectors of the cell are not independent of each other", mend=mend
-                )
-            if contacts.vector is not None:
-                shift[:, axes] = contacts.find_steps(vector, periods, touch, still)
-            elif axes.size:
-                shift[:, axes] = contacts.find_nearest_steps(vector, periods, touch, still, i == j)
-                shift[still] = 0
+            shift = self._find_shift(pbc, vector, touch, still, i == j)
         vector = positions[j] + shift @ self.cell - positions[i]
         distance = np.linalg.norm(vector, axis=1)
         overlap = np.where(still, 0.0, touch - distance)  # a wall may have any place
@@ -420,8 +433,33 @@ class Source:
             normal = vector / distance[:, None] if contacts.normal is None else contacts.normal
         return _Pairs(i, j, still, balls.radii[i], balls.radii[j], shift, normal, overlap)
 
+    def _find_shift(
+        self, pbc: Flags, between: Array, touch: Array, still: Flags, with_itself: Flags
+    ) -> Index:
+        """Return the whole cells (n_c, 3) by which balls j are displaced: as the vectors of the
+        source say, or to where they are nearest.
+
+        The arguments are those of :meth:`Contacts.find_nearest_steps`.
+        """
+        contacts = self.contacts
+        shift = np.zeros((len(touch), 3), np.intp)
+        axes = np.flatnonzero(pbc)
+        periods = self.cell[axes]
+        if axes.size and np.linalg.matrix_rank(periods) < axes.size:
+            mend = "Give other vectors, or name fewer as periodic"
+            raise InputError(
+                "the periodic vectors of the cell are not independent of each other", mend=mend
+            )
+        if contacts.vector is not None:
+            shift[:, axes] = contacts.find_steps(between, periods, touch, still)
+        elif axes.size:
+            steps = contacts.find_nearest_steps(between, periods, touch, still, with_itself)
+            shift[:, axes] = steps
+            shift[still] = 0
+        return shift
+
     def _find_ends(self) -> tuple[Index, Index]:
-        """Return the indices of the two balls of each contact, by their labels."""
+        """Return the indices (n_c,) of the two balls of each contact, by their labels."""
         balls = self.balls
         count = len(balls.positions)
         labels = np.arange(count) if balls.labels is None else balls.labels
@@ -433,8 +471,9 @@ class Source:
                 f"{balls.name} has two balls with the id {repeated[0]}",
                 mend="Give each an id of its own",
             )
-        ids = counted(count, "ball has an id", "balls have ids")
-        why = f"There, {f'balls are 0 to {count - 1}' if balls.labels is None else ids}"
+        why = f"There, {counted(count, 'ball has an id', 'balls have ids')}"
+        if balls.labels is None:
+            why = f"There, balls are 0 to {count - 1}"
         ends = []
         for names in (self.contacts.i, self.contacts.j):
             index = np.minimum(np.searchsorted(ordered, names), max(count - 1, 0))
@@ -456,24 +495,8 @@ class Source:
         stiffness = contacts.normal_stiffness
         shear = contacts.shear_stiffness
         if force is not None:
-            odd = ~(np.isfinite(force) & ((force >= 0.0) | bool(self.adhesive)))
-            contacts.refuse(
-                odd,
-                f"has the force {_first(force, odd):.6g} N",
-                "Forces that pull, or are not finite, are not of elastic balls",
-                "Forces that press count as positive",
-            )
-        springs = {"normal_force": force, "normal_stiffness": stiffness}
-        if friction:
-            springs["shear_stiffness"] = shear
-        lacking = [name for name, values in springs.items() if values is None]
-        if lacking and material is None:
-            mend = "Give the material of the balls, from which they follow, or the columns"
-            if lacking == ["shear_stiffness"]:
-                mend = "Give the column, the material of the balls, or friction=False"
-            raise InputError(
-                f"{contacts.name} has no {', '.join(lacking)}, and no material is given", mend=mend
-            )
+            contacts.require_pushing(force, self.adhesive)
+        self._require_springs(material, friction)
         if force is None or stiffness is None:
             assert material is not None
             coefficient = pairs.find_coefficient(material)
@@ -499,6 +522,23 @@ class Source:
                 ratio = material.mindlin_ratio
             shear = stiffness * ratio
         return force, stiffness, shear
+
+    def _require_springs(self, material: Material | None, friction: bool) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if the source lacks forces or
+        stiffnesses, and there is no material from which they follow.
+        """
+        names = ["normal_force", "normal_stiffness"]
+        if friction:
+            names.append("shear_stiffness")
+        lacking = [name for name in names if getattr(self.contacts, name) is None]
+        if not lacking or material is not None:
+            return
+        mend = "Give the material of the balls, from which they follow, or the columns"
+        if lacking == ["shear_stiffness"]:
+            mend = "Give the column, the material of the balls, or friction=False"
+        raise InputError(
+            f"{self.contacts.name} has no {', '.join(lacking)}, and no material is given", mend=mend
+        )
 
     def _is_level(self) -> bool:
         """Whether all balls are at one height z, and no contact leads up or down. A flat wall may
@@ -551,7 +591,21 @@ class Source:
                 "Compare units and material. If balls are not solid, give the density of mass"
                 " over volume"
             )
-            warnings.warn(message(fault, why, mend), InconsistencyWarning, stacklevel=4)
+            warnings.warn(message(fault, why, mend), InconsistencyWarning, stacklevel=5)
+
+
+def _warn_of_missing_forces(contacts: Contacts) -> None:
+    """Warn that normal forces act without the tangential forces that belong to them."""
+    fault = f"{contacts.name} has no tangential forces, and its normal ones act (prestress)"
+    why = (
+        "Contacts that resist slip bear both, of one order: without them a packing at"
+        " rest may seem unstable"
+    )
+    mend = (
+        "Give tx, ty, tz (p1, p2, p3 of compute pair/local) or tangential_x,"
+        " tangential_y, tangential_z"
+    )
+    warnings.warn(message(fault, why, mend), InconsistencyWarning, stacklevel=4)
 
 
 def _force_of_overlap(coefficient: Array, overlap: Array, off: Array | float = 0.0) -> Array:
@@ -592,9 +646,12 @@ def _compare_forces(
 
     A force of nan is not compared.
     """
-    least, made, most = (by_overlap(off) for off in (-error, 0.0, error))
+    least = by_overlap(-error)
+    made = by_overlap(0.0)
+    most = by_overlap(error)
+    mean = np.nansum(force / force.size)
     odd = (force / _MOST_FACTOR > most) | (force < least / _MOST_FACTOR)
-    odd &= np.maximum(force, least) > _LEAST_COMPARED * np.nansum(force / force.size)
+    odd &= np.maximum(force, least) > _LEAST_COMPARED * mean
     if np.any(odd):
         wrong = (
             f"has the force {_first(force, odd):.6g} N, and the overlap of its balls makes"
@@ -607,7 +664,7 @@ def _compare_forces(
             message(contacts.describe(odd, wrong), mend=mend), InconsistencyWarning, stacklevel=5
         )
         return
-    strong = (made > 0.0) & (force >= np.nansum(force / force.size))
+    strong = (made > 0.0) & (force >= mean)
     if not np.any(strong):
         return
     ratio = force[strong] / made[strong]
@@ -664,9 +721,9 @@ def find_rounding(values: Array) -> Array:
     if digits < _DIGITS[0] and np.unique(size[is_counted]).size < _CHOSEN:
         return np.zeros(values.shape)
     if digits >= _DIGITS[0] and np.array_equal(single[is_counted], values[is_counted]):
-        return np.where(
-            is_counted, 0.5 * np.spacing(np.where(is_counted, np.abs(single), np.float32(1.0))), 0.0
-        )
+        spacing = np.spacing(np.where(is_counted, np.abs(single), np.float32(1.0)))
+        return np.where(is_counted, 0.5 * spacing, 0.0)
+    # (as values) a unit of the last digit of each
     last = 10.0 ** (np.floor(np.log10(np.where(is_counted, size, 1.0))) - digits + 1.0)
     coarsest = float(np.max(last[is_counted]))
     steps = size[is_counted] / coarsest
@@ -688,6 +745,7 @@ def _count_digits(sizes: Array) -> int:
 
 
 def _first(values: Array, bad: Flags) -> float:
+    """Return the value (n_c,) of the first contact that is ``bad``; nan if none is."""
     return float(values[np.argmax(bad)]) if np.any(bad) else math.nan
 
 

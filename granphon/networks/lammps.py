@@ -101,27 +101,44 @@ def read_dumps(
         raise InputError(
             f"{dump} and {pairs} have different boxes", mend="Are they of one simulation?"
         )
-    length, mass, force = _find_units(units, atoms, touching)
+    scales = _find_units(units, atoms, touching)
     if columns is not None:
         touching.names = _read_names(columns, touching)
-    lacking = [name for name in ("i", "j") if name not in touching.names]
+    contacts = _read_contacts(touching, scales, normal_stiffness, shear_stiffness)
+    balls = _read_balls(atoms, scales)
+    length, _, _ = scales
+    return Source(balls, contacts, length * atoms.cell, np.asarray(atoms.pbc, bool))
+
+
+def _read_contacts(
+    pairs: _Frame,
+    scales: tuple[float, float, float],
+    normal_stiffness: float | None,
+    shear_stiffness: float | None,
+) -> Contacts:
+    """Return the contacts of a dump of pairs, SI; ``scales`` are those of :func:`_find_units`, and
+    stiffnesses, N/m, those of all contacts.
+    """
+    length, _, force = scales
+    lacking = [name for name in ("i", "j") if name not in pairs.names]
     if lacking:
-        fault = f"{pairs} has no column {' and no column '.join(lacking)}"
-        raise InputError(fault, f"Its columns are {list_names(touching.names)}", _NAME_PAIRS)
-    i = _read_ids(touching, "i")
-    j = _read_ids(touching, "j")
+        fault = f"{pairs.name} has no column {' and no column '.join(lacking)}"
+        raise InputError(fault, f"Its columns are {list_names(pairs.names)}", _NAME_PAIRS)
+    i = _read_ids(pairs, "i")
+    j = _read_ids(pairs, "j")
     # LAMMPS writes the vector from j to i, and the force on i
-    vector = touching.find_vectors("dx", "dy", "dz")
-    tangential = touching.find_vectors("tx", "ty", "tz")
-    normal_force = force * touching.read("force") if "force" in touching.names else None
-    count = len(touching.rows)
-    normal_springs = shear_springs = None
+    vector = pairs.find_vectors("dx", "dy", "dz")
+    tangential = pairs.find_vectors("tx", "ty", "tz")
+    normal_force = force * pairs.read("force") if "force" in pairs.names else None
+    count = len(pairs.rows)
+    normal_springs = None
     if normal_stiffness is not None:
         normal_springs = np.full(count, positive("normal_stiffness", normal_stiffness, "N/m"))
+    shear_springs = None
     if shear_stiffness is not None:
         shear_springs = np.full(count, not_negative("shear_stiffness", shear_stiffness, "N/m"))
-    contacts = Contacts(
-        touching.name,
+    return Contacts(
+        pairs.name,
         i,
         j,
         vector=None if vector is None else -length * vector,
@@ -130,6 +147,11 @@ def read_dumps(
         normal_stiffness=normal_springs,
         shear_stiffness=shear_springs,
     )
+
+
+def _read_balls(atoms: _Frame, scales: tuple[float, float, float]) -> Balls:
+    """Return the balls of a dump of atoms, SI; ``scales`` are those of :func:`_find_units`."""
+    length, mass, _ = scales
     positions, rounding = _read_positions(atoms)
     for name, alternative in (("id", "id"), ("radius", "diameter")):
         if name not in atoms.names and alternative not in atoms.names:
@@ -138,7 +160,7 @@ def read_dumps(
     radii = atoms.read("radius") if "radius" in atoms.names else 0.5 * atoms.read("diameter")
     masses = mass * atoms.read("mass") if "mass" in atoms.names else None
     kinds = _read_kinds(atoms)
-    balls = Balls(
+    return Balls(
         atoms.name,
         length * (positions + atoms.origin),
         length * radii,
@@ -148,7 +170,6 @@ def read_dumps(
         radius_rounding=length * find_rounding(radii),
         kinds=kinds if len(set(kinds)) > 1 else None,
     )
-    return Source(balls, contacts, length * atoms.cell, np.asarray(atoms.pbc, bool))
 
 
 def _find_units(
@@ -215,6 +236,7 @@ def _read_kinds(atoms: _Frame) -> tuple[str, ...]:
 
 
 def _read_ids(frame: _Frame, column: str) -> Index:
+    """Return the whole numbers (rows,) of a column."""
     try:
         return read_whole_numbers(column, frame.read(column))
     except InputError as error:
@@ -261,103 +283,155 @@ def _read_frame(path: str | os.PathLike[str], step: int | None, kind: str) -> _F
 
 
 def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
-    """Yield the frames of a dump.
-
-    LAMMPS ends each line with a line break: a file that ends without it, or with a row of too few
-    cells, is cut there.
-    """
-    text = decode(name, raw)
-    lines = text.splitlines()
-    while lines and not lines[-1].strip():
-        lines.pop()
-    broken = not text.rstrip(" \t").endswith(("\n", "\r"))
-    n = 0
+    """Yield the frames of a dump whose lists are of the ``kind`` "ATOMS" or "ENTRIES"."""
+    lines = _Lines.of(name, raw)
     units = ""
     frame: _Frame | None = None
     count = -1
-    begun = False
-    while n < len(lines):
-        head = lines[n].strip()
-        if not head:
-            n += 1
+    is_open = False  # whether the list of the frame has not been read yet
+    while not lines.at_end:
+        title = lines.read_title()
+        if title is None:
             continue
-        if not head.startswith("ITEM:"):
-            raise InputError(
-                f"{name}:{n + 1}: found {brief(head, 40)}, where a line 'ITEM: ...' is needed",
-                mend=_IS_DUMP,
-            )
-        title = head.removeprefix("ITEM:").strip()
-        n += 1
+        words = title.split()
         if title == "UNITS":
-            units = lines[n].strip() if n < len(lines) else ""
-            n = n + 1
+            units = lines.read_text()
         elif title == "TIMESTEP":
-            frame = _Frame(name, _read_count(name, lines, n), units)
-            n = n + 1
-            begun = True
+            frame = _Frame(name, lines.read_count(), units)
+            is_open = True
         elif title.startswith("NUMBER OF"):
-            count = _read_count(name, lines, n)
-            n = n + 1
+            count = lines.read_count()
         elif title.startswith("BOX BOUNDS") and frame is not None:
-            _read_box(frame, title.removeprefix("BOX BOUNDS").split(), lines, n)
-            n += 3
-        elif title.split()[:1] in (["ATOMS"], ["ENTRIES"]) and frame is not None:
-            listed, *names = title.split()
-            if listed != kind:
-                want = "atoms (dump custom)" if kind == "ATOMS" else "pairs (dump local)"
-                raise InputError(
-                    f"{name} is a dump of {listed.lower()}, and a dump of {want} is needed"
-                )
-            if count < 0 or n + count > len(lines):
-                fault = (
-                    f"{name} ends before its {count} {kind.lower()} do: {len(lines) - n} are there"
-                )
-                raise InputError(fault, "The file is not whole")
-            odd = [column for column in names if not (column.isascii() and column.isprintable())]
-            if odd:
-                fault = f"{name}:{n}: found a column named {brief(odd[0], 40)}"
-                raise InputError(
-                    fault, "The names of LAMMPS are of plain letters, digits and signs"
-                )
-            frame.names = tuple(names)
-            frame.rows = list(enumerate(lines[n : n + count], n + 1))
-            n += count
-            if n == len(lines):
-                _refuse_cut(frame, lines, broken)
-            begun = False
+            box = title.removeprefix("BOX BOUNDS").split()
+            _read_box(frame, box, lines.texts, lines.place)
+            lines.place += 3
+        elif words[:1] in (["ATOMS"], ["ENTRIES"]) and frame is not None:
+            _require_kind(name, words[0], kind)
+            lines.read_rows(frame, words[1:], count, kind)
+            is_open = False
             yield frame
         else:  # such as TIME
-            n += 1
+            lines.place += 1
     if frame is None:
         raise InputError(f"{name} has no time step", mend=_IS_DUMP)
-    if begun:
+    if is_open:
         raise InputError(
             f"{name} ends before the {kind.lower()} of its time step {frame.step}",
             "The file is not whole",
         )
-    if broken:
-        _refuse_cut(frame, lines, broken)
+    if lines.is_broken:
+        lines.refuse_cut(frame)
 
 
-def _refuse_cut(frame: _Frame, lines: list[str], broken: bool) -> None:
-    """Raise :class:`InputError` if the last line of a dump is ``broken``, or a row of too few
-    cells.
+def _require_kind(name: str, found: str, kind: str) -> None:
+    """Raise :class:`InputError` if a dump has a list of another kind than needed."""
+    if found != kind:
+        required = "atoms (dump custom)" if kind == "ATOMS" else "pairs (dump local)"
+        raise InputError(f"{name} is a dump of {found.lower()}, and a dump of {required} is needed")
+
+
+@dataclass
+class _Lines:
+    """The lines of a dump, read one after the other.
+
+    LAMMPS ends each line with a line break: a file that ends without one, or with a row of too few
+    cells, is cut there.
+
+    Attributes
+    ----------
+    name : the dump in messages.
+    texts : the lines, without empty ones at the end.
+    is_broken : whether the last line has no line break at its end.
+    place : index of the line that is read next.
     """
-    place = f"{frame.name}:{len(lines)}"
-    if frame.rows and frame.rows[-1][0] == len(lines):
-        first, last = [len(frame.rows[row][1].split()) for row in (0, -1)]
-        needed_cells = min(first, len(frame.names)) if frame.rows[1:] else len(frame.names)
-        if last < needed_cells:
+
+    name: str
+    texts: list[str]
+    is_broken: bool
+    place: int = 0
+
+    @classmethod
+    def of(cls, name: str, raw: bytes) -> _Lines:
+        """Split the bytes of a dump into lines."""
+        text = decode(name, raw)
+        lines = text.splitlines()
+        while lines and not lines[-1].strip():
+            lines.pop()
+        return cls(name, lines, not text.rstrip(" \t").endswith(("\n", "\r")))
+
+    @property
+    def at_end(self) -> bool:
+        """Whether all lines have been read."""
+        return self.place >= len(self.texts)
+
+    def read_title(self) -> str | None:
+        """Read a line "ITEM: ..." and return what follows the word; None for an empty line."""
+        head = self.texts[self.place].strip()
+        if not head:
+            self.place += 1
+            return None
+        if not head.startswith("ITEM:"):
             raise InputError(
-                f"{place}: the last row has {last} cells, and {needed_cells} are needed",
-                "The file is not whole",
+                f"{self.name}:{self.place + 1}: found {brief(head, 40)}, where a line 'ITEM: ...'"
+                f" is needed",
+                mend=_IS_DUMP,
             )
-    if broken:
-        why = "The file is not whole: its last number may have lost digits"
-        raise InputError(f"{place}: the last line has no line break at its end", why)
+        self.place += 1
+        return head.removeprefix("ITEM:").strip()
+
+    def read_text(self) -> str:
+        """Read a line; "" at the end of the file."""
+        text = "" if self.at_end else self.texts[self.place].strip()
+        self.place += 1
+        return text
+
+    def read_count(self) -> int:
+        """Read a line that holds a whole number."""
+        count = _read_count(self.name, self.texts, self.place)
+        self.place += 1
+        return count
+
+    def read_rows(self, frame: _Frame, columns: list[str], count: int, kind: str) -> None:
+        """Read ``count`` rows of columns into a frame; InputError if the file ends before."""
+        lines_below = len(self.texts) - self.place
+        if count < 0 or count > lines_below:
+            fault = (
+                f"{self.name} ends before its {count} {kind.lower()} do: {lines_below} are there"
+            )
+            raise InputError(fault, "The file is not whole")
+        odd = [column for column in columns if not (column.isascii() and column.isprintable())]
+        if odd:
+            fault = f"{self.name}:{self.place}: found a column named {brief(odd[0], 40)}"
+            raise InputError(fault, "The names of LAMMPS are of plain letters, digits and signs")
+        frame.names = tuple(columns)
+        rows = self.texts[self.place : self.place + count]
+        frame.rows = list(enumerate(rows, self.place + 1))
+        self.place += count
+        if self.at_end:
+            self.refuse_cut(frame)
+
+    def refuse_cut(self, frame: _Frame) -> None:
+        """Raise :class:`InputError` if the last line is broken, or a row of the last ``frame`` with
+        too few cells.
+        """
+        where = f"{self.name}:{len(self.texts)}"
+        if frame.rows and frame.rows[-1][0] == len(self.texts):
+            cells_of_last = len(frame.rows[-1][1].split())
+            required = len(frame.names)
+            if len(frame.rows) > 1:
+                required = min(len(frame.rows[0][1].split()), required)
+            if cells_of_last < required:
+                raise InputError(
+                    f"{where}: the last row has {cells_of_last} cells, and {required} are needed",
+                    "The file is not whole",
+                )
+        if self.is_broken:
+            why = "The file is not whole: its last number may have lost digits"
+            raise InputError(f"{where}: the last line has no line break at its end", why)
 
 
 def _read_count(name: str, lines: list[str], n: int) -> int:
+    """Return the whole number in line ``n``, counted from 0."""
     text = lines[n].strip() if n < len(lines) else ""
     if not re.fullmatch("[0-9]{1,19}", text):
         most = " of at most 19 digits" if len(text) > 19 else ""
@@ -368,7 +442,9 @@ def _read_count(name: str, lines: list[str], n: int) -> int:
 
 
 def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None:
-    """Read the three lines of a box below its heading ``words``: orthogonal or tilted."""
+    """Read the three lines of a box from line ``n`` on, counted from 0, into a frame: orthogonal or
+    tilted, as the ``words`` of its heading say.
+    """
     if words[:1] == ["abc"]:
         why = "LAMMPS lists pairs in another frame, in which its box is tilted"
         raise InputError(
@@ -376,34 +452,46 @@ def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None
             why,
             "Leave out dump_modify triclinic/general",
         )
+    flags = [word for word in words if len(word) == 2 and set(word) <= set("pfsm")]
     try:
-        rows = np.array(
-            [[plain_float(cell) for cell in lines[n + axis].split()] for axis in range(3)]
-        )
-        flags = [word for word in words if len(word) == 2 and set(word) <= set("pfsm")]
-        if words[:3] == ["xy", "xz", "yz"]:
-            xy, xz, yz = rows[:, 2]
-            low = rows[:, 0] - [min(0.0, xy, xz, xy + xz), min(0.0, yz), 0.0]
-            high = rows[:, 1] - [max(0.0, xy, xz, xy + xz), max(0.0, yz), 0.0]
-            frame.origin = low
-            frame.cell = np.diag(high - low)
-            frame.cell[1, 0] = xy
-            frame.cell[2, :2] = (xz, yz)
-        else:
-            frame.origin = rows[:, 0]
-            frame.cell = np.diag(rows[:, 1] - rows[:, 0])
+        rows = [[plain_float(cell) for cell in lines[n + axis].split()] for axis in range(3)]
+        bounds = np.array(rows)
+        is_tilted = words[:3] == ["xy", "xz", "yz"]
+        frame.origin, frame.cell = _tilt_box(bounds) if is_tilted else _make_box(bounds)
         frame.pbc = np.array([flag == "pp" for flag in flags] or [False] * 3)
         if frame.pbc.shape != (3,) or not np.all(np.isfinite(frame.cell)):
             raise ValueError
     except (IndexError, ValueError):
         raise InputError(f"{frame.name}:{n + 1}: the bounds of the box cannot be read") from None
-    ends = np.diag(frame.cell)
-    if not np.all(ends > 0.0):
-        axis = int(np.argmin(ends > 0.0))
+    lengths = np.diag(frame.cell)
+    if not np.all(lengths > 0.0):
+        axis = int(np.argmin(lengths > 0.0))
         fault = (
-            f"{frame.name}:{n + axis + 1}: the box has the length {ends[axis]:g} along"
+            f"{frame.name}:{n + axis + 1}: the box has the length {lengths[axis]:g} along"
             f" {'xyz'[axis]}"
         )
         raise InputError(
             fault, "Its lower bound must be below the upper one", "Are the two exchanged?"
         )
+
+
+def _make_box(bounds: Array) -> tuple[Array, Array]:
+    """Return the origin (3,) and the vectors (3, 3) of an orthogonal box, whose ``bounds`` (3, 2)
+    are the lower and the upper ends.
+    """
+    return bounds[:, 0], np.diag(bounds[:, 1] - bounds[:, 0])
+
+
+def _tilt_box(bounds: Array) -> tuple[Array, Array]:
+    """Return the origin (3,) and the vectors (3, 3) of a tilted box.
+
+    ``bounds`` (3, 3) are the ends of the orthogonal box around the tilted one, and the tilts xy,
+    xz, yz.
+    """
+    xy, xz, yz = bounds[:, 2]
+    low = bounds[:, 0] - [min(0.0, xy, xz, xy + xz), min(0.0, yz), 0.0]
+    high = bounds[:, 1] - [max(0.0, xy, xz, xy + xz), max(0.0, yz), 0.0]
+    cell = np.diag(high - low)
+    cell[1, 0] = xy
+    cell[2, :2] = (xz, yz)
+    return low, cell

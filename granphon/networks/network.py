@@ -162,13 +162,8 @@ class ContactNetwork(Result):
     contact_model: ContactModel | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        flags: Any = self.pbc
-        flags = flags.tolist() if isinstance(flags, np.ndarray) else flags
-        if not isinstance(flags, Sequence) or isinstance(flags, str) or len(flags) != 3:
-            fault = f"pbc of the network is {brief(self.pbc)}"
-            raise InputError(fault, mend="Give three truth values, one for each vector of the cell")
         checked: dict[str, Any] = {
-            "pbc": tuple(require("pbc", truth, value) for value in flags),
+            "pbc": _read_periods(self.pbc),
             "prestress": require("prestress", truth, self.prestress),
             "adhesive": require("adhesive", truth, self.adhesive),
             "dimension": whole_number("dimension", self.dimension, 1, 3),
@@ -192,9 +187,10 @@ class ContactNetwork(Result):
         for name, layout in self._shapes.items():
             values = getattr(self, name)
             is_left_out = values is None and layout.endswith("?")
-            if name != "kinds" and not is_left_out:
-                read = read_whole_numbers if name in _WHOLE else real_array
-                checked[name] = read_only(read(name, values))
+            if name == "kinds" or is_left_out:
+                continue
+            numbers = read_whole_numbers if name in _WHOLE else real_array
+            checked[name] = read_only(numbers(name, values))
         if checked["cell"].shape == (3, 3):
             # a vector along which nothing repeats has no meaning
             is_period = np.array(checked["pbc"])[:, None]
@@ -217,26 +213,16 @@ class ContactNetwork(Result):
         if not self.n_balls:
             raise InputError("the network has no ball", mend="Give one or more")
         self._check_cell()
-        # every ball and contact: the message names the first that is wrong, and counts them
-        for name, is_fine, wrong, mend in _list_demands(self):
+        for name, is_fine, fault, mend in _list_demands(self):
             if not np.all(is_fine):
-                bad = np.flatnonzero(~np.asarray(is_fine))
-                first = bad[0]
-                kind = "ball" if self._shapes[name].startswith("n") else "contact"
-                shown = f"{name} = {np.array2string(np.asarray(getattr(self, name))[first])}"
-                if kind == "contact" and name not in ("i", "j"):
-                    shown += f", between balls {self.i[first]} and {self.j[first]}"
-                total = f" ({bad.size} in all)" if bad.size > 1 else ""
-                raise InputError(
-                    f"{kind} {first} of the network {wrong}: {shown}{total}", mend=mend
-                )
+                self._refuse(name, ~np.asarray(is_fine), fault, mend)
         if self.n_contacts:
             self._check_repeated()
-        # labels are unique, and an array has the balls of all of its cells
         if self.labels is not None and np.unique(self.labels).size != self.n_balls:
             raise InputError(
                 "two balls of the network have the same label", mend="Give each a label of its own"
             )
+        # an array has the balls of all of its cells
         if self.lattice is not None and self.shape is not None:
             balls = self.lattice.n_balls * int(np.prod(self.shape, dtype=float))
             if len(self.shape) != self.lattice.periods or balls != self.n_balls:
@@ -245,8 +231,21 @@ class ContactNetwork(Result):
                     f"{fault}, and the network has {self.n_balls}", mend="Mend the shape"
                 )
 
+    def _refuse(self, name: str, is_bad: Flags, fault: str, mend: str) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` that names the first bad entry of a
+        field, of a ball or a contact, and counts all; ``is_bad`` is (n,) or (n_c,).
+        """
+        bad = np.flatnonzero(is_bad)
+        index = bad[0]
+        kind = "ball" if self._shapes[name].startswith("n") else "contact"
+        shown = f"{name} = {np.array2string(np.asarray(getattr(self, name))[index])}"
+        if kind == "contact" and name not in ("i", "j"):
+            shown += f", between balls {self.i[index]} and {self.j[index]}"
+        total = f" ({bad.size} in all)" if bad.size > 1 else ""
+        raise InputError(f"{kind} {index} of the network {fault}: {shown}{total}", mend=mend)
+
     def _turn_walls(self) -> None:
-        """Let contacts lead from balls to flat walls."""
+        """Let contacts lead from balls to flat walls, in place."""
         walls = np.flatnonzero(np.isinf(self.radii))
         is_turned = np.isin(self.i, walls) & ~np.isin(self.j, walls)
         if not np.any(is_turned):
@@ -293,35 +292,29 @@ class ContactNetwork(Result):
         """
         i = self.i
         j = self.j
-        shift = self.shift
-        first_step = np.argmax(shift != 0, axis=1)[:, None]
-        leading = np.take_along_axis(shift, first_step, axis=1)[:, 0]
-        turned = (i > j) | ((i == j) & (leading < 0))
-        step = np.where(turned[:, None], -shift, shift)
-        pair = np.where(turned, j, i) * self.n_balls + np.where(turned, i, j)
-        order = np.argsort(pair, kind="stable")
-        alike = np.diff(pair[order], prepend=-1) == 0
-        # the contacts of pairs with several are few: balls rarely touch through more than one image
-        order = order[alike | np.append(alike[1:], False)]
-        order = order[np.lexsort((*step[order].T, pair[order]))]
-        same = (np.diff(pair[order]) == 0) & ~np.any(np.diff(step[order], axis=0), axis=1)
-        first = order[:-1][same]
-        second = order[1:][same]
-        of_wall = ~(self.moving[i[second]] & self.moving[j[second]])
-        sign = np.where(turned[first] == turned[second], 1.0, -1.0)[:, None]
+        # (n_c,) a number of its pair of balls, and (n_c, 3) cells from the lower ball to the higher
+        leading_axis = np.argmax(self.shift != 0, axis=1)[:, None]
+        leading = np.take_along_axis(self.shift, leading_axis, axis=1)[:, 0]
+        is_turned = (i > j) | ((i == j) & (leading < 0))
+        pair = np.where(is_turned, j, i) * self.n_balls + np.where(is_turned, i, j)
+        step = np.where(is_turned[:, None], -self.shift, self.shift)
+        first, second = _find_alike(pair, step)
+        is_at_wall = ~(self.moving[i[second]] & self.moving[j[second]])
+        sign = np.where(is_turned[first] == is_turned[second], 1.0, -1.0)[:, None]
         deviation = np.abs(self.normal[first] - sign * self.normal[second])
-        elsewhere = np.any(deviation > _UNIT, axis=1)
-        repeated = np.flatnonzero(~(of_wall & elsewhere))
-        if repeated.size:
-            contact = int(first[repeated[0]])
-            twin = int(second[repeated[0]])
-            total = f" ({repeated.size} such in all)" if repeated.size > 1 else ""
-            raise InputError(
-                f"contacts {contact} and {twin} of the network are the same, between balls"
-                f" {i[contact]} and {j[contact]}{total}",
-                "Every contact counts once",
-                "List each contact from one of its ends only",
-            )
+        is_elsewhere = np.any(deviation > _UNIT, axis=1)
+        repeated = np.flatnonzero(~(is_at_wall & is_elsewhere))
+        if not repeated.size:
+            return
+        contact = int(first[repeated[0]])
+        twin = int(second[repeated[0]])
+        total = f" ({repeated.size} such in all)" if repeated.size > 1 else ""
+        raise InputError(
+            f"contacts {contact} and {twin} of the network are the same, between balls"
+            f" {i[contact]} and {j[contact]}{total}",
+            "Every contact counts once",
+            "List each contact from one of its ends only",
+        )
 
     # -- quantities --------------------------------------------------------------------------------
 
@@ -383,6 +376,7 @@ class ContactNetwork(Result):
         """
         push, across = self.static_forces
         force, torque = np.zeros((2, self.n_balls, 3))
+        # ball j gets the force of ball i, and ball i the opposite one
         for ball, sign, arm in ((self.j, 1.0, self.arm_j), (self.i, -1.0, self.arm_i)):
             np.add.at(force, ball, sign * (push[:, None] * self.normal + across))
             np.add.at(torque, ball, -arm[:, None] * np.cross(self.normal, across))
@@ -446,9 +440,12 @@ class ContactNetwork(Result):
             return
         pull = self.unbalanced[0]
         if not np.all(self.moving):
+            # bodies hold some balls: weights give all balls one acceleration, which is left out
             mass = np.where(self.moving, self.masses, 0.0)
-            pull = pull - mass[:, None] * (mass @ pull / (mass @ mass))
-        ratio = self.imbalance[2] / self.imbalance[1] * np.max(np.linalg.norm(pull, axis=1))
+            acceleration = mass @ pull / (mass @ mass)
+            pull = pull - mass[:, None] * acceleration
+        _, worst_force, worst_ratio = self.imbalance
+        ratio = worst_ratio / worst_force * np.max(np.linalg.norm(pull, axis=1))
         if ratio < _MOVING:
             return
         raise InputError(
@@ -532,55 +529,20 @@ class ContactNetwork(Result):
         return read_only(self._find_rattlers())
 
     def _find_rattlers(self, held_by: int | None = None) -> Index:
-        """Return the balls that carry no load; see :meth:`without_rattlers` for ``held_by``."""
-        slips = not np.any(self.shear_stiffness)
-        least = held_by
-        if least is None:
-            least = self.dimension + 1 if slips else 2
-        weight = self.normal_force if np.any(self.normal_force > 0.0) else np.ones(self.n_contacts)
-        live = np.zeros(0, bool)
-        if len(weight):
-            live = weight > HOLDING_FORCE * np.mean(weight, where=weight > 0.0)
-        i = self.i[live]
-        j = self.j[live]
-        n = self.n_balls
-        weight = weight[live]
-        push = weight[:, None] * self.normal[live]
-        count = np.bincount(i, minlength=n) + np.bincount(j, minlength=n)
-        total = np.bincount(i, weight, n) + np.bincount(j, weight, n)
-        sums = [np.bincount(j, along, n) - np.bincount(i, along, n) for along in push.T]
-        pull = np.stack(sums, axis=1)
-
-        def is_held(balls: Index) -> Flags:
-            # two contacts or more whose forces are in balance, as along a straight row, hold a ball
-            # where contacts slip
-            is_balanced = np.linalg.norm(pull[balls], axis=1) <= _BALANCED * total[balls]
-            in_row = (slips and held_by is None) & (count[balls] >= 2) & is_balanced
-            return np.asarray((count[balls] >= least) | in_row | ~self.moving[balls])
-
-        # contacts of each ball, one list after the other
-        ends = np.concatenate([i, j])
-        order = np.argsort(ends, kind="stable")
-        first = np.searchsorted(ends[order], np.arange(n + 1))
-        loose = ~is_held(np.arange(n))
-        if not np.any(self.moving & ~loose):
-            return np.flatnonzero(loose)
-        waiting = np.flatnonzero(loose).tolist()
-        is_open = np.ones(len(i), bool)
+        """Return the indices of the balls that carry no load; see :meth:`without_rattlers` for
+        ``held_by``.
+        """
+        hold = _Hold(self, held_by)
+        is_loose = ~hold.are_held(np.arange(self.n_balls))
+        if not np.any(self.moving & ~is_loose):
+            return np.flatnonzero(is_loose)
+        waiting = np.flatnonzero(is_loose).tolist()
         while waiting:
-            ball = waiting.pop()
-            contacts = order[first[ball] : first[ball + 1]] % len(i)
-            for contact in contacts[is_open[contacts]].tolist():
-                is_open[contact] = False
-                from_i = i[contact] == ball
-                neighbour = int(j[contact] if from_i else i[contact])
-                count[neighbour] -= 1
-                total[neighbour] -= weight[contact]
-                pull[neighbour] -= push[contact] if from_i else -push[contact]
-                if not loose[neighbour] and not is_held(np.array([neighbour]))[0]:
-                    loose[neighbour] = True
+            for neighbour in hold.release(waiting.pop()):
+                if not is_loose[neighbour] and not hold.are_held(np.array([neighbour]))[0]:
+                    is_loose[neighbour] = True
                     waiting.append(neighbour)
-        return np.flatnonzero(loose)
+        return np.flatnonzero(is_loose)
 
     def without_rattlers(self, held_by: int | None = None) -> Self:
         """Return the network without the balls that carry no load; ``left_out`` says how many these
@@ -631,27 +593,30 @@ class ContactNetwork(Result):
         for a ball given twice, and for none.
         """
         plain: Any = balls.tolist() if isinstance(balls, np.ndarray) else balls
-        flags = isinstance(plain, list | tuple) and len(plain) == self.n_balls
-        flags = flags and all(isinstance(value, bool | np.bool_) for value in plain)
-        chosen = index_array("balls", np.flatnonzero(plain) if flags else balls, self.n_balls)
+        is_list = isinstance(plain, list | tuple) and len(plain) == self.n_balls
+        are_flags = is_list and all(isinstance(value, bool | np.bool_) for value in plain)
+        indices = np.flatnonzero(plain) if are_flags else balls
+        chosen = index_array("balls", indices, self.n_balls)
         new_index = np.full(self.n_balls, -1)
         new_index[chosen] = np.arange(chosen.size)
         i = new_index[self.i]
         j = new_index[self.j]
-        among = (i >= 0) & (j >= 0)
-        names = np.arange(self.n_balls) if self.labels is None else self.labels
-        fields: dict[str, Any] = {
-            name: getattr(self, name)[chosen] for name in ("positions", *_BALLS)
-        }
-        fields |= {name: getattr(self, name)[among] for name in self.contact_fields}
+        is_kept = (i >= 0) & (j >= 0)
+        labels = np.arange(self.n_balls) if self.labels is None else self.labels
+        fields: dict[str, Any] = {}
+        for name in ("positions", *_BALLS):
+            fields[name] = getattr(self, name)[chosen]
+        for name in self.contact_fields:
+            fields[name] = getattr(self, name)[is_kept]
         fields |= {
-            "i": i[among],
-            "j": j[among],
-            "labels": names[chosen],
+            "i": i[is_kept],
+            "j": j[is_kept],
+            "labels": labels[chosen],
             "lattice": None,
             "shape": None,
         }
-        fields["kinds"] = self.kinds and tuple(map(self.kinds.__getitem__, chosen.tolist()))
+        if self.kinds is not None:
+            fields["kinds"] = tuple(self.kinds[ball] for ball in chosen.tolist())
         return replace(self, **fields)
 
     def pieces(self) -> tuple[Self, ...]:
@@ -660,17 +625,21 @@ class ContactNetwork(Result):
 
         A wall does not move and joins no pieces; each piece that touches the wall contains it.
         """
-        piece = number_pieces(self.i, self.j, self.moving)
         moving = self.moving
+        piece = number_pieces(self.i, self.j, moving)
+        # the balls that move, in the order of their pieces, split between these
         members = np.flatnonzero(moving)
-        order = members[np.argsort(piece[members], kind="stable")]
-        sets = np.split(order, np.flatnonzero(np.diff(piece[order])) + 1) if order.size else []
-        at_wall = ~(moving[self.i] & moving[self.j])
-        ball = np.where(moving[self.i], self.i, self.j)[at_wall]
-        wall = np.where(moving[self.i], self.j, self.i)[at_wall]
+        members = members[np.argsort(piece[members], kind="stable")]
+        ends = np.flatnonzero(np.diff(piece[members])) + 1
+        sets = np.split(members, ends) if members.size else []
+        is_at_wall = ~(moving[self.i] & moving[self.j])
+        ball = np.where(moving[self.i], self.i, self.j)[is_at_wall]
+        wall = np.where(moving[self.i], self.j, self.i)[is_at_wall]
         if ball.size:
+            walls = [wall[piece[ball] == piece[balls[0]]] for balls in sets]
             sets = [
-                np.unique(np.append(balls, wall[piece[ball] == piece[balls[0]]])) for balls in sets
+                np.unique(np.append(balls, touched))
+                for balls, touched in zip(sets, walls, strict=True)
             ]
         if len(sets) == 1:
             return (self,)
@@ -692,24 +661,26 @@ class ContactNetwork(Result):
             )
         shape = require("shape", partial(lengths, low=1, high=MOST_CELLS, periods=len(axes)), shape)
         self._require_memory(math.prod(shape))
-        full = np.ones(3, int)
+        full = np.ones(3, int)  # cells along all three vectors
         full[axes] = shape
         cells, i, j, shift = repeat_contacts(
             self.i, self.j, self.shift, self.n_balls, tuple(full.tolist())
         )
+        origins = np.asarray(cells @ self.cell)
         count = len(cells)
         balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
         contacts: dict[str, Any] = {}
         for name in self.contact_fields:
             values = getattr(self, name)
-            contacts[name] = np.tile(values, (count, *[1] * (values.ndim - 1)))
+            repetitions = (count,) if values.ndim == 1 else (count, 1)
+            contacts[name] = np.tile(values, repetitions)
         contacts |= {"i": i, "j": j, "shift": shift}
         # balls of many arrays side by side are not in the order of the cells of one
         is_cell = self.lattice and max(self.shape or (1,)) == 1
         return replace(
             self,
             cell=self.cell * full[:, None],
-            positions=(np.asarray(cells @ self.cell)[:, None] + self.positions).reshape(-1, 3),
+            positions=(origins[:, None] + self.positions).reshape(-1, 3),
             **balls,
             left_out=self.left_out * count,
             labels=None,
@@ -770,114 +741,30 @@ class ContactNetwork(Result):
         count = whole_number("layers", layers, 1, MOST_CELLS)
         words = require("edges", read_edges, edges)
         self._require_memory(count)
-        periods = np.flatnonzero(self.pbc)
-        n = self.n_balls
-        d = self.dimension
-        cut = self.layers_across(axis)
-        stack = np.zeros(3)
-        turn = np.eye(3)
-        p = len(cut.cell)
-        stack[:d] = cut.stack
-        turn[:d, :d] = cut.turn
-        sites = self.positions.copy()
-        shift = self.shift[:, periods]
-        sites[:, :d], shift = cut.gather(sites[:, :d], self.i, self.j, shift, np.isinf(self.radii))
-        _, rise = cut.split(shift)
-        reach = int(np.max(np.abs(rise), initial=0))
-        height = float(stack[p])
-        # a large cell, as that of a sample, is a layer of many rows, which hang together by
-        # themselves
-        furthest = float(np.max(np.abs(self.vector @ turn.T[:, p])[rise != 0], initial=0.0))
-        if furthest >= (1.0 - TOUCH) * count * height:
-            least = int((1.0 + TOUCH) * furthest / height) + 1
-            fault = f"some contacts reach across {counted(count, 'layer')}"
-            raise InputError(fault, "None of them would be left", f"Give {least} layers or more")
-        # contacts of the layers and of layers beyond, numbered from the lower face; one end of a
-        # contact that is cut is outside
-        i, j, row, inner = cut.unfold(self.i, self.j, shift, n, count + 2 * reach)
-        i = i - reach * n
-        j = j - reach * n
-        total = n * count
-        has_i = (i >= 0) & (i < total)
-        has_j = (j >= 0) & (j < total)
-        kept = has_i & has_j
-        balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
-        layer = sites @ turn.T
-        heights = np.arange(count)[:, None, None] * stack
-        balls["positions"] = (layer[None] + heights).reshape(-1, 3)
+        stack = _LayerStack.of(self, self.layers_across(axis), count)
+        p = len(stack.layers.cell)
+        balls = stack.make_balls()
+        contacts = stack.make_contacts()
         spread = self._find_spread()
-        faces = find_faces(balls["positions"][:, p], balls["radii"], words, n, 4.0 * spread)
-        contacts: dict[str, Any] = {
-            name: getattr(self, name)[row[kept]] for name in self.contact_fields
-        }
-        for name in ("normal", "tangential_force"):
-            if name in contacts:
-                contacts[name] = contacts[name] @ turn.T
-        contacts |= {"i": i[kept], "j": j[kept], "shift": np.pad(inner[kept], ((0, 0), (0, 3 - p)))}
+        heights = balls["positions"][:, p]
+        faces = find_faces(heights, balls["radii"], words, self.n_balls, 4.0 * spread)
         for side, word, face in zip((-1.0, 1.0), words, faces, strict=True):
             if word == "clamped":
                 balls["masses"][face] = np.inf
-            if word != "floor":
-                continue
-            is_beyond = (np.minimum(i, j) < 0) if side < 0.0 else (np.maximum(i, j) >= total)
-            open_contacts = np.flatnonzero((has_i | has_j) & is_beyond)
-            # the ball of the face, and the sign of the force of ball i on ball j outwards
-            ball = np.where(has_i, i, j)[open_contacts]
-            outward = np.where(has_i, side, -side)[open_contacts]
-            at_face = np.isin(ball, face)
-            ball = ball[at_face]
-            pressed = np.intersect1d(face, ball)
-            spare = np.setdiff1d(face, ball)
-            # some balls of different sizes may carry no load at the face
-            if spare.size and (not spread or not pressed.size):
-                raise InputError(
-                    f"ball {spare[0]} of the {_name_face(side)} has lost no contact there",
-                    "Nothing says with which force it stands on a floor",
-                    "Cut elsewhere, or clamp it",
-                )
-            push = self._find_push(row[open_contacts[at_face]]) @ turn.T[:, p]
-            force: Any = np.bincount(np.searchsorted(pressed, ball), outward[at_face] * push)
-            m = len(pressed)
-            floor = self._press_on_floor(pressed, force, _name_face(side))
-            floor |= {
-                "i": pressed,
-                "j": np.full(m, len(balls["masses"])),
-                "normal": side * np.eye(3)[np.full(m, p)],
-                "tangential_force": np.zeros((m, 3)),
-                "shift": np.zeros((m, 3), np.intp),
-            }
-            contacts = {
-                name: np.concatenate([values, floor[name]]) for name, values in contacts.items()
-            }
-            outermost = balls["positions"][pressed, p] + side * balls["radii"][pressed]
-            balls |= {name: np.append(balls[name], np.inf) for name in _BALLS}
-            point = np.eye(3)[p] * np.mean(outermost)
-            balls["positions"] = np.concatenate([balls["positions"], point[None]])
-        still = np.isinf(balls["masses"])
-        live = ~(still[contacts["i"]] & still[contacts["j"]])
-        contacts = {name: values[live] for name, values in contacts.items()}
-        if np.all(still):
-            raise InputError(
-                f"no ball moves in {counted(count, 'layer')} with these edges",
-                mend="Give more layers",
-            )
-        i, j, inner = (contacts[name] for name in ("i", "j", "shift"))
-        for word, face in zip(words, faces, strict=True):
-            if word == "clamped" and not np.any(np.isin(i, face) | np.isin(j, face)):
-                raise InputError(
-                    "the clamped balls of an edge touch none that moves", mend="Give more layers"
-                )
-        # balls that move hang together, or are held by bodies that do not move
-        loose = self.rattlers.size
-        why = ""
-        mend = "Give more layers"
-        if loose:
-            why = f"Of its balls {loose} in each cell carry no load and hang on nothing"
-            mend = "Leave them out: network.without_rattlers()"
-        require_joined(i, j, inner[:, :p], len(still), p, "the cut network", why, mend, still)
+            elif word == "floor":
+                floor = stack.find_floor(side, face, bool(spread))
+                floor.add_to(balls, contacts, p)
+        is_still = np.isinf(balls["masses"])
+        contacts = _leave_out_still(contacts, is_still)
+        clamped = [face for word, face in zip(words, faces, strict=True) if word == "clamped"]
+        _require_motion(contacts, is_still, clamped, count)
+        self._require_joined_cut(contacts, is_still, p)
         cell = np.zeros((3, 3))
-        cell[:p, :d] = cut.cell
-        floors = (RIGID_PLANE.name,) * (len(still) - count * self.n_balls)
+        cell[:p, : self.dimension] = stack.layers.cell
+        kinds = self.kinds
+        if kinds:
+            floors = len(is_still) - count * self.n_balls
+            kinds = kinds * count + (RIGID_PLANE.name,) * floors
         return replace(
             self,
             cell=cell,
@@ -888,7 +775,29 @@ class ContactNetwork(Result):
             labels=None,
             lattice=None,
             shape=None,
-            kinds=self.kinds and self.kinds * count + floors,
+            kinds=kinds,
+        )
+
+    def _require_joined_cut(self, contacts: Mapping[str, Any], is_still: Flags, p: int) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless the balls of a cut that move hang
+        together, or are held by bodies that do not move; ``p`` periods are left.
+        """
+        loose = self.rattlers.size
+        why = ""
+        mend = "Give more layers"
+        if loose:
+            why = f"Of its balls {loose} in each cell carry no load and hang on nothing"
+            mend = "Leave them out: network.without_rattlers()"
+        require_joined(
+            contacts["i"],
+            contacts["j"],
+            contacts["shift"][:, :p],
+            len(is_still),
+            p,
+            "the cut network",
+            why,
+            mend,
+            is_still,
         )
 
     def _find_spread(self) -> float:
@@ -914,8 +823,8 @@ class ContactNetwork(Result):
         return np.asarray(push)
 
     def _press_on_floor(self, balls: Index, force: Array, face: str) -> dict[str, Any]:
-        """Return the fields of the contacts of ``balls`` of a cut with a rigid plane, each under
-        its own ``force`` (n,), N.
+        """Return the fields (m,) of the contacts of ``balls`` (m,) of a cut with a rigid plane,
+        each under its own ``force`` (m,), N.
         """
         model = self.contact_model
         if model is None:
@@ -926,25 +835,7 @@ class ContactNetwork(Result):
             )
             raise InputError(fault, "Its stiffness is that of a ball on a rigid plane", mend)
         in_layer = balls % self.n_balls
-        if not self.kinds and len(model.kinds) > 1:
-            fault = (
-                f"the balls of the {face} name no kinds, and are of"
-                f" {counted(len(model.kinds), 'material')}"
-            )
-            raise InputError(
-                fault,
-                "Which of them stand on the floor is not known",
-                "Keep the kinds of the network",
-            )
-        names = list[str]()
-        if self.kinds and model.names:
-            names = [self.kinds[ball] for ball in in_layer.tolist()]
-        unknown = sorted(set(names) - set(model.names))
-        if unknown:
-            raise InputError(
-                f"no material is known of balls of the kind {unknown[0]!r}",
-                f"It is of {', '.join(model.names)}",
-            )
+        names = self._name_kinds(in_layer, model, face)
         radii = self.radii[in_layer]
         try:
             contacts = model.press_on_floor(names, radii, force)
@@ -969,6 +860,31 @@ class ContactNetwork(Result):
             arm_i = radii - 0.5 * overlap
             arm_j = -0.5 * overlap
         return contacts | {"normal_force": force, "arm_i": arm_i, "arm_j": arm_j}
+
+    def _name_kinds(self, balls: Index, model: ContactModel, face: str) -> list[str]:
+        """Return the names of the kinds of ``balls``, which the contact model knows; none where it
+        has one kind without a name.
+        """
+        if not self.kinds and len(model.kinds) > 1:
+            fault = (
+                f"the balls of the {face} name no kinds, and are of"
+                f" {counted(len(model.kinds), 'material')}"
+            )
+            raise InputError(
+                fault,
+                "Which of them stand on the floor is not known",
+                "Keep the kinds of the network",
+            )
+        if not self.kinds or not model.names:
+            return []
+        names = [self.kinds[ball] for ball in balls.tolist()]
+        unknown = sorted(set(names) - set(model.names))
+        if unknown:
+            raise InputError(
+                f"no material is known of balls of the kind {unknown[0]!r}",
+                f"It is of {', '.join(model.names)}",
+            )
+        return names
 
     def storable(self) -> Self:
         """Return the network as plain data and files can hold it: without the contact model of a
@@ -1159,11 +1075,8 @@ class ContactNetwork(Result):
         """Leave rattlers out of a network that was read, if they are not kept, and warn if it is
         out of balance.
         """
-        network = (
-            self
-            if require("keep_rattlers", truth, keep_rattlers)
-            else self.without_rattlers(held_by)
-        )
+        keeps_all = require("keep_rattlers", truth, keep_rattlers)
+        network = self if keeps_all else self.without_rattlers(held_by)
         if network.imbalance_warning:
             warnings.warn(network.imbalance_warning, InconsistencyWarning, stacklevel=3)
         return network
@@ -1237,107 +1150,400 @@ def refuse_unpressed(source: Any) -> None:
 # -- demands on balls and contacts -----------------------------------------------------------------
 
 
-def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]]:
-    """Yield the demands on balls and contacts: a field, whether each of its entries meets the
-    demand, the fault of one that does not, and how to mend it.
+#: a field, whether each of its entries meets the demand, the fault of one that does not, and how to
+#: mend it
+_Demand = tuple[str, Any, str, str]
+#: what messages say of numbers that are too large, and of products that would be
+_TOO_LARGE = f"that is not finite, or above {LARGEST:g}"
+_BEYOND = f"beyond what can be reckoned with, {1.0 / LARGEST:g} to {LARGEST:g} in SI"
+
+
+def _list_demands(network: ContactNetwork) -> Iterator[_Demand]:
+    """Yield the demands on balls and contacts; a demand may rely on earlier demands."""
+    yield from _list_demands_on_balls(network)
+    yield from _list_demands_on_ends(network)
+    yield from _list_demands_on_forces(network)
+    yield from _list_demands_on_geometry(network)
+    yield from _list_demands_on_range(network)
+
+
+def _list_demands_on_balls(network: ContactNetwork) -> Iterator[_Demand]:
+    """Yield the demands that places, sizes and masses are finite; walls, which do not move, may
+    have any size and place.
     """
-    # a demand may rely on earlier demands; walls, which do not move, may have any size and place
-    moving = network.moving
-    d = network.dimension
-    i = network.i
-    j = network.j
-    largest = f"that is not finite, or above {LARGEST:g}"
-    yield (
-        "positions",
-        np.all(np.abs(network.positions) < LARGEST, axis=1),
-        f"is at a place {largest} m",
-        "",
-    )
+    is_placed = np.all(np.abs(network.positions) < LARGEST, axis=1)
+    yield "positions", is_placed, f"is at a place {_TOO_LARGE} m", ""
     for name in _BALLS:
         values = getattr(network, name)
-        endless = "A body that does not move has an infinite mass"
         yield name, values > 0.0, f"has {name} that are not above zero", ""
-        yield (
-            name,
-            (values < LARGEST) | ~moving,
-            f"has {name} that are not finite, but moves",
-            endless,
-        )
+        is_finite = (values < LARGEST) | ~network.moving
+        mend = "A body that does not move has an infinite mass"
+        yield name, is_finite, f"has {name} that are not finite, but moves", mend
+
+
+def _list_demands_on_ends(network: ContactNetwork) -> Iterator[_Demand]:
+    """Yield the demands on the balls of each contact, and on the cells between them."""
     for name in ("i", "j"):
-        exists = (getattr(network, name) >= 0) & (getattr(network, name) < network.n_balls)
-        yield (
-            name,
-            exists,
-            f"names a ball that is not there; balls are 0 to {network.n_balls - 1}",
-            "",
-        )
-    crosses = np.any(network.shift[:, [not periodic for periodic in network.pbc]], axis=1)
+        index = getattr(network, name)
+        exists = (index >= 0) & (index < network.n_balls)
+        fault = f"names a ball that is not there; balls are 0 to {network.n_balls - 1}"
+        yield name, exists, fault, ""
+    is_edge = [not is_period for is_period in network.pbc]
+    crosses = np.any(network.shift[:, is_edge], axis=1)
     yield "shift", ~crosses, "crosses a side of the cell that is not periodic", ""
-    near = np.all(np.abs(network.shift) <= MOST_STEPS, axis=1)
-    yield "shift", near, f"has a shift of more than {MOST_STEPS} cells", ""
-    yield "i", (i != j) | np.any(network.shift, axis=1), "joins a ball with itself", ""
+    is_near = np.all(np.abs(network.shift) <= MOST_STEPS, axis=1)
+    yield "shift", is_near, f"has a shift of more than {MOST_STEPS} cells", ""
+    joins_two = (network.i != network.j) | np.any(network.shift, axis=1)
+    yield "i", joins_two, "joins a ball with itself", ""
+
+
+def _list_demands_on_forces(network: ContactNetwork) -> Iterator[_Demand]:
+    """Yield the demands on normals, forces, stiffnesses and arms."""
     # squares of larger numbers might overflow
-    size = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)
-    yield "normal", np.abs(size - 1.0) <= _UNIT, "has a normal whose length is not one", ""
+    length = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)
+    yield "normal", np.abs(length - 1.0) <= _UNIT, "has a normal whose length is not one", ""
     for name, least in _SPRINGS.items():
         values = getattr(network, name)
-        pulling = network.adhesive and name == "normal_force"
-        in_range = values > 0.0 if least == "above zero" else (values >= 0.0) | pulling
-        inside = np.isfinite(values) & in_range
-        pulls = "; forces that pull are not of elastic balls" if name == "normal_force" else ""
-        yield name, inside, f"has a {name} that is not {least}{pulls}", ""
+        may_pull = network.adhesive and name == "normal_force"
+        is_in_range = values > 0.0 if least == "above zero" else (values >= 0.0) | may_pull
+        why = "; forces that pull are not of elastic balls" if name == "normal_force" else ""
+        fault = f"has a {name} that is not {least}{why}"
+        yield name, np.isfinite(values) & is_in_range, fault, ""
     force = network.tangential_force
     if force is not None:
         name = "tangential_force"
-        yield name, np.all(np.abs(force) < LARGEST, axis=1), f"has a {name} {largest} N", ""
+        is_finite = np.all(np.abs(force) < LARGEST, axis=1)
+        yield name, is_finite, f"has a {name} {_TOO_LARGE} N", ""
         # among the least of all numbers rounding turns a force
-        least_along = _ALONG * np.linalg.norm(force, axis=1) + np.finfo(float).tiny
-        across = np.abs(np.einsum("ca,ca->c", force, network.normal)) <= least_along
-        yield (
-            name,
-            across,
-            f"has a {name} that is not across its normal",
-            "Leave the normal force out of it",
-        )
+        allowed = _ALONG * np.linalg.norm(force, axis=1) + np.finfo(float).tiny
+        is_across = np.abs(np.einsum("ca,ca->c", force, network.normal)) <= allowed
+        fault = f"has a {name} that is not across its normal"
+        yield name, is_across, fault, "Leave the normal force out of it"
     for name in ("arm_i", "arm_j"):
-        yield name, np.abs(getattr(network, name)) < LARGEST, f"has an {name} {largest} m", ""
-    flat = ~np.any(np.abs(network.normal[:, d:]) > _UNIT, axis=1)
+        is_finite = np.abs(getattr(network, name)) < LARGEST
+        yield name, is_finite, f"has an {name} {_TOO_LARGE} m", ""
+
+
+def _list_demands_on_geometry(network: ContactNetwork) -> Iterator[_Demand]:
+    """Yield the demands that contacts lie in the line or plane of the balls, lead from ball i to
+    ball j, and are as long as the two arms.
+    """
+    d = network.dimension
     where = "the line along x" if d == 1 else "the plane"
-    yield "normal", flat, f"leaves {where} of a network in {d} dimensions", ""
-    at_wall = ~(moving[i] & moving[j])
+    is_flat = ~np.any(np.abs(network.normal[:, d:]) > _UNIT, axis=1)
+    yield "normal", is_flat, f"leaves {where} of a network in {d} dimensions", ""
+    is_at_wall = ~(network.moving[network.i] & network.moving[network.j])
     vector = network.vector
     arms = network.arm_i + network.arm_j
-    level = ~np.any(np.abs(vector[:, d:]) > _UNIT * np.abs(arms)[:, None], axis=1)
-    yield "i", level | at_wall, f"joins balls that are not both in {where}", ""
-    ahead = np.einsum("ca,ca->c", network.normal, vector) > 0.0
-    backward = "has a normal that does not lead from ball i to ball j"
-    yield (
-        "normal",
-        ahead | at_wall,
-        backward,
-        "Normals lead from ball i to ball j displaced by shift cells",
-    )
-    touching = np.abs(np.linalg.norm(vector, axis=1) - arms) <= _STRAY * np.abs(arms)
-    stray = "joins balls whose distance is not the sum of the two arms"
-    yield "arm_i", touching | at_wall, stray, "Compare shift and cell with the positions"
-    # products of a few numbers must stay within the range of floats
-    range_text = f"beyond what can be reckoned with, {1.0 / LARGEST:g} to {LARGEST:g} in SI"
+    is_level = ~np.any(np.abs(vector[:, d:]) > _UNIT * np.abs(arms)[:, None], axis=1)
+    yield "i", is_level | is_at_wall, f"joins balls that are not both in {where}", ""
+    leads_on = np.einsum("ca,ca->c", network.normal, vector) > 0.0
+    fault = "has a normal that does not lead from ball i to ball j"
+    mend = "Normals lead from ball i to ball j displaced by shift cells"
+    yield "normal", leads_on | is_at_wall, fault, mend
+    is_touching = np.abs(np.linalg.norm(vector, axis=1) - arms) <= _STRAY * np.abs(arms)
+    fault = "joins balls whose distance is not the sum of the two arms"
+    mend = "Compare shift and cell with the positions"
+    yield "arm_i", is_touching | is_at_wall, fault, mend
+
+
+def _list_demands_on_range(network: ContactNetwork) -> Iterator[_Demand]:
+    """Yield the demands that products of a few numbers stay within the range of floats."""
     for name in _BALLS:
         values = getattr(network, name)
-        yield (
-            name,
-            ((values >= 1.0 / LARGEST) & (values <= LARGEST)) | ~moving,
-            f"has {name} {range_text}",
-            "",
-        )
-    yield (
-        "normal_stiffness",
-        network.normal_stiffness >= 1.0 / LARGEST,
-        f"has a stiffness {range_text}",
-        "",
-    )
+        is_in_range = (values >= 1.0 / LARGEST) & (values <= LARGEST)
+        yield name, is_in_range | ~network.moving, f"has {name} {_BEYOND}", ""
+    is_stiff = network.normal_stiffness >= 1.0 / LARGEST
+    yield "normal_stiffness", is_stiff, f"has a stiffness {_BEYOND}", ""
     for name in _SPRINGS:
-        yield name, getattr(network, name) <= LARGEST, f"has a {name} {range_text}", ""
+        yield name, getattr(network, name) <= LARGEST, f"has a {name} {_BEYOND}", ""
+
+
+def _read_periods(pbc: Any) -> tuple[bool, ...]:
+    """Return three truth values; InputError for what is not three of them."""
+    flags = pbc.tolist() if isinstance(pbc, np.ndarray) else pbc
+    if not isinstance(flags, Sequence) or isinstance(flags, str) or len(flags) != 3:
+        fault = f"pbc of the network is {brief(pbc)}"
+        raise InputError(fault, mend="Give three truth values, one for each vector of the cell")
+    return tuple(require("pbc", truth, value) for value in flags)
+
+
+def _find_alike(pair: Index, step: Index) -> tuple[Index, Index]:
+    """Return the contacts that have the same pair (n_c,) and step (n_c, 3) as another one: the
+    first and the second of each two that follow each other.
+    """
+    order = np.argsort(pair, kind="stable")
+    is_as_before = np.diff(pair[order], prepend=-1) == 0
+    is_as_after = np.append(is_as_before[1:], False)
+    # the contacts of pairs with several are few: balls rarely touch through more than one image
+    order = order[is_as_before | is_as_after]
+    order = order[np.lexsort((*step[order].T, pair[order]))]
+    has_same_pair = np.diff(pair[order]) == 0
+    has_same_step = ~np.any(np.diff(step[order], axis=0), axis=1)
+    is_alike = has_same_pair & has_same_step
+    return order[:-1][is_alike], order[1:][is_alike]
+
+
+# -- rattlers --------------------------------------------------------------------------------------
+
+
+class _Hold:
+    """How the contacts that carry load hold each ball of a network; the contacts of a ball can be
+    released one by one.
+
+    Attributes
+    ----------
+    i, j : (m,) the balls of the contacts that carry load.
+    weight : (m,) their forces, N, or 1 if no contact has a force.
+    push : (m, 3) their forces as vectors, from i to j.
+    count : (n,) number of these contacts of each ball.
+    total, pull : (n,) and (n, 3) the sums of their weights, and of their vectors, on each ball.
+    """
+
+    def __init__(self, network: ContactNetwork, held_by: int | None) -> None:
+        n = network.n_balls
+        slips = not np.any(network.shear_stiffness)
+        self.moving = network.moving
+        self.rows_hold = slips and held_by is None
+        enough = network.dimension + 1 if slips else 2
+        self.least = enough if held_by is None else held_by
+        weight = network.normal_force
+        if not np.any(weight > 0.0):
+            weight = np.ones(network.n_contacts)
+        is_loaded = np.zeros(0, bool)
+        if len(weight):
+            is_loaded = weight > HOLDING_FORCE * np.mean(weight, where=weight > 0.0)
+        self.i = network.i[is_loaded]
+        self.j = network.j[is_loaded]
+        self.weight = weight[is_loaded]
+        self.push = self.weight[:, None] * network.normal[is_loaded]
+        self.count = np.bincount(self.i, minlength=n) + np.bincount(self.j, minlength=n)
+        self.total = np.bincount(self.i, self.weight, n) + np.bincount(self.j, self.weight, n)
+        sums = [
+            np.bincount(self.j, component, n) - np.bincount(self.i, component, n)
+            for component in self.push.T
+        ]
+        self.pull = np.stack(sums, axis=1)
+        self._is_open = np.ones(len(self.i), bool)
+        # the contacts of each ball, one list after the other, and where each list begins
+        ends = np.concatenate([self.i, self.j])
+        self._order = np.argsort(ends, kind="stable")
+        self._starts = np.searchsorted(ends[self._order], np.arange(n + 1))
+
+    def are_held(self, balls: Index) -> Flags:
+        """Return whether each of some balls (m,) has enough contacts, or does not move."""
+        # two contacts or more whose forces are in balance, as along a straight row, hold a ball
+        # where contacts slip
+        is_balanced = np.linalg.norm(self.pull[balls], axis=1) <= _BALANCED * self.total[balls]
+        is_in_row = self.rows_hold & (self.count[balls] >= 2) & is_balanced
+        return np.asarray((self.count[balls] >= self.least) | is_in_row | ~self.moving[balls])
+
+    def release(self, ball: int) -> Iterator[int]:
+        """Remove the contacts of a ball one by one; yield the other ball of each."""
+        ends = self._order[self._starts[ball] : self._starts[ball + 1]]
+        contacts = ends % len(self.i)
+        for contact in contacts[self._is_open[contacts]].tolist():
+            self._is_open[contact] = False
+            is_from_i = self.i[contact] == ball
+            neighbour = int(self.j[contact] if is_from_i else self.i[contact])
+            self.count[neighbour] -= 1
+            self.total[neighbour] -= self.weight[contact]
+            self.pull[neighbour] -= self.push[contact] if is_from_i else -self.push[contact]
+            yield neighbour
+
+
+# -- cuts ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _LayerStack:
+    """Layers of a network, one above the other, with their contacts.
+
+    Attributes
+    ----------
+    network : the network, whose cell is one layer of n balls.
+    layers : the vectors of the layers; p periods are left.
+    count : the number of layers.
+    turn : (3, 3) rows are the axes of the cut: the periods that are left come first.
+    positions : (n count, 3) centres of the balls, layer by layer, m.
+    i, j : (m,) the two balls of each contact; those of layers beyond have numbers below zero, or
+        from n count on.
+    row : (m,) the row of each contact among those of the network.
+    shift : (m, p) whole cells by which ball j is displaced.
+    """
+
+    network: ContactNetwork
+    layers: Layers
+    count: int
+    turn: Array
+    positions: Array
+    i: Index
+    j: Index
+    row: Index
+    shift: Index
+
+    @classmethod
+    def of(cls, network: ContactNetwork, layers: Layers, count: int) -> Self:
+        """Stack ``count`` layers; InputError if a contact reaches across all of them."""
+        n = network.n_balls
+        d = network.dimension
+        p = len(layers.cell)
+        step = np.zeros(3)
+        step[:d] = layers.stack
+        turn = np.eye(3)
+        turn[:d, :d] = layers.turn
+        sites = network.positions.copy()
+        shift = network.shift[:, np.flatnonzero(network.pbc)]
+        sites[:, :d], shift = layers.gather(
+            sites[:, :d], network.i, network.j, shift, np.isinf(network.radii)
+        )
+        _, rise = layers.split(shift)
+        across = np.abs(network.vector @ turn.T[:, p])[rise != 0]
+        _require_short(float(np.max(across, initial=0.0)), float(step[p]), count)
+        # one end of a contact that is cut is in a layer beyond: below the lower face there are as
+        # many of these as contacts reach, and above the upper one
+        beyond = int(np.max(np.abs(rise), initial=0))
+        i, j, row, inner = layers.unfold(network.i, network.j, shift, n, count + 2 * beyond)
+        heights = np.arange(count)[:, None, None] * step
+        positions = ((sites @ turn.T)[None] + heights).reshape(-1, 3)
+        return cls(
+            network, layers, count, turn, positions, i - beyond * n, j - beyond * n, row, inner
+        )
+
+    @cached_property
+    def has_i(self) -> Flags:
+        """(m,) whether ball i of each contact is in the layers."""
+        return np.asarray((self.i >= 0) & (self.i < len(self.positions)))
+
+    @cached_property
+    def has_j(self) -> Flags:
+        """(m,) whether ball j of each contact is in the layers."""
+        return np.asarray((self.j >= 0) & (self.j < len(self.positions)))
+
+    def make_balls(self) -> dict[str, Any]:
+        """Return the fields of the balls."""
+        fields: dict[str, Any] = {
+            name: np.tile(getattr(self.network, name), self.count) for name in _BALLS
+        }
+        return fields | {"positions": self.positions}
+
+    def make_contacts(self) -> dict[str, Any]:
+        """Return the fields of the contacts among the layers."""
+        is_kept = self.has_i & self.has_j
+        rows = self.row[is_kept]
+        fields: dict[str, Any] = {}
+        for name in self.network.contact_fields:
+            values = getattr(self.network, name)[rows]
+            is_vector = name in ("normal", "tangential_force")
+            fields[name] = values @ self.turn.T if is_vector else values
+        padding = ((0, 0), (0, 3 - self.shift.shape[1]))
+        return fields | {
+            "i": self.i[is_kept],
+            "j": self.j[is_kept],
+            "shift": np.pad(self.shift[is_kept], padding),
+        }
+
+    def find_floor(self, side: float, face: Index, may_carry_none: bool) -> _Floor:
+        """Return the floor of a ``face``, the lower one (``side`` -1) or the upper one (+1).
+
+        The force on each ball is that of the contacts which the ball has lost there. Balls of the
+        face that have lost none stand on no floor if ``may_carry_none``, as of balls of different
+        sizes; else there is an InputError.
+        """
+        p = self.shift.shape[1]
+        is_beyond = np.minimum(self.i, self.j) < 0
+        if side > 0.0:
+            is_beyond = np.maximum(self.i, self.j) >= len(self.positions)
+        cut_contacts = np.flatnonzero((self.has_i | self.has_j) & is_beyond)
+        # the ball in the layers, and the sign of the force of ball i on ball j outwards
+        ball = np.where(self.has_i, self.i, self.j)[cut_contacts]
+        outward = np.where(self.has_i, side, -side)[cut_contacts]
+        is_at_face = np.isin(ball, face)
+        ball = ball[is_at_face]
+        pressed = np.intersect1d(face, ball)
+        spare = np.setdiff1d(face, ball)
+        if spare.size and (not may_carry_none or not pressed.size):
+            raise InputError(
+                f"ball {spare[0]} of the {_name_face(side)} has lost no contact there",
+                "Nothing says with which force it stands on a floor",
+                "Cut elsewhere, or clamp it",
+            )
+        push = self.network._find_push(self.row[cut_contacts[is_at_face]]) @ self.turn.T[:, p]
+        place = np.searchsorted(pressed, ball)
+        force: Any = np.bincount(place, outward[is_at_face] * push)
+        springs = self.network._press_on_floor(pressed, force, _name_face(side))
+        return _Floor(side, pressed, springs)
+
+
+@dataclass(frozen=True, eq=False)
+class _Floor:
+    """A rigid plane below (``side`` -1) or above (+1) a cut, on which ``balls`` (m,) stand;
+    ``springs`` has the fields (m,) of their contacts.
+    """
+
+    side: float
+    balls: Index
+    springs: dict[str, Any]
+
+    def add_to(self, balls: dict[str, Any], contacts: dict[str, Any], axis: int) -> None:
+        """Add the plane, which lies across an axis, to the fields of balls, and its contacts to the
+        fields of contacts.
+        """
+        m = len(self.balls)
+        fields = self.springs | {
+            "i": self.balls,
+            "j": np.full(m, len(balls["masses"])),
+            "normal": self.side * np.eye(3)[np.full(m, axis)],
+            "tangential_force": np.zeros((m, 3)),
+            "shift": np.zeros((m, 3), np.intp),
+        }
+        for name in tuple(contacts):
+            contacts[name] = np.concatenate([contacts[name], fields[name]])
+        heights = balls["positions"][self.balls, axis]
+        outermost = heights + self.side * balls["radii"][self.balls]
+        point = np.eye(3)[axis] * np.mean(outermost)
+        for name in _BALLS:
+            balls[name] = np.append(balls[name], np.inf)
+        balls["positions"] = np.concatenate([balls["positions"], point[None]])
+
+
+def _require_short(reach: float, height: float, count: int) -> None:
+    """Raise InputError if a contact reaches across all of ``count`` layers; ``reach`` is the
+    greatest distance across layers of balls that touch, and ``height`` that of one layer, m.
+
+    A large cell, as that of a sample, is a layer of many rows, which hang together by themselves:
+    contacts within a layer do not count.
+    """
+    if reach >= (1.0 - TOUCH) * count * height:
+        least = int((1.0 + TOUCH) * reach / height) + 1
+        fault = f"some contacts reach across {counted(count, 'layer')}"
+        raise InputError(fault, "None of them would be left", f"Give {least} layers or more")
+
+
+def _leave_out_still(contacts: Mapping[str, Any], is_still: Flags) -> dict[str, Any]:
+    """Return the fields of the contacts but those of two balls that do not move; ``is_still`` is
+    (n,).
+    """
+    is_kept = ~(is_still[contacts["i"]] & is_still[contacts["j"]])
+    return {name: values[is_kept] for name, values in contacts.items()}
+
+
+def _require_motion(
+    contacts: Mapping[str, Any], is_still: Flags, clamped: Sequence[Index], count: int
+) -> None:
+    """Raise InputError if no ball of ``count`` layers moves, or the balls of a clamped face touch
+    none that moves.
+    """
+    if np.all(is_still):
+        raise InputError(
+            f"no ball moves in {counted(count, 'layer')} with these edges",
+            mend="Give more layers",
+        )
+    for face in clamped:
+        if not np.any(np.isin(contacts["i"], face) | np.isin(contacts["j"], face)):
+            raise InputError(
+                "the clamped balls of an edge touch none that moves", mend="Give more layers"
+            )
 
 
 def _find_mean(values: Array) -> float:

@@ -80,6 +80,9 @@ CONTACTS: Mapping[str, Quantity | None] = {
 }
 _AXES = ("x", "y", "z")
 _TANGENTIAL = tuple(f"tangential_{axis}" for axis in _AXES)
+_OF_SPRINGS = tuple(
+    name for name in CONTACTS if name.endswith(("force", "stiffness")) or name.startswith("arm")
+)
 #: columns that may hold "inf": those of a body that does not move
 _OF_WALLS = ("radius", "diameter", "mass", "inertia")
 #: most columns whose names are compared with known names: programs write some tens, and the
@@ -141,7 +144,7 @@ class _Columns:
         """Return the table in a file, and set ``remark`` and ``sealed``."""
         raw = read_bytes(path, MOST_BYTES)
         text = decode(self.name, raw)
-        self.sealed = open_seal(self.name, text.replace("\r\n", "\n"))[1]
+        _, self.sealed = open_seal(self.name, text.replace("\r\n", "\n"))
         table = Table.parse(self.name, raw)
         line = next((line for line in text.splitlines() if line.startswith(_REMARK)), None)
         if line is not None:
@@ -178,12 +181,14 @@ class _Columns:
         """
         requested = {Heading.parse(columns.get(name, name)).key for name in known}
         lacking = [name for name in known if Heading.parse(name).key not in keys]
-        for name, key in list(zip(names, keys, strict=True))[:_MOST_NAMES]:
+        if not lacking:
+            return
+        for name, key in zip(names[:_MOST_NAMES], keys[:_MOST_NAMES], strict=True):
             is_strange = key not in requested and key not in known and len(key) > 2
-            meant = closest(key, known) if is_strange and lacking else None
-            if meant in lacking:
+            guess = closest(key, known) if is_strange else None
+            if guess in lacking:
                 raise InputError(
-                    f"{self.name} has a column {brief(str(name))}", mend=f"Did you mean {meant!r}?"
+                    f"{self.name} has a column {brief(str(name))}", mend=f"Did you mean {guess!r}?"
                 )
 
     def _read_kinds(self, heading: str, keys: Sequence[str]) -> None:
@@ -294,10 +299,12 @@ def _read_cells(table: Table, name: str, heading: str, kind: Quantity | None) ->
     cells = table.columns[index]
     if "n" not in "".join(cells).lower():
         return table.column(heading, kind)
-    endless = np.array([cell.lower() in ("inf", "infinity") for cell in cells], bool)
-    finite = tuple("1" if wall else cell for cell, wall in zip(cells, endless, strict=True))
-    columns = (*table.columns[:index], finite, *table.columns[index + 1 :])
-    return np.where(endless, math.inf, replace(table, columns=columns).column(heading, kind))
+    # cells of bodies that do not move are read as "1", and become infinite then
+    is_infinite = [cell.lower() in ("inf", "infinity") for cell in cells]
+    finite = ["1" if infinite else cell for cell, infinite in zip(cells, is_infinite, strict=True)]
+    columns = (*table.columns[:index], tuple(finite), *table.columns[index + 1 :])
+    values = replace(table, columns=columns).column(heading, kind)
+    return np.where(np.array(is_infinite, bool), math.inf, values)
 
 
 def read_tables(
@@ -383,6 +390,9 @@ def _read_cell(cell: Any, pbc: Any) -> tuple[Array, Flags]:
 
 
 def _read_balls(columns: _Columns) -> Balls:
+    """Return the balls of a table; InputError if the table lacks places or sizes, or has radii and
+    diameters.
+    """
     columns.require("x")
     has_diameter = "diameter" in columns
     if "radius" in columns and has_diameter:
@@ -408,16 +418,13 @@ def _read_balls(columns: _Columns) -> Balls:
 
 
 def _read_contacts(columns: _Columns) -> Contacts:
+    """Return the contacts of a table; InputError if the table does not name their balls."""
     columns.require("i", "j")
     i = columns.whole("i")
     j = columns.whole("j")
     steps = columns.vectors("shift_1", "shift_2", "shift_3", wide=True)
     shift = None if steps is None else read_whole_numbers(f"shift of {columns.name}", steps)
-    springs = {
-        name: columns.find(name)
-        for name in CONTACTS
-        if name.endswith(("force", "stiffness")) or name.startswith("arm")
-    }
+    springs = {name: columns.find(name) for name in _OF_SPRINGS}
     normal = columns.vectors("nx", "ny", "nz", wide=True)
     tangential = columns.vectors(*_TANGENTIAL, wide=True)
     return Contacts(columns.name, i, j, shift, None, normal, tangential, **springs)
@@ -427,32 +434,6 @@ def write_tables(
     fields: Mapping[str, Any], balls: str | os.PathLike[str], contacts: str | os.PathLike[str]
 ) -> None:
     """Write the fields of a network as two CSV files; see ``ContactNetwork.write_tables``."""
-    names = fields["labels"]
-    ends = [fields["i"], fields["j"]]
-    if names is not None:
-        ends = [names[end] for end in ends]
-    of_balls = {
-        **({} if names is None else {"id": names}),
-        **dict(zip(_AXES, fields["positions"].T, strict=True)),
-        "radius": fields["radii"],
-        "mass": fields["masses"],
-        "inertia": fields["inertias"],
-        **({} if fields["kinds"] is None else {"kind": np.array(fields["kinds"])}),
-    }
-    steps = zip(("shift_1", "shift_2", "shift_3"), fields["shift"].T, strict=True)
-    of_contacts = {
-        "i": ends[0],
-        "j": ends[1],
-        **dict(steps),
-        **dict(zip(("nx", "ny", "nz"), fields["normal"].T, strict=True)),
-        **{
-            name: fields[name]
-            for name in CONTACTS
-            if name.endswith(("force", "stiffness")) or "arm" in name
-        },
-    }
-    if fields["tangential_force"] is not None:
-        of_contacts |= dict(zip(_TANGENTIAL, fields["tangential_force"].T, strict=True))
     about = {
         name: fields[name] for name in ("pbc", "dimension", "motions", "prestress", "left_out")
     }
@@ -461,12 +442,51 @@ def write_tables(
     if fields["contact_model"] is not None:
         about["contact_model"] = plain(fields["contact_model"])
     remark = _REMARK.removeprefix("# ") + json.dumps({"cell": fields["cell"].tolist(), **about})
-    for path, table, known, comments in (
-        (balls, of_balls, BALLS, [remark]),
-        (contacts, of_contacts, CONTACTS, []),
-    ):
-        require_path(path)
-        units = ("" if kind is None else kind.unit for kind in (known[name] for name in table))
-        headings = [Heading(name, unit) for name, unit in zip(table, units, strict=True)]
-        rows = zip(*(column.tolist() for column in table.values()), strict=True)
-        write_text(path, seal(table_text(headings, rows, comments).split("\n")[:-1], 1))
+    _write_columns(balls, _list_columns_of_balls(fields), BALLS, [remark])
+    _write_columns(contacts, _list_columns_of_contacts(fields), CONTACTS, [])
+
+
+def _list_columns_of_balls(fields: Mapping[str, Any]) -> dict[str, Array]:
+    """Return the columns (n,) of the balls of a network by their names, SI."""
+    columns: dict[str, Any] = {}
+    if fields["labels"] is not None:
+        columns["id"] = fields["labels"]
+    columns |= zip(_AXES, fields["positions"].T, strict=True)
+    columns |= {"radius": fields["radii"], "mass": fields["masses"], "inertia": fields["inertias"]}
+    if fields["kinds"] is not None:
+        columns["kind"] = np.array(fields["kinds"])
+    return columns
+
+
+def _list_columns_of_contacts(fields: Mapping[str, Any]) -> dict[str, Array]:
+    """Return the columns (n_c,) of the contacts of a network by their names, SI; balls are named by
+    their labels.
+    """
+    labels = fields["labels"]
+    columns: dict[str, Any] = {}
+    for name in ("i", "j"):
+        columns[name] = fields[name] if labels is None else labels[fields[name]]
+    columns |= zip(("shift_1", "shift_2", "shift_3"), fields["shift"].T, strict=True)
+    columns |= zip(("nx", "ny", "nz"), fields["normal"].T, strict=True)
+    for name in _OF_SPRINGS:
+        columns[name] = fields[name]
+    if fields["tangential_force"] is not None:
+        columns |= zip(_TANGENTIAL, fields["tangential_force"].T, strict=True)
+    return columns
+
+
+def _write_columns(
+    path: str | os.PathLike[str],
+    columns: Mapping[str, Array],
+    quantities: Mapping[str, Quantity | None],
+    comments: Sequence[str],
+) -> None:
+    """Write a table of columns (rows,) in SI, with a digest."""
+    require_path(path)
+    headings = []
+    for name in columns:
+        kind = quantities[name]
+        headings.append(Heading(name, "" if kind is None else kind.unit))
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    lines = table_text(headings, rows, comments).split("\n")[:-1]
+    write_text(path, seal(lines, 1))

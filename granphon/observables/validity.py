@@ -15,6 +15,7 @@ from granphon.balls.ball import BALL_LIMITS
 from granphon.balls.hertz import contact_radius_ratio, harmonic_diameter, overlap_from
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN
+from granphon.base.arrays import Array
 from granphon.base.results import Result
 from granphon.media.left_out import expect_shear_deficit, find_left_out
 from granphon.media.limits import Check, check_limit
@@ -131,65 +132,88 @@ def expect_warnings(simulation: DirectSimulation, load: Load) -> tuple[str, ...]
 
 
 def _compute_validity(state: Any) -> Validity:
+    """Return the limits of a state whose contacts follow a law, or of a network; see
+    :func:`validity`.
+    """
     if not state.follows_law:
         return check_network(state.network)
-    material = state.packing.material
-    d = state.packing.diameter
-    lattice = state.reference_lattice
+    checks = []
+    if state.packing.width:
+        reason = f"{state.medium} is not reliable"
+        force = np.asarray(state.force)
+        least = state.least_valid_force
+        checks.append(Check("medium", "contact force in N", force, least, reason, at_least=True))
+    keeps = {"torsion": _KEEPS} if not state.n_samples else {}
+    for name, value in _find_values(state).items():
+        checks.append(check_limit(name, np.asarray(value), keeps.get(name, "")))
+    for name, (attribute, *_) in BALL_LIMITS.items():
+        value = attrgetter(attribute)(state.packing)
+        checks.append(check_limit(name, np.full(state.shape, value)))
+    return Validity(tuple(checks))
+
+
+def _find_values(state: Any) -> dict[str, Any]:
+    """Return what is compared with limits at each load, of the shape of the loads, by the names of
+    the limits.
+    """
+    packing = state.packing
+    material = packing.material
+    d = packing.diameter
     radius = np.asarray(contact_radius_ratio(state.overlap_of_equal_balls, d))
-    values = {
-        "contact_radius": radius,
-        # divide one factor at a time: E d^2 may be beyond the floating range though the ratio is
-        # not
-        "load": np.cbrt(np.sqrt(state.force / (material.young_modulus * d) / d)),
-    }
-    if not lattice.mechanism:  # a mechanism has no sound
-        v = state.long_waves(_DIRECTIONS[lattice.periods])
-        names = lattice.wave_names
-        bulk = [
-            material.longitudinal_velocity
-            if name == "longitudinal"
-            else material.transverse_velocity
-            for name in names
-        ]
-        values["velocity"] = np.max(v / bulk, axis=(-2, -1))
-    # the top frequency of the branches at each load, (k/M)^1/2, without terms of finite overlap.
-    # Where the torsion depends on the load, the square is interpolated between none and the largest
-    # torsion: it is a convex function, so that the result is not below the top frequency
-    top = lattice.top_frequency
-    torsion = np.asarray(state.torsion)
-    if not state.has_one_lattice and np.ptp(torsion) > 0.0:
-        ends = [ideal_lattice(state.packing).top_frequency ** 2, top**2]
-        top = np.sqrt(np.interp(torsion, [0.0, np.max(torsion)], ends))
+    values: dict[str, Any] = {"contact_radius": radius}
+    # divide one factor at a time: E d^2 may be beyond the floating range though the ratio is not
+    values["load"] = np.cbrt(np.sqrt(state.force / (material.young_modulus * d) / d))
+    if not state.reference_lattice.mechanism:  # a mechanism has no sound
+        values["velocity"] = _find_velocity_ratio(state)
+    top = _find_top_frequency(state)
     values["resonance"] = (
         top * state.velocity_scale / d / (2.0 * np.pi) / material.lowest_resonance(d)
     )
-    if state.packing.spread is not None:
-        values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
+    if packing.spread is not None:
+        values["spread"] = np.full(state.shape, packing.spread.rms / d)
     if state.shear_deficit is not None:
         values["shear"] = state.shear_deficit
     if state.floats:
         values["places"] = np.full(state.shape, _BY_NUMBERING)
-    if state.packing.torsion == MINDLIN and not state.finite_overlap:
+    if packing.torsion == MINDLIN and not state.finite_overlap:
         # where balls differ the mean overlap may be negative: take 3 f/2 k, the overlap of equal
         # balls
         values["torsion"] = overlap_from(state.force, state.normal_stiffness) / d / state.torsion
     if material.yield_strength is not None:
         spot = radius * d / 2.0
         values["yield"] = state.force / spot / (np.pi * spot) / material.yield_strength
-    keeps = {"torsion": _KEEPS} if not state.n_samples else {}
-    checks = [
-        check_limit(name, np.asarray(value), keeps.get(name, "")) for name, value in values.items()
-    ]
-    if state.packing.width:
-        reason = f"{state.medium} is not reliable"
-        force = np.asarray(state.force)
-        least = state.least_valid_force
-        check = Check("medium", "contact force in N", force, least, reason, at_least=True)
-        checks.insert(0, check)
-    for name, (attribute, *_) in BALL_LIMITS.items():
-        checks.append(check_limit(name, np.full(state.shape, attrgetter(attribute)(state.packing))))
-    return Validity(tuple(checks))
+    return values
+
+
+def _find_velocity_ratio(state: Any) -> Array:
+    """Return the largest ratio of a sound velocity to that of the same wave in the bulk of the
+    material, of the shape of the loads.
+    """
+    lattice = state.reference_lattice
+    material = state.packing.material
+    bulk = []
+    for name in lattice.wave_names:
+        is_longitudinal = name == "longitudinal"
+        bulk.append(
+            material.longitudinal_velocity if is_longitudinal else material.transverse_velocity
+        )
+    velocities = state.long_waves(_DIRECTIONS[lattice.periods])
+    return np.asarray(np.max(velocities / bulk, axis=(-2, -1)))
+
+
+def _find_top_frequency(state: Any) -> Any:
+    """Return the top frequency of the branches at each load, (k/M)^1/2, without terms of finite
+    overlap.
+
+    Where the torsion depends on the load, the square is interpolated between none and the largest
+    torsion: it is a convex function, so that the result is not below the top frequency.
+    """
+    top = state.reference_lattice.top_frequency
+    torsion = np.asarray(state.torsion)
+    if state.has_one_lattice or not np.ptp(torsion) > 0.0:
+        return top
+    squares = [ideal_lattice(state.packing).top_frequency ** 2, top**2]
+    return np.sqrt(np.interp(torsion, [0.0, np.max(torsion)], squares))
 
 
 def check_network(network: ContactNetwork) -> Validity:
@@ -204,9 +228,9 @@ def check_network(network: ContactNetwork) -> Validity:
         return Validity(())
     force = network.normal_force[pressed]
     stiffness = network.normal_stiffness[pressed]
-    diameter = harmonic_diameter(
-        *(2.0 * network.radii[end[pressed]] for end in (network.i, network.j))
-    )
+    diameter_i = 2.0 * network.radii[network.i[pressed]]
+    diameter_j = 2.0 * network.radii[network.j[pressed]]
+    diameter = harmonic_diameter(diameter_i, diameter_j)
     law = 3.0 * np.log(stiffness) - np.log(force) - np.log(diameter)
     if np.std(law) > _HERTZIAN * np.std(np.log(force)) + _ROUNDED:
         return Validity(())

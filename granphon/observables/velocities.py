@@ -548,50 +548,24 @@ def pulse_velocities(
     even = periods == 1 or ("longitudinal" in state.wave_names and state.is_isotropic)
     along = choose_direction(state, direction, "pulses", even)
     names = _choose_branches(state, along, branches)
-    scales = state.branch_scales(along, names)
-    axes = along.ndim - 1
-    try:
-        shape = np.broadcast_shapes(hertz.shape, state.shape)
-    except ValueError:
-        raise InputError(
-            f"the frequencies have the shape {hertz.shape}, and the loads {state.shape}",
-            mend="Give one frequency, or shapes that numpy can broadcast",
-        ) from None
+    shape = _broadcast_loads(hertz, state)
     pulse_shape = shape + along.shape[:-1]
-    count = len(names) * math.prod(pulse_shape)
-    memory = (_PULSE_BYTES + _MODE_BYTES * state.reference_lattice.n_branches**2) * count
-    require_memory(
-        f"velocities of {count:,} pulses", memory, "Take fewer frequencies, loads or directions"
-    )
+    _require_pulse_memory(state, len(names) * math.prod(pulse_shape))
+    scales = state.branch_scales(along, names)
     scale = np.stack([np.broadcast_to(branch_scale, pulse_shape) for branch_scale in scales])
-    with np.errstate(over="ignore"):  # infinity is beyond every branch, too
-        target = hertz.reshape(hertz.shape + (1,) * axes) * (2.0 * np.pi * d / scale)
-    if np.min(target) < np.finfo(float).tiny:
-        raise InputError(
-            f"a frequency of {np.min(hertz):.6g} Hz has lost digits in double precision",
-            mend="Raise it: the velocities are those of long waves, gp.sound_velocities",
-        )
+    target = _reduce_frequencies(hertz, along.ndim - 1, scale, d)
     # shape (branches, loads and frequencies, directions)
-    many = along.reshape(-1, periods)
-    flat = (len(names), -1, len(many))
+    directions = along.reshape(-1, periods)
+    flat = (len(names), -1, len(directions))
     target = target.reshape(flat)
     units = scale.reshape(flat) / d
-    # in the paper's limit all loads share one dispersion relation; with finite overlap, or the
-    # torsion of a Hertz contact, each load has its own
-    parts: list[tuple[Any, slice]] = [(state, slice(None))]
-    if not state.has_one_lattice:
-        states: Any = state
-        size = math.prod(state.shape)
-        loads = np.broadcast_to(np.arange(size).reshape(state.shape), shape).ravel().tolist()
-        each = [states[np.unravel_index(load, state.shape)] for load in range(size)]
-        parts = [(each[load], slice(index, index + 1)) for index, load in enumerate(loads)]
     wavenumber = np.empty(target.shape)
     vector = np.empty((*target.shape, periods))
-    for single, rows in parts:
-        wavenumber[:, rows], vector[:, rows] = _find_wavenumbers(
-            single.contact_lattice(), many, names, target[:, rows], units[:, rows]
+    for single, pulses in _part_loads(state, shape):
+        wavenumber[:, pulses], vector[:, pulses] = _find_wavenumbers(
+            single.contact_lattice(), directions, names, target[:, pulses], units[:, pulses]
         )
-    group = np.sum(vector * many, axis=-1)
+    group = np.sum(vector * directions, axis=-1)
     phase = (target / wavenumber).reshape(scale.shape) * scale
     return PulseVelocities(
         names,
@@ -605,17 +579,71 @@ def pulse_velocities(
     )
 
 
+def _broadcast_loads(hertz: Array, state: State) -> tuple[int, ...]:
+    """Return the shape of frequencies and loads together; raise :class:`InputError` for shapes that
+    do not broadcast.
+    """
+    try:
+        return np.broadcast_shapes(hertz.shape, state.shape)
+    except ValueError:
+        raise InputError(
+            f"the frequencies have the shape {hertz.shape}, and the loads {state.shape}",
+            mend="Give one frequency, or shapes that numpy can broadcast",
+        ) from None
+
+
+def _require_pulse_memory(state: State, count: int) -> None:
+    """Raise :class:`InputError` if the velocities of ``count`` pulses do not fit into memory."""
+    memory = (_PULSE_BYTES + _MODE_BYTES * state.reference_lattice.n_branches**2) * count
+    require_memory(
+        f"velocities of {count:,} pulses", memory, "Take fewer frequencies, loads or directions"
+    )
+
+
+def _reduce_frequencies(hertz: Array, axes: int, scale: Array, d: float) -> Array:
+    """Return angular frequencies in reduced units, of the shape of ``scale`` (b, ...).
+
+    ``hertz`` lacks the last ``axes`` axes, those of directions; ``scale`` are the velocities, m/s,
+    that are one in reduced units, and d, m, is the unit of length. Raises :class:`InputError` for
+    frequencies that are too low to have digits.
+    """
+    with np.errstate(over="ignore"):  # infinity is beyond every branch, too
+        target = hertz.reshape(hertz.shape + (1,) * axes) * (2.0 * np.pi * d / scale)
+    if np.min(target) < np.finfo(float).tiny:
+        raise InputError(
+            f"a frequency of {np.min(hertz):.6g} Hz has lost digits in double precision",
+            mend="Raise it: the velocities are those of long waves, gp.sound_velocities",
+        )
+    return np.asarray(target)
+
+
+def _part_loads(state: Any, shape: tuple[int, ...]) -> list[tuple[Any, slice]]:
+    """Return the states that have a lattice of their own, each with the pulses that run in it: a
+    slice of loads and frequencies, of ``shape`` together, in one row.
+
+    In the paper's limit all loads share one dispersion relation; with finite overlap, or the
+    torsion of a Hertz contact, each load has its own.
+    """
+    if state.has_one_lattice:
+        return [(state, slice(None))]
+    size = math.prod(state.shape)
+    states = [state[np.unravel_index(load, state.shape)] for load in range(size)]
+    loads = np.broadcast_to(np.arange(size).reshape(state.shape), shape).ravel().tolist()
+    return [(states[load], slice(pulse, pulse + 1)) for pulse, load in enumerate(loads)]
+
+
 def _choose_branches(
     state: State, along: Array, branches: str | Sequence[str] | None
 ) -> tuple[str, ...]:
     """Return the names of the branches of pulses; by default those whose long waves have a velocity
-    above zero, or all if there are none.
+    above zero in all directions ``along`` (..., p), or all if there are none.
     """
     names = state.wave_names
     if branches is None:
-        v = state.long_waves(along).reshape(-1, len(names))
-        moving = [name for name, each in zip(names, v.T, strict=True) if np.all(each > 0.0)]
-        return tuple(moving) or names
+        velocities = state.long_waves(along).reshape(-1, len(names))
+        moves = np.all(velocities > 0.0, axis=0)
+        moving = tuple(name for name, is_moving in zip(names, moves, strict=True) if is_moving)
+        return moving or names
     requested = texts("branches", branches)
     unknown = [name for name in requested if name not in names]
     if unknown or not requested:
@@ -640,26 +668,26 @@ def _find_wavenumbers(
     branches = AcousticBranches.follow(lattice, along, highest)
     q = np.empty(target.shape)
     group = np.empty((*target.shape, along.shape[1]))
-    row = np.arange(len(along))
+    directions = np.arange(len(along))
     for b, wave in enumerate(waves):
+        # the frequency at the last point before the maximum, in each direction
         rising = branches.rising[wave]
-        last = np.where(rising > 0, branches.frequencies[wave, row, rising - 1], 0.0)
-        beyond = highest[wave] > last
+        last = np.where(rising > 0, branches.frequencies[wave, directions, rising - 1], 0.0)
+        is_beyond = highest[wave] > last
         # directions are solved together if the frequency is below the last point before the
         # maximum, and one by one otherwise
-        inside = np.flatnonzero(~beyond)
+        inside = np.flatnonzero(~is_beyond)
         if inside.size:
             goals = target[b][:, inside]
             flat = np.broadcast_to(inside, goals.shape).ravel()
             numbers, velocities = branches.find_wavenumber(wave, flat, goals.ravel())
             q[b][:, inside] = numbers.reshape(goals.shape)
             group[b][:, inside] = velocities.reshape(*goals.shape, -1)
-        for direction in np.flatnonzero(beyond).tolist():
+        for direction in np.flatnonzero(is_beyond).tolist():
             goal = target[b, :, direction]
-            unit = scale[b, :, direction]
             branch = branches.take_branch(wave, direction)
             if np.any(goal > branch.top):
-                raise _explain_unreachable(branch, goal, unit)
+                raise _explain_unreachable(branch, goal, scale[b, :, direction])
             q[b, :, direction], group[b, :, direction] = branch.find_pulse(goal)
     return q, group
 

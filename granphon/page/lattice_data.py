@@ -6,6 +6,7 @@ import itertools
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from granphon.balls.lattices import Lattice
 from granphon.balls.layers import find_outer
@@ -58,34 +59,12 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
     for balls in the upper quarter, and 0 for all other balls; without a cut ``sides`` is None.
     """
     if lattice.has_tangential_force:
-        problem = "a page draws no bands under static tangential forces"
-        mend = "Give a network without prestress"
-        raise InputError(problem, mend=mend)
-    table = lattice.contacts
+        raise InputError(
+            "a page draws no bands under static tangential forces",
+            mend="Give a network without prestress",
+        )
     motions = lattice.named_motions
     periods = lattice.periods
-    vectors = lattice.cell[:, :periods]
-    repeats = (True,) * periods
-    corners = special_points(vectors, repeats)
-    pieces = [list(piece) for piece in split_letters(default_letters(vectors, repeats))]
-    points: Any = [[corners[letter].tolist() for letter in piece] for piece in pieces]
-    path = BandPath(points, tuple(itertools.chain.from_iterable(pieces)))
-    gyration = np.append(lattice.gyration, 1.0)  # the last value is that of a body at rest
-    ratios = {"slip": lattice.mindlin_ratio, "twist": lattice.torsion, "roll": lattice.bending}
-    rows = contact_rows(
-        table.normal,
-        table.arm_i,
-        table.arm_j,
-        ALL,
-        **ratios,
-        gyration_i=gyration[table.i],
-        gyration_j=gyration[table.j],
-    )
-    weights = [
-        (row, np.broadcast_to(row.stiffness, len(table)) * lattice.stiffness) for row in rows
-    ]
-    if lattice.is_prestressed:
-        weights += [(row, lattice.prestress) for row in push_rows(table.normal, ALL)]
     mechanism = "Bodies that do not move hold the balls" if lattice.is_held else lattice.mechanism
     statement = {
         "rotate": lattice.motions.rotate,
@@ -93,45 +72,90 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
         "warnings": list(lattice.free_branch_warnings),
         "mechanism": mechanism,
     }
-    kinds = "".join(str(int(np.any(ratio))) for ratio in ratios.values())
-    heights = lattice.positions[:, periods] if periods < lattice.dimension else np.zeros(1)
+    kinds = _key_of_kinds(lattice.mindlin_ratio, lattice.torsion, lattice.bending)
+    heights = np.zeros(1)
+    if periods < lattice.dimension:
+        heights = lattice.positions[:, periods]
     lower, upper = find_outer(heights).astype(int)
+    sides = upper - lower
+    rows = []
+    for row, weights in _list_weighted_rows(lattice):
+        rows.append({**_describe_row(row), "weights": weights.tolist()})
     return {
-        **_describe_cell(lattice, name, path),
-        "sides": (upper - lower).tolist() if np.any(upper != lower) else None,
+        **_describe_cell(lattice, name, _find_default_path(lattice)),
+        "sides": sides.tolist() if np.any(sides) else None,
         "gyration": lattice.gyration.tolist(),
         "masses": lattice.masses.tolist(),
         "complex": np.iscomplexobj(lattice.compatibility(np.zeros((1, periods)))),
-        "rows": [{**_describe_row(row), "weights": weight.tolist()} for row, weight in weights],
-        "motions": [
-            {
-                "name": motions.name,
-                "translations": list(motions.translations),
-                "rotations": list(motions.rotations),
-                "twist": motions.twist,
-                "waves": list(lattice.wave_names),
-                "statements": {kinds: statement},
-            }
-        ],
+        "rows": rows,
+        "motions": [_describe_axes(lattice, motions) | {"statements": {kinds: statement}}],
+    }
+
+
+def _list_weighted_rows(lattice: ContactLattice) -> list[tuple[Row, Array]]:
+    """Return the rows of the contacts, for all six motions of each ball, and the stiffness (n_c,)
+    of each contact in units of k, static forces among them.
+    """
+    table = lattice.contacts
+    gyration = np.append(lattice.gyration, 1.0)  # the last value is that of a body at rest
+    rows = contact_rows(
+        table.normal,
+        table.arm_i,
+        table.arm_j,
+        ALL,
+        slip=lattice.mindlin_ratio,
+        twist=lattice.torsion,
+        roll=lattice.bending,
+        gyration_i=gyration[table.i],
+        gyration_j=gyration[table.j],
+    )
+    weighted = []
+    for row in rows:
+        weighted.append((row, np.broadcast_to(row.stiffness, len(table)) * lattice.stiffness))
+    if lattice.is_prestressed:
+        weighted += [(row, lattice.prestress) for row in push_rows(table.normal, ALL)]
+    return weighted
+
+
+def _find_default_path(lattice: ContactLattice) -> BandPath:
+    """Return the path around the irreducible zone of a lattice."""
+    periods = lattice.periods
+    vectors = lattice.cell[:, :periods]
+    repeats = (True,) * periods
+    corners = special_points(vectors, repeats)
+    pieces = split_letters(default_letters(vectors, repeats))
+    points: Any = [[corners[letter].tolist() for letter in piece] for piece in pieces]
+    return BandPath(points, tuple(itertools.chain.from_iterable(pieces)))
+
+
+def _key_of_kinds(eta: ArrayLike, torsion: ArrayLike, bending: ArrayLike) -> str:
+    """Return which kinds of stiffness there are besides elongation, as three digits: "101" has slip
+    and bending, but no torsion.
+    """
+    return "".join(str(int(np.any(ratio))) for ratio in (eta, torsion, bending))
+
+
+def _describe_axes(lattice: ContactLattice, motions: Motions) -> dict[str, Any]:
+    """Return the axes of a set of motions, and the names of the waves of its lattice."""
+    return {
+        "name": motions.name,
+        "translations": list(motions.translations),
+        "rotations": list(motions.rotations),
+        "twist": motions.twist,
+        "waves": list(lattice.wave_names),
     }
 
 
 def _describe_row(row: Row) -> dict[str, Any]:
+    """Return the kind of a row, and its coefficients (n_c, 6) of balls j and i, as plain lists."""
     return {"kind": row.kind, "head": row.head.tolist(), "tail": row.tail.tolist()}
 
 
 def _describe_cell(lattice: ContactLattice, name: str, path: BandPath) -> dict[str, Any]:
+    """Return the data of cell, balls, contacts, path and zone; vectors have three components."""
     table = lattice.contacts
     p = lattice.periods
     reciprocal = lattice.reciprocal
-    labels = list(path.labels or ())
-    pieces = []
-    for points in path.arrays:
-        if path.labels:
-            names = [labels.pop(0) for _ in points]
-        else:
-            names = [" ".join(f"{x:.3g}" for x in q) for q in points]
-        pieces.append({"points": points.tolist(), "labels": names})
     if p == 3:
         faces = zone_faces(reciprocal)
     elif p == 2:
@@ -152,12 +176,27 @@ def _describe_cell(lattice: ContactLattice, name: str, path: BandPath) -> dict[s
             "shift": table.shift.tolist(),
             "vector": _pad(table.vector).tolist(),
         },
-        "path": pieces,
+        "path": _describe_path(path),
         "zone": [face.tolist() for face in faces],
     }
 
 
+def _describe_path(path: BandPath) -> list[dict[str, Any]]:
+    """Return the points of each piece of a path, and their labels, by default their numbers."""
+    pieces = []
+    first = 0
+    for points in path.arrays:
+        if path.labels:
+            labels = list(path.labels[first : first + len(points)])
+        else:
+            labels = [" ".join(f"{x:.3g}" for x in q) for q in points]
+        pieces.append({"points": points.tolist(), "labels": labels})
+        first += len(points)
+    return pieces
+
+
 def _pad(vectors: Array) -> Array:
+    """Return vectors (n, d) as (n, 3)."""
     return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
@@ -166,22 +205,15 @@ def _describe_motions(structure: Lattice, motions: Motions) -> dict[str, Any]:
     stiffness.
     """
     statements = {}
-    for kinds in itertools.product((False, True), repeat=3):
-        eta, torsion, bending = map(float, kinds)
+    for eta, torsion, bending in itertools.product((0.0, 1.0), repeat=3):
         lattice = ContactLattice.of(
             structure, eta, torsion=torsion, bending=bending, motions=motions
         )
-        statements["".join(str(int(kind)) for kind in kinds)] = {
+        statements[_key_of_kinds(eta, torsion, bending)] = {
             "rotate": select_motions(eta, torsion, bending, motions).rotate,
             "free": lattice.free_branches,
             "warnings": list(lattice.free_branch_warnings),
             "mechanism": lattice.mechanism,
         }
-    return {
-        "name": motions.name,
-        "translations": list(motions.translations),
-        "rotations": list(motions.rotations),
-        "twist": motions.twist,
-        "waves": list(lattice.wave_names),
-        "statements": statements,
-    }
+    # the last lattice resists all deformations
+    return _describe_axes(lattice, motions) | {"statements": statements}

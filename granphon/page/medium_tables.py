@@ -100,15 +100,10 @@ def tabulate_medium(
     if packing.structure.periods == 1:
         return description
     if name == "ala":
-        return description | {
-            "note": "In the averaged lattice all balls have the mean diameter: the width changes"
-            " nothing."
-        }
+        return description | {"note": _AVERAGED_NOTE}
     try:
         if name == "simulation":
-            curve, low, high, error = _simulate(packing, choice, least_force)
-            errors = {"error": error, "friction_error": error, "note": _SIMULATION_NOTE}
-            return description | _tabulate([curve], [0.0], low, high) | errors
+            return description | _tabulate_simulation(packing, choice, least_force)
         roots, note = _choose_friction(packing, choice, most_friction)
         laws = [_make_law(packing, choice, root**2) for root in roots]
     except MechanismError as error:
@@ -121,23 +116,35 @@ def tabulate_medium(
     )
     if start is None:
         raise PrecisionError("the medium has no solution at any load of the page.")
-    middle_roots = [0.5 * (low + high) for low, high in itertools.pairwise(roots)]
-    middle_laws = [_make_law(packing, choice, root**2) for root in middle_roots]
-    checks = [
-        (root, _follow(law))
-        for root, law in zip(middle_roots, middle_laws, strict=True)
-        if law is not None
-    ]
+    checks = []
+    for low, high in itertools.pairwise(roots):
+        middle = 0.5 * (low + high)
+        law = _make_law(packing, choice, middle**2)
+        if law is not None:
+            checks.append((middle, _follow(law)))
+    valid = float(force_of(high_pressure_overlap(1.0)))
     if name == "ema":
-        note += _write_note_on_rolling(
-            _find_effect_of_rolling(packing, choice, most_rolling, start)
-        )
-    valid = {"afa": float(force_of(high_pressure_overlap(1.0))), "ema": VALID_FORCE}[name]
-    return (
-        description
-        | _tabulate(curves, roots, start, EXPONENT * np.log(_EQUAL), checks)
-        | {"valid": valid, "note": note}
-    )
+        valid = VALID_FORCE
+        change = _find_effect_of_rolling(packing, choice, most_rolling, start)
+        note += _write_note_on_rolling(change)
+    table = _tabulate(curves, roots, start, EXPONENT * np.log(_EQUAL), checks)
+    return description | table | {"valid": valid, "note": note}
+
+
+def _tabulate_simulation(
+    packing: Packing, choice: MediumChoice, least_force: float
+) -> dict[str, Any]:
+    """Return "table", "error", "friction_error" and "note" of a simulation, from f* =
+    ``least_force`` on.
+    """
+    curve, low, high, error = _simulate(packing, choice, least_force)
+    errors = {"error": error, "friction_error": error, "note": _SIMULATION_NOTE}
+    return _tabulate([curve], [0.0], low, high) | errors
+
+
+_AVERAGED_NOTE = (
+    "In the averaged lattice all balls have the mean diameter: the width changes nothing."
+)
 
 
 _SIMULATION_NOTE = (
@@ -214,11 +221,11 @@ def _write_note_on_rolling(change: float) -> str:
 
 
 def _find_xi(packing: Packing, choice: MediumChoice, eta: float) -> float:
+    """Return Xi at eta, of the paper or of the lattice as the medium's options say."""
     if dict(choice.options).get("local_field") == "paper":
         return paper_local_field(eta).xi
-    return local_field(
-        packing.structure, eta, bending=packing.bending, torsion=_find_own_torsion(packing)
-    ).xi
+    torsion = _find_own_torsion(packing)
+    return local_field(packing.structure, eta, bending=packing.bending, torsion=torsion).xi
 
 
 def _find_own_torsion(packing: Packing) -> float:
@@ -241,15 +248,14 @@ def _make_law(packing: Packing, choice: MediumChoice, eta: float) -> Law | None:
 
 
 def _follow(law: Law) -> _Curve:
+    """Return the curve of a law in units of W and c W^(3/2)."""
+
     def curve(x: Array) -> tuple[Array, Array, Array]:
         force = np.exp(x)
         overlap = np.asarray(law.overlap(force))
         stiffness = np.asarray(law.stiffness(overlap))
-        return (
-            overlap,
-            np.log(stiffness),
-            force * np.asarray(law.stiffness_slope(overlap)) / stiffness**2,
-        )
+        slope = force * np.asarray(law.stiffness_slope(overlap)) / stiffness**2
+        return overlap, np.log(stiffness), slope
 
     return curve
 
@@ -272,44 +278,48 @@ def _tabulate(
     high: float,
     checks: list[tuple[float, _Curve]] | None = None,
 ) -> dict[str, Any]:
-    """Return "table", "error" and "friction_error" from one curve for each root of eta.
+    """Return "table", "error" and "friction_error" from one curve for each root of eta, between
+    ``low`` and ``high`` of ln f*.
 
     The error at other eta is that at ``checks``, roots of eta between the nodes and their curves.
     """
     from scipy.interpolate import barycentric_interpolate
 
-    # a law has a kink at loads where contacts open: nodes of ln f* are closer at a kink
-    x = np.linspace(low, high, _NODES)
-    while True:
-        values = [np.array(curve(x)) for curve in curves]
-        middle = 0.5 * (x[1:] + x[:-1])
-        step = np.diff(x)
-        errors = np.zeros(len(step))
-        for rows, curve in zip(values, curves, strict=True):
-            # the value of Hermite's cubic in the middle between two nodes
-            interpolated = 0.5 * (rows[1][1:] + rows[1][:-1]) + step / 8.0 * (
-                rows[2][:-1] - rows[2][1:]
-            )
-            errors = np.maximum(errors, np.abs(np.expm1(interpolated - curve(middle)[1])))
-        refined = (errors > _TOLERANCE) & (step > _LEAST_STEP)
-        if not np.any(refined) or len(x) + np.count_nonzero(refined) > _MOST_NODES:
-            break
-        x = np.sort(np.concatenate([x, middle[refined]]))
-    table = {
-        "log_force": x.tolist(),
-        "roots": roots,
-        **{
-            name: [rows[n].tolist() for rows in values]
-            for n, name in enumerate(("overlap", "log_stiffness", "slope"))
-        },
-    }
-    error = float(np.max(errors))
+    x, values, error = _refine_nodes(curves, low, high)
+    table: dict[str, Any] = {"log_force": x.tolist(), "roots": roots}
+    for n, name in enumerate(("overlap", "log_stiffness", "slope")):
+        table[name] = [rows[n].tolist() for rows in values]
     error_between_roots = 0.0
     log_stiffness = np.array([rows[1] for rows in values])
     for root, curve in checks or []:
         difference = barycentric_interpolate(roots, log_stiffness, root) - curve(x)[1]
         error_between_roots = max(error_between_roots, float(np.max(np.abs(np.expm1(difference)))))
     return {"table": table, "error": error, "friction_error": error + error_between_roots}
+
+
+def _refine_nodes(
+    curves: list[_Curve], low: float, high: float
+) -> tuple[Array, list[Array], float]:
+    """Return nodes (n,) of ln f* from ``low`` to ``high``, the values (3, n) of each curve there,
+    and the largest relative error of k in the middle between two nodes.
+
+    A law has a kink at loads where contacts open: nodes are closer at a kink.
+    """
+    x = np.linspace(low, high, _NODES)
+    while True:
+        values = [np.array(curve(x)) for curve in curves]
+        middle = 0.5 * (x[1:] + x[:-1])
+        step = np.diff(x)
+        errors = np.zeros(len(step))
+        for (_, log_stiffness, slope), curve in zip(values, curves, strict=True):
+            # the value of Hermite's cubic in the middle between two nodes
+            mean = 0.5 * (log_stiffness[1:] + log_stiffness[:-1])
+            interpolated = mean + step / 8.0 * (slope[:-1] - slope[1:])
+            errors = np.maximum(errors, np.abs(np.expm1(interpolated - curve(middle)[1])))
+        refined = (errors > _TOLERANCE) & (step > _LEAST_STEP)
+        if not np.any(refined) or len(x) + np.count_nonzero(refined) > _MOST_NODES:
+            return x, values, float(np.max(errors))
+        x = np.sort(np.concatenate([x, middle[refined]]))
 
 
 def _simulate(

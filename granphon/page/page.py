@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from html import escape
 from importlib.resources import files
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -110,45 +110,30 @@ def describe_network_page(
     """
     state = NetworkState(given_network(source), getattr(source, "warnings", None))
     lattice = state.contact_lattice()
-    network = state.network
     scales = state.scales
-    p = state.contact_lattice().periods
+    p = lattice.periods
     if lattice.n_branches > _MOST_BRANCHES:
         why = f"A browser computes up to {_MOST_BRANCHES} while it is looked at"
         raise InputError(f"the network has {lattice.n_branches} branches", why, "Use gp.Phonons")
     ratios = {"eta": lattice.mindlin_ratio, "torsion": lattice.torsion, "bending": lattice.bending}
     fixed = {name: float(np.any(ratio)) for name, ratio in ratios.items()}
-    sound_direction = as_direction((1.0, 0.0, 0.0)[:p] if direction is None else direction, p)
-    force = network.normal_force[network.normal_force > 0.0]
-    facts = [
-        ["Balls that move, of the cell", str(lattice.n_balls)],
-        ["Contacts", str(len(lattice.contacts))],
-        ["Mean diameter", write_quantity(scales.length, "m")],
-        ["Mean mass", write_quantity(1e3 * scales.mass, "g")],
-        ["Mean normal stiffness", write_quantity(scales.stiffness, "N/m")],
-    ]
-    if force.size:
-        facts.append(["Mean force of a contact", write_quantity(float(force.mean()), "N")])
-    kinds = []
+    radii = state.network.radii[state.network.moving] / scales.length
     names = np.array(state.kinds)
-    radii = network.radii[network.moving]
-    masses = network.masses[network.moving]
+    kinds = []
     for name, colour in colour_kinds(state.kinds).items():
-        balls = np.flatnonzero(names == name)
-        kinds.append({"name": name, "colour": colour, "balls": balls.tolist()})
-        facts.append([name, _describe_kind(masses[balls], radii[balls])])
+        balls = np.flatnonzero(names == name).tolist()
+        kinds.append({"name": name, "colour": colour, "balls": balls})
     return {
         "schema": PAGE_SCHEMA,
         "kinds": kinds,
-        "lattice": describe_network(lattice, "network")
-        | {"radii": (radii / scales.length).tolist()},
+        "lattice": describe_network(lattice, "network") | {"radii": radii.tolist()},
         "balls": {"diameter": scales.length, "mass": scales.mass, "stiffness": scales.stiffness},
         "fixed": {**fixed, "spacing": 1.0, "push": float(lattice.is_prestressed)},
-        "facts": facts,
+        "facts": _list_facts(state),
         "units": {"modulus": "N" if p == 1 else "Pa"},
         "media": [{"name": "network", "words": "network", "valid": 0.0}],
         "limits": {"force": [0.5, 2.0], "width": 0.0, "eta": 1.0, "rolling": 1.0},
-        "direction": sound_direction.tolist(),
+        "direction": _choose_direction(direction, p),
         "start": {
             "force": 1.0,
             "width": 0.0,
@@ -160,6 +145,40 @@ def describe_network_page(
         "remarks": [*find_warnings(state), *remarks],
         "losses": _find_losses(losses),
     }
+
+
+def _list_facts(state: NetworkState) -> list[list[str]]:
+    """Return names and values, as texts, of the facts on a network that its page shows."""
+    lattice = state.contact_lattice()
+    network = state.network
+    scales = state.scales
+    facts = [
+        ["Balls that move, of the cell", str(lattice.n_balls)],
+        ["Contacts", str(len(lattice.contacts))],
+        ["Mean diameter", write_quantity(scales.length, "m")],
+        ["Mean mass", write_quantity(1e3 * scales.mass, "g")],
+        ["Mean normal stiffness", write_quantity(scales.stiffness, "N/m")],
+    ]
+    force = network.normal_force[network.normal_force > 0.0]
+    if force.size:
+        facts.append(["Mean force of a contact", write_quantity(float(force.mean()), "N")])
+    names = np.array(state.kinds)
+    radii = network.radii[network.moving]
+    masses = network.masses[network.moving]
+    for name in colour_kinds(state.kinds):
+        balls = np.flatnonzero(names == name)
+        facts.append([name, _describe_kind(masses[balls], radii[balls])])
+    return facts
+
+
+def _choose_direction(direction: Sequence[float] | None, periods: int) -> list[float]:
+    """Return the direction (p,) of sound that a page shows at first, of length one; x by
+    default.
+    """
+    x_axis = (1.0, 0.0, 0.0)[:periods]
+    chosen = x_axis if direction is None else direction
+    vector: list[float] = as_direction(chosen, periods).tolist()
+    return vector
 
 
 def _describe_kind(masses: Array, radii: Array) -> str:
@@ -222,52 +241,20 @@ def describe_page(
     """
     structure = packing.structure
     law = packing.law
-    forces = []
-    chosen = []
-    notes = list(remarks)
-    for choice in list(dict.fromkeys(media)) or [MediumChoice("ala")]:
-        serving = choice.choose(packing, load.applied.flat[np.zeros(1, int)])[0].medium
-        if serving != choice:
-            words = f"{find_medium(serving.name).words} ({serving.label})"
-            notes.append(
-                f"At the first load the medium {choice.label} takes the {words}; the page"
-                f" keeps it at all loads."
-            )
-        chosen.append(serving)
-    ends: Any = slice(None) if load.size <= 2 else [0, np.argmin(load.array), np.argmax(load.array)]
-    for value in load.applied.flat.array[ends]:
-        state: Any = chosen[0].of(packing).at(Load(load.applied.kind, float(value)))
-        forces.append(float(state.force))
+    chosen, notes = _choose_media(packing, media, load)
+    forces = _find_forces(packing, chosen[0], load)
     only_ala = [medium.name for medium in chosen] == ["ala"]
     if packing.spread is None and only_ala and structure.periods > 1:
         # the slider of the width needs a medium of unequal balls; at W = 0 both media are equal
         chosen = [MediumChoice("ema")]
-    # the ends of the slider of the load, N
-    most = max(float(law.force(_MOST_OVERLAP * packing.diameter)), max(forces))
-    least = _BELOW * min(forces)
-    most = min(_ABOVE * max(forces), most)
-    widest = float(law.overlap(forces[0] / _LEAST_REDUCED))
-    widest = min(max(widest, _WIDENING * packing.width), _MOST_WIDTH * packing.diameter)
-    most_friction = max(1.0, packing.mindlin_ratio)
-    torsion = packing.find_torsion(forces[0], law.stiffness(law.overlap(forces[0])))
-    most_rolling = max(
-        _MOST_ROLLING, _MORE_ROLLING * packing.bending, _MORE_ROLLING * float(torsion)
-    )
-    tables = []
-    for choice in dict.fromkeys(chosen):
-        least_reduced = least / float(law.force(widest))
-        table = tabulate_medium(packing, choice, least_reduced, most_friction, most_rolling)
-        if table["refusal"] and packing.spread_matters:  # the page would not show the packing
-            raise MechanismError(table["refusal"])
-        tables.append(table)
+    torsion = float(packing.find_torsion(forces[0], law.stiffness(law.overlap(forces[0]))))
+    limits = _Limits.of(packing, forces, torsion)
+    tables = _tabulate_media(packing, chosen, limits)
     if all(table["refusal"] for table in tables):
-        widest = 0.0
+        limits = limits._replace(width=0.0)
     pressure: float | None = None
     with suppress(InputError):  # the stress of some lattices is not a pressure
         pressure = packing.pressure_per_force
-    sound_direction = as_direction(
-        (1.0, 0.0, 0.0)[: structure.periods] if direction is None else direction, structure.periods
-    )
     return {
         "schema": PAGE_SCHEMA,
         "lattice": describe_lattice(packing, path or BandPath.default(structure)),
@@ -285,25 +272,107 @@ def describe_page(
         "units": structure.units_of(("pressure", "modulus")),
         "media": tables,
         "limits": {
-            "force": [least, most],
-            "width": widest if structure.periods > 1 else 0.0,
-            "eta": most_friction,
-            "rolling": most_rolling,
+            "force": [limits.least_force, limits.most_force],
+            "width": limits.width if structure.periods > 1 else 0.0,
+            "eta": limits.friction,
+            "rolling": limits.rolling,
         },
-        "direction": sound_direction.tolist(),
+        "direction": _choose_direction(direction, structure.periods),
         "start": {
             "force": forces[0],
             "width": packing.width if structure.periods > 1 else 0.0,
             "eta": packing.mindlin_ratio,
-            "torsion": float(torsion),
+            "torsion": torsion,
             "mindlin": packing.torsion == MINDLIN,
             "bending": packing.bending,
             "overlap": bool(finite_overlap),
             "motions": packing.named_motions.name,
         },
-        "remarks": notes,
+        "remarks": [*remarks, *notes],
         "losses": _find_losses(losses),
     }
+
+
+class _Limits(NamedTuple):
+    """The ends of the sliders of a page.
+
+    Attributes
+    ----------
+    least_force, most_force : of a contact, N.
+    width : largest width of the distribution of diameters, m.
+    friction : largest eta.
+    rolling : largest torsion and bending, over k d^2.
+    """
+
+    least_force: float
+    most_force: float
+    width: float
+    friction: float
+    rolling: float
+
+    @classmethod
+    def of(cls, packing: Packing, forces: Sequence[float], torsion: float) -> _Limits:
+        """Return the ends for a packing under the ``forces`` of a contact, N, of the scene, the
+        first of which has a ``torsion`` over k d^2.
+        """
+        law = packing.law
+        most_force = max(float(law.force(_MOST_OVERLAP * packing.diameter)), max(forces))
+        most_force = min(_ABOVE * max(forces), most_force)
+        width = float(law.overlap(forces[0] / _LEAST_REDUCED))
+        width = min(max(width, _WIDENING * packing.width), _MOST_WIDTH * packing.diameter)
+        rolling = max(_MOST_ROLLING, _MORE_ROLLING * packing.bending, _MORE_ROLLING * torsion)
+        friction = max(1.0, packing.mindlin_ratio)
+        return cls(_BELOW * min(forces), most_force, width, friction, rolling)
+
+
+def _choose_media(
+    packing: Packing, media: Sequence[MediumChoice], load: Load
+) -> tuple[list[MediumChoice], list[str]]:
+    """Return the media of a page, none of which is automatic, and a sentence for each that takes
+    the place of an automatic one.
+    """
+    chosen = []
+    notes = []
+    for choice in list(dict.fromkeys(media)) or [MediumChoice("ala")]:
+        first_load = load.applied.flat[np.zeros(1, int)]
+        serving = choice.choose(packing, first_load)[0].medium
+        if serving != choice:
+            words = f"{find_medium(serving.name).words} ({serving.label})"
+            notes.append(
+                f"At the first load the medium {choice.label} takes the {words}; the page"
+                f" keeps it at all loads."
+            )
+        chosen.append(serving)
+    return chosen, notes
+
+
+def _find_forces(packing: Packing, medium: MediumChoice, load: Load) -> list[float]:
+    """Return the forces of a contact, N, at the first, the least and the greatest load."""
+    values = load.applied.flat.array
+    if load.size > 2:
+        values = values[[0, np.argmin(load.array), np.argmax(load.array)]]
+    forces = []
+    for value in values:
+        state: Any = medium.of(packing).at(Load(load.applied.kind, float(value)))
+        forces.append(float(state.force))
+    return forces
+
+
+def _tabulate_media(
+    packing: Packing, media: Sequence[MediumChoice], limits: _Limits
+) -> list[dict[str, Any]]:
+    """Return the table of each medium within the ``limits`` of the sliders.
+
+    Raises :class:`MechanismError` if a medium has no table and the packing needs one.
+    """
+    least_reduced = limits.least_force / float(packing.law.force(limits.width))
+    tables = []
+    for medium in dict.fromkeys(media):
+        table = tabulate_medium(packing, medium, least_reduced, limits.friction, limits.rolling)
+        if table["refusal"] and packing.spread_matters:  # the page would not show the packing
+            raise MechanismError(table["refusal"])
+        tables.append(table)
+    return tables
 
 
 def read_asset(name: str) -> str:
@@ -342,9 +411,8 @@ def wrap_three() -> str:
     )
     module = read_asset("vendor/three.module.min.js")
     module = _IMPORTED.sub(lambda match: f"const{{{match[1].replace(' as ', ':')}}}=core;", module)
-    module = _EXPORTED.sub(
-        lambda match: f"return{{...core,{_swap(match[1])}}};", _EXPORTED_AGAIN.sub("", module)
-    )
+    module = _EXPORTED_AGAIN.sub("", module)
+    module = _EXPORTED.sub(lambda match: f"return{{...core,{_swap(match[1])}}};", module)
     return f"const THREE=((core)=>{{{module}}})((()=>{{{core}}})());"
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from ase import Atoms
 from ase.data import atomic_numbers
 
+from granphon.base.arrays import Array, Complex
 from granphon.base.scales import HertzPrefix
 from granphon.dynamics.compatibility import GYRATION
 from granphon.phonons.bands import Bands
@@ -38,53 +42,76 @@ def write_phononwebsite(bands: Bands, name: str) -> str:
     """
     unit = HertzPrefix.for_top(float(bands.frequencies.max()))
     periods = bands.periods
-    motions = bands.motions
+    segments, points, branches = bands.frequencies.shape
     cell = bands.cell.copy()
     for axis in range(periods, 3):
         cell[axis] = _EMPTY * np.eye(3)[axis]
-    centres = bands.positions @ bands.cell
-    marks = (bands.gyration / GYRATION)[:, None, None] * (
-        _MARKS if motions.rotate else np.zeros((0, 3))
-    )
+    marks = _place_marks(bands)
     balls = name_balls(bands.masses, bands.kinds)
-    kinds = [
-        symbol for ball in balls for symbol in (ball, *[free_symbol("H", balls)] * marks.shape[1])
-    ]
-    numbers = [atomic_numbers[symbol] for symbol in kinds]
-    segments, points, branches = bands.frequencies.shape
-    displacements = []
-    for ball in range(len(centres)):
-        # displacements (segments, points, branches, 3) of the ball, and of the marks on the ball
-        motion = bands.motion[:, :, ball] / np.sqrt(bands.masses[ball])
-        phase = np.exp(2j * np.pi * (bands.qpoints @ bands.positions[ball]))
-        motion = np.moveaxis(motion * phase[:, :, None, None], 2, 3)
-        shift = np.zeros((segments, points, branches, 3), complex)
-        turn = np.zeros_like(shift)
-        shift[..., list(motions.translations)] = motion[..., motions.translating]
-        turn[..., list(motions.rotations)] = motion[..., motions.turning] / bands.gyration[ball]
-        displacements += [shift, *(shift + np.cross(turn, mark) for mark in marks[ball])]
-    vectors = np.stack(displacements, axis=3).reshape(segments * points, branches, -1, 3)
-    atoms_of_balls = np.concatenate([centres[:, None], centres[:, None] + marks], axis=1)
-    atom_positions = atoms_of_balls.reshape(-1, 3)
-    # a jump of the path has the labels of its two corners: "K|M"
-    starts = {n * points: label.split("|")[-1] for n, label in enumerate(bands.labels[:-1])}
-    ends = {(n + 1) * points - 1: label.split("|")[0] for n, label in enumerate(bands.labels[1:])}
+    mark_symbols = [free_symbol("H", balls)] * marks.shape[1]
+    symbols = []
+    for ball in balls:
+        symbols += [ball, *mark_symbols]
+    numbers = [atomic_numbers[symbol] for symbol in symbols]
+    centres = (bands.positions @ bands.cell)[:, None]  # (n, 1, 3)
+    positions = np.concatenate([centres, centres + marks], axis=1).reshape(-1, 3)
+    vectors = _displace_atoms(bands, marks).reshape(segments * points, branches, -1, 3)
     data = {
         "name": f"{name} (frequencies in {unit.name})",
         "formula": Atoms(balls).get_chemical_formula(),
-        "natoms": len(kinds),
+        "natoms": len(symbols),
         "lattice": (_DIAMETER * cell).tolist(),
-        "atom_types": kinds,
+        "atom_types": symbols,
         "atom_numbers": numbers,
         "atomic_numbers": sorted(set(numbers)),
-        "atom_pos_car": (_DIAMETER * atom_positions).tolist(),
-        "atom_pos_red": (atom_positions @ np.linalg.inv(cell)).tolist(),
+        "atom_pos_car": (_DIAMETER * positions).tolist(),
+        "atom_pos_red": (positions @ np.linalg.inv(cell)).tolist(),
         "repetitions": [_REPETITIONS[periods] if axis < periods else 1 for axis in range(3)],
         "qpoints": bands.qpoints.reshape(-1, 3).tolist(),
         "distances": bands.distances.ravel().tolist(),
         "eigenvalues": (bands.frequencies.reshape(-1, branches) / unit.hertz).tolist(),
         "vectors": np.stack([vectors.real, vectors.imag], axis=-1).tolist(),
         "line_breaks": [[n * points, (n + 1) * points] for n in range(segments)],
-        "highsym_qpts": [[index, label] for index, label in sorted((ends | starts).items())],
+        "highsym_qpts": _list_corners(bands.labels, points),
     }
     return json.dumps(data, allow_nan=False, separators=(",", ":")) + "\n"
+
+
+def _place_marks(bands: Bands) -> Array:
+    """Return the positions (n, m, 3) of the marks of each ball from its centre, in diameters; m is
+    zero if balls do not turn.
+    """
+    marks = _MARKS if bands.motions.rotate else np.zeros((0, 3))
+    return np.asarray((bands.gyration / GYRATION)[:, None, None] * marks)
+
+
+def _displace_atoms(bands: Bands, marks: Array) -> Complex:
+    """Return the displacements (s, p, b, atoms, 3) of each ball, and of its ``marks`` (n, m, 3)
+    after the ball.
+    """
+    motions = bands.motions
+    displacements = []
+    for ball in range(len(bands.positions)):
+        motion = bands.motion[:, :, ball] / np.sqrt(bands.masses[ball])
+        phase = np.exp(2j * np.pi * (bands.qpoints @ bands.positions[ball]))
+        motion = np.moveaxis(motion * phase[:, :, None, None], 2, 3)
+        shift = np.zeros((*bands.frequencies.shape, 3), complex)
+        turn = np.zeros_like(shift)
+        shift[..., list(motions.translations)] = motion[..., motions.translating]
+        turn[..., list(motions.rotations)] = motion[..., motions.turning] / bands.gyration[ball]
+        displacements.append(shift)
+        for mark in marks[ball]:
+            displacements.append(shift + np.cross(turn, mark))
+    return np.stack(displacements, axis=3)
+
+
+def _list_corners(labels: Sequence[str], points: int) -> list[list[Any]]:
+    """Return the number of each wave vector that is a corner, ascending, with its label.
+
+    A segment has so many ``points``; a jump of the path has the labels of its two corners, "K|M".
+    """
+    corners = {}
+    for segment, (start, end) in enumerate(itertools.pairwise(labels)):
+        corners[(segment + 1) * points - 1] = end.split("|")[0]
+        corners[segment * points] = start.split("|")[-1]
+    return [[number, label] for number, label in sorted(corners.items())]

@@ -171,49 +171,54 @@ class BallContacts(ContactCalculator):
         return Ball(ball.material, 2.0 * radius, name=kind)
 
     def find_contacts(self, atoms: Atoms) -> tuple[Index, Index, Index, Array, Springs, Array]:
-        """Return i, j and the shift of each contact, the vectors (n_c, 3) between centres, m, the
-        laws, and 4 G*/E*.
+        """Return i, j (n_c,) and the shift (n_c, 3) of each contact, the vectors (n_c, 3) between
+        centres, m, the laws, and 4 G*/E* (n_c,).
         """
         kinds, radii = self.find_radii(atoms)
         keys = list(zip(kinds, radii.tolist(), strict=True))
         sorts = list(dict.fromkeys(keys))  # of balls, by kind and radius
         number = {key: n for n, key in enumerate(sorts)}
         code = np.array([number[key] for key in keys], np.intp)
-        # balls that adhere touch until they are this much apart; Hertz's law has no adhesion
-        apart = 0.0
-        if not isinstance(self._law, Hertz):
-            pairs = itertools.product(sorts, repeat=2)
-            ends = [
-                opening_overlap(self._find_law(*sort_i, *sort_j)[0]) for sort_i, sort_j in pairs
-            ]
-            apart = -min([0.0, *ends])
-        if math.isinf(apart):
-            raise InputError(
-                "a bond has no end, and so no neighbours", mend="Give a law with a least_overlap"
-            )
-        reach = (radii + 0.5 * apart) * (1.0 + 1e-12)
+        reach = (radii + 0.5 * self._find_gap(sorts)) * (1.0 + 1e-12)
         periods = np.flatnonzero(atoms.pbc)
         longest = 2.0 * float(np.max(reach, initial=0.0))
         i, j, steps, vector = find_pairs(atoms.positions, atoms.cell.array[periods], longest)
-        near = np.linalg.norm(vector, axis=1) < reach[i] + reach[j]
-        i = i[near]
-        j = j[near]
-        vector = vector[near]
-        shift = np.zeros((np.count_nonzero(near), 3), np.intp)
-        shift[:, periods] = steps[near]
+        touches = np.linalg.norm(vector, axis=1) < reach[i] + reach[j]
+        i = i[touches]
+        j = j[touches]
+        vector = vector[touches]
+        shift = np.zeros((len(i), 3), np.intp)
+        shift[:, periods] = steps[touches]
+        # contacts of one law: those of the same two sorts of balls
         pair = np.minimum(code[i], code[j]) * len(sorts) + np.maximum(code[i], code[j])
         groups = list[tuple[PairLaw, Index]]()
         ratio = np.empty(len(i))
         modulus = np.empty(len(i))
-        order = np.argsort(pair, kind="stable")
-        for group in np.split(order, np.flatnonzero(np.diff(pair[order])) + 1):
-            if not group.size:  # no contacts at all
-                continue
-            sort_i = sorts[code[i[group[0]]]]
-            sort_j = sorts[code[j[group[0]]]]
-            law, ratio[group], modulus[group] = self._find_law(*sort_i, *sort_j)
-            groups.append((law, group))
+        for contacts in _group_equal(pair):
+            sort_i = sorts[code[i[contacts[0]]]]
+            sort_j = sorts[code[j[contacts[0]]]]
+            law, ratio[contacts], modulus[contacts] = self._find_law(*sort_i, *sort_j)
+            groups.append((law, contacts))
         return i, j, shift, vector, Springs(groups, len(i), modulus), ratio
+
+    def _find_gap(self, sorts: list[tuple[str, float]]) -> float:
+        """Return the distance, m, up to which balls that adhere touch though they are apart, of any
+        two ``sorts``, a kind and a radius, m; zero without adhesion.
+
+        Raises :class:`InputError` for a bond, which has no end.
+        """
+        gap = 0.0
+        if not isinstance(self._law, Hertz):  # Hertz's law has no adhesion
+            overlaps = [0.0]
+            for sort_i, sort_j in itertools.product(sorts, repeat=2):
+                law, _, _ = self._find_law(*sort_i, *sort_j)
+                overlaps.append(opening_overlap(law))
+            gap = -min(overlaps)
+        if math.isinf(gap):
+            raise InputError(
+                "a bond has no end, and so no neighbours", mend="Give a law with a least_overlap"
+            )
+        return gap
 
     def calculate(
         self,
@@ -255,34 +260,46 @@ class BallContacts(ContactCalculator):
         kinds, radii = self.find_radii(atoms)
         i, j, shift, vector, springs, ratio = self.find_contacts(atoms)
         overlap = radii[i] + radii[j] - np.linalg.norm(vector, axis=1)
-        force = springs.force(overlap)
-        stiffness = springs.stiffness(overlap)
-        mass = []
-        for kind, radius in zip(kinds, radii.tolist(), strict=True):
-            ball = self.balls[kind]
-            if not isinstance(ball, Ball) or ball.radius != radius:
-                ball = self._make_ball(kind, radius)
-            mass.append(ball.mass)
         x, y, z = atoms.positions.T
-        balls = {"x": x, "y": y, "z": z, "radius": radii, "mass": mass, "kind": kinds}
+        masses = [self._find_mass(*sort) for sort in zip(kinds, radii.tolist(), strict=True)]
+        balls = {"x": x, "y": y, "z": z, "radius": radii, "mass": masses, "kind": kinds}
         contacts = {
             "i": i,
             "j": j,
-            "normal_force": force,
-            "normal_stiffness": stiffness,
+            "normal_force": springs.force(overlap),
+            "normal_stiffness": springs.stiffness(overlap),
             "shear_stiffness": ratio * springs.punch(overlap) * self.friction,
-            **{f"shift_{axis + 1}": shift[:, axis] for axis in range(3)},
+            "shift_1": shift[:, 0],
+            "shift_2": shift[:, 1],
+            "shift_3": shift[:, 2],
         }
         if np.any(atoms.pbc):
             options = {"cell": atoms.cell.array, "pbc": list(map(bool, atoms.pbc))} | options
-        mean_radii = {
-            kind: float(np.mean(radii[np.array(kinds) == kind])) for kind in dict.fromkeys(kinds)
-        }
-        mean_balls = tuple(self._make_ball(kind, radius) for kind, radius in mean_radii.items())
-        names = tuple(mean_radii)
-        model = ContactModel(mean_balls, names, self._law, self.friction, own_radii=True)
+        names = tuple(dict.fromkeys(kinds))
+        mean_balls = []
+        for name in names:
+            mean_radius = float(np.mean(radii[np.array(kinds) == name]))
+            mean_balls.append(self._make_ball(name, mean_radius))
+        model = ContactModel(tuple(mean_balls), names, self._law, self.friction, own_radii=True)
         network = ContactNetwork.from_table(balls, contacts, **options)
         return replace(network, contact_model=model)
+
+    def _find_mass(self, kind: str, radius: float) -> float:
+        """Return the mass, kg, of a ball of a kind with a radius, m: that which was given, if the
+        radius is that of the ball.
+        """
+        ball = self.balls[kind]
+        if not isinstance(ball, Ball) or ball.radius != radius:
+            ball = self._make_ball(kind, radius)
+        return ball.mass
+
+
+def _group_equal(numbers: Index) -> list[Index]:
+    """Return the indices of equal ``numbers`` (n,), group after group."""
+    order = np.argsort(numbers, kind="stable")
+    if not order.size:
+        return []
+    return np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1)
 
 
 def _warn_of_lengths(atoms: Atoms, radii: Array) -> None:

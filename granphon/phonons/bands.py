@@ -129,55 +129,44 @@ class Bands(Result):
         """Check shapes, and that all numbers are finite and can be those of bands."""
         super()._check()
         balls = len(self.masses)
-        lengths = np.ones(1)
         p = self.periods
-        if self.eigenvectors is not None:
-            if self.eigenvectors.shape[2] != self.motions.count * balls:
-                raise InputError(
-                    f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls",
-                    mend=f"Give {self.motions.count} for each ball",
-                )
-            lengths = np.linalg.norm(self.eigenvectors, axis=2)
+        has_components = (
+            self.eigenvectors is None or self.eigenvectors.shape[2] == self.motions.count * balls
+        )
+        if self.eigenvectors is not None and not has_components:
+            raise InputError(
+                f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls",
+                mend=f"Give {self.motions.count} for each ball",
+            )
         self._require_finite()
+        _require(self.frequencies.size > 0, "there is no frequency")
         leaves = (
             bool(np.any(self.qpoints[..., p:]))
             or bool(np.any(self.cell[:p, p:]))
             or bool(np.any(self.cell[p:, :p]))
         )
+        shape = ("line", "plane", "space")[p - 1]
+        _require(not leaves, f"a wave vector or a lattice vector leaves the {shape} of {p} periods")
+        _require(np.all(self.frequencies >= 0.0), "a frequency is below zero")
         # the lowest frequencies are roots of rounding errors, which may put neighbours out of order
-        falls = -np.diff(self.frequencies, axis=2) > _ROUNDING * self.frequencies.max(initial=0.0)
-        for holds, fault in (
-            (self.frequencies.size > 0, "there is no frequency"),
-            (
-                not leaves,
-                f"a wave vector or a lattice vector leaves the"
-                f" {('line', 'plane', 'space')[p - 1]} of {p} periods",
-            ),
-            (np.all(self.frequencies >= 0.0), "a frequency is below zero"),
-            (not np.any(falls), "the frequencies at a point do not ascend"),
-            (
-                np.all(self.frequencies <= _HIGHEST * self.scales.frequency),
-                "a frequency is far above those of the scales",
-            ),
-            (
-                np.all(np.diff(self.distances.ravel()) >= 0.0),
-                "the distances along the path do not ascend",
-            ),
-            (np.all(self.masses > 0.0), "a mass is not above zero"),
-            (np.all(self.gyration > 0.0), "a radius of gyration is not above zero"),
-            (len(self.kinds) in (0, balls), "kinds are not those of all balls"),
-            (abs(np.linalg.det(self.cell)) > 0.0, "the cell has no volume"),
-            (
-                np.all(np.abs(lengths - 1.0) <= _LENGTH_ERROR),
-                "an eigenvector has not the length one",
-            ),
-            (
-                len(self.pbc) == p and all(isinstance(repeats, bool) for repeats in self.pbc),
-                f"pbc is not {p} times true or false",
-            ),
-        ):
-            if not holds:
-                raise InputError(fault, mend="Make the bands again")
+        falls = -np.diff(self.frequencies, axis=2)
+        largest_fall = _ROUNDING * self.frequencies.max(initial=0.0)
+        _require(np.all(falls <= largest_fall), "the frequencies at a point do not ascend")
+        highest = _HIGHEST * self.scales.frequency
+        _require(
+            np.all(self.frequencies <= highest), "a frequency is far above those of the scales"
+        )
+        steps = np.diff(self.distances.ravel())
+        _require(np.all(steps >= 0.0), "the distances along the path do not ascend")
+        _require(np.all(self.masses > 0.0), "a mass is not above zero")
+        _require(np.all(self.gyration > 0.0), "a radius of gyration is not above zero")
+        _require(len(self.kinds) in (0, balls), "kinds are not those of all balls")
+        _require(abs(np.linalg.det(self.cell)) > 0.0, "the cell has no volume")
+        if self.eigenvectors is not None:
+            errors = np.abs(np.linalg.norm(self.eigenvectors, axis=2) - 1.0)
+            _require(np.all(errors <= _LENGTH_ERROR), "an eigenvector has not the length one")
+        are_flags = len(self.pbc) == p and all(isinstance(repeats, bool) for repeats in self.pbc)
+        _require(are_flags, f"pbc is not {p} times true or false")
 
     @property
     def n_branches(self) -> int:
@@ -187,9 +176,9 @@ class Bands(Result):
     @property
     def periods(self) -> int:
         """Number of periods of the lattice."""
-        return (
-            len(self.pbc) if self.group_velocities is None else int(self.group_velocities.shape[3])
-        )
+        if self.group_velocities is None:
+            return len(self.pbc)
+        return int(self.group_velocities.shape[3])
 
     @cached_property
     def motion(self) -> NDArray[Any]:
@@ -208,9 +197,8 @@ class Bands(Result):
     @property
     def rotational_fraction(self) -> Array:
         """Fraction of the kinetic energy that is rotation, (s, p, b), 0 to 1."""
-        return np.asarray(
-            np.sum(np.abs(self.motion[:, :, :, self.motions.turning]) ** 2, axis=(2, 3))
-        )
+        turned = self.motion[:, :, :, self.motions.turning]
+        return np.asarray(np.sum(np.abs(turned) ** 2, axis=(2, 3)))
 
     @property
     def longitudinal_fraction(self) -> Array:
@@ -218,13 +206,15 @@ class Bands(Result):
         b), 0 to 1.
         """
         d = self.periods
-        q = self.qpoints[..., :d] @ np.linalg.inv(self.cell[:d, :d]).T
-        ahead = np.broadcast_to((q[:, -1] - q[:, 0])[:, None], q.shape)
-        ahead = np.where(np.any(q != 0.0, axis=-1, keepdims=True), q, ahead)
+        q = self.qpoints[..., :d] @ np.linalg.inv(self.cell[:d, :d]).T  # (s, p, d)
+        along_path = np.broadcast_to((q[:, -1] - q[:, 0])[:, None], q.shape)
+        is_gamma = ~np.any(q != 0.0, axis=-1, keepdims=True)
+        ahead = np.where(is_gamma, along_path, q)
         ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
-        axes = [axis for axis in self.motions.translations if axis < d]
-        inside = [self.motions.translations.index(axis) for axis in axes]
-        moved = self.motion[:, :, :, inside]
+        translations = self.motions.translations
+        axes = [axis for axis in translations if axis < d]
+        components = [translations.index(axis) for axis in axes]
+        moved = self.motion[:, :, :, components]
         along = np.einsum("spiab,spa->spib", moved, ahead[..., axes])
         return np.asarray(np.sum(np.abs(along) ** 2, axis=2))
 
@@ -235,12 +225,11 @@ class Bands(Result):
 
         It is zero for lattices with one or three periods.
         """
-        across = [
-            component
-            for component, axis in enumerate(self.motions.translations)
-            if axis >= self.periods == 2
-        ]
-        return np.asarray(np.sum(np.abs(self.motion[:, :, :, across]) ** 2, axis=(2, 3)))
+        components = list[int]()
+        if self.periods == 2 and 2 in self.motions.translations:
+            components.append(self.motions.translations.index(2))
+        across = self.motion[:, :, :, components]
+        return np.asarray(np.sum(np.abs(across) ** 2, axis=(2, 3)))
 
     @property
     def transverse_fraction(self) -> Array:
@@ -266,22 +255,16 @@ class Bands(Result):
             raise InputError(
                 "the lattice has no edges", mend="Take bands of network.cut(axis, layers)"
             )
-        masks = find_outer(heights)
+        masks = find_outer(heights)  # (2, n)
         energy = np.abs(self.motion) ** 2
         weights = np.einsum("ei,spicb->spbe", masks.astype(float), energy, optimize=True)
-        close = np.diff(self.frequencies, axis=2) <= _COINCIDE * self.frequencies.max()
-        for s, p in np.argwhere(np.any(close, axis=2)):
-            for group in np.split(np.arange(self.n_branches), np.flatnonzero(~close[s, p]) + 1):
-                if len(group) == 1:
-                    continue
-                motion = self.motion[s, p][..., group]
-                low, high = (
-                    np.einsum("icb,icd->bd", motion[mask].conj(), motion[mask]) for mask in masks
-                )
-                turned = np.linalg.eigh(high - low)[1]
-                for edge, form in enumerate((low, high)):
-                    parts = np.einsum("ba,bc,ca->a", turned.conj(), form, turned)
-                    weights[s, p, group, edge] = parts.real
+        coincide = np.diff(self.frequencies, axis=2) <= _COINCIDE * self.frequencies.max()
+        for s, p in np.argwhere(np.any(coincide, axis=2)):
+            ends = np.flatnonzero(~coincide[s, p]) + 1
+            for branches in np.split(np.arange(self.n_branches), ends):
+                if len(branches) > 1:
+                    motion = self.motion[s, p][..., branches]
+                    weights[s, p, branches] = _part_edges(motion, masks)
         return np.asarray(np.clip(weights, 0.0, 1.0))
 
     @cached_property
@@ -319,86 +302,126 @@ class Bands(Result):
         A file of granphon is replaced; if another is there, as one of phonopy's own,
         :class:`~granphon.base.errors.FileExistsInRunError` is raised.
         """
-        top = float(self.frequencies.max())
-        unit = HertzPrefix.for_top(top)
-        s, p, b = self.frequencies.shape
-        n = len(self.masses)
-        per_ball = self.motions.atoms_per_ball
-        slots = list(self.motions.slots)
-        still_slots = list(self.motions.still_slots)
-        still = n * len(still_slots) if pad else 0
-        frequencies = np.pad(self.frequencies, ((0, 0), (0, 0), (still, 0)))
-        velocities = None
-        parts = None
-        if self.group_velocities is not None:
-            velocities = np.pad(
-                self.group_velocities, ((0, 0), (0, 0), (still, 0), (0, 3 - self.periods))
-            )
-            velocities /= self.scales.length * unit.hertz
-        if self.eigenvectors is not None:
-            motion = np.zeros((s, p, n, 3 * per_ball, still + b), complex)
-            motion[:, :, :, slots, still:] = self.motion
-            if still:
-                motion[:, :, :, still_slots, :still] = np.eye(still).reshape(n, -1, still)
-            # what an atom aside of its ball lacks of the phase of the ball
-            motion[:, :, :, 3:] *= find_offset_phases(self.qpoints, self.cell).conj()[
-                :, :, None, None, None
-            ]
-            motion = motion.reshape(s, p, n * per_ball, 3, still + b)
-            parts = np.stack([motion.real, motion.imag], axis=-1)
-        ticks = [tick.split("|") for tick in self.labels]
+        unit = HertzPrefix.for_top(float(self.frequencies.max()))
+        still = len(self.masses) * len(self.motions.still_slots) if pad else 0
         lines = [
-            *make_header(unit, self.scales, self.motions, self.periods),
-            *([f"  still_branches: {still}"] if still else []),
-            *([] if all(self.pbc) else [f"  pbc: {json.dumps(self.pbc)}"]),
-            *write_kinds(self.kinds),
-            *(
-                [f"  gyration: {_write_row(self.gyration.tolist())}"]
-                if np.any(self.gyration != GYRATION)
-                else []
-            ),
+            *self._write_head(unit, still),
+            "points:",
+            *self._write_atoms(),
+            "phonon:",
+            *self._write_modes(unit, still),
+        ]
+        write_text(path, seal(lines))
+
+    def _write_head(self, unit: HertzPrefix, still: int) -> list[str]:
+        """Return the lines of a band.yaml before those of its atoms, with so many branches of
+        coordinates that hold no motion.
+        """
+        s, p, _ = self.frequencies.shape
+        lines = make_header(unit, self.scales, self.motions, self.periods)
+        if still:
+            lines.append(f"  still_branches: {still}")
+        if not all(self.pbc):
+            lines.append(f"  pbc: {json.dumps(self.pbc)}")
+        lines += write_kinds(self.kinds)
+        if np.any(self.gyration != GYRATION):
+            lines.append(f"  gyration: {_write_row(self.gyration.tolist())}")
+        lines += [
             f"  warnings: {json.dumps(self.warnings)}",
             f"frequency_unit: {unit.name}",
             "calculator: granphon",
             f"nqpoint: {s * p}",
             f"npath: {s}",
             "segment_nqpoint:",
-            *[f"- {p}"] * s,
-            "labels:",
-            *(f"- {json.dumps([a[-1], z[0]])}" for a, z in itertools.pairwise(ticks)),
-            "reciprocal_lattice:",
-            *(f"- {_write_row(row)}" for row in np.linalg.inv(self.cell).T.tolist()),
-            f"natom: {n * per_ball}",
-            "lattice:",
-            *(f"- {_write_row(row)}" for row in self.cell.tolist()),
-            "points:",
         ]
-        positions = place_atoms(self.positions, self.motions, OFFSET @ np.linalg.inv(self.cell))
-        masses = np.repeat(self.masses, per_ball).tolist()
-        for name, position, mass in zip(
-            name_atoms(self.masses, self.motions, self.kinds), positions, masses, strict=True
-        ):
+        lines += [f"- {p}"] * s
+        lines.append("labels:")
+        lines += [f"- {json.dumps(ends)}" for ends in self._segment_ends]
+        lines.append("reciprocal_lattice:")
+        lines += [f"- {_write_row(row)}" for row in np.linalg.inv(self.cell).T.tolist()]
+        lines.append(f"natom: {len(self.masses) * self.motions.atoms_per_ball}")
+        lines.append("lattice:")
+        lines += [f"- {_write_row(row)}" for row in self.cell.tolist()]
+        return lines
+
+    @property
+    def _segment_ends(self) -> list[list[str]]:
+        """The names of the first and of the last point of each segment, which a label "K|M" of a
+        jump has in one.
+        """
+        corners = [label.split("|") for label in self.labels]
+        return [[start[-1], end[0]] for start, end in itertools.pairwise(corners)]
+
+    def _write_atoms(self) -> list[str]:
+        """Return the lines of a band.yaml on its atoms."""
+        names = name_atoms(self.masses, self.motions, self.kinds)
+        offset = OFFSET @ np.linalg.inv(self.cell)
+        positions = place_atoms(self.positions, self.motions, offset)
+        masses = np.repeat(self.masses, self.motions.atoms_per_ball)
+        lines = []
+        for name, position, mass in zip(names, positions.tolist(), masses.tolist(), strict=True):
             lines += [
                 f"- symbol: {name}",
-                f"  coordinates: {_write_row(position.tolist())}",
+                f"  coordinates: {_write_row(position)}",
                 f"  mass: {write_float(mass)}",
             ]
-        lines.append("phonon:")
-        hertz = frequencies / unit.hertz
+        return lines
+
+    def _write_modes(self, unit: HertzPrefix, still: int) -> list[str]:
+        """Return the lines of a band.yaml on its wave vectors and modes, with so many branches of
+        coordinates that hold no motion below the others.
+        """
+        s, p, b = self.frequencies.shape
+        hertz = np.pad(self.frequencies, ((0, 0), (0, 0), (still, 0))) / unit.hertz
+        velocities = None
+        if self.group_velocities is not None:
+            velocities = np.pad(
+                self.group_velocities, ((0, 0), (0, 0), (still, 0), (0, 3 - self.periods))
+            )
+            velocities /= self.scales.length * unit.hertz
+        components = None
+        if self.eigenvectors is not None:
+            components = self._list_components(still)
+        segment_ends = self._segment_ends
+        lines = []
         for i, j in np.ndindex(s, p):
-            lines += [f"- q-position: {_write_row(self.qpoints[i, j].tolist())}"]
-            lines += [f"  distance: {write_float(float(self.distances[i, j]))}"]
-            if j in (0, p - 1):
-                lines.append(f"  label: {json.dumps(ticks[i][-1] if j == 0 else ticks[i + 1][0])}")
+            lines.append(f"- q-position: {_write_row(self.qpoints[i, j].tolist())}")
+            lines.append(f"  distance: {write_float(float(self.distances[i, j]))}")
+            first_name, last_name = segment_ends[i]
+            if j == 0:
+                lines.append(f"  label: {json.dumps(first_name)}")
+            elif j == p - 1:
+                lines.append(f"  label: {json.dumps(last_name)}")
             lines.append("  band:")
             for k in range(still + b):
-                lines += [f"  - # {k + 1}", f"    frequency: {write_float(float(hertz[i, j, k]))}"]
+                lines.append(f"  - # {k + 1}")
+                lines.append(f"    frequency: {write_float(float(hertz[i, j, k]))}")
                 if velocities is not None:
                     lines.append(f"    group_velocity: {_write_row(velocities[i, j, k].tolist())}")
-                lines += ["    eigenvector:"] * (parts is not None)
-                for atom in () if parts is None else parts[i, j, :, :, k].tolist():
-                    lines += ["    -", *(f"      - {_write_row(pair)}" for pair in atom)]
-        write_text(path, seal(lines))
+                if components is not None:
+                    lines.append("    eigenvector:")
+                    for atom in components[i, j, :, :, k].tolist():
+                        lines.append("    -")
+                        lines += [f"      - {_write_row(pair)}" for pair in atom]
+        return lines
+
+    def _list_components(self, still: int) -> Array:
+        """Return real and imaginary parts of the eigenvectors, (s, p, atoms, 3, still + b, 2), as
+        phonopy has them.
+        """
+        s, p, b = self.frequencies.shape
+        n = len(self.masses)
+        per_ball = self.motions.atoms_per_ball
+        motion = np.zeros((s, p, n, 3 * per_ball, still + b), complex)
+        motion[:, :, :, list(self.motions.slots), still:] = self.motion
+        if still:
+            one_each = np.eye(still).reshape(n, -1, still)
+            motion[:, :, :, list(self.motions.still_slots), :still] = one_each
+        # an atom aside of its ball has the phase at its own place
+        phases = find_offset_phases(self.qpoints, self.cell).conj()
+        motion[:, :, :, 3:] *= phases[:, :, None, None, None]
+        motion = motion.reshape(s, p, n * per_ball, 3, still + b)
+        return np.stack([motion.real, motion.imag], axis=-1)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Bands:
@@ -412,93 +435,79 @@ class Bands(Result):
         text, verified = read_sealed(path)
         with require_own_file(path, "band.yaml"):
             data = plain_yaml(text, path)
-            header = data["granphon"]
-            phonon = data["phonon"]
-            hertz, scales = read_header(path, header)
-            s, count, natom = (
-                require(key, partial(whole, low=1), data[key])
-                for key in ("npath", "nqpoint", "natom")
-            )
-            p = len(phonon) // s
-            fits = count == len(phonon) == s * p and p > 0
-            if not fits or data["segment_nqpoint"] != [p] * s or len(data["labels"]) != s:
-                raise InputError(
-                    f"Its keys npath ({s}), nqpoint ({count}), segment_nqpoint and labels do not"
-                    f" fit the {len(phonon)} points of phonon"
-                )
-            points = data["points"]
-            if natom != len(points):
-                raise InputError(
-                    f"Its key natom is {data['natom']}, and it has {len(points)} points"
-                )
-            symbols = [point["symbol"] for point in points]
-            n = natom // read_motions(header)[0].atoms_per_ball
-            still = int(header.get("still_branches", 0))
-            bands = [q["band"][still:] for q in phonon]
-            b = len(bands[0])
-            per_ball = len(points) // max(n, 1)
-            motions, periods = read_motions(header, b // max(n, 1))
-            cell = read_numbers("lattice", data["lattice"])
-            qpoints = read_numbers("q-position", [q["q-position"] for q in phonon]).reshape(s, p, 3)
-            vectors = None
-            velocities = None
-            if "eigenvector" in bands[0][0]:
-                parts = read_numbers(
-                    "eigenvector", [[mode["eigenvector"] for mode in q] for q in bands]
-                )
-                moved = (parts[..., 0] + 1j * parts[..., 1]).reshape(s, p, b, n, 3 * per_ball)
-                moved[..., 3:] *= find_offset_phases(qpoints, cell)[:, :, None, None, None]
-                vectors = np.moveaxis(moved[..., list(motions.slots)].reshape(s, p, b, -1), 2, 3)
-            if "group_velocity" in bands[0][0]:
-                travel = read_numbers(
-                    "group_velocity", [[mode["group_velocity"] for mode in q] for q in bands]
-                )
-                if np.any(travel[..., periods:]):
-                    raise InputError(
-                        f"It has a group_velocity across its {counted(periods, 'period')}"
-                    )
-                velocities = travel[..., :periods].reshape(s, p, b, periods) * scales.length * hertz
-            pairs = [[str(x) for x in pair] for pair in data["labels"]]
-            labels = [pairs[0][0]]
-            for pair, following in zip(pairs, [*pairs[1:], None], strict=True):
-                jump = following is not None and following[0] != pair[1]
-                labels.append(f"{pair[1]}|{following[0]}" if jump and following else pair[1])
-            coordinates = read_numbers("coordinates", [point["coordinates"] for point in points])
-            masses = read_numbers("mass", [point["mass"] for point in points])
-            kinds = read_kinds(header, symbols[::per_ball])
-            if name_atoms(masses[::per_ball], motions, kinds) != symbols:
-                raise InputError("Its atoms are not those of balls with these motions")
-            read_bands = cls(
-                qpoints,
-                read_numbers("distance", [q["distance"] for q in phonon]).reshape(s, p),
-                read_numbers(
-                    "frequency", [[mode["frequency"] for mode in q] for q in bands]
-                ).reshape(s, p, b)
-                * hertz,
-                velocities,
-                vectors,
-                tuple(labels),
-                cell,
-                coordinates[::per_ball],
-                masses[::per_ball],
-                scales,
-                tuple(header["warnings"]),
-                motions,
-                tuple(header.get("pbc", (True,) * periods)),
-                kinds,
-                read_numbers("gyration", header["gyration"], (n,))
-                if "gyration" in header
-                else None,
-            )
-            read_bands._check()
-            if not np.allclose(
-                read_numbers("reciprocal_lattice", data["reciprocal_lattice"]),
-                np.linalg.inv(cell).T,
-            ):
+            hertz, scales = read_header(path, data["granphon"])
+            bands = cls._of_data(data, hertz, scales)
+            bands._check()
+            reciprocal = read_numbers("reciprocal_lattice", data["reciprocal_lattice"])
+            if not np.allclose(reciprocal, np.linalg.inv(bands.cell).T):
                 raise InputError("Its reciprocal_lattice is not that of its lattice")
         if not verified:
             warn_unverified(path)
-        return read_bands
+        return bands
+
+    @classmethod
+    def _of_data(cls, data: Any, hertz: float, scales: Units) -> Bands:
+        """Return bands from the data of a band.yaml whose frequencies are in units of ``hertz``,
+        Hz; raise :class:`InputError` for data that do not fit together.
+        """
+        header = data["granphon"]
+        phonon = data["phonon"]
+        s, p, natom = _read_counts(data)
+        points = data["points"]
+        symbols = [point["symbol"] for point in points]
+        n = natom // read_motions(header)[0].atoms_per_ball
+        still = int(header.get("still_branches", 0))
+        modes = [point["band"][still:] for point in phonon]
+        b = len(modes[0])
+        per_ball = natom // max(n, 1)
+        motions, periods = read_motions(header, b // max(n, 1))
+        cell = read_numbers("lattice", data["lattice"])
+        qpoints = read_numbers("q-position", [point["q-position"] for point in phonon])
+        qpoints = qpoints.reshape(s, p, 3)
+        vectors = None
+        velocities = None
+        if "eigenvector" in modes[0][0]:
+            components = _read_of_modes("eigenvector", modes)
+            motion = components[..., 0] + 1j * components[..., 1]
+            motion = motion.reshape(s, p, b, n, 3 * per_ball)
+            # the phase at the ball, in place of that of an atom aside
+            motion[..., 3:] *= find_offset_phases(qpoints, cell)[:, :, None, None, None]
+            flat = motion[..., list(motions.slots)].reshape(s, p, b, -1)
+            vectors = np.moveaxis(flat, 2, 3)
+        if "group_velocity" in modes[0][0]:
+            travel = _read_of_modes("group_velocity", modes)
+            if np.any(travel[..., periods:]):
+                raise InputError(f"It has a group_velocity across its {counted(periods, 'period')}")
+            velocities = travel[..., :periods].reshape(s, p, b, periods) * scales.length * hertz
+        labels = _join_labels(data["labels"])
+        coordinates = read_numbers("coordinates", [point["coordinates"] for point in points])
+        masses = read_numbers("mass", [point["mass"] for point in points])
+        kinds = read_kinds(header, symbols[::per_ball])
+        if name_atoms(masses[::per_ball], motions, kinds) != symbols:
+            raise InputError("Its atoms are not those of balls with these motions")
+        distances = read_numbers("distance", [point["distance"] for point in phonon])
+        frequencies = _read_of_modes("frequency", modes).reshape(s, p, b) * hertz
+        warnings = tuple(header["warnings"])
+        gyration = None
+        if "gyration" in header:
+            gyration = read_numbers("gyration", header["gyration"], (n,))
+        return cls(
+            qpoints,
+            distances.reshape(s, p),
+            frequencies,
+            velocities,
+            vectors,
+            labels,
+            cell,
+            coordinates[::per_ball],
+            masses[::per_ball],
+            scales,
+            warnings,
+            motions,
+            tuple(header.get("pbc", (True,) * periods)),
+            kinds,
+            gyration,
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -540,6 +549,70 @@ class ComplexBands(Result, array="wavenumbers"):
         return np.asarray(
             20.0 * math.log10(math.e) * self.height * np.min(self.forward.imag, axis=1)
         )
+
+
+def _require(holds: Any, fault: str) -> None:
+    """Raise :class:`InputError` for a fault of bands unless ``holds``."""
+    if not holds:
+        raise InputError(fault, mend="Make the bands again")
+
+
+def _part_edges(motion: NDArray[Any], masks: NDArray[np.bool_]) -> Array:
+    """Return the parts (b, 2) of the kinetic energy in the balls of two ``masks`` (2, n), of those
+    sums of the modes ``motion`` (n, components of a ball, b) that are most in one of them.
+    """
+    forms = []
+    for mask in masks:
+        outer = motion[mask]
+        forms.append(np.einsum("icb,icd->bd", outer.conj(), outer))
+    low, high = forms
+    _, turned = np.linalg.eigh(high - low)
+    weights = [np.einsum("ba,bc,ca->a", turned.conj(), form, turned).real for form in forms]
+    return np.stack(weights, axis=1)
+
+
+def _read_counts(data: Any) -> tuple[int, int, int]:
+    """Return the numbers of segments, of points in a segment and of atoms of a band.yaml.
+
+    Raises :class:`InputError` for numbers that do not fit the rest of the file.
+    """
+    counts = {}
+    for key in ("npath", "nqpoint", "natom"):
+        counts[key] = require(key, partial(whole, low=1), data[key])
+    s = counts["npath"]
+    count = counts["nqpoint"]
+    listed = len(data["phonon"])
+    p = listed // s
+    fits = count == listed == s * p and p > 0
+    if not fits or data["segment_nqpoint"] != [p] * s or len(data["labels"]) != s:
+        raise InputError(
+            f"Its keys npath ({s}), nqpoint ({count}), segment_nqpoint and labels do not fit the"
+            f" {listed} points of phonon"
+        )
+    points = len(data["points"])
+    if counts["natom"] != points:
+        raise InputError(f"Its key natom is {data['natom']}, and it has {points} points")
+    return s, p, points
+
+
+def _read_of_modes(name: str, modes: list[Any]) -> Array:
+    """Return the values of a key (n_q, b, ...) of the modes of a band.yaml, which are listed for
+    each wave vector.
+    """
+    return read_numbers(name, [[mode[name] for mode in branches] for branches in modes])
+
+
+def _join_labels(listed: list[Any]) -> tuple[str, ...]:
+    """Return the names of the corners (s + 1), "K|M" where the path jumps, from the names of both
+    ends of each segment.
+    """
+    ends = [[str(name) for name in names] for names in listed]
+    labels = [ends[0][0]]
+    for segment, following in itertools.pairwise(ends):
+        is_jump = following[0] != segment[1]
+        labels.append(f"{segment[1]}|{following[0]}" if is_jump else segment[1])
+    labels.append(ends[-1][1])
+    return tuple(labels)
 
 
 def _write_row(values: list[float]) -> str:

@@ -37,6 +37,7 @@ from granphon.balls.motions import (
     IN_PLANE,
     LONGITUDINAL,
     OUT_OF_PLANE,
+    Motions,
     allowed_motions,
     select_motions,
 )
@@ -187,66 +188,27 @@ class HarmonicContacts(ContactCalculator):
         """Find the energy (units of k d^2), forces (k d) and stress (k/d) of the atoms."""
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
-        reference = self._reference
         lattice = self.state.contact_lattice()
-        self.contact_network(balls)
+        self.contact_network(balls)  # refuses other Atoms
         table = lattice.contacts
         n = len(balls)
-        p = lattice.periods
-        motions = lattice.motions
-        translations = list(motions.translations)
-        rotations = list(motions.rotations)
-        # displacements and w = R_g phi of the balls, and of a body that does not move; whole
-        # periods count nothing
-        u = np.zeros((n + 1, 3))
-        w = np.zeros((n + 1, len(rotations)))
-        gyration = lattice.gyration[:, None]
-        fractions = balls.get_scaled_positions(wrap=False)
-        steps = np.rint(fractions - reference.get_scaled_positions(wrap=False)) * balls.pbc
-        u[:n] = balls.positions - steps @ balls.cell - reference.positions
-        turned = balls.arrays.get("rotations", np.zeros((n, 3))).reshape(n, -1)
-        w[:n] = gyration * (turned if turned.shape[1] == len(rotations) else turned[:, rotations])
-        i = table.i
-        j = table.j
-        energy = 0.0
-        pull = np.zeros((len(table), 3))
-        torques = np.zeros_like(w)
-        moved = u[j] - u[i] + table.shift @ (balls.cell - reference.cell)[:p]
-        if np.max(np.abs(moved), initial=0.0) > _FAR:
-            raise InputError(
-                f"balls in contact have moved against each other by more than {_FAR} diameters",
-                "Displacements must be small",
-                "Compare the order of the balls, and the cell",
-            )
-        for row, stiffness in _list_springs(lattice):
-            head = row.head[:, motions.turning]
-            tail = row.tail[:, motions.turning]
-            along = row.head[:, motions.translating]
-            shift = np.sum(along * moved[:, translations], axis=1)
-            turn = np.sum(head * w[j] - tail * w[i], axis=1)
-            change = shift + turn
-            tension = (stiffness * change)[:, None]
-            energy += 0.5 * float(np.sum(tension[:, 0] * change))
-            pull[:, translations] -= tension * along
-            np.add.at(torques, i, tension * tail)
-            np.add.at(torques, j, -tension * head)
+        moved = self._find_moves(balls)
+        energy, pull, torques = _load_springs(lattice, moved, self._find_turns(balls))
+        # a body that does not move comes after the balls
         forces = np.zeros((n + 1, 3))
-        np.add.at(forces, j, pull)
-        np.add.at(forces, i, -pull)
+        np.add.at(forces, table.j, pull)
+        np.add.at(forces, table.i, -pull)
         self._torques: Array = np.zeros((n, 3))
-        self._torques[:, rotations] = torques[:n] * gyration
-        network = self.state.network
-        vector = np.zeros((len(table), 3))
-        vector[:, : lattice.dimension] = table.vector
-        live = network.moving[network.i] | network.moving[network.j]
-        force = network.normal_force[live, None] / self.state.scales.force * table.normal
-        static = -vector.T @ np.pad(force, ((0, 0), (0, 3 - lattice.dimension)))
-        cell = reference.cell.array
+        self._torques[:, list(lattice.motions.rotations)] = torques[:n] * lattice.gyration[:, None]
+        static = self._find_static_stress()
+        cell = self._reference.cell.array
         strain = np.linalg.solve(cell, balls.cell.array - cell)
         energy += float(np.sum(static * strain))
         self.results = {"energy": energy, "free_energy": energy, "forces": forces[:n]}
         if not lattice.is_held:
-            stress = static + strain.T @ static - (vector + moved).T @ pull
+            p = lattice.periods
+            vector = _in_space(table.vector) + moved
+            stress = static + strain.T @ static - vector.T @ pull
             stress /= abs(np.linalg.det(balls.cell.array[:p, :p]))
             self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
@@ -254,6 +216,54 @@ class HarmonicContacts(ContactCalculator):
                 "a network that bodies without motion hold has no stress of its own",
                 mend="Ask for energy or forces",
             )
+
+    def _find_moves(self, balls: Atoms) -> Array:
+        """Return the displacement (n_c, 3) of ball j of each contact against ball i, in diameters.
+
+        Raises :class:`~granphon.base.errors.InputError` for a displacement that is not small.
+        """
+        reference = self._reference
+        lattice = self.state.contact_lattice()
+        table = lattice.contacts
+        n = len(balls)
+        # displacements of the balls, and of a body that does not move; whole periods count nothing
+        u = np.zeros((n + 1, 3))
+        fractions = balls.get_scaled_positions(wrap=False)
+        steps = np.rint(fractions - reference.get_scaled_positions(wrap=False)) * balls.pbc
+        u[:n] = balls.positions - steps @ balls.cell - reference.positions
+        stretched = (balls.cell - reference.cell)[: lattice.periods]
+        moved = u[table.j] - u[table.i] + table.shift @ stretched
+        if np.max(np.abs(moved), initial=0.0) > _FAR:
+            raise InputError(
+                f"balls in contact have moved against each other by more than {_FAR} diameters",
+                "Displacements must be small",
+                "Compare the order of the balls, and the cell",
+            )
+        return np.asarray(moved)
+
+    def _find_turns(self, balls: Atoms) -> Array:
+        """Return w = R_g phi (n + 1, r), in diameters, of the balls about the r axes of their
+        motions; zero, in the last row, of a body that does not move.
+        """
+        lattice = self.state.contact_lattice()
+        rotations = list(lattice.motions.rotations)
+        n = len(balls)
+        angles = balls.arrays.get("rotations", np.zeros((n, 3))).reshape(n, -1)
+        if angles.shape[1] != len(rotations):
+            angles = angles[:, rotations]
+        w = np.zeros((n + 1, len(rotations)))
+        w[:n] = lattice.gyration[:, None] * angles
+        return w
+
+    def _find_static_stress(self) -> Array:
+        """Return V s (3, 3), units of k d^2: the stress s of the normal forces times the volume."""
+        lattice = self.state.contact_lattice()
+        table = lattice.contacts
+        network = self.state.network
+        # contacts of two bodies that do not move are not in the lattice
+        kept = network.moving[network.i] | network.moving[network.j]
+        force = network.normal_force[kept, None] / self.state.scales.force * table.normal
+        return np.asarray(-_in_space(table.vector).T @ _in_space(force))
 
     def get_torques(self, atoms: Atoms) -> Array:
         """Return the torque on each ball, -dE/dphi, in units of k d^2: (N, 3)."""
@@ -265,11 +275,12 @@ class HarmonicContacts(ContactCalculator):
         not its balls.
         """
         reference = self._reference
-        if not (
+        are_its_balls = (
             len(atoms) == len(reference)
             and np.array_equal(atoms.pbc, reference.pbc)
             and np.array_equal(atoms.get_masses(), reference.get_masses())
-        ):
+        )
+        if not are_its_balls:
             raise InputError(
                 f"the Atoms are not the {len(reference)} balls of the network",
                 "Its calculator serves these alone",
@@ -333,6 +344,31 @@ class _Search(NamedTuple):
         return stretch * self.reach - 2.0 * farthest >= cutoff
 
 
+def _search(positions: Array, cell: Array, periodic: tuple[bool, ...], reach: float) -> _Search:
+    """Return the pairs of balls at ``positions`` (N, m) nearer than ``reach``, in diameters.
+
+    Raises :class:`InputError` for periods, rows of the ``cell`` (m, m), that have no length or are
+    not independent of each other.
+    """
+    axes = np.flatnonzero(periodic)
+    periods = cell[axes]
+    if not np.all(np.any(periods, axis=1)):
+        raise InputError(
+            "the balls are periodic along a cell vector of zero length", "The period is not known"
+        )
+    if len(axes) and np.prod(np.linalg.svd(periods, compute_uv=False)) < _FLAT:
+        measure = ("a length", "an area", "a volume")[len(axes) - 1]
+        raise InputError(
+            f"the balls are periodic in a cell without {measure}",
+            f"Its vectors are {'parallel' if len(axes) == 2 else 'not independent'}",
+        )
+    i, j, steps, vector = find_pairs(positions, periods, reach)
+    shift = np.zeros((len(i), len(cell)), np.intp)
+    shift[:, axes] = steps
+    pairs = Pairs(i, j, shift, vector)
+    return _Search(pairs, positions.copy(), cell.copy(), periodic, reach)
+
+
 class PairList:
     """A search for pairs that keeps its list. The list reaches beyond the cutoff, and serves until
     it might miss a pair.
@@ -353,29 +389,60 @@ class PairList:
         length, and for periods that are not independent of each other.
         """
         if self._kept is None or not self._kept.serves(positions, cell, periodic, cutoff):
-            reach = cutoff + _SKIN
-            axes = np.flatnonzero(periodic)
-            periods = cell[axes]
-            if not np.all(np.any(periods, axis=1)):
-                raise InputError(
-                    "the balls are periodic along a cell vector of zero length",
-                    "The period is not known",
-                )
-            if len(axes) and np.prod(np.linalg.svd(periods, compute_uv=False)) < _FLAT:
-                measure = ("a length", "an area", "a volume")[len(axes) - 1]
-                raise InputError(
-                    f"the balls are periodic in a cell without {measure}",
-                    f"Its vectors are {'parallel' if len(axes) == 2 else 'not independent'}",
-                )
-            i, j, steps, vector = find_pairs(positions, periods, reach)
-            shift = np.zeros((len(i), len(cell)), np.intp)
-            shift[:, axes] = steps
-            pairs = Pairs(i, j, shift, vector)
-            self._kept = _Search(pairs, positions.copy(), cell.copy(), periodic, reach)
+            self._kept = _search(positions, cell, periodic, cutoff + _SKIN)
         i, j, shift, _ = self._kept.pairs
         vector = positions[j] - positions[i] + shift @ cell
         near = np.einsum("ca,ca->c", vector, vector) < cutoff**2
         return Pairs(*keep_rows(near, i, j, shift, vector))
+
+
+class _ClosedContacts(NamedTuple):
+    """Contacts that are closed at the positions of the balls; lengths are in diameters.
+
+    Attributes
+    ----------
+    i, j : (n_c,) the balls of each contact.
+    vector : (n_c, m) from ball i to ball j.
+    normal : (n_c, m) direction of the contact of the lattice.
+    along : (n_c, m) direction of the normal force on ball j.
+    overlap : (n_c,)
+    """
+
+    i: Index
+    j: Index
+    vector: Array
+    normal: Array
+    along: Array
+    overlap: Array
+
+
+class _Loads(NamedTuple):
+    """What contacts do, summed over their deformations one after the other.
+
+    Attributes
+    ----------
+    energies : (n_c,) in units of k d^2.
+    pull : (n_c, m) force on ball j, k d.
+    torque_i, torque_j : (axes, n_c) torques on the two balls, k d^2.
+    """
+
+    energies: Array
+    pull: Array
+    torque_i: Array
+    torque_j: Array
+
+    def add(self, row: Row, stiffness: Array, change: Array) -> None:
+        """Add the energies, forces and torques of springs of ``stiffness`` (n_c,), in units of k,
+        whose deformation, a ``row``, has become ``change`` (n_c,), in diameters.
+        """
+        m = self.pull.shape[1]
+        tension = stiffness * change
+        self.energies[:] += 0.5 * tension * change
+        for axis in range(m):
+            self.pull[:, axis] -= tension * row.head[:, axis]
+        for axis in range(len(self.torque_i)):
+            self.torque_i[axis] += tension * row.tail[:, m + axis]
+            self.torque_j[axis] -= tension * row.head[:, m + axis]
 
 
 class HertzMindlin(ContactCalculator):
@@ -427,11 +494,9 @@ class HertzMindlin(ContactCalculator):
 
     def __new__(cls, state: Any = None, *balls: Any, **options: Any) -> Any:
         """Return a :class:`BallContacts` for a mapping of kinds of balls."""
-        return (
-            BallContacts(state, *balls, **options)
-            if isinstance(state, Mapping)
-            else super().__new__(cls)
-        )
+        if isinstance(state, Mapping):
+            return BallContacts(state, *balls, **options)
+        return super().__new__(cls)
 
     def __init__(self, state: ContactState, **unknown: Any) -> None:
         super().__init__(**unknown)
@@ -459,9 +524,9 @@ class HertzMindlin(ContactCalculator):
     def set(self, **unknown: Any) -> dict[str, Any]:
         """Raise InputError for any parameter: all that this calculator needs is in its state."""
         if unknown:
-            mend = "Make another one of another state"
+            names = ", ".join(map(repr, unknown))
             raise InputError(
-                f"HertzMindlin has no keyword {', '.join(map(repr, unknown))}", mend=mend
+                f"HertzMindlin has no keyword {names}", mend="Make another one of another state"
             )
         return {}
 
@@ -472,9 +537,9 @@ class HertzMindlin(ContactCalculator):
         granphon's arrays.
         """
         changes: list[str] = super().check_state(atoms, tol=tol)
-        return changes + ["masses"] * (
-            self.atoms is not None and has_masses(self.atoms) != has_masses(atoms)
-        )
+        if self.atoms is not None and has_masses(self.atoms) != has_masses(atoms):
+            changes = [*changes, "masses"]
+        return changes
 
     def adopt(self, atoms: Atoms, like: Atoms | None = None) -> Atoms:
         """Return a copy of Atoms from elsewhere that has all that balls of this state need, and
@@ -508,18 +573,54 @@ class HertzMindlin(ContactCalculator):
         """
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
-        if self._overlap - self._apart < _LEAST_OVERLAP:
+        closing = self._overlap - self._apart
+        if closing < _LEAST_OVERLAP:
             raise PrecisionError(
-                f"energy, forces and stress need positions, and balls overlap by"
-                f" {self._overlap - self._apart:.3g} d",
+                f"energy, forces and stress need positions, and balls overlap by {closing:.3g} d",
                 f"Below {_LEAST_OVERLAP:g} positions hold too few digits of that",
                 "Use force constants, bands and velocities, which need none",
             )
         law = self._choose_law(balls)
+        contacts = self._find_closed(balls, law)
+        loads = self._load_normally(balls, law, contacts)
+        if self._motions.rotate:
+            self._load_rows(balls, law, contacts, loads)
         n = len(balls)
         m = self._coordinates
-        # the contacts that are closed at the positions of the balls
-        i, j, _, vector = self._find_pairs(balls, balls.positions[:, :m])
+        i = contacts.i
+        j = contacts.j
+        pull = loads.pull
+        forces = np.zeros((n, 3))
+        energy = float(loads.energies.sum())
+        for axis in range(m):
+            forces[:, axis] = np.bincount(j, pull[:, axis], n) - np.bincount(i, pull[:, axis], n)
+        torques = [
+            np.bincount(i, torque_i, n) + np.bincount(j, torque_j, n)
+            for torque_i, torque_j in zip(loads.torque_i, loads.torque_j, strict=True)
+        ]
+        self._torques: Array = np.asarray(torques[0], float)
+        if m == 3:
+            self._torques = np.stack(torques, axis=1)
+        self.results = {"energy": energy, "free_energy": energy, "forces": forces}
+        periods = self._periods
+        volume = float(abs(np.linalg.det(np.asarray(balls.cell)[:periods, :periods])))
+        if volume > 0.0:
+            # stress is dE/d(strain of positions and cell) over the volume, one diameter thick
+            # across the periods
+            stress = np.zeros((3, 3))
+            stress[:m, :m] = -np.einsum("ca,cb->ab", pull, contacts.vector) / volume
+            self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
+        elif "stress" in properties:
+            vectors = ("a vector along x", "two vectors in the plane", "three vectors")
+            raise InputError(
+                f"the cell has no {_EXTENTS[periods - 1]}",
+                "Stress is force over area",
+                f"Give the cell {vectors[periods - 1]}",
+            )
+
+    def _find_closed(self, balls: Atoms, law: Law) -> _ClosedContacts:
+        """Return the contacts that are closed under a law at the positions of the balls."""
+        i, j, _, vector = self._find_pairs(balls, balls.positions[:, : self._coordinates])
         deviations = balls.arrays["diameter_deviations"]
         extra = 0.5 * (deviations[i] + deviations[j])
         normal, near = self._find_normals(vector, extra)
@@ -531,77 +632,51 @@ class HertzMindlin(ContactCalculator):
             along = normal
             overlap = self._overlap + extra - (np.einsum("ca,ca->c", vector, normal) - 1.0)
         closed = near & (overlap > law.least_overlap / self.scales.length)
-        i, j, vector, normal, along, overlap = keep_rows(
-            closed, i, j, vector, normal, along, overlap
-        )
-        # energy of each contact and force on ball j, in units of k d^2 and k d
+        return _ClosedContacts(*keep_rows(closed, i, j, vector, normal, along, overlap))
+
+    def _load_normally(self, balls: Atoms, law: Law, contacts: _ClosedContacts) -> _Loads:
+        """Return the loads of the normal forces of contacts under a law."""
         d = self.scales.length
         k = self.scales.stiffness
-        energies = law.energy(overlap * d) / (k * d * d)
-        pull = (law.force(overlap * d) / (k * d))[:, None] * along
-        angles = np.atleast_2d(balls.arrays["rotations"].T)  # one row for each axis
-        torque_i, torque_j = ([np.zeros(len(i)) for _ in angles] for _ in range(2))
-        if self._motions.rotate:
-            axis_at_rest, overlap_at_rest, _ = self._find_rest(balls, i, j, normal)
-            origin = balls.arrays["slip_origin"][:, :m]
-            moved = vector - self._spacing * normal - (origin[j] - origin[i])
-            # kappa is that of the reference state: slip adds to the energy of that state; so do
-            # twist and roll
-            stiffness, torsion = self._find_springs(law, overlap_at_rest)
-            arm_i, arm_j = (self._spacing * 0.5 * (1.0 + deviations[ball]) for ball in (i, j))
-            for row in contact_rows(
-                axis_at_rest,
-                arm_i,
-                arm_j,
-                self._motions,
-                elongation=0.0,
-                slip=self._eta,
-                twist=torsion,
-                roll=self._bending,
-            ):
-                head = row.head.T
-                tail = row.tail.T
-                change = head[0] * moved[:, 0]
-                for axis in range(1, m):
-                    change += head[axis] * moved[:, axis]
-                for turn_j, turn_i, angle in zip(head[m:], tail[m:], angles, strict=True):
-                    change += turn_j * angle[j]
-                    change -= turn_i * angle[i]
-                tension = row.stiffness * stiffness * change
-                energies += 0.5 * tension * change
-                for axis in range(m):
-                    pull[:, axis] -= tension * head[axis]
-                for turn_j, turn_i, on_j, on_i in zip(
-                    head[m:], tail[m:], torque_j, torque_i, strict=True
-                ):
-                    on_i += tension * turn_i
-                    on_j -= tension * turn_j
-        # sums over the contacts of each ball
-        forces = np.zeros((n, 3))
-        energy = float(energies.sum())
-        for axis in range(m):
-            forces[:, axis] = np.bincount(j, pull[:, axis], n) - np.bincount(i, pull[:, axis], n)
-        ends = zip(torque_i, torque_j, strict=True)
-        torques = [np.bincount(i, on_i, n) + np.bincount(j, on_j, n) for on_i, on_j in ends]
-        self._torques: Array = np.asarray(torques[0], float)
-        if m == 3:
-            self._torques = np.stack(torques, axis=1)
-        self.results = {"energy": energy, "free_energy": energy, "forces": forces}
-        periods = self._periods
-        volume = float(abs(np.linalg.det(np.asarray(balls.cell)[:periods, :periods])))
-        if volume > 0.0:
-            # stress is dE/d(strain of positions and cell) over the volume, one diameter thick
-            # across the periods
-            stress = np.zeros((3, 3))
-            stress[:m, :m] = -np.einsum("ca,cb->ab", pull, vector) / volume
-            self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
-        elif "stress" in properties:
-            vectors = ("a vector along x", "two vectors in the plane", "three vectors")
-            raise InputError(
-                f"the cell has no {_EXTENTS[periods - 1]}",
-                "Stress is force over area",
-                f"Give the cell {vectors[periods - 1]}",
-            )
+        energies = law.energy(contacts.overlap * d) / (k * d * d)
+        pull = (law.force(contacts.overlap * d) / (k * d))[:, None] * contacts.along
+        n_axes = len(np.atleast_2d(balls.arrays["rotations"].T))
+        torque_i = np.zeros((n_axes, len(contacts.i)))
+        return _Loads(energies, pull, torque_i, np.zeros_like(torque_i))
+
+    def _load_rows(self, balls: Atoms, law: Law, contacts: _ClosedContacts, loads: _Loads) -> None:
+        """Add to the ``loads`` those of slip, twist and roll since the reference configuration.
+
+        The stiffnesses are those of the reference state: slip, twist and roll add to the energy of
+        that state.
+        """
+        i = contacts.i
+        j = contacts.j
+        m = self._coordinates
+        axis_at_rest, overlap_at_rest, _ = self._find_rest(balls, i, j, contacts.normal)
+        origin = balls.arrays["slip_origin"][:, :m]
+        moved = contacts.vector - self._spacing * contacts.normal - (origin[j] - origin[i])
+        angles = np.atleast_2d(balls.arrays["rotations"].T)  # (axes, N), rad
+        stiffness, torsion = self._find_springs(law, overlap_at_rest)
+        deviations = balls.arrays["diameter_deviations"]
+        rows = contact_rows(
+            axis_at_rest,
+            self._spacing * 0.5 * (1.0 + deviations[i]),
+            self._spacing * 0.5 * (1.0 + deviations[j]),
+            self._motions,
+            elongation=0.0,
+            slip=self._eta,
+            twist=torsion,
+            roll=self._bending,
+        )
+        for row in rows:
+            change = row.head[:, 0] * moved[:, 0]
+            for axis in range(1, m):
+                change += row.head[:, axis] * moved[:, axis]
+            for axis, angle in enumerate(angles, start=m):
+                change += row.head[:, axis] * angle[j]
+                change -= row.tail[:, axis] * angle[i]
+            loads.add(row, row.stiffness * stiffness, change)
 
     def get_torques(self, atoms: Atoms) -> Array:
         """Return the torque on each ball, -dE/dphi, in units of k d^2: (N,) where balls turn about
@@ -650,12 +725,12 @@ class HertzMindlin(ContactCalculator):
     def _find_normals(
         self, vector: Array, extra: Array, at_sites: bool = False
     ) -> tuple[Array, Flags]:
-        """Find the direction of the lattice contact nearest to each pair, and whether the pair is
-        near enough to be that contact.
+        """Find the direction (n, m) of the lattice contact nearest to each pair, and whether (n,)
+        the pair is near enough to be that contact.
 
-        ``extra`` (n,) is the distance, d, that the diameters of the two balls add to the distance
-        at which balls touch. With ``at_sites`` the vectors join the sites of the balls, and so only
-        tell which balls touch.
+        ``vector`` (n, m) joins the balls of each pair, d. ``extra`` (n,) is the distance, d, that
+        the diameters of the two balls add to the distance at which balls touch. With ``at_sites``
+        the vectors join the sites of the balls, and so only tell which balls touch.
 
         Raises :class:`InputError` if balls touch in another direction, or if the lattice is turned
         too far for contacts of fixed direction.
@@ -670,34 +745,25 @@ class HertzMindlin(ContactCalculator):
         normal = self._directions[nearest]
         near = np.linalg.norm(vector - self._spacing * normal, axis=1) < _CATCH
         reach = self._spacing + self._overlap + extra - self._apart
-        astray = ~near & (distance < reach)
         touching = near & (np.einsum("ca,ca->c", vector, normal) < reach)
         turn = _find_turn(normal, vector, distance, touching)
         largest_turn = _TURN_PER_OVERLAP * (self._overlap - self._apart)
         if at_sites:
             largest_turn = _TURN_PER_SPACING
-        fault = ""
-        if np.any(astray):
-            fault = "balls touch in directions that are not those of the lattice"
-        elif 0.5 * turn**2 > largest_turn:
-            fault = (
+        if np.any(~near & (distance < reach)):
+            raise _turned_balls("balls touch in directions that are not those of the lattice")
+        if 0.5 * turn**2 > largest_turn:
+            raise _turned_balls(
                 f"contacts are turned against the lattice of the state, by {np.degrees(turn):.3g}"
                 " degrees on average"
-            )
-        if fault:
-            raise InputError(
-                fault,
-                "With friction, and in the limit of small overlap, contacts keep these: balls are"
-                " turned against the lattice, or were moved",
-                "Keep the orientation of gp.atoms(state), or take a state of finite overlap"
-                " without friction",
             )
         return normal, near
 
     def _find_rest(
         self, balls: Atoms, i: Index, j: Index, normal: Array
     ) -> tuple[Array, Array, Array]:
-        """Find direction, overlap and distance of each contact in the reference state.
+        """Find the direction (n_c, m), the overlap (n_c,), d, and the distance (n_c,), d, of each
+        contact in the reference state.
 
         There balls are displaced from their sites, which are one spacing apart in the direction
         ``normal``. In the paper's limit the contact keeps the direction of the sites. The overlap
@@ -712,36 +778,17 @@ class HertzMindlin(ContactCalculator):
             return normal, overlap - along, np.full(len(normal), self._spacing)
         vector = self._spacing * normal + moved
         distance = np.linalg.norm(vector, axis=1)
-        # |r| - a for r = a n + u, without the difference of two nearly equal numbers
-        farther = (2.0 * self._spacing * along + np.einsum("ca,ca->c", moved, moved)) / (
-            distance + self._spacing
-        )
+        # |r| - a = (|r|^2 - a^2)/(|r| + a) for r = a n + u, without the difference of two nearly
+        # equal numbers
+        difference_of_squares = 2.0 * self._spacing * along + np.einsum("ca,ca->c", moved, moved)
+        farther = difference_of_squares / (distance + self._spacing)
         return vector / distance[:, None], overlap - farther, distance
 
     def _choose_law(self, balls: Atoms) -> Law:
         """Return the contact law of these balls; raises :class:`InputError` if the balls cannot
         belong to the state.
         """
-        if len(self.state.samples) > 1 and has_sampled(balls):
-            raise InputError(
-                f"the Atoms are of one sample, and the state is the mean over"
-                f" {len(self.state.samples)}",
-                "Each sample has an overlap and a stiffness of its own",
-                "Simulate that one alone: DirectSimulation(packing, shape, seed=sample.seed)",
-            )
-        if has_sampled(balls) and self.state.samples:
-            exact = self.state.samples[0].is_exact
-            loaded = getattr(self.state, "work", None) is not None
-            if exact or loaded:
-                how = "was loaded with friction" if loaded else "has its exact geometry"
-                why = "A calculator has neither a history nor true directions"
-                otherwise = (
-                    "simulate without a history" if loaded else 'simulate with geometry="lattice"'
-                )
-                mend = (
-                    f"Use the network of the sample, as gp.Waves(state.sample) does, or {otherwise}"
-                )
-                raise InputError(f"the Atoms are of a sample that {how}", why, mend)
+        self._require_known_sample(balls)
         kind = find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
         arrays = [balls.positions, np.asarray(balls.cell), *(balls.arrays[name] for name in ARRAYS)]
         if not all(np.all(np.isfinite(values)) for values in arrays):
@@ -762,9 +809,39 @@ class HertzMindlin(ContactCalculator):
             )
         return self.state.law
 
+    def _require_known_sample(self, balls: Atoms) -> None:
+        """Raise :class:`InputError` for Atoms of a sample whose contacts this calculator does not
+        know: those of one sample of several, of one that was loaded with friction, and of one with
+        its exact geometry.
+        """
+        samples = self.state.samples
+        if not samples or not has_sampled(balls):
+            return
+        if len(samples) > 1:
+            raise InputError(
+                f"the Atoms are of one sample, and the state is the mean over {len(samples)}",
+                "Each sample has an overlap and a stiffness of its own",
+                "Simulate that one alone: DirectSimulation(packing, shape, seed=sample.seed)",
+            )
+        if getattr(self.state, "work", None) is not None:
+            fault = "was loaded with friction"
+            remedy = "simulate without a history"
+        elif samples[0].is_exact:
+            fault = "has its exact geometry"
+            remedy = 'simulate with geometry="lattice"'
+        else:
+            return
+        raise InputError(
+            f"the Atoms are of a sample that {fault}",
+            "A calculator has neither a history nor true directions",
+            f"Use the network of the sample, as gp.Waves(state.sample) does, or {remedy}",
+        )
+
     def _find_springs(self, law: Law, overlap: Array) -> tuple[Array, float | Array]:
-        """Find normal stiffness over the state's, and torsion over k d^2; exactly the state's for
-        its law at its overlap.
+        """Find the normal stiffness (n_c,) over that of the state, and the torsion over k d^2, one
+        or (n_c,), of contacts with ``overlap`` (n_c,), d.
+
+        Both are exactly those of the state for its law at its overlap.
         """
         stiffness = np.ones(overlap.shape)
         torsion = np.full(overlap.shape, self._torsion)
@@ -831,42 +908,27 @@ class HertzMindlin(ContactCalculator):
 
     def _find_lattice(self, atoms: Atoms, motions: str | None) -> tuple[ContactLattice, Law, Array]:
         """Return the lattice of contacts, and the law and the overlaps (n_c,), d, of these."""
-        packing = self.state.packing
-        moving = allowed_motions(packing.structure.dimension)[packing.ball_motions.name]
-        if motions is not None:
-            subsets = {
-                subset.name: subset
-                for subset in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL)
-                if set(subset.translations) <= set(moving.translations)
-                and set(subset.rotations) <= set(moving.rotations)
-            }
-            if not is_one_of(motions, subsets):
-                raise InputError(
-                    f"the state has no motions {brief(motions)}",
-                    f"Its balls have the motions {moving.name!r}",
-                    f"Use {', '.join(subsets)}, or make a state of a Packing with these motions",
-                )
-            moving = subsets[motions]
+        chosen_motions = self._choose_motions(motions)
         law = self._choose_law(atoms)
         deviations = atoms.arrays["diameter_deviations"]
         m = self._coordinates
         periods = self._periods
-        dimension = packing.structure.dimension
         sites = atoms.positions[:, :m] - atoms.arrays["displacements"][:, :m]
         i, j, shift, vector = self._find_pairs(atoms, sites)
-        normal, near = self._find_normals(
-            vector, 0.5 * (deviations[i] + deviations[j]), at_sites=True
-        )
+        extra = 0.5 * (deviations[i] + deviations[j])
+        normal, near = self._find_normals(vector, extra, at_sites=True)
         axis, overlap, distance = self._find_rest(atoms, i, j, normal)
         closed = near & (overlap > law.least_overlap / self.scales.length)
         i, j, shift, vector, axis, overlap, distance = keep_rows(
             closed, i, j, shift, vector, axis, overlap, distance
         )
+        # displacements may turn contacts out of the plane
+        dimension = self.state.packing.structure.dimension
         width = m if np.any(axis[:, dimension:]) else dimension
-        d = self.scales.length
-        k = self.scales.stiffness
         prestress = np.zeros(len(i))
         if self.finite_overlap:
+            d = self.scales.length
+            k = self.scales.stiffness
             prestress = law.force(overlap * d) / (k * d) / distance
         diameters = 1.0 + deviations
         arms = 0.5 * self._spacing * diameters
@@ -891,9 +953,32 @@ class HertzMindlin(ContactCalculator):
             gyration=GYRATION * diameters,
             torsion=torsion,
             bending=self._bending,
-            motions=moving,
+            motions=chosen_motions,
         )
         return lattice, law, overlap
+
+    def _choose_motions(self, name: str | None) -> Motions:
+        """Return the motions of the state, or some of these by their ``name``.
+
+        Raises :class:`InputError` for a name of motions that the state does not have.
+        """
+        packing = self.state.packing
+        motions = allowed_motions(packing.structure.dimension)[packing.ball_motions.name]
+        if name is None:
+            return motions
+        subsets = {
+            subset.name: subset
+            for subset in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL)
+            if set(subset.translations) <= set(motions.translations)
+            and set(subset.rotations) <= set(motions.rotations)
+        }
+        if not is_one_of(name, subsets):
+            raise InputError(
+                f"the state has no motions {brief(name)}",
+                f"Its balls have the motions {motions.name!r}",
+                f"Use {', '.join(subsets)}, or make a state of a Packing with these motions",
+            )
+        return subsets[name]
 
     @overload
     def get_force_constants(
@@ -935,19 +1020,21 @@ class HertzMindlin(ContactCalculator):
         table = lattice.contacts
         n = lattice.n_balls
         blocks = contact_blocks(lattice)
-        moving = lattice.motions
+        # coordinates of a ball in the blocks, and those of them that are returned
         size = blocks.shape[1] // 2
+        slots = list(lattice.motions.slots)
+        if lattice.motions.name == IN_PLANE.name:
+            slots = list(range(size))
+        # row and column of each entry of the blocks
         ends = np.stack([table.i, table.j], axis=1)
         index = (size * ends[:, :, None] + np.arange(size)).reshape(len(table), 2 * size)
-        first = np.broadcast_to(index[:, :, None], blocks.shape).ravel()
-        second = np.broadcast_to(index[:, None, :], blocks.shape).ravel()
-        slots = list(range(size) if moving.name == IN_PLANE.name else moving.slots)
+        row = np.broadcast_to(index[:, :, None], blocks.shape).ravel()
+        column = np.broadcast_to(index[:, None, :], blocks.shape).ravel()
+        shape = (size * n, size * n)
         if layout == "csr":
             from scipy.sparse import coo_array
 
-            sparse = coo_array(
-                (blocks.ravel(), (first, second)), shape=(size * n, size * n)
-            ).tocsr()
+            sparse = coo_array((blocks.ravel(), (row, column)), shape=shape).tocsr()
             sparse.sum_duplicates()
             kept = (size * np.arange(n)[:, None] + slots).ravel()
             return sparse if slots == list(range(size)) else sparse[kept][:, kept]
@@ -956,30 +1043,41 @@ class HertzMindlin(ContactCalculator):
             16.0 * (size * n) ** 2,
             'Take fewer balls, or format="csr"',
         )
-        dense = np.zeros((size * n, size * n))
-        np.add.at(dense, (first, second), blocks.ravel())
-        return dense.reshape(n, size, n, size).transpose(0, 2, 1, 3)[:, :, slots][..., slots]
+        dense = np.zeros(shape)
+        np.add.at(dense, (row, column), blocks.ravel())
+        by_ball = dense.reshape(n, size, n, size).transpose(0, 2, 1, 3)
+        return by_ball[:, :, slots][..., slots]
+
+
+def _turned_balls(fault: str) -> InputError:
+    """Return the error of balls whose contacts do not have the directions of the lattice."""
+    return InputError(
+        fault,
+        "With friction, and in the limit of small overlap, contacts keep these: balls are turned"
+        " against the lattice, or were moved",
+        "Keep the orientation of gp.atoms(state), or take a state of finite overlap without"
+        " friction",
+    )
 
 
 def _find_turn(normal: Array, vector: Array, distance: Array, touching: Flags) -> float:
-    """Return the angle, rad, by which contacts are turned against their normals on average; in the
-    plane with its sign.
+    """Return the angle, rad, by which the contacts ``touching`` (n,) are turned against their
+    normals (n, m) on average; in the plane with its sign.
+
+    The vectors (n, m) between the balls have the lengths ``distance`` (n,), both in diameters.
     """
-    if normal.shape[1] == 1 or not np.any(touching):
+    m = normal.shape[1]
+    if m == 1 or not np.any(touching):
         return 0.0
-    if normal.shape[1] == 2:
-        across, apart = keep_rows(
-            touching, normal[:, 0] * vector[:, 1] - normal[:, 1] * vector[:, 0], distance
-        )
-        return float(np.mean(across / apart))
     normal, vector, distance = keep_rows(touching, normal, vector, distance)
+    if m == 2:
+        across = normal[:, 0] * vector[:, 1] - normal[:, 1] * vector[:, 0]
+        return float(np.mean(across / distance))
     # a turn by omega gives n x v = (1 - nn) omega; along a single line of contacts omega has no
     # part that could be seen
     across = np.sum(np.cross(normal, vector) / distance[:, None], axis=0)
-    turn = (
-        np.linalg.pinv(len(normal) * np.eye(3) - normal.T @ normal, rcond=1e-9, hermitian=True)
-        @ across
-    )
+    projection = len(normal) * np.eye(3) - normal.T @ normal
+    turn = np.linalg.pinv(projection, rcond=1e-9, hermitian=True) @ across
     return float(np.linalg.norm(turn))
 
 
@@ -989,6 +1087,40 @@ def _list_springs(lattice: ContactLattice) -> list[tuple[Row, Array]]:
     """
     springs = [(row, row.stiffness * lattice.stiffness) for row in lattice.rows]
     return springs + lattice.static_rows if lattice.is_prestressed else springs
+
+
+def _load_springs(lattice: ContactLattice, moved: Array, w: Array) -> tuple[float, Array, Array]:
+    """Return the energy, units of k d^2, the forces (n_c, 3) on balls j of the contacts, k d, and
+    the torques over R_g (n + 1, r), k d, on the balls.
+
+    ``moved`` (n_c, 3) is the displacement of ball j of a contact against ball i, and ``w`` (n + 1,
+    r) is R_g phi of the balls, both in diameters.
+    """
+    i = lattice.contacts.i
+    j = lattice.contacts.j
+    motions = lattice.motions
+    translations = list(motions.translations)
+    energy = 0.0
+    pull = np.zeros((len(i), 3))
+    torques = np.zeros_like(w)
+    for row, stiffness in _list_springs(lattice):
+        head = row.head[:, motions.turning]
+        tail = row.tail[:, motions.turning]
+        along = row.head[:, motions.translating]
+        shift = np.sum(along * moved[:, translations], axis=1)
+        turn = np.sum(head * w[j] - tail * w[i], axis=1)
+        change = shift + turn
+        tension = (stiffness * change)[:, None]
+        energy += 0.5 * float(np.sum(tension[:, 0] * change))
+        pull[:, translations] -= tension * along
+        np.add.at(torques, i, tension * tail)
+        np.add.at(torques, j, -tension * head)
+    return energy, pull, torques
+
+
+def _in_space(vectors: Array) -> Array:
+    """Return vectors (n, d) as (n, 3)."""
+    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 def contact_blocks(lattice: ContactLattice) -> Array:

@@ -89,14 +89,7 @@ class ZoneMesh(NamedTuple):
         """
         p = len(self.numbers)
         numbers = np.array(self.numbers)
-        senses = np.array([np.ones(p), *(np.ones((p, p)) - 2.0 * np.eye(p))])
-        lengths = np.linalg.norm(senses @ (reciprocal / numbers[:, None]), axis=1)
-        sense = senses[np.argmax(lengths <= (1.0 + _EQUAL) * lengths.min())].astype(int)
-        # the simplices of a cell of the mesh go from corner to corner along its edges, in any order
-        # of axes
-        orders = list(itertools.permutations(range(p)))
-        edges = [[np.zeros(p, int), *np.eye(p, dtype=int)[list(order)]] for order in orders]
-        simplices = np.cumsum(edges, axis=1) * sense
+        simplices = self._cut_cell(reciprocal)
         # about a point there are p + 1 times as many, as the point may be each of their corners:
         # (n, p + 1, p) steps from the point, and the corner that the point is
         steps = np.concatenate([simplices - simplices[:, [corner]] for corner in range(p + 1)])
@@ -105,27 +98,50 @@ class ZoneMesh(NamedTuple):
         address = np.rint(self.qpoints * numbers).astype(int)
         share = parts * self.weights[:, None] / (numbers.prod() * len(steps))
         counts = np.zeros((len(parts), len(limits) + 1))
-        pieces = -(-len(address) * len(steps) * len(limits) // _HELD)
-        for points in np.array_split(np.arange(len(address)), pieces):
+        batches = -(-len(address) * len(steps) * len(limits) // _HELD)
+        for points in np.array_split(np.arange(len(address)), batches):
             corners = self.irreducible[(address[points, None, None] + steps) % numbers @ stride]
             # (n, n_steps, p + 2): the point itself counts twice
             twice = corners[:, np.arange(len(steps)), corner_of_point, None]
             corners = np.concatenate([corners, twice], axis=2)
             for branch in range(frequencies.shape[1]):
                 knots = np.sort(frequencies[corners, branch].reshape(-1, p + 2), axis=1)
-                weights = np.repeat(share[:, points, branch], len(steps), axis=1)  # (n_parts, n)
-                # a simplex is below all limits from its last knot on; limits between its first and
-                # its last knot are counted one by one
-                first = np.searchsorted(limits, knots[:, 0])
-                last = np.searchsorted(limits, knots[:, -1])
-                within = np.repeat(np.arange(len(knots)), last - first)
-                offset = np.repeat(np.cumsum(last - first) - last, last - first)
-                limit = np.arange(len(within)) - offset
-                below = _integrate_splines(limits[limit], knots[within].T)
-                for count, weight in zip(counts, weights, strict=True):
-                    count += np.cumsum(np.bincount(last, weight, len(count)))
-                    count += np.bincount(limit, weight[within] * below, len(count))
+                weights = np.repeat(share[:, points, branch], len(steps), axis=1)
+                _add_counts(counts, limits, knots, weights)
         return counts[:, :-1]
+
+    def _cut_cell(self, reciprocal: Array) -> Index:
+        """Return the corners (p!, p + 1, p) of the simplices of a cell of the mesh, as steps from
+        point to point, about the shortest diagonal of the cell.
+        """
+        p = len(self.numbers)
+        numbers = np.array(self.numbers)
+        senses = np.array([np.ones(p), *(np.ones((p, p)) - 2.0 * np.eye(p))])
+        lengths = np.linalg.norm(senses @ (reciprocal / numbers[:, None]), axis=1)
+        sense = senses[np.argmax(lengths <= (1.0 + _EQUAL) * lengths.min())].astype(int)
+        # a simplex goes from corner to corner along the edges of the cell, in any order of axes
+        axes = np.eye(p, dtype=int)
+        edges = []
+        for order in itertools.permutations(range(p)):
+            edges.append([np.zeros(p, int), *axes[list(order)]])
+        return np.asarray(np.cumsum(edges, axis=1) * sense)
+
+
+def _add_counts(counts: Array, limits: Array, knots: Array, weights: Array) -> None:
+    """Add to ``counts`` (n_parts, n_limits + 1) the parts of n splines below each of the ``limits``
+    (n_limits,), with ``weights`` (n_parts, n); ``knots`` (n, m) of each spline ascend.
+    """
+    # a spline is below all limits from its last knot on; limits between its first and its last
+    # knot are counted one by one
+    first = np.searchsorted(limits, knots[:, 0])
+    last = np.searchsorted(limits, knots[:, -1])
+    spline = np.repeat(np.arange(len(knots)), last - first)
+    offset = np.repeat(np.cumsum(last - first) - last, last - first)
+    limit = np.arange(len(spline)) - offset
+    below = _integrate_splines(limits[limit], knots[spline].T)
+    for count, weight in zip(counts, weights, strict=True):
+        count += np.cumsum(np.bincount(last, weight, len(count)))
+        count += np.bincount(limit, weight[spline] * below, len(count))
 
 
 def _integrate_splines(x: Array, knots: Array) -> Array:
@@ -161,11 +177,9 @@ def find_point_group(
     scalars = [atoms.get_masses(), atoms.arrays.get("diameter_deviations", np.zeros(len(atoms)))]
     _, kinds = np.unique(np.stack(scalars), axis=1, return_inverse=True)
     cell = (np.asarray(atoms.cell), atoms.get_scaled_positions(wrap=True), kinds.ravel() + 1)
-    find = (
-        partial(spglib.get_symmetry_layerdataset, aperiodic_dir=2)
-        if periods == 2
-        else spglib.get_symmetry_dataset
-    )
+    find = spglib.get_symmetry_dataset
+    if periods == 2:
+        find = partial(spglib.get_symmetry_layerdataset, aperiodic_dir=2)
     try:
         dataset = find(cell, symprec=_SAME_POSITION)
     except spglib.SpglibError:
@@ -174,4 +188,5 @@ def find_point_group(
         return None
     rotations = np.unique(dataset.rotations[:, :periods, :periods], axis=0)
     values = frequencies(_PROBE[:periods] @ rotations)
-    return rotations if np.ptp(values, axis=0).max() <= _EQUAL * values.max() else None
+    are_equal = np.ptp(values, axis=0).max() <= _EQUAL * values.max()
+    return rotations if are_equal else None

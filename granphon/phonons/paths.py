@@ -48,6 +48,9 @@ _SAME = 1e-6
 _SAME_CORNER = 1e-6
 #: what the balls of a lattice with one, two or three periods make
 _SHAPES = ("row", "layer", "crystal")
+#: numbers of a corner, and an example of a path, for one, two and three periods
+_COUNTS = ("one or three finite numbers", "two or three finite numbers", "three finite numbers")
+_EXAMPLES = ("0 0 0 1/2 0 0", "0 0 0 1/3 1/3 0 1/2 0 0", "0 0 0 1/2 0 1/2 1/2 1/4 3/4")
 
 
 # -- special points --------------------------------------------------------------------------------
@@ -61,14 +64,19 @@ def special_points(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> dict[str, Ar
     repeat, by default all: a ribbon cut out of a plane has the two points G and X of a line.
     """
     points = _find_band_path(vectors, pbc).special_points
-    signs = -1.0 if sum(pbc) == 1 and np.min(list(points.values())) < 0.0 else 1.0
-    special = {name: signs * np.array(point) + 0.0 for name, point in points.items()}
-    if (sum(pbc) or len(np.asarray(vectors))) == 2 and "H1" in special:
+    # on a line X may lie on either side of G
+    is_reversed = sum(pbc) == 1 and np.min(list(points.values())) < 0.0
+    sign = -1.0 if is_reversed else 1.0
+    special = {name: sign * np.array(point) + 0.0 for name, point in points.items()}
+    periods = sum(pbc) or len(np.asarray(vectors))
+    if periods == 2 and "H1" in special:
         # ASE has the corners of oblique cells right in one of two mirror images only: a corner is
         # as far from 0 as from 2Y, 2C or 2X
         cell = np.asarray(vectors, float)[:2, :2]
+        reciprocal = np.linalg.inv(cell).T
         for corner, side in (("H", "Y"), ("H1", "X")):
-            g = 2.0 * np.array([special[side], special["C"]])[:, :2] @ np.linalg.inv(cell).T
+            middles = np.array([special[side], special["C"]])[:, :2]
+            g = 2.0 * middles @ reciprocal
             special[corner][:2] = cell @ np.linalg.solve(g, 0.5 * np.sum(g**2, axis=1))
     return special
 
@@ -86,7 +94,9 @@ def default_letters(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> str:
         for letters, _ in (_HEXAGONAL_PATH, _SQUARE_PATH):
             if set(letters) <= set(path.special_points):
                 return letters
-    return _FACE_CENTRED_PATH if path.path.startswith(_FACE_CENTRED_PATH) else str(path.path)
+    if path.path.startswith(_FACE_CENTRED_PATH):
+        return _FACE_CENTRED_PATH
+    return str(path.path)
 
 
 def _find_band_path(vectors: ArrayLike, pbc: Sequence[bool]) -> Any:
@@ -107,11 +117,13 @@ def _find_band_path(vectors: ArrayLike, pbc: Sequence[bool]) -> Any:
 
 def split_letters(path: str) -> list[list[str]]:
     """Return the letters of special points in each piece of a path: "GX1,LG" is [["G", "X1"], ["L",
-    "G"]].
+    "G"]]. What is no letter of a point stands between them, as it is.
     """
-    return [
-        [name for name in re.split("([A-Z][a-z0-9]*)", piece) if name] for piece in path.split(",")
-    ]
+    pieces = []
+    for piece in path.split(","):
+        names = re.split("([A-Z][a-z0-9]*)", piece)
+        pieces.append([name for name in names if name])
+    return pieces
 
 
 # -- points along a path ---------------------------------------------------------------------------
@@ -147,81 +159,118 @@ def interpolate_path(
         another number of labels than corners.
     """
     count = whole_number("npoints", npoints, 2, LARGEST_COUNT)
-    pieces: list[Array] = []
-    said: list[str] = []  # labels of the corners where none are given
     if isinstance(path, str):
-        for letters in split_letters(path):
-            unknown = [letter for letter in letters if letter not in special_points]
-            if unknown:
-                raise InputError(
-                    f"there is no special point {', '.join(unknown)} in this Brillouin zone",
-                    mend=f"Use {', '.join(special_points)}, or give the path in numbers",
-                )
-            pieces.append(np.array([special_points[letter] for letter in letters], float))
-            said += letters
+        pieces, names = _read_letters(path, special_points)
     else:
-        given: Any = path
-        try:
-            try:
-                corners = [real_array("path", given)]
-            except InputError:  # the path may be a list of arrays of different lengths
-                corners = [real_array("path", piece) for piece in given]
-        except TypeError:
-            mend = "Give letters such as 'GKMG', or corners in fractions of the reciprocal cell"
-            raise InputError(
-                f"a path is letters or numbers, not {brief(given)}", mend=mend
-            ) from None
-        if corners and corners[0].ndim == 3:
-            corners = list(corners[0])
-        if not corners:
-            raise InputError(
-                f"the path is {brief(given)}", "It has no corners", "Give letters or numbers"
-            )
-        for piece in corners:
-            if (
-                piece.ndim != 2
-                or piece.shape[1] not in (periods, 3)
-                or not np.all(np.isfinite(piece))
-            ):
-                many = (
-                    "one or three finite numbers",
-                    "two or three finite numbers",
-                    "three finite numbers",
-                )[periods - 1]
-                raise InputError(f"a path is a list of corners of {many}")
-            pieces.append(np.pad(piece, ((0, 0), (0, 3 - piece.shape[1]))))
-            said += ["(" + " ".join(f"{x:.3g}" for x in q[:periods]) + ")" for q in piece]
+        pieces = _read_corners(path, periods)
+        names = [_name_corner(corner[:periods]) for piece in pieces for corner in piece]
     if labels is not None:
         # of a string, each letter is a label
-        said = list(labels if isinstance(labels, str) else texts("labels", labels))
+        names = list(labels if isinstance(labels, str) else texts("labels", labels))
     corner_count = sum(map(len, pieces))
-    if len(said) != corner_count:
-        mend = "Give one for each corner"
+    if len(names) != corner_count:
         raise InputError(
-            f"{counted(len(said), 'label')} for {counted(corner_count, 'corner')} of the path",
-            mend=mend,
+            f"{counted(len(names), 'label')} for {counted(corner_count, 'corner')} of the path",
+            mend="Give one for each corner",
         )
     points = sum(len(piece) - 1 for piece in pieces) * count
     require_memory(f"paths of {points:,} wave vectors", _POINT_BYTES * points, "Give fewer npoints")
+    steps = np.linspace(0.0, 1.0, count)[:, None]
     segments: list[Array] = []
-    ticks: list[str] = []
     for piece in pieces:
-        name = said[: len(piece)]
-        said = said[len(piece) :]
-        if len(piece) < 2:
-            raise InputError("a path needs at least two corners", mend="Name another point")
-        check_inside(piece, periods, "the path")
-        if np.any(np.all(np.diff(piece, axis=0) == 0.0, axis=1)):
-            raise InputError(
-                "two corners that follow each other on the path are the same point",
-                mend="Leave one out",
-            )
+        _check_piece(piece, periods)
         for start, stop in itertools.pairwise(piece):
-            segments.append(start + (stop - start) * np.linspace(0.0, 1.0, count)[:, None])
-            segments[-1][-1] = stop
-        ticks[-1:] = [f"{ticks[-1]}|{name[0]}" if ticks and ticks[-1] != name[0] else name[0]]
-        ticks += name[1:]
-    return np.array(segments), tuple(ticks)
+            segment = start + (stop - start) * steps
+            segment[-1] = stop
+            segments.append(segment)
+    return np.array(segments), _join_names(pieces, names)
+
+
+def _read_letters(
+    path: str, special_points: Mapping[str, ArrayLike]
+) -> tuple[list[Array], list[str]]:
+    """Return the corners (n, 3) of each piece of a path of letters, and the letters of all corners.
+
+    Raises :class:`InputError` for a letter that is not of a special point.
+    """
+    pieces = []
+    names = []
+    for letters in split_letters(path):
+        unknown = [letter for letter in letters if letter not in special_points]
+        if unknown:
+            raise InputError(
+                f"there is no special point {', '.join(unknown)} in this Brillouin zone",
+                mend=f"Use {', '.join(special_points)}, or give the path in numbers",
+            )
+        pieces.append(np.array([special_points[letter] for letter in letters], float))
+        names += letters
+    return pieces, names
+
+
+def _read_corners(path: Any, periods: int) -> list[Array]:
+    """Return the corners (n, 3) of each piece of a path of numbers.
+
+    Raises :class:`InputError` for what is not corners of ``periods`` or three finite numbers.
+    """
+    try:
+        try:
+            pieces = [real_array("path", path)]
+        except InputError:  # the path may be a list of arrays of different lengths
+            pieces = [real_array("path", piece) for piece in path]
+    except TypeError:
+        raise InputError(
+            f"a path is letters or numbers, not {brief(path)}",
+            mend="Give letters such as 'GKMG', or corners in fractions of the reciprocal cell",
+        ) from None
+    if pieces and pieces[0].ndim == 3:
+        pieces = list(pieces[0])
+    if not pieces:
+        raise InputError(
+            f"the path is {brief(path)}", "It has no corners", "Give letters or numbers"
+        )
+    padded = []
+    for piece in pieces:
+        are_corners = piece.ndim == 2 and piece.shape[1] in (periods, 3)
+        if not are_corners or not np.all(np.isfinite(piece)):
+            raise InputError(f"a path is a list of corners of {_COUNTS[periods - 1]}")
+        padded.append(np.pad(piece, ((0, 0), (0, 3 - piece.shape[1]))))
+    return padded
+
+
+def _name_corner(corner: Array) -> str:
+    """Return the coordinates of a corner (p,) as its label."""
+    return "(" + " ".join(f"{x:.3g}" for x in corner) + ")"
+
+
+def _check_piece(piece: Array, periods: int) -> None:
+    """Raise :class:`InputError` for a piece (n, 3) of a path that has fewer than two corners,
+    leaves the lattice, or has the same corner twice in a row.
+    """
+    if len(piece) < 2:
+        raise InputError("a path needs at least two corners", mend="Name another point")
+    check_inside(piece, periods, "the path")
+    if np.any(np.all(np.diff(piece, axis=0) == 0.0, axis=1)):
+        raise InputError(
+            "two corners that follow each other on the path are the same point",
+            mend="Leave one out",
+        )
+
+
+def _join_names(pieces: list[Array], names: list[str]) -> tuple[str, ...]:
+    """Return the labels of a path of ``pieces`` (n, 3) whose corners have ``names``: "K|M" where a
+    piece ends at K and the next begins at M.
+    """
+    labels: list[str] = []
+    first = 0
+    for piece in pieces:
+        start, *following = names[first : first + len(piece)]
+        first += len(piece)
+        if not labels:
+            labels.append(start)
+        elif labels[-1] != start:
+            labels[-1] = f"{labels[-1]}|{start}"
+        labels += following
+    return tuple(labels)
 
 
 def check_inside(qpoints: Array, periods: int, what: str) -> None:
@@ -230,12 +279,13 @@ def check_inside(qpoints: Array, periods: int, what: str) -> None:
     """
     require_digits(qpoints)
     if np.any(qpoints[:, periods:] != 0.0):
-        line, mend = (
-            ("line", "Set the second and the third number to 0"),
-            ("plane", "Set the third number to 0"),
-        )[periods - 1]
+        shape = "line"
+        mend = "Set the second and the third number to 0"
+        if periods == 2:
+            shape = "plane"
+            mend = "Set the third number to 0"
         raise InputError(
-            f"{what} leaves the {line}", f"The array is one {_SHAPES[periods - 1]}", mend
+            f"{what} leaves the {shape}", f"The array is one {_SHAPES[periods - 1]}", mend
         )
 
 
@@ -249,9 +299,7 @@ def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
     A point has three numbers, of which those beyond the ``periods`` of the lattice are 0.
     ``letters`` is a path of special points that may stand in their place, for messages.
     """
-    example = ("0 0 0 1/2 0 0", "0 0 0 1/3 1/3 0 1/2 0 0", "0 0 0 1/2 0 1/2 1/2 1/4 3/4")[
-        periods - 1
-    ]
+    example = _EXAMPLES[periods - 1]
     allowed = (
         f"points of three numbers or fractions each, such as '{example}'; a comma parts separate"
         f" paths"
@@ -269,32 +317,43 @@ def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
                 allowed,
                 "A path has two points or more.",
             )
-        points = tuple(
-            (numbers[n], numbers[n + 1], numbers[n + 2]) for n in range(0, len(numbers), 3)
-        )
-        across = [axis for point in points for axis in range(periods, 3) if point[axis] != 0.0]
-        if across:
-            ordinal = ("second", "third")[across[0] - 1]
-            shape = ("row", "layer")[periods - 1]
-            raise Refused(
-                f"{show(value)}, with a {ordinal} number that is not 0",
-                allowed,
-                f"The packing is one {shape}.",
-            )
+        points = tuple(zip(numbers[0::3], numbers[1::3], numbers[2::3], strict=True))
+        _refuse_across(points, periods, value, allowed)
         if any(point == following for point, following in itertools.pairwise(points)):
             raise Refused(f"{show(value)}, with the same point twice in a row", allowed)
         paths.append(points)
     return tuple(paths)
 
 
+def _refuse_across(
+    points: tuple[tuple[float, float, float], ...], periods: int, value: str, allowed: str
+) -> None:
+    """Raise :class:`Refused` if a point of the text ``value`` leaves the line or the plane of the
+    lattice; ``allowed`` says what is allowed.
+    """
+    for point in points:
+        for axis in range(periods, 3):
+            if point[axis] != 0.0:
+                ordinal = ("second", "third")[axis - 1]
+                shape = _SHAPES[periods - 1]
+                raise Refused(
+                    f"{show(value)}, with a {ordinal} number that is not 0",
+                    allowed,
+                    f"The packing is one {shape}.",
+                )
+
+
 def _fraction(word: str, value: str, allowed: str) -> float:
+    """Return the number of a ``word`` in the text ``value``; raise :class:`Refused`, which says
+    what is ``allowed``, for another word.
+    """
     try:
         return fraction(word, _LARGEST_FRACTION)
     except Refused as refused:
-        raise Refused(
-            f"{show(word)} in {show(value)}",
-            refused.allowed if re.fullmatch(NUMBER, word) else allowed,
-        ) from None
+        # of a number that is too large, fraction says what is allowed
+        is_number = re.fullmatch(NUMBER, word)
+        shown = f"{show(word)} in {show(value)}"
+        raise Refused(shown, refused.allowed if is_number else allowed) from None
 
 
 def read_point(value: Any, structure: Lattice) -> Array:
@@ -324,24 +383,31 @@ def read_point(value: Any, structure: Lattice) -> Array:
     if len(numbers) not in (p, 3):
         raise Refused(f"{show(value)}, with {len(numbers)} numbers", allowed)
     if any(numbers[p:]):
-        raise Refused(f"{show(value)}, which leaves the {('line', 'plane')[p - 1]}", allowed)
-    return np.array([*numbers[:p], *[0.0] * (3 - p)])
+        shape = ("line", "plane")[p - 1]
+        raise Refused(f"{show(value)}, which leaves the {shape}", allowed)
+    point = np.zeros(3)
+    point[:p] = numbers[:p]
+    return point
 
 
 def read_labels(value: Any) -> tuple[str, ...]:
     """Read the labels of the corners from text such as "G K M G" or from a list of words."""
     words = value.split() if isinstance(value, str) else value
-    listed = isinstance(words, list | tuple) and bool(words)
-    if not listed or not all(
-        isinstance(w, str) and re.fullmatch(r"[^\s'\"|]{1,40}", w) and w.isprintable()
-        for w in words
-    ):
+    are_listed = isinstance(words, list | tuple) and bool(words)
+    if not are_listed or not all(map(_is_label, words)):
         raise Refused(
             show(value),
             "a short label for each point of the band, such as G K M G, without quotes,"
             " spaces or |",
         )
     return tuple(words)
+
+
+def _is_label(word: Any) -> bool:
+    """Return whether a word is a text of up to 40 characters, without quotes, spaces or "|"."""
+    if not isinstance(word, str):
+        return False
+    return re.fullmatch(r"[^\s'\"|]{1,40}", word) is not None and word.isprintable()
 
 
 @dataclass(frozen=True)
@@ -406,25 +472,27 @@ class BandPath:
         Raises :class:`~granphon.base.errors.Refused`, with a path of letters and one of numbers
         that the lattice has.
         """
-        if not (isinstance(value, str) and re.fullmatch(r"\s*[A-Za-z][A-Za-z0-9,\s]*", value)):
+        has_letters = isinstance(value, str) and re.fullmatch(r"\s*[A-Za-z][A-Za-z0-9,\s]*", value)
+        if not has_letters:
             try:
                 return cls(read_paths(value, structure.periods))
             except Refused:  # ASE, which knows the letters, is asked for a message only
                 return cls(read_paths(value, structure.periods, default_letters(structure.vectors)))
         special = special_points(structure.vectors)
         letters = default_letters(structure.vectors)
-        names = [tuple(piece) for piece in split_letters("".join(value.split()))]
-        unknown = [name for piece in names for name in piece if name not in special]
+        pieces = split_letters("".join(value.split()))
+        names = tuple(itertools.chain.from_iterable(pieces))
+        unknown = [name for name in names if name not in special]
         if unknown:
             allowed = f"{', '.join(special)}, such as {letters}, or points in numbers"
             raise Refused(f"{show(value)}, with the letter {unknown[0]}", allowed)
-        paths: Any = [[special[name].tolist() for name in piece] for piece in names]
+        paths: Any = [[special[name].tolist() for name in piece] for piece in pieces]
         for piece in paths:
             repeats = any(point == following for point, following in itertools.pairwise(piece))
             if repeats or len(piece) < 2:
                 allowed = f"two different points or more in a row, such as {letters}"
                 raise Refused(show(value), allowed)
-        return cls(paths, tuple(name for piece in names for name in piece))
+        return cls(paths, names)
 
     @classmethod
     def default(cls, structure: Lattice) -> Self:
@@ -444,9 +512,10 @@ class BandPath:
     @property
     def names(self) -> tuple[str, ...]:
         """The labels of all points; of a path without labels their numbers."""
-        return self.labels or tuple(
-            " ".join(f"{x:.4g}" for x in point) for piece in self.paths for point in piece
-        )
+        if self.labels:
+            return self.labels
+        points = itertools.chain.from_iterable(self.paths)
+        return tuple(" ".join(f"{x:.4g}" for x in point) for point in points)
 
     @property
     def arrays(self) -> list[Array]:
@@ -454,8 +523,11 @@ class BandPath:
         return [np.array(path) for path in self.paths]
 
     def __str__(self) -> str:
-        pieces = [[_write_coordinate(x) for point in path for x in point] for path in self.paths]
-        return ", ".join(" ".join(words) for words in pieces)
+        pieces = []
+        for path in self.paths:
+            numbers = itertools.chain.from_iterable(path)
+            pieces.append(" ".join(map(_write_coordinate, numbers)))
+        return ", ".join(pieces)
 
 
 def _write_coordinate(x: float) -> str:
@@ -496,22 +568,27 @@ def zone_faces(reciprocal: ArrayLike) -> list[Array]:
     from scipy.spatial import Voronoi
 
     short = shortest_vectors(np.asarray(reciprocal, float))
-    faces = []
     size = float(np.linalg.norm(short, axis=1).max())
-    points = np.array(list(itertools.product((-1, 0, 1), repeat=3))) @ short / size
+    neighbours = np.array(list(itertools.product((-1, 0, 1), repeat=3)))
+    points = neighbours @ short / size
+    gamma = 13  # the middle one of the 27 points
     cells = Voronoi(points)
-    gamma = 13
+    faces = []
     for vertices, pair in zip(cells.ridge_vertices, cells.ridge_points, strict=True):
         if gamma not in pair:
             continue
         ring = cells.vertices[vertices]
-        outward = points[pair].sum(axis=0)
+        sides = np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1)
+        corners = ring[sides > _SAME_CORNER]
         # a neighbour that the zone touches in an edge or a corner only gives a face without area
-        corners = ring[np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1) > _SAME_CORNER]
         if len(corners) < 3:
             continue
         spokes = corners[1:] - corners[0]
         area = np.sum(np.cross(spokes[:-1], spokes[1:]), axis=0)
-        if np.linalg.norm(area) > _SAME_CORNER:
-            faces.append(np.asarray(corners[:: 1 if area @ outward > 0.0 else -1] * size))
+        if not np.linalg.norm(area) > _SAME_CORNER:
+            continue
+        outward = points[pair].sum(axis=0)
+        if not area @ outward > 0.0:
+            corners = corners[::-1]
+        faces.append(np.asarray(corners * size))
     return faces

@@ -8,14 +8,14 @@ import itertools
 import os
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import touch_once_at_most
-from granphon.base.arrays import Array, Index
+from granphon.base.arrays import Array, Complex, Flags, Index
 from granphon.base.errors import InputError, PrecisionError, brief, needing
 from granphon.base.memory import require_memory
 from granphon.base.scales import Units
@@ -84,7 +84,7 @@ _NARROW = 1e-2
 #: number of points of the mesh from which an edge of a band is sought, and of steps at most
 _STARTS = 6
 _TURNS = 30
-#: starts of these more, where the branches on both sides of a narrow gap are closest
+#: number of points, for each start, where the branches on both sides of a narrow gap are closest
 _CLOSEST = 4
 #: number of branches beyond which it is sought from fewer points, as many edges are near
 _FEW_BRANCHES = 120
@@ -133,23 +133,12 @@ class Phonons:
         if not isinstance(atoms, Atoms | None):
             raise InputError(f"atoms is {atoms!r}", mend="Give an ase.Atoms")
         self.atoms: Atoms = lattice_atoms(state) if atoms is None else atoms.copy()
-        for axis in range(state.reference_lattice.periods, 3):
-            # phonopy needs three dimensions; the layer is one diameter thick
-            if not self.atoms.cell[axis].any():
-                self.atoms.cell[axis, axis] = 1.0
-        if np.any(self._repeats):
-            # a vector along which nothing repeats only spans the cell: if it is upright, wave
-            # vectors have no component along it
-            cell = self.atoms.cell.array
-            open_axes = np.flatnonzero(~self._repeats)
-            along = cell[np.flatnonzero(self._repeats)]
-            cell[open_axes] -= cell[open_axes] @ np.linalg.pinv(along) @ along
-        # one cell of the lattice has the contacts of the state, so no search is needed
-        self.lattice: ContactLattice = (
-            state.contact_lattice()
-            if atoms is None
-            else self.calculator.contact_lattice(self.atoms)
-        )
+        self._span_cell()
+        if atoms is None:
+            # one cell of the lattice has the contacts of the state, so no search is needed
+            self.lattice: ContactLattice = state.contact_lattice()
+        else:
+            self.lattice = self.calculator.contact_lattice(self.atoms)
         if not self.lattice.measure > 0.0:
             raise InputError(
                 "the Atoms have no cell",
@@ -161,7 +150,23 @@ class Phonons:
                 "no two of these balls touch",
                 "They are apart, or are turned against the lattice of the state",
             )
-        self.dim = self._choose_dim(dim)
+        self.dim = self._read_dim(dim)
+
+    def _span_cell(self) -> None:
+        """Give the cell of the Atoms a vector along each axis, upright where the balls do not
+        repeat; lengths are in diameters.
+        """
+        for axis in range(self.state.reference_lattice.periods, 3):
+            # phonopy needs three dimensions; the layer is one diameter thick
+            if not self.atoms.cell[axis].any():
+                self.atoms.cell[axis, axis] = 1.0
+        if np.any(self._repeats):
+            # a vector along which nothing repeats only spans the cell: if it is upright, wave
+            # vectors have no component along it
+            cell = self.atoms.cell.array
+            open_axes = np.flatnonzero(~self._repeats)
+            along = cell[np.flatnonzero(self._repeats)]
+            cell[open_axes] -= cell[open_axes] @ np.linalg.pinv(along) @ along
 
     def __repr__(self) -> str:
         lattice = self.lattice
@@ -188,45 +193,71 @@ class Phonons:
         """Along which of the periods of the lattice the cell repeats, (p,)."""
         return np.asarray(self.atoms.pbc[: self.state.reference_lattice.periods], bool)
 
-    def _choose_dim(self, requested: Sequence[int] | None) -> tuple[int, ...]:
-        """Return the numbers of cells in the supercell of phonopy, as ``requested``, or the
+    def _read_dim(self, requested: Sequence[int] | None) -> tuple[int, ...]:
+        """Return the numbers of cells (p,) in the supercell of phonopy, as ``requested``, or the
         smallest in which two balls touch once at most.
+
+        Raises :class:`InputError` for a supercell that is too small, does not fit into memory, or
+        has several cells along an axis that is not periodic.
+        """
+        if requested is None:
+            return self._choose_dim()
+        p = self._periods
+        example = " ".join(map(str, _pad((3,) * p)))
+        dim = grid_numbers("dim", requested, 1, LARGEST_COUNT, example, p)
+        is_open = ~np.asarray(self.atoms.pbc)[:p]
+        if np.any((np.array(dim) > 1) & is_open):
+            raise InputError(
+                f"dim is {requested!r}",
+                "An axis that is not periodic has one cell",
+                "Give 1 for it",
+            )
+        shown = " x ".join(map(str, dim))
+        if not touch_once_at_most(self._image_cell, dim, self._longest_contact):
+            raise InputError(
+                f"a supercell of {shown} cells is too small",
+                "Two balls would touch through more than one image, and their contacts could not be"
+                " told apart",
+                f"Use at least {' x '.join(map(str, self._choose_dim()))}",
+            )
+        memory = costs.force_constants(dim, len(self.atoms)).working
+        require_memory(
+            f"force constants of a supercell of {shown} cells", memory, "Take a smaller dim"
+        )
+        return dim
+
+    def _choose_dim(self) -> tuple[int, ...]:
+        """Return the fewest numbers of cells (p,) of a supercell in which two balls touch once at
+        most; equal numbers if the cell has one ball and repeats along all periods.
         """
         p = self._periods
-        contact = float(np.linalg.norm(self.lattice.contacts.vector, axis=1).max())
-        if self.lattice.motions.atoms_per_ball > 1:  # atoms a little aside of their balls
-            contact += 2.0 * float(np.linalg.norm(OFFSET))
-        # an axis that is not periodic has no images: a very long cell vector keeps them away
-        periodic = np.asarray(self.atoms.pbc)[:p]
-        cell = np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
-        if requested is not None:
-            example = " ".join(map(str, _pad((3,) * p)))
-            dim = grid_numbers("dim", requested, 1, LARGEST_COUNT, example, p)
-            if np.any((np.array(dim) > 1) & ~periodic):
-                raise InputError(
-                    f"dim is {requested!r}",
-                    "An axis that is not periodic has one cell",
-                    "Give 1 for it",
-                )
-            shown = " x ".join(map(str, dim))
-            if not touch_once_at_most(cell, dim, contact):
-                raise InputError(
-                    f"a supercell of {shown} cells is too small",
-                    "Two balls would touch through more than one image, and their contacts could"
-                    " not be told apart",
-                    f"Use at least {' x '.join(map(str, self._choose_dim(None)))}",
-                )
-            memory = costs.force_constants(dim, len(self.atoms)).working
-            require_memory(
-                f"force constants of a supercell of {shown} cells", memory, "Take a smaller dim"
-            )
-            return dim
+        cell = self._image_cell
         numbers = [1] * p
         lengths = np.linalg.norm(cell, axis=1)
-        while not touch_once_at_most(cell, tuple(numbers), contact):
+        while not touch_once_at_most(cell, tuple(numbers), self._longest_contact):
             # lengthen the shortest side, so that the sides stay about equal
-            numbers[int(np.argmin(numbers * lengths))] += 1
-        return (max(numbers),) * p if len(self.atoms) == 1 and np.all(periodic) else tuple(numbers)
+            shortest = int(np.argmin(numbers * lengths))
+            numbers[shortest] += 1
+        if len(self.atoms) == 1 and np.all(self.atoms.pbc[:p]):
+            return (max(numbers),) * p
+        return tuple(numbers)
+
+    @property
+    def _longest_contact(self) -> float:
+        """The greatest distance of two atoms of phonopy whose balls touch, in diameters."""
+        longest = float(np.linalg.norm(self.lattice.contacts.vector, axis=1).max())
+        if self.lattice.motions.atoms_per_ball > 1:  # atoms a little aside of their balls
+            longest += 2.0 * float(np.linalg.norm(OFFSET))
+        return longest
+
+    @property
+    def _image_cell(self) -> Array:
+        """The vectors (p, d) between images of a ball, in diameters.
+
+        An axis that is not periodic has no images: a very long vector keeps them away.
+        """
+        periodic = np.asarray(self.atoms.pbc)[: self._periods]
+        return np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
 
     def _require_mesh(self, numbers: tuple[int, ...]) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if modes on a mesh do not fit into the
@@ -243,23 +274,15 @@ class Phonons:
         """Raise InputError unless the lattice has the contacts of the state, in their order; on
         request also the masses and stiffnesses of the state.
         """
-
-        def list_arrays(lattice: ContactLattice) -> list[Array]:
-            contacts = lattice.contacts
-            arrays: list[Any] = [contacts.i, contacts.j, contacts.vector]
-            if with_stiffness:
-                arrays += [lattice.masses, lattice.gyration, lattice.stiffness, lattice.prestress]
-            return arrays
-
-        expected = list_arrays(self.state.contact_lattice())
-        if not all(
-            mine.shape == theirs.shape and np.allclose(theirs, mine, rtol=_SAME, atol=_SAME)
-            for mine, theirs in zip(list_arrays(self.lattice), expected, strict=True)
-        ):
-            raise InputError(
-                "the Atoms are another cell than that of the state",
-                mend="Leave atoms out, or give a network",
-            )
+        expected = _list_arrays(self.state.contact_lattice(), with_stiffness)
+        arrays = _list_arrays(self.lattice, with_stiffness)
+        for values, expected_values in zip(arrays, expected, strict=True):
+            has_shape = values.shape == expected_values.shape
+            if not has_shape or not np.allclose(expected_values, values, rtol=_SAME, atol=_SAME):
+                raise InputError(
+                    "the Atoms are another cell than that of the state",
+                    mend="Leave atoms out, or give a network",
+                )
 
     # -- phonopy -----------------------------------------------------------------------------------
 
@@ -281,20 +304,10 @@ class Phonons:
 
             from granphon.phonons.phonopy_bridge import ContactPhonopy
 
-        cell = np.array(self.atoms.cell)
-        spread = np.ptp(self.atoms.positions, axis=0)
         motions = self.lattice.motions
-        periods = np.arange(3) < self._periods
-        open_ends = np.where(periods, ~np.asarray(self.atoms.pbc), spread > 0.5)
-        for axis in np.flatnonzero(open_ends):
-            # phonopy has no open boundaries and divides a pair among its nearest images: move all
-            # images far away
-            cell[axis] *= 1.0 + np.ceil(
-                2.0 * (float(spread[periods | open_ends].sum()) + 2.0) / np.linalg.norm(cell[axis])
-            )
         unit = PhonopyAtoms(
             symbols=name_atoms(self.atoms.get_masses(), motions, self.state.kinds),
-            cell=cell,
+            cell=self._part_images(),
             masses=np.repeat(self.atoms.get_masses(), motions.atoms_per_ball),
             positions=place_atoms(self.atoms.positions, motions),
         )
@@ -302,46 +315,68 @@ class Phonons:
             unit, np.diag(_pad(self.dim)), primitive_matrix="P", is_symmetry=False, log_level=0
         )
         bridge.unit_conversion_factor = 1.0
+        bridge.give_force_constants(self._sum_force_constants(_number_images(bridge, self.dim)))
+        return bridge
+
+    def _part_images(self) -> Array:
+        """Return the cell (3, 3) of the Atoms, in diameters, lengthened along open axes.
+
+        phonopy has no open boundaries and divides a pair among its nearest images, so all images
+        are moved far away.
+        """
+        cell = np.array(self.atoms.cell)
+        spread = np.ptp(self.atoms.positions, axis=0)
+        is_period = np.arange(3) < self._periods
+        is_open = np.where(is_period, ~np.asarray(self.atoms.pbc), spread > 0.5)
+        extent = float(spread[is_period | is_open].sum())
+        for axis in np.flatnonzero(is_open):
+            length = np.linalg.norm(cell[axis])
+            cell[axis] *= 1.0 + np.ceil(2.0 * (extent + 2.0) / length)
+        return cell
+
+    def _sum_force_constants(self, numbers: Index) -> Array:
+        """Return the force constants (n_a, N_a, 3, 3), in units of k, between the n_a atoms of the
+        cell and the N_a of the supercell, summed over contacts.
+
+        ``numbers`` (n_a, n1, ...) is the index of each image of an atom, see
+        :func:`_number_images`.
+        """
         table = self.lattice.contacts
         blocks = contact_blocks(self.lattice)
-        dim = self.dim
-        per_ball = motions.atoms_per_ball
-        cells = bridge.supercell
-        atom = np.array([cells.u2u_map[s] for s in cells.s2u_map])
-        offsets = cells.positions - bridge.unitcell.positions[atom]
-        steps = np.rint(offsets @ np.linalg.inv(unit.cell)).astype(int)
-        # number[atom, n1, ...]: index in phonopy's supercell of the image of an atom in cell (n1,
-        # ...)
-        number = np.empty((len(unit), *dim), int)
-        number[(atom, *(steps[:, : len(dim)] % dim).T)] = np.arange(len(atom))
-        # force constants between atoms of the cell and of the supercell, contact by contact; a body
-        # that does not move is none of these atoms
-        free = table.j < self.lattice.n_balls
-        constants = np.zeros((len(unit), len(atom), 3, 3))
+        per_ball = self.lattice.motions.atoms_per_ball
+        # a body that does not move has no atoms
+        is_free = table.j < self.lattice.n_balls
+        every_contact = np.ones(len(table), bool)
         home = np.zeros_like(table.shift)
-        away = table.shift % dim
-        back = -table.shift % dim
+        away = table.shift % self.dim
+        back = -table.shift % self.dim
+        constants = np.zeros((len(numbers), numbers.size, 3, 3))
+
+        def add(
+            kept: Flags, rows: tuple[Index, int], columns: tuple[Index, int], cell: Index
+        ) -> None:
+            """Add the blocks of the contacts ``kept`` (n_c,).
+
+            ``rows`` and ``columns`` are the atoms (n_c,) of the cell, and their place among the
+            atoms of a contact; ``cell`` (n_c, p) is where the image of the second atom is.
+            """
+            first, first_place = rows
+            second, second_place = columns
+            images = numbers[(second[kept], *cell[kept].T)]
+            row = slice(3 * first_place, 3 * first_place + 3)
+            column = slice(3 * second_place, 3 * second_place + 3)
+            np.add.at(constants, (first[kept], images), blocks[kept, row, column])
+
         for a, b in itertools.product(range(per_ball), repeat=2):  # the atoms of a ball
-            i_a = per_ball * table.i + a
-            j_a = per_ball * table.j + a
-            i_b = per_ball * table.i + b
-            j_b = per_ball * table.j + b
-            # rows of the atoms of balls i and j in the blocks of contacts
-            at_i_a, at_i_b, at_j_a, at_j_b = (
-                slice(3 * atom_of_pair, 3 * atom_of_pair + 3)
-                for atom_of_pair in (a, b, per_ball + a, per_ball + b)
-            )
-            everywhere = np.ones(len(table), bool)
-            for first, row, second, column, shift, kept in (
-                (i_a, at_i_a, i_b, at_i_b, home, everywhere),
-                (j_a, at_j_a, j_b, at_j_b, home, free),
-                (i_a, at_i_a, j_b, at_j_b, away, free),
-                (j_a, at_j_a, i_b, at_i_b, back, free),
-            ):
-                columns = number[(second[kept], *shift[kept].T)]
-                np.add.at(constants, (first[kept], columns), blocks[kept, row, column])
-        bridge.give_force_constants(constants)
-        return bridge
+            i_a = (per_ball * table.i + a, a)
+            i_b = (per_ball * table.i + b, b)
+            j_a = (per_ball * table.j + a, per_ball + a)
+            j_b = (per_ball * table.j + b, per_ball + b)
+            add(every_contact, i_a, i_b, home)
+            add(is_free, j_a, j_b, home)
+            add(is_free, i_a, j_b, away)
+            add(is_free, j_a, i_b, back)
+        return constants
 
     def _find_warnings(self, wavevectors: Array, frequencies: Array) -> tuple[str, ...]:
         """Return the warnings on the state, and on branches and single modes among ``frequencies``
@@ -381,17 +416,19 @@ class Phonons:
         """
         points = _check_qpoints(qpoints, self._periods)
         network = given_network(self.state)
-        top = self.scales.angular_frequency
-        kept = network.moving[network.i] | network.moving[network.j]
         self._require_state_cell()
         q = self.lattice.wavevectors(points)
         damped = ContactDamping.of(network, damping, loss_factor)
         undamped = self.lattice.frequencies(q)
+        angular_unit = self.scales.angular_frequency
         even = damped.find_even(network)
         if even is not None:
-            omega = np.sort(damp_evenly(undamped, even[0], even[1] * top))
+            loss, time = even
+            omega = np.sort(damp_evenly(undamped, loss, time * angular_unit))
         else:
-            times = damped.times[:, kept] * top
+            # contacts of two bodies that do not move are not in the lattice
+            kept = network.moving[network.i] | network.moving[network.j]
+            times = damped.times[:, kept] * angular_unit
             matrices = self.lattice.damped_matrices(q, times, damped.losses[:, kept])
             omega, _ = damp_unevenly(*matrices)
         unit = self.scales.frequency
@@ -456,42 +493,23 @@ class Phonons:
             path = default_letters(self._lattice_vectors, self._repeats.tolist())
         segments, ticks = interpolate_path(path, npoints, letters, labels, self._periods)
         s, p, _ = segments.shape
-        q = self.lattice.wavevectors(segments)  # (s, p, periods)
-        steps = np.linalg.norm(np.diff(q, axis=1), axis=2) / (2.0 * np.pi)
-        distances = np.concatenate([np.zeros((s, 1)), np.cumsum(steps, axis=1)], axis=1)
-        distances[1:] += np.cumsum(distances[:-1, -1])[:, None]
-        along = np.repeat(q[:, -1] - q[:, 0], p, axis=0)
-        # at the last point of a segment the limit is taken from inside the segment
-        along[p - 1 :: p] *= -1.0
         b = self.lattice.n_branches
         d = self._periods
-        cost = costs.bands(q.size // d, b, eigenvectors, file=False)
-        mend = "Give fewer npoints or segments, or eigenvectors=False"
-        size = 16 * q.size // d * b * b
-        if eigenvectors and size > MOST_BYTES:
-            raise InputError(
-                f"{b} eigenvectors at {q.size // d} wave vectors take {size / 2**30:.3g} GiB of"
-                " memory",
-                f"Bands of more than {MOST_BYTES >> 30} GiB are not made",
-                mend,
-            )
-        require_memory(
-            f"bands of {b:,} branches at {q.size // d:,} wave vectors",
-            cost.working + cost.kept,
-            mend,
-        )
+        paths = self.lattice.wavevectors(segments)  # (s, p, d), 1/d
+        q = paths.reshape(-1, d)
+        self._require_memory_of_bands(len(q), eigenvectors)
         velocities = None
         vectors = None
         if eigenvectors:
-            modes = self.lattice.modes(q.reshape(-1, d), along)
+            modes = self.lattice.modes(q, _directions_along(paths))
             values = modes.frequencies
             vectors = modes.eigenvectors.reshape(s, p, b, b)
             velocities = modes.group_velocities.reshape(s, p, b, d) * self.scales.velocity
         else:
-            values = self.lattice.frequencies(q.reshape(-1, d))
+            values = self.lattice.frequencies(q)
         return Bands(
             segments,
-            distances,
+            _distances_along(paths),
             values.reshape(s, p, b) * self.scales.frequency,
             velocities,
             vectors,
@@ -500,11 +518,29 @@ class Phonons:
             self.atoms.get_scaled_positions(wrap=False),
             self.atoms.get_masses(),
             self.scales,
-            self._find_warnings(q.reshape(-1, d), values),
+            self._find_warnings(q, values),
             self.lattice.motions,
             tuple(self._repeats.tolist()),
             self.state.kinds,
             self.lattice.gyration,
+        )
+
+    def _require_memory_of_bands(self, points: int, eigenvectors: bool) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if bands at so many wave vectors do not
+        fit into memory, or their eigenvectors take more than ``MOST_BYTES``.
+        """
+        b = self.lattice.n_branches
+        mend = "Give fewer npoints or segments, or eigenvectors=False"
+        size = 16 * points * b * b
+        if eigenvectors and size > MOST_BYTES:
+            raise InputError(
+                f"{b} eigenvectors at {points} wave vectors take {size / 2**30:.3g} GiB of memory",
+                f"Bands of more than {MOST_BYTES >> 30} GiB are not made",
+                mend,
+            )
+        cost = costs.bands(points, b, eigenvectors, file=False)
+        require_memory(
+            f"bands of {b:,} branches at {points:,} wave vectors", cost.working + cost.kept, mend
         )
 
     def estimate(self, points: int, eigenvectors: bool = True) -> Cost:
@@ -551,34 +587,15 @@ class Phonons:
         damped = ContactDamping.of(space.cut, damping, loss_factor)
         require_bloch_memory(hertz.size, space.size, 0 if damped.is_none else space.cut.n_contacts)
         along = space.read_wavevector(q)
-        omega = hertz / space.units.frequency
         factors = () if damped.is_none else damped.soften(2.0 * np.pi * hertz)
         blocks = space.couplings(along, *factors)
-        far = omega**2 * LEAST_PART > np.max(np.abs(blocks.inner))
-        senses = list[tuple[BlochWaves, BlochWaves]]()
-        if not np.any(far):
-            senses = find_bloch_waves(blocks, omega**2, space.size // space.reach)
-        for n, (upward, downward) in enumerate(senses):
-            decays = [np.abs(upward.factors), 1.0 / np.abs(downward.factors)]
-            far[n] = any(np.any(decay < LEAST_PART) for decay in decays)
-        if np.any(far):
-            raise PrecisionError(
-                f"at {float(hertz[far][0]):g} Hz a wave decays by more than {1.0 / LEAST_PART:g}"
-                " from layer to layer",
-                "Its wave number would have no digits",
-                "Take lower frequencies",
-            )
-        wavenumbers = np.empty((len(hertz), 2, space.size), complex)
-        for row, pair in zip(wavenumbers, senses, strict=True):
-            for half, waves, sign in zip(row, pair, (1.0, -1.0), strict=True):
-                numbers = space.wavenumbers(waves.factors, along)
-                numbers[: waves.running].imag = 0.0
-                half[:] = complex(0.0, sign * np.inf)
-                half[: len(numbers)] = numbers
-        # motions that reach no other layer at any frequency are no waves
-        are_waves = np.any(np.isfinite(wavenumbers), axis=(0, 1))
-        flat = wavenumbers[:, :, are_waves].reshape(len(hertz), -1)
-        running = np.array([upward.running for upward, _ in senses])
+        squares = (hertz / space.units.frequency) ** 2
+        is_far = squares * LEAST_PART > np.max(np.abs(blocks.inner))
+        _require_digits(hertz, is_far)
+        waves = find_bloch_waves(blocks, squares, space.size // space.reach)
+        _require_digits(hertz, [_decay_fully(upward, downward) for upward, downward in waves])
+        flat = _list_wavenumbers(space, waves, along)
+        running = np.array([upward.running for upward, _ in waves])
         warnings = damped.find_warnings(float(np.max(hertz)))
         return ComplexBands(hertz, flat, running, space.height, warnings)
 
@@ -602,32 +619,14 @@ class Phonons:
             are few ``points``.
         points : number of frequencies, 12 or more, from zero to just above the top frequency.
         """
-        p = self._periods
-        example = " ".join(map(str, _pad((64,) * p)))
-        requested = MESHES[p - 1] if mesh is None else mesh
-        numbers = grid_numbers("mesh", requested, 1, LARGEST_COUNT, example, p)
+        numbers = self._read_mesh(mesh)
         chosen_method = one_of("method", method, ("tetrahedron", "smearing"))
         count = whole_number("points", points, 12, LARGEST_COUNT)
-        if np.prod(numbers, dtype=float) > _MOST_MESH_POINTS:
-            raise InputError(
-                f"a mesh of {' x '.join(map(str, numbers))} wave vectors is too large",
-                mend=f"Take {_MOST_MESH_POINTS:.0e} at most in all",
-            )
-        self._require_mesh(numbers)
-        require_memory(
-            f"densities of states at {count:,} points", _DENSITY_BYTES * count, "Give fewer points"
-        )
+        self._require_memory_of_dos(numbers, count)
         grid = self._make_mesh(numbers)
         q = self.lattice.wavevectors(grid.qpoints)
-        # any direction will do: the rotational fractions of degenerate modes have the same sum
-        together = min(_MESH_POINTS, max(1, _MESH_NUMBERS // self.lattice.n_branches**2))
-        values = np.empty((len(q), self.lattice.n_branches))
-        rotation = np.empty_like(values)
-        for rows in np.array_split(np.arange(len(q)), -(-len(q) // together)):
-            modes = self.lattice.modes(q[rows], np.eye(p)[0])
-            values[rows] = modes.frequencies
-            rotation[rows] = modes.rotational_fraction
-        parts = np.stack([1.0 - rotation, rotation])  # (2, n_q, n_branches)
+        values, rotation = self._find_rotation(q)
+        shares = np.stack([1.0 - rotation, rotation])  # (2, n_q, n_branches)
         top = self.lattice.top_frequency
         if top == 0.0:
             raise InputError(
@@ -639,13 +638,7 @@ class Phonons:
                     "sigma is for the smearing method only", mend="Give method='smearing'"
                 )
             omega = np.linspace(0.0, 1.02 * top, count)
-            # each value is the mean over its own interval, a difference of the integrated density:
-            # van Hove singularities stay finite, and the trapezoidal sum over the points is exactly
-            # the number of modes
-            edges = np.concatenate([omega[:1], 0.5 * (omega[1:] + omega[:-1]), omega[-1:]])
-            integrated = grid.count_modes(self.lattice.reciprocal, values, parts, edges)
-            integrated[:, 0] = 0.0  # modes at zero belong to the first interval
-            density = np.diff(integrated, axis=1) / np.diff(edges)
+            density = self._interpolate_density(grid, omega, values, shares)
         else:
             width = self._read_width(sigma, top, count)
             omega = np.linspace(0.0, top + 5.0 * width, count)
@@ -655,12 +648,67 @@ class Phonons:
                     mend="Raise sigma, or take more points",
                 )
             norm = np.prod(numbers) * np.sqrt(2.0 * np.pi) * width
-            density = _smear(omega, values, parts * grid.weights[:, None] / norm, width)
+            density = _smear(omega, values, shares * grid.weights[:, None] / norm, width)
         density = density / (len(self.atoms) * self.scales.frequency)
         warnings = self._find_warnings(q, values)
         hertz = omega * self.scales.frequency
         translational, rotational = density
         return DensityOfStates(hertz, translational, rotational, chosen_method, numbers, warnings)
+
+    def _read_mesh(self, mesh: Sequence[int] | None) -> tuple[int, ...]:
+        """Return the numbers of wave vectors (p,) of the mesh of a density of states.
+
+        Raises :class:`~granphon.base.errors.InputError` for other than whole numbers from 1 on.
+        """
+        p = self._periods
+        example = " ".join(map(str, _pad((64,) * p)))
+        requested = MESHES[p - 1] if mesh is None else mesh
+        return grid_numbers("mesh", requested, 1, LARGEST_COUNT, example, p)
+
+    def _require_memory_of_dos(self, numbers: tuple[int, ...], count: int) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if a density of states on a mesh of
+        ``numbers`` (p,) wave vectors, at ``count`` frequencies, does not fit into memory.
+        """
+        if np.prod(numbers, dtype=float) > _MOST_MESH_POINTS:
+            raise InputError(
+                f"a mesh of {' x '.join(map(str, numbers))} wave vectors is too large",
+                mend=f"Take {_MOST_MESH_POINTS:.0e} at most in all",
+            )
+        self._require_mesh(numbers)
+        require_memory(
+            f"densities of states at {count:,} points", _DENSITY_BYTES * count, "Give fewer points"
+        )
+
+    def _find_rotation(self, q: Array) -> tuple[Array, Array]:
+        """Return frequencies, (k/M)^1/2, and the fractions of the kinetic energy that are rotation,
+        both (n_q, n_branches), at wave vectors (n_q, p), 1/d.
+        """
+        together = min(_MESH_POINTS, max(1, _MESH_NUMBERS // self.lattice.n_branches**2))
+        n_batches = -(-len(q) // together)
+        # any direction will do: the rotational fractions of degenerate modes have the same sum
+        direction = np.eye(self._periods)[0]
+        values = np.empty((len(q), self.lattice.n_branches))
+        rotation = np.empty_like(values)
+        for batch in np.array_split(np.arange(len(q)), n_batches):
+            modes = self.lattice.modes(q[batch], direction)
+            values[batch] = modes.frequencies
+            rotation[batch] = modes.rotational_fraction
+        return values, rotation
+
+    def _interpolate_density(
+        self, grid: ZoneMesh, omega: Array, values: Array, shares: Array
+    ) -> Array:
+        """Return densities of states (2, n) at ``omega`` (n,) by linear interpolation of the
+        frequencies ``values`` (n_q, n_branches), weighted with ``shares`` (2, n_q, n_branches).
+
+        Each density is the mean over an interval of its own, a difference of the integrated
+        density: van Hove singularities stay finite, and the trapezoidal sum over the points is
+        exactly the number of modes.
+        """
+        edges = np.concatenate([omega[:1], 0.5 * (omega[1:] + omega[:-1]), omega[-1:]])
+        integrated = grid.count_modes(self.lattice.reciprocal, values, shares, edges)
+        integrated[:, 0] = 0.0  # modes at zero belong to the first interval
+        return np.diff(integrated, axis=1) / np.diff(edges)
 
     def _read_width(self, sigma: float | None, top: float, count: int) -> float:
         """Return the standard deviation of the Gaussians of a density of states, (k/M)^1/2, from
@@ -692,113 +740,129 @@ class Phonons:
             x 16 x 16. The zone of a cell of more than 16 balls is small: its mesh has 4 over the
             number of balls of these points, at least two a row.
         """
+        numbers = self._read_gap_mesh(mesh)
+        points = self._list_gap_points(numbers)
+        values = self.lattice.frequencies(self.lattice.wavevectors(points))  # (n_q, n_branches)
+        bottoms = values.min(axis=0)
+        tops = values.max(axis=0)
+        # the highest frequency of all branches below each branch
+        floors = np.concatenate([[0.0], np.maximum.accumulate(tops)[:-1]])
+        narrowest = _NO_GAP * float(tops[-1])
+        above_gaps = np.flatnonzero(bottoms - floors > narrowest)
+        if not above_gaps.size:
+            return np.zeros((0, 2))
+        edges = _BandEdges.of(above_gaps)
+        spacing = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
+        starts = self.lattice.wavevectors(points[_choose_starts(values, edges)])  # (e, n_starts, p)
+        heights = self._climb_edges(edges, starts, spacing)
+        is_narrow = edges.is_narrow(heights, _NARROW * float(tops[-1]))
+        for edge in np.flatnonzero(is_narrow).tolist():
+            # branches that cross at a point of their own make a cone, whose tip no path along
+            # group velocities reaches: the edges of a narrow gap are sought on finer meshes too
+            closest = _find_closest(values, edges.below_gap(edge), _CLOSEST * starts.shape[1])
+            centres = np.concatenate([starts[edge], self.lattice.wavevectors(points[closest])])
+            height = self._zoom(centres, edges.branch[edge], edges.sign[edge], spacing)
+            heights[edge] = max(heights[edge], height)
+        lower, upper = edges.pair_frequencies(heights)
+        intervals = np.stack([np.maximum(lower, floors[above_gaps]), upper], axis=1)
+        return np.reshape(intervals[upper - lower > narrowest], (-1, 2)) * self.scales.frequency
+
+    def _read_gap_mesh(self, mesh: Sequence[int] | None) -> tuple[int, ...]:
+        """Return the numbers of wave vectors (p,) of the mesh on which gaps are sought.
+
+        Raises :class:`~granphon.base.errors.InputError` for other than whole numbers from 1 on, and
+        for a mesh that does not fit into memory.
+        """
         p = self._periods
         n = self.lattice.n_balls
-        finer = (n / 4.0) ** (1.0 / p) if n > _FEW_BALLS else 1.0
         if mesh is None:
-            mesh = [max(2, round(number / finer)) for number in _GAP_MESHES[p - 1]]
+            coarsening = (n / 4.0) ** (1.0 / p) if n > _FEW_BALLS else 1.0
+            mesh = [max(2, round(number / coarsening)) for number in _GAP_MESHES[p - 1]]
         example = " ".join(map(str, _pad((48,) * p)))
         numbers = grid_numbers("mesh", mesh, 1, LARGEST_COUNT, example, p)
         self._require_mesh(numbers)
+        return numbers
+
+    def _list_gap_points(self, numbers: tuple[int, ...]) -> Array:
+        """Return the wave vectors (n_q, p), fractions of the reciprocal cell, at which gaps are
+        sought: a mesh of half of the zone, and the special points.
+        """
+        p = self._periods
         axes = [np.arange(number) / number for number in numbers]
         axes[0] = axes[0][: numbers[0] // 2 + 1]  # q and -q have the same frequencies
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, p)
-        q = np.concatenate([grid, *(point[None, :p] for point in self.special_points.values())])
-        values = self.lattice.frequencies(self.lattice.wavevectors(q))
-        low = values.min(axis=0)
-        high = values.max(axis=0)
-        least = _NO_GAP * float(high[-1])
-        below = np.concatenate([[0.0], np.maximum.accumulate(high)[:-1]])
-        gaps = np.flatnonzero(low - below > least)
-        if not gaps.size:
-            return np.zeros((0, 2))
-        # lower and upper edges: the tops of the branches below, of which the last reaches as high
-        # as any, and the bottoms
-        branch = np.concatenate([gaps[gaps > 0] - 1, gaps])
-        sign = np.concatenate([np.ones(np.count_nonzero(gaps > 0)), -np.ones(len(gaps))])
-        several = max(1, min(_STARTS, _FEW_BRANCHES // len(low)))
-        order = np.argsort(-sign * values[:, branch], axis=0, kind="stable")[:several].T
-        starts = self.lattice.wavevectors(q[order]).reshape(-1, p)
-        edges, several = order.shape
-        reach = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
-        best = self._climb(starts, np.repeat(branch, several), np.repeat(sign, several), reach)
-        best = best.reshape(edges, several).max(axis=1)
-        # branches that cross at a point of their own make a cone, whose tip no path along group
-        # velocities reaches: both edges of a narrow gap are sought on finer meshes too
-        n_lower = edges - len(gaps)
-        lower_edges = np.arange(n_lower)
-        upper_edges = n_lower + np.flatnonzero(gaps > 0)
-        is_narrow = -best[upper_edges] - best[lower_edges] < _NARROW * float(high[-1])
-        for edge in (*lower_edges[is_narrow], *upper_edges[is_narrow]):
-            near = starts[edge * several : (edge + 1) * several]
-            # where the branches of both edges come close, peaks may be narrower than the mesh
-            below_gap = branch[edge] - (sign[edge] < 0.0)
-            distance = values[:, below_gap + 1] - values[:, below_gap]
-            closest = np.argsort(distance, kind="stable")[: _CLOSEST * several]
-            near = np.concatenate([near, self.lattice.wavevectors(q[closest])])
-            best[edge] = max(best[edge], self._zoom(near, branch[edge], sign[edge], reach))
-        frequencies = sign * best
-        upper = frequencies[n_lower:]
-        lower = np.concatenate([np.zeros(len(gaps) - n_lower), frequencies[:n_lower]])
-        intervals = np.stack([np.maximum(lower, below[gaps]), upper], axis=1)
-        return np.reshape(intervals[upper - lower > least], (-1, 2)) * self.scales.frequency
+        points = [point[None, :p] for point in self.special_points.values()]
+        return np.concatenate([grid, *points])
 
-    def _climb(self, starts: Array, branch: Index, sign: Array, reach: float) -> Array:
-        """Return the highest frequency times ``sign`` (n,) of a ``branch`` (n,) along its group
+    def _climb_edges(self, edges: _BandEdges, starts: Array, longest_step: float) -> Array:
+        """Return the greatest frequency times sign (e,) of each edge that is reached from its wave
+        vectors ``starts`` (e, n_starts, p), 1/d.
+        """
+        n_edges, n_starts, p = starts.shape
+        branch = np.repeat(edges.branch, n_starts)
+        sign = np.repeat(edges.sign, n_starts)
+        heights = self._climb(starts.reshape(-1, p), branch, sign, longest_step)
+        return np.asarray(heights.reshape(n_edges, n_starts).max(axis=1))
+
+    def _climb(self, starts: Array, branch: Index, sign: Array, longest_step: float) -> Array:
+        """Return the greatest frequency times ``sign`` (n,) of a ``branch`` (n,) along its group
         velocity from each of the wave vectors ``starts`` (n, p), 1/d.
 
         Steps are those of J. Barzilai and J. M. Borwein (IMA J. Numer. Anal. 8, 141, 1988), none
-        longer than ``reach``.
+        above ``longest_step``, 1/d.
         """
         q = starts.copy()
-        best = np.full(len(q), -np.inf)
+        heights = np.full(len(q), -np.inf)
         last_q = q.copy()
         last_slope = np.zeros_like(q)
-        going = np.arange(len(q))
+        direction = np.eye(q.shape[1])[0]
+        climbing = np.arange(len(q))
         for turn in range(_TURNS):
-            modes = self.lattice.modes(q[going], np.eye(q.shape[1])[0])
-            row = np.arange(going.size)
-            values = sign[going] * modes.frequencies[row, branch[going]]
-            best[going] = np.maximum(best[going], values)
-            slope = sign[going, None] * modes.group_velocities[row, branch[going]]
-            size = np.linalg.norm(slope, axis=1)
-            zeros = np.zeros(going.size)
-            step = np.full(going.size, 0.5 * reach)
-            if turn:
-                moved = q[going] - last_q[going]
-                bend = np.abs(np.sum(moved * (slope - last_slope[going]), axis=1))
-                squared = np.sum(moved**2, axis=1)
-                step = np.divide(squared * size, bend, out=zeros.copy(), where=bend > 0.0)
-            step = np.minimum(step, np.where(size > 0.0, reach, 0.0))
-            last_q[going] = q[going]
-            last_slope[going] = slope
-            q[going] += np.divide(step, size, out=zeros, where=size > 0.0)[:, None] * slope
-            going = going[step > _LEVEL]
-            if not going.size:
+            modes = self.lattice.modes(q[climbing], direction)
+            mode = (np.arange(climbing.size), branch[climbing])
+            values = sign[climbing] * modes.frequencies[mode]
+            heights[climbing] = np.maximum(heights[climbing], values)
+            slope = sign[climbing, None] * modes.group_velocities[mode]
+            steepness = np.linalg.norm(slope, axis=1)
+            if turn == 0:
+                step = np.full(climbing.size, 0.5 * longest_step)
+            else:
+                moved = q[climbing] - last_q[climbing]
+                step = _secant_step(moved, slope - last_slope[climbing], steepness)
+            step = np.minimum(step, np.where(steepness > 0.0, longest_step, 0.0))
+            last_q[climbing] = q[climbing]
+            last_slope[climbing] = slope
+            stretch = np.zeros(climbing.size)
+            np.divide(step, steepness, out=stretch, where=steepness > 0.0)
+            q[climbing] += stretch[:, None] * slope
+            climbing = climbing[step > _LEVEL]
+            if not climbing.size:
                 break
-        return best
+        return heights
 
-    def _zoom(self, wavevectors: Array, branch: int, sign: float, reach: float) -> float:
-        """Return the highest frequency times ``sign`` of a branch about wave vectors (n, p), 1/d,
-        on ever finer meshes.
+    def _zoom(self, centres: Array, branch: int, sign: float, spacing: float) -> float:
+        """Return the greatest frequency times ``sign`` of a branch about wave vectors ``centres``
+        (n, p), 1/d, on ever finer meshes, the first of which reach as far as ``spacing``, 1/d.
         """
         p = self._periods
-        offsets = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 7)] * p), axis=-1).reshape(-1, p)
-        q = wavevectors
-        size = np.full(len(wavevectors), reach)
-        best = -np.inf
+        ticks = np.linspace(-1.0, 1.0, 7)
+        offsets = np.stack(np.meshgrid(*[ticks] * p), axis=-1).reshape(-1, p)  # (7^p, p)
+        q = centres
+        size = np.full(len(centres), spacing)
+        height = -np.inf
         while size.size:
-            near = q[:, None] + size[:, None, None] * offsets
-            frequencies = self.lattice.frequencies(near.reshape(-1, p))[:, branch]
+            points = q[:, None] + size[:, None, None] * offsets  # (n, 7^p, p)
+            frequencies = self.lattice.frequencies(points.reshape(-1, p))[:, branch]
             values = sign * frequencies.reshape(len(q), -1)
             highest = np.argmax(values, axis=1)
-            best = max(best, float(values.max()))
-            q = near[np.arange(len(q)), highest]
+            height = max(height, float(values.max()))
+            q = points[np.arange(len(q)), highest]
             is_inside = np.max(np.abs(offsets[highest]), axis=1) < 1.0
             size = size * np.where(is_inside, 0.7, 0.95)
-            q = q[size > _LEVEL]
-            size = size[size > _LEVEL]
-        return best
+            is_wide = size > _LEVEL
+            q = q[is_wide]
+            size = size[is_wide]
+        return height
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> ZoneMesh:
         """Return a Gamma-centred mesh, reduced by the point group of the frequencies."""
@@ -842,6 +906,170 @@ class Phonons:
         write_phonopy(bridge, path, self.scales, top, lattice.motions, self._periods, kinds)
 
 
+class _BandEdges(NamedTuple):
+    """Edges of gaps, (e,): first the tops of the branches below the gaps, in ascending order, then
+    the bottoms of the branches above.
+
+    The gap below the lowest branch has no edge below. A top is sought as the greatest frequency,
+    ``sign`` 1, and a bottom as the greatest negative frequency, ``sign`` -1.
+    """
+
+    branch: Index
+    sign: Array
+    n_tops: int
+
+    @classmethod
+    def of(cls, above_gaps: Index) -> _BandEdges:
+        """Return the edges of the gaps below the branches ``above_gaps`` (n,), ascending."""
+        # of the branches below a gap the last reaches as high as any
+        below_gaps = above_gaps[above_gaps > 0] - 1
+        n_tops = len(below_gaps)
+        branch = np.concatenate([below_gaps, above_gaps])
+        sign = np.concatenate([np.ones(n_tops), -np.ones(len(above_gaps))])
+        return cls(branch, sign, n_tops)
+
+    def below_gap(self, edge: int) -> int:
+        """Return the branch below the gap of an edge."""
+        is_bottom = self.sign[edge] < 0.0
+        return int(self.branch[edge] - is_bottom)
+
+    def is_narrow(self, heights: Array, width: float) -> Flags:
+        """Return which edges (e,) are of a gap between two branches that is below ``width``, with
+        frequencies times sign ``heights`` (e,).
+        """
+        narrow = np.zeros(len(self.branch), bool)
+        tops = np.arange(self.n_tops)
+        bottoms = np.arange(len(self.branch) - self.n_tops, len(self.branch))
+        narrow[tops] = -heights[bottoms] - heights[tops] < width
+        narrow[bottoms] = narrow[tops]
+        return narrow
+
+    def pair_frequencies(self, heights: Array) -> tuple[Array, Array]:
+        """Return the lower and the upper edge of each gap, both (n,), from frequencies times sign
+        ``heights`` (e,); the lower edge of a gap below all branches is zero.
+        """
+        frequencies = self.sign * heights
+        upper = frequencies[self.n_tops :]
+        lower = np.zeros(len(upper))
+        lower[len(upper) - self.n_tops :] = frequencies[: self.n_tops]
+        return lower, upper
+
+
+def _choose_starts(values: Array, edges: _BandEdges) -> Index:
+    """Return the wave vectors (e, n_starts) at which the frequencies ``values`` (n_q, n_branches)
+    come next to each edge, the nearest first.
+    """
+    n_starts = max(1, min(_STARTS, _FEW_BRANCHES // values.shape[1]))
+    order = np.argsort(-edges.sign * values[:, edges.branch], axis=0, kind="stable")
+    return np.asarray(order[:n_starts].T)
+
+
+def _find_closest(values: Array, branch: int, count: int) -> Index:
+    """Return the up to ``count`` wave vectors at which a branch comes next to the branch above, in
+    frequencies ``values`` (n_q, n_branches): there peaks may be narrower than the mesh.
+    """
+    distance = values[:, branch + 1] - values[:, branch]
+    return np.asarray(np.argsort(distance, kind="stable")[:count])
+
+
+def _secant_step(moved: Array, change: Array, steepness: Array) -> Array:
+    """Return the lengths (n,), 1/d, of steps along slopes of size ``steepness`` (n,) that would
+    reach a parabola's top, after slopes have changed by ``change`` (n, p) along ``moved`` (n, p),
+    1/d; zero where the slope has not changed.
+    """
+    bend = np.abs(np.sum(moved * change, axis=1))
+    squared = np.sum(moved**2, axis=1)
+    lengths = np.zeros(len(bend))
+    np.divide(squared * steepness, bend, out=lengths, where=bend > 0.0)
+    return lengths
+
+
+def _directions_along(paths: Array) -> Array:
+    """Return the vector (s p, d) along the path at each wave vector of ``paths`` (s, p, d)."""
+    points = paths.shape[1]
+    along = np.repeat(paths[:, -1] - paths[:, 0], points, axis=0)
+    # at the last point of a segment the limit is taken from inside the segment
+    along[points - 1 :: points] *= -1.0
+    return along
+
+
+def _distances_along(paths: Array) -> Array:
+    """Return distances (s, p) along segments of wave vectors ``paths`` (s, p, d), 1/d, over 2 pi;
+    each segment begins where the one before has ended.
+    """
+    steps = np.linalg.norm(np.diff(paths, axis=1), axis=2) / (2.0 * np.pi)
+    starts = np.zeros((len(paths), 1))
+    distances = np.concatenate([starts, np.cumsum(steps, axis=1)], axis=1)
+    distances[1:] += np.cumsum(distances[:-1, -1])[:, None]
+    return distances
+
+
+def _decay_fully(upward: BlochWaves, downward: BlochWaves) -> bool:
+    """Return whether a wave decays from layer to layer by more than its digits can show."""
+    decays = np.concatenate([np.abs(upward.factors), 1.0 / np.abs(downward.factors)])
+    return bool(np.any(decays < LEAST_PART))
+
+
+def _require_digits(hertz: Array, is_far: ArrayLike) -> None:
+    """Raise :class:`PrecisionError` if the waves at some frequencies (n_f,), Hz, decay too far:
+    those for which ``is_far`` (n_f,) holds.
+    """
+    far = np.asarray(is_far, bool)
+    if np.any(far):
+        raise PrecisionError(
+            f"at {float(hertz[far][0]):g} Hz a wave decays by more than {1.0 / LEAST_PART:g} from"
+            " layer to layer",
+            "Its wave number would have no digits",
+            "Take lower frequencies",
+        )
+
+
+def _list_wavenumbers(
+    space: HalfSpace, waves: list[tuple[BlochWaves, BlochWaves]], along: Array
+) -> Complex:
+    """Return the wave numbers (n_f, 2 m), 1/m, of the upward and the downward ``waves`` at each
+    frequency and at the wave vector ``along`` the layers.
+
+    The imaginary part is infinite of a motion that reaches no other layer at a frequency.
+    """
+    wavenumbers = np.empty((len(waves), 2, space.size), complex)
+    wavenumbers[:, 0] = complex(0.0, np.inf)
+    wavenumbers[:, 1] = complex(0.0, -np.inf)
+    for n, senses in enumerate(waves):
+        for sense, bloch_waves in enumerate(senses):
+            numbers = space.wavenumbers(bloch_waves.factors, along)
+            numbers[: bloch_waves.running].imag = 0.0
+            wavenumbers[n, sense, : len(numbers)] = numbers
+    # motions that reach no other layer at any frequency are no waves
+    are_waves = np.any(np.isfinite(wavenumbers), axis=(0, 1))
+    return wavenumbers[:, :, are_waves].reshape(len(waves), -1)
+
+
+def _number_images(bridge: ContactPhonopy, dim: tuple[int, ...]) -> Index:
+    """Return the index (n_a, n1, ...) in phonopy's supercell of the image of each of the n_a atoms
+    in each cell of the supercell of ``dim`` (n1, ...) cells.
+    """
+    cells = bridge.supercell
+    unit = bridge.unitcell
+    atom = np.array([cells.u2u_map[s] for s in cells.s2u_map])
+    offsets = cells.positions - unit.positions[atom]
+    steps = np.rint(offsets @ np.linalg.inv(unit.cell)).astype(int)
+    numbers = np.empty((len(unit), *dim), int)
+    numbers[(atom, *(steps[:, : len(dim)] % dim).T)] = np.arange(len(atom))
+    return numbers
+
+
+def _list_arrays(lattice: ContactLattice, with_stiffness: bool) -> list[Array]:
+    """Return ends and vectors of the contacts, on request also masses and stiffnesses of a
+    lattice.
+    """
+    contacts = lattice.contacts
+    arrays: list[Any] = [contacts.i, contacts.j, contacts.vector]
+    if with_stiffness:
+        arrays += [lattice.masses, lattice.gyration, lattice.stiffness, lattice.prestress]
+    return arrays
+
+
 def _smear(omega: Array, values: Array, weights: Array, width: float) -> Array:
     """Return the sums (m, n) of Gaussians of standard deviation ``width`` about frequencies
     ``values`` (n_q, n_branches), with ``weights`` (m, n_q, n_branches) as their heights, at
@@ -863,11 +1091,12 @@ def _pad(numbers: tuple[int, ...]) -> list[int]:
 
 
 def _check_qpoints(qpoints: ArrayLike, periods: int) -> Array:
-    """Check that ``qpoints`` lie in the lattice, and return them as (n, 3); raises
-    :class:`InputError` if they do not.
+    """Return ``qpoints`` (n, periods) or (n, 3) as (n, 3), fractions of the reciprocal cell; raise
+    :class:`InputError` if they leave the line, plane or space of the periods.
     """
     q = real_array("q points", qpoints)
-    if q.ndim != 2 or not len(q) or q.shape[1] not in (periods, 3) or not np.all(np.isfinite(q)):
+    has_shape = q.ndim == 2 and len(q) > 0 and q.shape[1] in (periods, 3)
+    if not has_shape or not np.all(np.isfinite(q)):
         mend = "Give " + "(n, 3)" if periods == 3 else f"Give (n, {periods}) or (n, 3)"
         raise InputError(f"the q points have the shape {q.shape}", mend=f"{mend} finite fractions")
     q = np.pad(q, ((0, 0), (0, 3 - q.shape[1])))

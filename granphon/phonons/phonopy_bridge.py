@@ -122,6 +122,8 @@ _AUXILIARY_MASS = 1e32
 
 
 def _refuse(name: str, reason: str) -> Any:
+    """Return a method that raises UnsupportedError, with a ``reason``, in place of phonopy's."""
+
     def method(self: Any, *args: Any, **kwargs: Any) -> NoReturn:
         raise UnsupportedError(f"Phonopy.{name} is refused for balls in contact: {reason}")
 
@@ -189,18 +191,8 @@ def write_phonopy(
     export = Phonopy(
         cell, bridge.supercell_matrix, primitive_matrix="P", is_symmetry=False, log_level=0
     )
-    # compact force constants; the auxiliary atom is coupled to the balls of its own cell, by what
-    # their sum rule lacks. phonopy orders a supercell by atom, then by cell
-    constants = bridge.force_constants
-    lacking = constants.sum(axis=1)
-    cells = constants.shape[1] // n  # (n, 3, 3)
-    coupled = np.zeros((n + 1, (n + 1) * cells, 3, 3))
-    coupled[:n, : n * cells] = constants
-    *balls, auxiliary = (int(s) for s in export.primitive.p2s_map)
-    coupled[:n, auxiliary] = -lacking
-    coupled[n, balls] = -lacking.swapaxes(1, 2)
-    coupled[n, auxiliary] = 0.5 * (lacking.sum(axis=0) + lacking.sum(axis=0).T)
-    export.force_constants = coupled * _EXPORT_SCALE
+    firsts = [int(s) for s in export.primitive.p2s_map]
+    export.force_constants = _couple_auxiliary(bridge.force_constants, firsts) * _EXPORT_SCALE
     # phonopy writes physical units into the file unless the factor was set, if only to its own
     # value
     export.unit_conversion_factor = export.unit_conversion_factor
@@ -217,6 +209,25 @@ def write_phonopy(
     ]
     body = str(export.to_phonopy_yaml(settings={"force_constants": True}))
     write_text(path, seal([*head, *body.removesuffix("\n").split("\n")]))
+
+
+def _couple_auxiliary(constants: Array, firsts: list[int]) -> Array:
+    """Return compact force constants (n + 1, N + N/n, 3, 3) with the auxiliary atom, from those
+    (n, N, 3, 3) of n atoms of the cell and N of the supercell.
+
+    The auxiliary atom is coupled to the atoms of its own cell, by what their sum rule lacks.
+    ``firsts`` are the numbers in the supercell of the n + 1 atoms of the cell; phonopy orders a
+    supercell by atom, then by cell.
+    """
+    n, size = constants.shape[:2]
+    *balls, auxiliary = firsts
+    lacking = constants.sum(axis=1)  # (n, 3, 3)
+    coupled = np.zeros((n + 1, size + size // n, 3, 3))
+    coupled[:n, :size] = constants
+    coupled[:n, auxiliary] = -lacking
+    coupled[n, balls] = -lacking.swapaxes(1, 2)
+    coupled[n, auxiliary] = 0.5 * (lacking.sum(axis=0) + lacking.sum(axis=0).T)
+    return coupled
 
 
 def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
@@ -250,28 +261,11 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
         expected = name_atoms(masses[::per_ball], motions, kinds)
         if len(points) != n + 1 or symbols != [*expected, free_symbol(_AUXILIARY, expected)]:
             raise InputError("Its cell does not consist of balls and the auxiliary atom")
-        # granphon writes no other supercell, and phonopy may never return from one
-        matrix = np.array(data["supercell_matrix"])
-        is_matrix = matrix.shape == (3, 3) and matrix.dtype.kind == "i"
-        numbers = [int(m) for m in np.diag(matrix)] if is_matrix else [0]
-        is_diagonal = np.array_equal(matrix, np.diag(numbers))
-        if not is_diagonal or min(numbers) < 1 or set(numbers[periods:]) - {1}:
-            shown = " x ".join(["n1", "n2", "n3"][:periods] + ["1"] * (3 - periods))
-            raise InputError(f"Its supercell_matrix is not that of {shown} cells")
+        numbers = _read_supercell(data["supercell_matrix"], periods)
         if masses.min() <= 0.0 or scale <= 0.0:
             raise InputError("Its masses and scales are not above zero")
-        block = data["force_constants"]
         cells = math.prod(numbers)  # Python's integers: their product does not overflow
-        rows, columns = block["shape"]
-        if columns != (n + 1) * cells or rows not in (n + 1, columns):
-            raise InputError(
-                f"Its force constants of shape {block['shape']} do not fit {cells} cells of"
-                f" {n + 1} atoms"
-            )
-        constants = read_numbers("elements", block["elements"], (rows * columns, 3, 3))
-        constants = constants.reshape(rows, columns, 3, 3)
-        if rows != n + 1:  # the rows of all cells; phonopy orders a supercell by atom, then by cell
-            constants = constants[::cells]
+        constants = _read_constants(data["force_constants"], n + 1, cells)
         positions = read_numbers(
             "coordinates", [point["coordinates"] for point in points[:n]], (n, 3)
         )
@@ -279,9 +273,45 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
         cell = PhonopyAtoms(
             symbols=symbols[:n], cell=vectors, masses=masses, scaled_positions=positions
         )
-        bridge = ContactPhonopy(cell, matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
+        bridge = ContactPhonopy(
+            cell, np.diag(numbers), primitive_matrix="P", is_symmetry=False, log_level=0
+        )
         bridge.unit_conversion_factor = 1.0
         bridge.give_force_constants(constants[:n, : len(bridge.supercell)] / scale)
     if not verified:
         warn_unverified(path)
     return bridge, scales
+
+
+def _read_supercell(listed: Any, periods: int) -> list[int]:
+    """Return the numbers of cells (3,) of a supercell from its matrix in a file.
+
+    Raises :class:`InputError` for another matrix than those of whole cells along the ``periods``:
+    granphon writes no other, and phonopy may never return from one.
+    """
+    matrix = np.array(listed)
+    is_matrix = matrix.shape == (3, 3) and matrix.dtype.kind == "i"
+    numbers = [int(m) for m in np.diag(matrix)] if is_matrix else [0]
+    is_diagonal = np.array_equal(matrix, np.diag(numbers))
+    if not is_diagonal or min(numbers) < 1 or set(numbers[periods:]) - {1}:
+        shown = " x ".join(["n1", "n2", "n3"][:periods] + ["1"] * (3 - periods))
+        raise InputError(f"Its supercell_matrix is not that of {shown} cells")
+    return numbers
+
+
+def _read_constants(block: Any, atoms: int, cells: int) -> Array:
+    """Return the force constants (atoms, atoms cells, 3, 3) of a block of a file.
+
+    Raises :class:`InputError` if they are not those of so many ``atoms`` and ``cells``.
+    """
+    rows, columns = block["shape"]
+    if columns != atoms * cells or rows not in (atoms, columns):
+        raise InputError(
+            f"Its force constants of shape {block['shape']} do not fit {cells} cells of {atoms}"
+            f" atoms"
+        )
+    constants = read_numbers("elements", block["elements"], (rows * columns, 3, 3))
+    constants = constants.reshape(rows, columns, 3, 3)
+    if rows != atoms:  # the rows of all cells; phonopy orders a supercell by atom, then by cell
+        constants = constants[::cells]
+    return constants

@@ -248,15 +248,16 @@ class Surface:
             raise InputError("one frequency has no step", mend="Give damping in Hz")
         width = np.max(np.abs(np.diff(hertz))) if damping is None else damping
         width = positive("damping", width, "Hz")
-        self._require_memory(len(points), hertz.size)
+        n_points = len(points)
+        n_frequencies = len(hertz)
+        self._require_memory(n_points, n_frequencies)
         omega = np.maximum(hertz / unit, _ZERO * np.sqrt(half.highest))
         w = omega * (omega + 1j * width / unit)
-        n = len(points)
-        f = len(hertz)
-        numbers = np.repeat(np.arange(n), f)
-        green = np.linalg.inv(half.inverse_green(fractions, numbers, np.tile(w, n)))
-        diagonal = np.diagonal(green, axis1=1, axis2=2).imag.reshape(n, f, -1, half.motions.count)
-        outer_layer = diagonal[:, :, : half.per_layer].mean(axis=2)
+        numbers = np.repeat(np.arange(n_points), n_frequencies)
+        inverse = half.inverse_green(fractions, numbers, np.tile(w, n_points))
+        diagonal = np.diagonal(np.linalg.inv(inverse), axis1=1, axis2=2).imag
+        by_ball = diagonal.reshape(n_points, n_frequencies, -1, half.motions.count)
+        outer_layer = by_ball[:, :, : half.per_layer].mean(axis=2)
         by_motion = -2.0 / np.pi * omega[:, None] * outer_layer / unit
         edges = np.sqrt(np.maximum(half.bands(fractions), 0.0)) * unit
         letters = tuple(half.motions.letters)
@@ -349,7 +350,8 @@ class Surface:
         points = self._read(q)[1]
         continuum = self.continuum(q)
         branches = self.branches(q)
-        if np.any((continuum[0, :, 0] <= near) & (near <= continuum[0, :, 1])):
+        bottoms, tops = continuum[0].T
+        if np.any((bottoms <= near) & (near <= tops)):
             raise InputError(
                 f"{near:.6g} Hz lies inside of the crystal's bands at q = {points[0].tolist()}",
                 "A wave there leaks into the crystal",
@@ -362,17 +364,13 @@ class Surface:
                 expected = 2.0 * followed[-1] - followed[-2]
             elif n == 1:
                 expected = followed[0]
-            bottoms, tops = continuum[n].T
-            gap_low = np.max(tops, where=tops < expected, initial=0.0)
-            gap_high = np.min(bottoms, where=bottoms > expected, initial=np.inf)
-            waves = branches[n]
-            in_gap = waves[(waves > gap_low) & (waves < gap_high)]
-            if not in_gap.size:
+            nearest = _find_in_gap(branches[n], continuum[n], expected)
+            if nearest is None:
                 raise InputError(
                     f"no wave of the edge is near {expected:.6g} Hz at q = {point.tolist()}",
                     mend="Give fewer wave vectors, or another frequency",
                 )
-            followed.append(float(in_gap[np.argmin(np.abs(in_gap - expected))]))
+            followed.append(nearest)
         return np.array(followed)
 
     def zak_phase(self, q: ArrayLike | None = None, below: int = 1) -> Array:
@@ -423,6 +421,19 @@ class Surface:
         return float(unit * self.half_space.rayleigh_velocity(along))
 
 
+def _find_in_gap(waves: Array, bands: Array, expected: float) -> float | None:
+    """Return the frequency, Hz, among ``waves`` (n_w,), Hz, that is nearest to the ``expected`` one
+    and in the same gap between ``bands`` (b, 2), Hz; None if there is none.
+    """
+    bottoms, tops = bands.T
+    low = np.max(tops, where=tops < expected, initial=0.0)
+    high = np.min(bottoms, where=bottoms > expected, initial=np.inf)
+    in_gap = waves[(waves > low) & (waves < high)]
+    if not in_gap.size:
+        return None
+    return float(in_gap[np.argmin(np.abs(in_gap - expected))])
+
+
 def observe_surface(
     states: Sequence[State], different: Sequence[State], axis: Any, edge: str, points: int
 ) -> dict[str, Array]:
@@ -435,17 +446,20 @@ def observe_surface(
     """
     surfaces = [state.cached(Surface, axis, edge) for state in different]
     q = surfaces[0].path(points)[0]
-    p = len(surfaces[0].cell)
     branches = [surface.along_path(points) for surface in surfaces]
     counts = [int(np.bincount(waves.place, minlength=1).max()) for waves in branches]
     table = np.full((len(surfaces), len(q), max(1, *counts)), np.nan)
-    for row, waves in zip(table, branches, strict=True):
+    for frequencies, waves in zip(table, branches, strict=True):
+        # the rank of each wave among those of its wave vector
         rank = np.arange(len(waves.place)) - np.searchsorted(waves.place, waves.place)
-        row[waves.place, rank] = waves.frequencies
+        frequencies[waves.place, rank] = waves.frequencies
     ratio = np.array([[state.scales.frequency, state.scales.velocity] for state in states])
     ratio = ratio / [[state.scales.frequency, state.scales.velocity] for state in different]
     observed = {"surface_frequency": ratio[:, 0, None, None] * table}
     with suppress(GranphonError):
-        leg = q[1, :p] @ np.linalg.inv(surfaces[0].cell[:, :p]).T if len(q) > 1 else None
+        leg = None
+        if len(q) > 1:
+            p = len(surfaces[0].cell)
+            leg = q[1, :p] @ np.linalg.inv(surfaces[0].cell[:, :p]).T
         observed["surface_velocity"] = ratio[:, 1] * [surface.velocity(leg) for surface in surfaces]
     return observed

@@ -28,8 +28,7 @@ from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, lru_cache, partial
-from itertools import compress
-from typing import Any, ClassVar, NamedTuple, cast
+from typing import Any, ClassVar, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,7 +45,7 @@ from granphon.base.progress import Progress, Step, silent
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.tables import table_text
-from granphon.base.text import digest
+from granphon.base.text import counted, digest
 from granphon.base.validation import choice, each, number, require, truth, whole
 from granphon.dynamics.elasticity import bulk_and_shear, longitudinal_modulus
 from granphon.laws.effective import EffectiveLaw, effective_curve, solve_curve
@@ -88,6 +87,8 @@ _MOST_DRAWS = 100
 BETTER = 100.0
 #: least number of timed runs of a point
 LEAST_RUNS = 5
+#: local fields of the effective medium
+_Field = Literal["computed", "paper"]
 #: files of a trade-off
 TRADEOFF_FILES = ("tradeoff.csv", "tradeoff.png")
 
@@ -102,8 +103,9 @@ def observe(state: ContactState) -> Array:
     if state.packing.structure.periods == 3:
         tensor = state.elastic_tensor
         density = np.asarray(state.effective_density)
-        moduli = longitudinal_modulus(tensor), bulk_and_shear(tensor)[..., 1]
-        return np.stack([*(np.sqrt(modulus / density) for modulus in moduli), scale], axis=-1)
+        longitudinal = np.sqrt(longitudinal_modulus(tensor) / density)
+        transverse = np.sqrt(bulk_and_shear(tensor)[..., 1] / density)
+        return np.stack([longitudinal, transverse, scale], axis=-1)
     velocities = sound_velocities(state, (1.0, 0.0))
     return np.stack([velocities.longitudinal, velocities.transverse, scale], axis=-1)
 
@@ -163,14 +165,13 @@ class Ensemble:
         """Return the :data:`QUANTITIES`, SI, and their relative standard errors, (n_loads, 3); of
         two samples or more.
         """
-        moduli = np.array(self.moduli)
-        means, errors = (
-            array.reshape(moduli.shape[1:])
-            for array in regress(moduli.reshape(self.samples, -1), np.array(self._excess))
-        )
-        squares = np.abs(means) / np.stack(
-            [*[self._densities] * 2, np.full(len(means), self.packing.mass)], axis=1
-        )
+        moduli = np.array(self.moduli)  # (samples, n_loads, 3)
+        flat_means, flat_errors = regress(moduli.reshape(self.samples, -1), np.array(self._excess))
+        means = flat_means.reshape(moduli.shape[1:])
+        errors = flat_errors.reshape(moduli.shape[1:])
+        masses = np.full(len(means), self.packing.mass)
+        inertias = np.stack([self._densities, self._densities, masses], axis=1)
+        squares = np.abs(means) / inertias
         if self.load.kind != "overlap":
             squares[:, 2] = 1.0 / means[:, 2] / self.packing.mass
         return np.sqrt(squares), 0.5 * errors / np.abs(means)
@@ -184,13 +185,14 @@ def measure_excess(simulation: DirectSimulation) -> Iterator[Array]:
     shells = find_near_pairs(structure)
     axes = tuple(range(structure.periods))
     for index in range(simulation.samples):
-        state_given = simulation.deviations(index)
-        x = state_given if structure.n_balls > 1 else state_given[None]
-        pairs = [
-            np.mean([np.mean(x[j] * np.roll(x[i], shift, axes)) for i, j, shift in shell])
-            for shell in shells
-        ]
-        yield np.array([np.mean(x * x) - 1.0 / 12.0, *pairs])  # the variance of every distribution
+        deviations = simulation.deviations(index)
+        # (n, L1, ..., Lp), with the balls of the cell in front
+        x = deviations if structure.n_balls > 1 else deviations[None]
+        excess = [np.mean(x * x) - 1.0 / 12.0]  # the variance of every distribution
+        for shell in shells:
+            products = [np.mean(x[j] * np.roll(x[i], shift, axes)) for i, j, shift in shell]
+            excess.append(np.mean(products))
+        yield np.array(excess)
 
 
 @lru_cache(maxsize=64)
@@ -205,11 +207,9 @@ def find_near_pairs(structure: Lattice) -> list[list[tuple[int, int, tuple[int, 
     steps = steps_within(structure.vectors, reach)
     distance = np.linalg.norm(vectors[:, :, None] + steps @ structure.vectors, axis=-1)
     is_near = (distance > 0.5) & (distance < _REACH + TOUCH)
-    i, j, step_of = (indices.astype(np.intp) for indices in np.nonzero(is_near))
-    once = select_once(i, j, steps[step_of])
-    i = i[once]
-    j = j[once]
-    step_of = step_of[once]
+    near = np.argwhere(is_near)  # (n, 3): ball i, ball j, number of the step
+    once = select_once(near[:, 0], near[:, 1], steps[near[:, 2]])
+    i, j, step_of = near[once].T
     radii = np.round(distance[i, j, step_of], 5)
     shells = []
     for radius in np.unique(radii)[:3]:  # within _REACH on every lattice
@@ -343,6 +343,7 @@ class MediaStudy:
 
     @property
     def _columns(self) -> list[int]:
+        """Columns of the observed ones among :data:`QUANTITIES`."""
         return [QUANTITIES.index(name) for name in self.quantities]
 
     def observe(self, medium: Any) -> Array:
@@ -364,15 +365,13 @@ class MediaStudy:
         if shape.openings.size <= 40:  # which takes no noticeable time
             return 0.0
         # a short list is timed to predict the time of the long one
-        x = np.array(shape.positions)[
-            np.unique(np.linspace(0, len(shape.positions) - 1, 20).astype(int))
-        ]
+        even_steps = np.linspace(0, len(shape.positions) - 1, 20)
+        x = np.array(shape.positions)[np.unique(even_steps.astype(int))]
         few = PointShape(tuple(x.tolist()), (1.0 / x.size,) * x.size)
         begun = self.stopwatch.now()
         solve_curve(few, 1.0, 12, 1e-10)
-        return float(
-            (self.stopwatch.now() - begun) * (shape.openings.size / few.openings.size) ** 1.1
-        )
+        seconds = self.stopwatch.now() - begun
+        return float(seconds * (shape.openings.size / few.openings.size) ** 1.1)
 
     @cached_property
     def condition(self) -> float:
@@ -386,63 +385,70 @@ class MediaStudy:
         by_force = np.asarray(local_exponent(state))
         overlap = np.asarray(state.overlap)
         # v = f^(1/6) times a function of f/W^(3/2), or W^(1/4) times one of delta/W
-        by_load = (
-            by_force
-            if self.load.kind != "overlap"
-            else by_force * overlap * state.normal_stiffness / state.force
-        )
-        by_width = EXPONENT * (by_force - FREQUENCY_EXPONENT)
         if self.load.kind == "overlap":
+            by_load = by_force * overlap * state.normal_stiffness / state.force
             by_width = (EXPONENT - 1.0) / 2.0 - by_load
+        else:
+            by_load = by_force
+            by_width = EXPONENT * (by_force - FREQUENCY_EXPONENT)
         return float(1.0 + np.max(np.abs(by_load) + np.abs(by_width)))
 
     def make_points(self) -> list[Point]:
         """Return the points, in the order of their predicted times."""
-        packing = self.packing
+        points = [
+            Point(
+                "averaged lattice", "ala", lambda run: AveragedLattice(self.packing), self.observe
+            ),
+            Point("averaged force", "afa", lambda run: AveragedForce(self.packing), self.observe),
+            *self._make_effective_points(),
+        ]
         structure = self.packing.structure
+        sides = self.sides or _SIDES[structure.periods]
+        histories = dict.fromkeys((REST, self.truth))  # each once
+        for history, samples, side in itertools.product(histories, self.counts, sides):
+            points.append(self._make_simulated_point(history, samples, even_shape(structure, side)))
+        return sorted(points, key=lambda point: point.seconds)
+
+    def _make_effective_points(self) -> list[Point]:
+        """Return the effective medium with its computed field, and with that which the paper
+        prints.
+        """
+        packing = self.packing
         with suppress(GranphonError):
             # found once for all runs; a lattice that has none says so in its point
             _ = EffectiveMedium(packing).local_field
 
-        def prepare_effective(make: Callable[[], EffectiveMedium], run: int) -> EffectiveMedium:
+        def prepare(field_of_medium: _Field, run: int) -> EffectiveMedium:
+            """Return the medium with its curve solved anew."""
             effective_curve.cache_clear()
-            made = make()
-            _ = cast("EffectiveLaw", made.law).curve
-            return made
+            medium = EffectiveMedium(packing, field_of_medium)
+            _ = cast("EffectiveLaw", medium.law).curve
+            return medium
 
-        def prepare_simulation(
-            shape: tuple[int, ...], samples: int, history: FrictionHistory, run: int
-        ) -> DirectSimulation:
-            return DirectSimulation(packing, shape, run * samples, samples, **history.options)
+        def make_point(method: str, knob: str, field_of_medium: _Field) -> Point:
+            """Return the point of a local field."""
+            prepared = partial(prepare, field_of_medium)
+            return Point(method, knob, prepared, self.observe, self.solving)
 
-        fields = {"effective medium": ("computed field", lambda: EffectiveMedium(packing))}
-        if structure == TRIANGULAR:  # the paper prints no field of another lattice
-            fields["effective medium, paper's field"] = (
-                "printed field",
-                lambda: EffectiveMedium(packing, "paper"),
-            )
-        points = [
-            Point("averaged lattice", "ala", lambda run: AveragedLattice(packing), self.observe),
-            Point("averaged force", "afa", lambda run: AveragedForce(packing), self.observe),
-            *(
-                Point(method, knob, partial(prepare_effective, make), self.observe, self.solving)
-                for method, (knob, make) in fields.items()
-            ),
-        ]
-        shapes = [even_shape(structure, side) for side in self.sides or _SIDES[structure.periods]]
-        for history, samples, shape in itertools.product(
-            dict.fromkeys((REST, self.truth)), self.counts, shapes
-        ):
-            prepare = partial(prepare_simulation, shape, samples, history)
-            seconds = self.stopwatch.predict(estimate(prepare(0), self.load))
-            method = (
-                f"simulation{' with friction' * history.is_loaded}, {samples}"
-                f" sample{'s' if samples > 1 else ''}"
-            )
-            points.append(
-                Point(method, _write_shape(shape), prepare, self.observe, seconds, random=True)
-            )
-        return sorted(points, key=lambda point: point.seconds)
+        points = [make_point("effective medium", "computed field", "computed")]
+        if packing.structure == TRIANGULAR:  # the paper prints no field of another lattice
+            points.append(make_point("effective medium, paper's field", "printed field", "paper"))
+        return points
+
+    def _make_simulated_point(
+        self, history: FrictionHistory, samples: int, shape: tuple[int, ...]
+    ) -> Point:
+        """Return the simulation of so many ``samples`` of a ``shape``."""
+
+        def prepare(run: int) -> DirectSimulation:
+            """Return the simulation of a run, whose samples no other run has."""
+            first_seed = run * samples
+            return DirectSimulation(self.packing, shape, first_seed, samples, **history.options)
+
+        seconds = self.stopwatch.predict(estimate(prepare(0), self.load))
+        simulated = "simulation with friction" if history.is_loaded else "simulation"
+        method = f"{simulated}, {counted(samples, 'sample')}"
+        return Point(method, _write_shape(shape), prepare, self.observe, seconds, random=True)
 
     def find_reference(
         self, deadline: Deadline, better: Callable[[Reference], bool], step: Step
@@ -452,11 +458,8 @@ class MediaStudy:
         One smaller sample is solved in another way too, as a check: see :meth:`compare`. Raises
         :class:`~granphon.base.errors.GranphonError` if there is no time for it.
         """
-        structure = self.packing.structure
-        loaded = self.truth.is_loaded
         now = deadline.stopwatch.now
-        sides = _LOADED_SIDES if loaded else _REFERENCE_SIDES
-        shape = even_shape(structure, self.reference_side or sides[structure.periods])
+        shape = self._reference_shape
         samples = Ensemble(self.packing, self.load, shape, _REFERENCE_SEED, self.truth)
         begun = now()
         simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
@@ -467,23 +470,6 @@ class MediaStudy:
                 f" {write_duration(least)}."
             )
         checked, differences = self.compare(deadline)
-
-        def summarize() -> Reference:
-            """Return the reference from the samples so far; what the check differs by adds to its
-            errors in quadrature.
-            """
-            values, errors = (table[:, self._columns] for table in samples.means())
-            each = "balls" if structure.n_balls == 1 else "cells"
-            made = (
-                f"{samples.samples} samples of {_write_shape(shape)} {each} {self.truth.words},"
-                f" with control variates"
-            )
-            return Reference(
-                values,
-                np.hypot(errors, differences[:, None]),
-                f"{made}; {checked} by {np.max(differences):.0e}",
-            )
-
         longest = 0.0
         while deadline.left > 1.5 * longest:
             start = now()
@@ -491,11 +477,8 @@ class MediaStudy:
             step.advance()
             longest = max(longest, now() - start)
             count = samples.samples
-            if (
-                count >= _LEAST_SAMPLES
-                and count % _SAMPLES_BETWEEN_LOOKS == 0
-                and better(summarize())
-            ):
+            is_looked_at = count >= _LEAST_SAMPLES and count % _SAMPLES_BETWEEN_LOOKS == 0
+            if is_looked_at and better(self._summarise(samples, checked, differences)):
                 break
         if samples.samples < _LEAST_SAMPLES:
             spent = write_duration(now() - begun)
@@ -503,7 +486,30 @@ class MediaStudy:
                 f"the budget allows only {samples.samples} of its samples ({spent}), which"
                 f" are too few."
             )
-        return summarize()
+        return self._summarise(samples, checked, differences)
+
+    @property
+    def _reference_shape(self) -> tuple[int, ...]:
+        """Numbers of cells of the reference's samples."""
+        structure = self.packing.structure
+        sides = _LOADED_SIDES if self.truth.is_loaded else _REFERENCE_SIDES
+        return even_shape(structure, self.reference_side or sides[structure.periods])
+
+    def _summarise(self, samples: Ensemble, checked: str, differences: Array) -> Reference:
+        """Return the reference from the ``samples`` so far.
+
+        ``checked`` and ``differences`` (n_loads,) are those of :meth:`compare`; the differences add
+        to the errors in quadrature.
+        """
+        means, mean_errors = samples.means()
+        values = means[:, self._columns]
+        errors = np.hypot(mean_errors[:, self._columns], differences[:, None])
+        unit = "balls" if self.packing.structure.n_balls == 1 else "cells"
+        made = (
+            f"{samples.samples} samples of {_write_shape(samples.shape)} {unit}"
+            f" {self.truth.words}, with control variates"
+        )
+        return Reference(values, errors, f"{made}; {checked} by {np.max(differences):.0e}")
 
     def compare(self, deadline: Deadline) -> tuple[str, Array]:
         """Solve a small sample of the truth by another method: return a text that says what
@@ -513,36 +519,49 @@ class MediaStudy:
         rest, equilibrium and response are found by another algorithm, a sparse LU; both have the
         directions of the lattice, the only ones that the other algorithm knows.
         """
-        from granphon.array.sparse import SparseArray
-
-        shape = even_shape(self.packing.structure, _CHECKED_SIDES[self.packing.structure.periods])
+        structure = self.packing.structure
+        shape = even_shape(structure, _CHECKED_SIDES[structure.periods])
         if self.truth.is_loaded:
-            simulation = DirectSimulation(
-                self.packing, shape, _REFERENCE_SEED, **self.truth.options
-            )
-            finer = replace(simulation, step_tolerance=0.1 * simulation.step_tolerance)
-            ratio = self.observe(simulation) / self.observe(finer)
             words = "velocities in steps of a tenth of the tolerance"
-            differences = np.max(np.abs(ratio - 1.0), axis=-1)
+            differences = self._compare_steps(shape)
         else:
             words = "equilibrium and response by sparse LU"
-            eta = self.packing.mindlin_ratio
-            simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, geometry=LATTICE)
-            state = simulation.at(self.load)
-            differences = np.empty(self.load.size)
-            for number, sample in enumerate(state.samples):
-                equilibrium = sample.equilibrium
-                by_factors = SparseArray(equilibrium.deviations, equilibrium.lattice)
-                forces = by_factors.forces(equilibrium.overlap, check=deadline.check)
-                tensor = by_factors.elastic_tensor(forces, eta)
-                expected = equilibrium.find_elasticity(eta)
-                of_force = abs(np.mean(forces) / equilibrium.force - 1.0)
-                of_tensor = np.max(np.abs(tensor - expected)) / np.max(expected)
-                differences[number] = max(of_force, 0.5 * of_tensor)
+            differences = self._compare_factors(shape, deadline)
         return f"of one of {_write_shape(shape)}, {words} differ", differences
+
+    def _compare_steps(self, shape: tuple[int, ...]) -> Array:
+        """Load a sample in steps of the tolerance, and of a tenth: return the relative differences
+        (n_loads,).
+        """
+        simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
+        finer = replace(simulation, step_tolerance=0.1 * simulation.step_tolerance)
+        ratio = self.observe(simulation) / self.observe(finer)
+        return np.asarray(np.max(np.abs(ratio - 1.0), axis=-1))
+
+    def _compare_factors(self, shape: tuple[int, ...], deadline: Deadline) -> Array:
+        """Solve a sample at rest by a sparse LU as well: return the relative differences
+        (n_loads,).
+        """
+        from granphon.array.sparse import SparseArray
+
+        eta = self.packing.mindlin_ratio
+        simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, geometry=LATTICE)
+        state = simulation.at(self.load)
+        differences = np.empty(self.load.size)
+        for load_index, sample in enumerate(state.samples):
+            equilibrium = sample.equilibrium
+            by_factors = SparseArray(equilibrium.deviations, equilibrium.lattice)
+            forces = by_factors.forces(equilibrium.overlap, check=deadline.check)
+            tensor = by_factors.elastic_tensor(forces, eta)
+            expected = equilibrium.find_elasticity(eta)
+            of_force = abs(np.mean(forces) / equilibrium.force - 1.0)
+            of_tensor = np.max(np.abs(tensor - expected)) / np.max(expected)
+            differences[load_index] = max(of_force, 0.5 * of_tensor)
+        return differences
 
 
 def _write_shape(shape: Sequence[int]) -> str:
+    """Return numbers of cells in words."""
     return " x ".join(map(str, shape))
 
 
@@ -607,16 +626,16 @@ class MeasuredPoint(Result):
         """Standard error of :attr:`error`: of the rms over random runs; 0 if they are not
         random.
         """
-        return float(self.stderrs.flat[int(np.argmax(self.errors))]) if self.stderrs.size else 0.0
+        if not self.stderrs.size:
+            return 0.0
+        return float(self.stderrs.flat[int(np.argmax(self.errors))])
 
     @property
     def reference_error(self) -> float:
         """Relative error of the reference where the point's error is largest."""
-        return (
-            float(self.reference_errors.flat[int(np.argmax(self.errors))])
-            if self.errors.size
-            else 0.0
-        )
+        if not self.errors.size:
+            return 0.0
+        return float(self.reference_errors.flat[int(np.argmax(self.errors))])
 
     @property
     def resolved(self) -> bool:
@@ -688,20 +707,22 @@ class TradeOff(Result):
         )
         rows: list[list[Any]] = []
         for point in self.points:
-            cost = [point.seconds, point.spread, point.setup, point.memory, point.floor, ""]
             head = [point.method, point.knob]
+            cost = [point.seconds, point.spread, point.setup, point.memory, point.floor]
             if point.failure:
-                rows.append(
-                    [*head, *[""] * 7, *(cost[:-1] if point.ran else [""] * 5), point.failure]
-                )
+                # no load, quantity, error, its error, draws, error of the reference, resolved
+                empty = ["", "", "", "", "", "", ""]
+                known_cost = cost if point.ran else ["" for _ in cost]
+                rows.append([*head, *empty, *known_cost, point.failure])
                 continue
-            for load, *tables in zip(
-                self.loads, point.errors, point.stderrs, point.reference_errors, strict=True
-            ):
-                for name, error, stderr, limit in zip(self.observed, *tables, strict=True):
-                    resolved = bool(error >= BETTER * limit)
-                    cells = [float(error), float(stderr), point.draws, float(limit), resolved]
-                    rows.append([*head, load, name, *cells, *cost])
+            pairs = itertools.product(enumerate(self.loads), enumerate(self.observed))
+            for (row, load), (column, name) in pairs:
+                error = float(point.errors[row, column])
+                stderr = float(point.stderrs[row, column])
+                limit = float(point.reference_errors[row, column])
+                resolved = error >= BETTER * limit
+                errors = [error, stderr, point.draws, limit, resolved]
+                rows.append([*head, load, name, *errors, *cost, ""])
         return table_text(headings, rows)
 
 
@@ -769,51 +790,20 @@ def tradeoff(
     word = partial(choice, options=("velocities", "bands", "dos"))
     observe = require("observe", partial(each, rule=word, what="words"), observe)
     require("finite_overlap", truth, finite_overlap)
-    options = dict(
-        zip(
-            REFERENCE_OPTIONS, (friction_history, friction_coefficient, shear_response), strict=True
-        )
-    )
+    values = (friction_history, friction_coefficient, shear_response)
+    options = dict(zip(REFERENCE_OPTIONS, values, strict=True))
     against = require("tradeoff", FrictionHistory.read, options)
     loads = np.unique(applied.array)
     if loads.size > most_loads:
-        loads = loads[np.unique(np.rint(np.linspace(0, loads.size - 1, most_loads)).astype(int))]
-    if not packing.width:
-        why = "All media are exact for them, and equally fast"
-        raise InputError("equal balls leave nothing to compare", why, "Give the packing a spread")
-    # balls that differ need a simulated array by which media are judged
-    structure = packing.structure
-    where = f"on the {structure.name} lattice"
-    mend = "Use another lattice, or leave the spread out"
-    why = ""
-    if finite_overlap:
-        where = "with finite overlap"
-        mend = "Leave finite_overlap out, or the spread"
-        why = "Their reference is the simulated array, which has the paper's limit only"
-    elif structure.periods == 1:
-        why = "On a line all contacts carry the same force, and every medium is exact"
-    else:
-        try:
-            DirectSimulation(packing, (1,) * structure.periods, **against.options)
-        except GranphonError as error:
-            fault = f"Their reference is the simulated array: {error}"
-            raise InputError(f"media are not compared {where}", fault) from None
-        if structure.periods == 2 and not ideal_lattice(packing).is_isotropic:
-            why = "In the plane velocities are compared where sound is isotropic"
-    if why:
-        raise InputError(f"media are not compared {where}", why, mend)
-    requested = [
-        "velocities" in observe,
-        "velocities" in observe,
-        bool({"bands", "dos"} & set(observe)),
-    ]
-    study = MediaStudy(
-        packing,
-        Load(applied.kind, loads),
-        tuple(compress(QUANTITIES, requested)),
-        stopwatch,
-        against,
-    )
+        even_steps = np.linspace(0, loads.size - 1, most_loads)
+        loads = loads[np.unique(np.rint(even_steps).astype(int))]
+    _require_comparable(packing, finite_overlap, against)
+    quantities: tuple[str, ...] = ()
+    if "velocities" in observe:
+        quantities += ("longitudinal", "transverse")
+    if "bands" in observe or "dos" in observe:
+        quantities += ("frequency",)
+    study = MediaStudy(packing, Load(applied.kind, loads), quantities, stopwatch, against)
     identity = {
         "trade-off of": packing,
         applied.kind: loads,
@@ -825,6 +815,32 @@ def tradeoff(
         "versions": packages(),
     }
     return carry_out(study, budget, runs, progress, executor, store, json.loads(to_json(identity)))
+
+
+def _require_comparable(packing: Packing, finite_overlap: bool, against: FrictionHistory) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` unless the balls differ, and there is a
+    simulated array by which media are judged.
+    """
+    if not packing.width:
+        why = "All media are exact for them, and equally fast"
+        raise InputError("equal balls leave nothing to compare", why, "Give the packing a spread")
+    structure = packing.structure
+    if finite_overlap:
+        why = "Their reference is the simulated array, which has the paper's limit only"
+        mend = "Leave finite_overlap out, or the spread"
+        raise InputError("media are not compared with finite overlap", why, mend)
+    problem = f"media are not compared on the {structure.name} lattice"
+    mend = "Use another lattice, or leave the spread out"
+    if structure.periods == 1:
+        why = "On a line all contacts carry the same force, and every medium is exact"
+        raise InputError(problem, why, mend)
+    try:
+        DirectSimulation(packing, (1,) * structure.periods, **against.options)
+    except GranphonError as error:
+        raise InputError(problem, f"Their reference is the simulated array: {error}") from None
+    if structure.periods == 2 and not ideal_lattice(packing).is_isotropic:
+        why = "In the plane velocities are compared where sound is isotropic"
+        raise InputError(problem, why, mend)
 
 
 def carry_out(
@@ -891,141 +907,176 @@ class _StudyTask(Task):
         reference in the rest.
         """
         study = self.study
-        now = self.study.stopwatch.now
+        now = study.stopwatch.now
         start = now()
         deadline = Deadline(study.stopwatch, start + self.seconds)
         halfway = Deadline(study.stopwatch, now() + 0.4 * deadline.left)
         points = study.make_points()
-        failures = dict[Point, str]()
-        done = dict[Point, _Runs]()
-        times_of_method = dict[str, float]()
-
-        def require_time(seconds: float) -> None:
-            """Raise :class:`_BudgetError` if the runs of a point, of so many s each, would not end
-            by the deadline.
-            """
-            # four more are not timed: one warms up, and one is slower because its memory is watched
-            if (self.runs + 4.0) * seconds > halfway.left:
-                about = write_quantity(seconds, "s", 2) if 1e-3 < seconds < math.inf else ""
-                raise _BudgetError(
-                    "not run, beyond the budget"
-                    + (f": {self.runs} runs of about {about}" if about else "")
-                )
-
-        with self.progress.step("media", len(points)) as step:
-            for point in points:
-                ran = _Runs([], [], [])
-                try:
-                    # a knob that is turned further takes longer; a run to warm up tells how long
-                    require_time(max(point.seconds, times_of_method.get(point.method, 0.0)))
-                    begin = now()
-                    point.solve(point.prepare(0))
-                    require_time(now() - begin)
-                    for run in range(1, self.runs + 1):
-                        begin = now()
-                        ready = point.prepare(run)
-                        between = now()
-                        ran.outcomes.append(point.solve(ready))
-                        ran.seconds.append(now() - between)
-                        ran.setups.append(between - begin)
-                    # one more run, which is slower because its memory is watched
-                    tracemalloc.start()
-                    try:
-                        point.solve(point.prepare(0))
-                        done[point] = ran._replace(memory=tracemalloc.get_traced_memory()[1])
-                    finally:
-                        tracemalloc.stop()
-                    times_of_method[point.method] = statistics.median(ran.seconds)
-                except _BudgetError as error:
-                    failures[point] = str(error)
-                    times_of_method[point.method] = math.inf
-                except GranphonError as error:
-                    failures[point] = str(error)
-                step.advance()
-            # few runs do not tell the rms error of a random point: it is run more often, untimed,
-            # in half of the time left
-            random = [point for point in done if point.random]
-            until = now() + 0.5 * halfway.left
-            for number, point in enumerate(random):
-                time_of_run = statistics.median(done[point].seconds) + statistics.median(
-                    done[point].setups
-                )
-                end = now() + (until - now()) / (len(random) - number)
-                outcomes = done[point].outcomes
-                while len(outcomes) < _MOST_DRAWS and now() + 1.5 * time_of_run < end:
-                    # a run may take longer than the median
-                    outcomes.append(point.solve(point.prepare(len(outcomes) + 1)))
-
-        def square(point: Point, reference: Reference) -> Array:
-            """Return the squares of the relative errors of all runs of a point, (n, n_loads,
-            n_observed).
-            """
-            return np.asarray(np.square(np.array(done[point].outcomes) / reference.values - 1.0))
-
-        def better(reference: Reference) -> bool:
-            """Return whether the reference is good enough for every point."""
-            errors = (np.sqrt(np.mean(square(point, reference), axis=0)) for point in done)
-            return all(
-                np.max(e) >= BETTER * reference.errors.flat[int(np.argmax(e))] for e in errors
-            )
-
+        runs_of_point, failures = self._run_points(points, halfway)
         reference = None
         problem = "no point was run"
-        if done:
+        if runs_of_point:
             with self.progress.step("media: reference") as step:
                 try:
-                    reference = study.find_reference(deadline, better, step)
+                    judges_all = partial(_judges_all, list(runs_of_point.values()))
+                    reference = study.find_reference(deadline, judges_all, step)
                 except GranphonError as error:
                     problem = f"there is no reference: {error}"
-        measured = list[MeasuredPoint]()
-        no_errors = np.zeros(0)
+        texts = []
         for point in points:
-            if point not in done:
+            if point in runs_of_point:
+                measured = self._measure(point, runs_of_point[point], reference, problem)
+            else:
                 why = failures.get(point, problem)
-                measured.append(
-                    MeasuredPoint(point.method, point.knob, no_errors, no_errors, failure=why)
+                measured = MeasuredPoint(
+                    point.method, point.knob, np.zeros(0), np.zeros(0), failure=why
                 )
-                continue
-            ran = done[point]
-            errors = no_errors
-            known_errors = no_errors
-            stderrs = no_errors
-            floor = 0.0
-            if reference is not None:
-                squares = square(point, reference)
-                errors = np.sqrt(np.mean(squares, axis=0))
-                known_errors = reference.errors
-                stderrs = np.zeros_like(errors)
-                floor = float(np.finfo(float).eps) * study.condition
-                if point.random:
-                    stderrs = (
-                        np.std(squares, axis=0, ddof=1) / math.sqrt(len(squares)) / (2.0 * errors)
-                    )
-                    floor = float(
-                        np.max(np.std(ran.outcomes, axis=0, ddof=1) / np.mean(ran.outcomes, axis=0))
-                    )
-            low, middle, high = statistics.quantiles(ran.seconds, n=4)
-            measured.append(
-                MeasuredPoint(
-                    point.method,
-                    point.knob,
-                    errors,
-                    known_errors,
-                    middle,
-                    0.5 * (high - low),
-                    statistics.median(ran.setups),
-                    ran.memory,
-                    floor,
-                    point.random,
-                    "" if reference is not None else problem,
-                    stderrs,
-                    len(ran.outcomes),
-                )
-            )
-        texts = [json.dumps(point.to_dict()) for point in measured]
+            texts.append(json.dumps(measured.to_dict()))
         made = [reference.made] if reference else []
         return {
             "points": np.array(texts, str),
             "made": np.array(made, str),
             "seconds": np.array(now() - start),
         }
+
+    def _run_points(
+        self, points: Sequence[Point], halfway: Deadline
+    ) -> tuple[dict[Point, _Runs], dict[Point, str]]:
+        """Run points one after the other until ``halfway``; return the runs of each, and why the
+        others were not run.
+        """
+        runs_of_point = dict[Point, _Runs]()
+        failures = dict[Point, str]()
+        times_of_method = dict[str, float]()
+        with self.progress.step("media", len(points)) as step:
+            for point in points:
+                # a knob that is turned further takes longer
+                least = max(point.seconds, times_of_method.get(point.method, 0.0))
+                try:
+                    runs = self._run(point, least, halfway)
+                    runs_of_point[point] = runs
+                    times_of_method[point.method] = statistics.median(runs.seconds)
+                except _BudgetError as error:
+                    failures[point] = str(error)
+                    times_of_method[point.method] = math.inf
+                except GranphonError as error:
+                    failures[point] = str(error)
+                step.advance()
+            # few runs do not tell the rms error of a random point
+            random = {point: runs for point, runs in runs_of_point.items() if point.random}
+            _repeat(random, halfway)
+        return runs_of_point, failures
+
+    def _run(self, point: Point, least: float, halfway: Deadline) -> _Runs:
+        """Run a point that takes ``least`` s or more: once to warm up, then timed, then with its
+        memory watched.
+
+        Raises :class:`_BudgetError` if there is no time for that until ``halfway``.
+        """
+        now = self.study.stopwatch.now
+        self._require_time(least, halfway)
+        begin = now()
+        point.solve(point.prepare(0))
+        self._require_time(now() - begin, halfway)
+        runs = _Runs([], [], [])
+        for run in range(1, self.runs + 1):
+            begin = now()
+            ready = point.prepare(run)
+            between = now()
+            runs.outcomes.append(point.solve(ready))
+            runs.seconds.append(now() - between)
+            runs.setups.append(between - begin)
+        return runs._replace(memory=_watch_memory(point))
+
+    def _require_time(self, seconds: float, halfway: Deadline) -> None:
+        """Raise :class:`_BudgetError` if the runs of a point, of so many ``seconds`` each, would
+        not end by the deadline ``halfway``.
+        """
+        # four more are not timed: one warms up, and one is slower because its memory is watched
+        if (self.runs + 4.0) * seconds <= halfway.left:
+            return
+        problem = "not run, beyond the budget"
+        if 1e-3 < seconds < math.inf:
+            problem += f": {self.runs} runs of about {write_quantity(seconds, 's', 2)}"
+        raise _BudgetError(problem)
+
+    def _measure(
+        self, point: Point, runs: _Runs, reference: Reference | None, problem: str
+    ) -> MeasuredPoint:
+        """Return the errors and times of a point; without a ``reference`` the ``problem`` says
+        why there is none.
+        """
+        low, middle, high = statistics.quantiles(runs.seconds, n=4)
+        measured = MeasuredPoint(
+            point.method,
+            point.knob,
+            np.zeros(0),
+            np.zeros(0),
+            seconds=middle,
+            spread=0.5 * (high - low),
+            setup=statistics.median(runs.setups),
+            memory=runs.memory,
+            random=point.random,
+            failure=problem,
+            draws=len(runs.outcomes),
+        )
+        if reference is None:
+            return measured
+        squares = _square_errors(runs, reference)
+        errors = np.sqrt(np.mean(squares, axis=0))
+        stderrs = np.zeros_like(errors)
+        floor = float(np.finfo(float).eps) * self.study.condition
+        if point.random:
+            scatter = np.std(squares, axis=0, ddof=1)
+            stderrs = scatter / math.sqrt(len(squares)) / (2.0 * errors)
+            relative = np.std(runs.outcomes, axis=0, ddof=1) / np.mean(runs.outcomes, axis=0)
+            floor = float(np.max(relative))
+        return replace(
+            measured,
+            errors=errors,
+            reference_errors=reference.errors,
+            stderrs=stderrs,
+            floor=floor,
+            failure="",
+        )
+
+
+def _watch_memory(point: Point) -> int:
+    """Run a point once more; return the largest memory at one moment, bytes."""
+    tracemalloc.start()
+    try:
+        point.solve(point.prepare(0))
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def _repeat(runs_of_point: Mapping[Point, _Runs], deadline: Deadline) -> None:
+    """Run points more often, untimed, in half of the time left until the ``deadline``, and add to
+    their outcomes.
+    """
+    now = deadline.stopwatch.now
+    until = now() + 0.5 * deadline.left
+    for index, (point, runs) in enumerate(runs_of_point.items()):
+        time_of_run = statistics.median(runs.seconds) + statistics.median(runs.setups)
+        end = now() + (until - now()) / (len(runs_of_point) - index)
+        # a run may take longer than the median
+        while len(runs.outcomes) < _MOST_DRAWS and now() + 1.5 * time_of_run < end:
+            runs.outcomes.append(point.solve(point.prepare(len(runs.outcomes) + 1)))
+
+
+def _square_errors(runs: _Runs, reference: Reference) -> Array:
+    """Return the squares of the relative errors of all runs of a point, (n, n_loads,
+    n_observed).
+    """
+    return np.asarray(np.square(np.array(runs.outcomes) / reference.values - 1.0))
+
+
+def _judges_all(runs_of_points: Sequence[_Runs], reference: Reference) -> bool:
+    """Return whether the reference is good enough for the largest error of every point."""
+    for runs in runs_of_points:
+        errors = np.sqrt(np.mean(_square_errors(runs, reference), axis=0))
+        error_of_reference = reference.errors.flat[int(np.argmax(errors))]
+        if not np.max(errors) >= BETTER * error_of_reference:
+            return False
+    return True

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from granphon.base.arrays import Array, Complex
 from granphon.base.errors import InputError
 from granphon.base.validation import real_array, whole_number
 from granphon.dynamics.compatibility import require_digits
+from granphon.networks.network import ContactNetwork
 from granphon.waves.contact_forces import Powers
 from granphon.waves.nonlinear import NonlinearWaves
 from granphon.waves.operator import WaveOperator
@@ -42,28 +44,10 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
             "the law of the contacts is no power", "Its second and third derivatives are not known"
         )
     network = waves.network
-    operator = WaveOperator(waves.network)
-    periods = np.flatnonzero(network.pbc)
-    wavevector = real_array("q", q)
-    is_shape_known = periods.size > 0 and wavevector.shape in ((len(periods),), (3,))
-    if not is_shape_known or not np.all(np.isfinite(wavevector)):
-        raise InputError(
-            f"q has the shape {wavevector.shape}", mend=f"Give ({len(periods)},) finite fractions"
-        )
-    require_digits(wavevector)
-    if np.any(wavevector[len(periods) :]):
-        raise InputError("q has a component across the periods", mend="Give 0 for it")
+    operator = WaveOperator(network)
+    wavevector = _read_wavevector(network, q)
     number = whole_number("branch", branch, 0, operator.size - 1)
-    n = network.n_contacts
-    angle = 2.0j * np.pi * (network.shift[:, periods] @ wavevector[: len(periods)])
-
-    def find_harmonic(harmonic: int) -> tuple[Any, Any]:
-        """Return D and the elongations (n_c, size) of the harmonic of this number, dense."""
-        phase = np.exp(harmonic * angle)
-        deformations = operator.compose(operator.law_rows, phase).toarray()
-        return operator.weigh(phase=phase).toarray(), deformations[:n]
-
-    first_matrix, first_rows = find_harmonic(1)
+    first_matrix, first_rows = _find_harmonic(operator, wavevector, 1)
     squares, vectors = np.linalg.eigh(first_matrix)
     top = operator.top**2
     n_equal = np.count_nonzero(np.abs(squares - squares[number]) < _ALONE * top)
@@ -72,16 +56,7 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
         raise InputError(fault, "Its wave is not known", "Take another wave vector or branch")
     vector = vectors[:, number]
     square = float(squares[number])
-    moves = operator.values(vector)[:, operator.motions.translating]
-    # the square of half the long axis of the ellipse of each ball
-    half_axes = 0.5 * (np.sum(np.abs(moves) ** 2, axis=1) + np.abs(np.sum(moves**2, axis=1)))
-    amplitude = float(np.sqrt(np.max(half_axes / network.masses[operator.balls])))
-    if np.sum(half_axes) < _ALONE:
-        raise InputError(
-            f"balls only turn in branch {number}",
-            "An amplitude is a displacement",
-            "Take another branch",
-        )
+    amplitude = _find_amplitude(operator, vector, number)
     # the tension of a contact is k e + second e^2 + third e^3
     a = waves.normal.exponent
     k = network.normal_stiffness
@@ -89,20 +64,80 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     second = -0.5 * k * (a - 1.0) / delta
     third = k * (a - 1.0) * (a - 2.0) / (6.0 * delta**2)
     e = first_rows @ vector
-    mean_matrix, mean_rows = find_harmonic(0)
-    double_matrix, double_rows = find_harmonic(2)
-    if np.min(np.abs(np.linalg.eigvalsh(double_matrix) - 4.0 * square)) < _ALONE * top:
-        raise InputError(
-            "twice the frequency is that of a wave of 2 q", "The two exchange energy", "Change q"
-        )
-    # elongations to second order, at twice the frequency and at zero
-    double_force = -0.5 * double_rows.conj().T @ (second * e * e)
-    double = double_rows @ np.linalg.solve(
-        double_matrix - 4.0 * square * np.eye(len(double_matrix)), double_force
-    )
-    mean_force = -0.5 * mean_rows.conj().T @ (second * np.abs(e) ** 2)
-    mean = mean_rows @ (np.linalg.pinv(mean_matrix, rcond=_ALONE, hermitian=True) @ mean_force)
+    double = _follow_double(operator, wavevector, square, second * e * e)
+    mean = _follow_mean(operator, wavevector, second * np.abs(e) ** 2)
     tension = 2.0 * second * e * mean + second * e.conj() * double
     tension += 0.75 * third * np.abs(e) ** 2 * e
     shift = float((e.conj() @ tension).real) / (2.0 * square)
     return shift * (float(np.mean(delta)) / amplitude) ** 2
+
+
+def _read_wavevector(network: ContactNetwork, q: ArrayLike) -> Array:
+    """Return the wave vector (p,) in fractions of the reciprocal cell, from (p,) or (3,)."""
+    p = int(np.count_nonzero(network.pbc))
+    wavevector = real_array("q", q)
+    is_shape_known = p > 0 and wavevector.shape in ((p,), (3,))
+    if not is_shape_known or not np.all(np.isfinite(wavevector)):
+        raise InputError(
+            f"q has the shape {wavevector.shape}", mend=f"Give ({p},) finite fractions"
+        )
+    require_digits(wavevector)
+    if np.any(wavevector[p:]):
+        raise InputError("q has a component across the periods", mend="Give 0 for it")
+    return wavevector[:p]
+
+
+def _find_harmonic(
+    operator: WaveOperator, wavevector: Array, harmonic: int
+) -> tuple[Complex, Complex]:
+    """Return D (size, size), and the elongations (n_c, size) of contacts, for waves of ``harmonic``
+    times the wave vector (p,), in fractions.
+    """
+    network = operator.network
+    periods = np.flatnonzero(network.pbc)
+    angle = 2.0j * np.pi * (network.shift[:, periods] @ wavevector)
+    phase = np.exp(harmonic * angle)
+    deformations = operator.compose(operator.law_rows, phase).toarray()
+    return operator.weigh(phase=phase).toarray(), deformations[: network.n_contacts]
+
+
+def _find_amplitude(operator: WaveOperator, vector: Complex, number: int) -> float:
+    """Return the largest displacement of a ball in a mode ``vector`` (size,), the branch of this
+    ``number``: half the long axis of its ellipse.
+    """
+    moves = operator.values(vector)[:, operator.motions.translating]
+    # the square of half the long axis of the ellipse of each ball, times its mass
+    half_axes = 0.5 * (np.sum(np.abs(moves) ** 2, axis=1) + np.abs(np.sum(moves**2, axis=1)))
+    amplitude = float(np.sqrt(np.max(half_axes / operator.network.masses[operator.balls])))
+    if np.sum(half_axes) < _ALONE:
+        raise InputError(
+            f"balls only turn in branch {number}",
+            "An amplitude is a displacement",
+            "Take another branch",
+        )
+    return amplitude
+
+
+def _follow_double(
+    operator: WaveOperator, wavevector: Array, square: float, tension: Complex
+) -> Complex:
+    """Return the elongations (n_c,) at twice the frequency that the second order of the tensions
+    (n_c,) makes; ``square`` is omega^2 of the wave.
+    """
+    matrix, rows = _find_harmonic(operator, wavevector, 2)
+    least_distance = np.min(np.abs(np.linalg.eigvalsh(matrix) - 4.0 * square))
+    if least_distance < _ALONE * operator.top**2:
+        raise InputError(
+            "twice the frequency is that of a wave of 2 q", "The two exchange energy", "Change q"
+        )
+    force = -0.5 * rows.conj().T @ tension
+    motion = np.linalg.solve(matrix - 4.0 * square * np.eye(len(matrix)), force)
+    return np.asarray(rows @ motion)
+
+
+def _follow_mean(operator: WaveOperator, wavevector: Array, tension: Complex) -> Complex:
+    """Return the mean elongations (n_c,) that the second order of the tensions (n_c,) makes."""
+    matrix, rows = _find_harmonic(operator, wavevector, 0)
+    force = -0.5 * rows.conj().T @ tension
+    motion = np.linalg.pinv(matrix, rcond=_ALONE, hermitian=True) @ force
+    return np.asarray(rows @ motion)

@@ -125,7 +125,8 @@ class Kernel:
     @cached_property
     def frequencies(self) -> Array:
         """(n_f,) points of a density, Hz: zero, and on to the last Chebyshev node below ``top``."""
-        return np.asarray(self.top * np.sin(math.pi * np.arange(self.count) / (2 * self.count - 1)))
+        angles = math.pi * np.arange(self.count) / (2 * self.count - 1)
+        return np.asarray(self.top * np.sin(angles))
 
     def densities(self, moments: ArrayLike) -> Array:
         """Return the densities (..., n_f), 1/Hz, of the ``moments`` (..., M)."""
@@ -135,7 +136,8 @@ class Kernel:
         series = np.zeros((*moments.shape[:-1], 2 * self.count - 1))
         series[..., : 2 * self.moments : 2] = self.weights * moments
         sums = dct(series, type=3, axis=-1)[..., : self.count]
-        return np.asarray(sums[..., ::-1] * (2.0 / (math.pi * self.top * np.sin(self.angles))))
+        densities_of_angle = sums[..., ::-1]
+        return np.asarray(densities_of_angle * (2.0 / (math.pi * self.top * np.sin(self.angles))))
 
     def line(self, frequency: ArrayLike) -> Array:
         """Return the densities (..., n_f), 1/Hz, of single lines at frequencies (...), Hz: the
@@ -181,7 +183,9 @@ def polynomials(operator: WaveOperator, start: Array) -> Iterator[Array]:
     current = 2.0 / operator.top**2 * (operator @ previous) - previous
     while True:
         yield current
-        previous, current = current, operator.advance(current, previous)
+        following = operator.advance(current, previous)
+        previous = current
+        current = following
 
 
 def keeps_vectors(operator: WaveOperator, starts: int) -> bool:
@@ -235,7 +239,8 @@ class Moments:
             if not abs(moments[-1]) <= (1.0 + _GROWTH) * moments[0]:
                 raise explain_instability(self._operator.network)
         if not self._keep:
-            self._vectors = self._last = None
+            self._vectors = None
+            self._last = None
         return np.array(moments[:count])
 
 
@@ -259,6 +264,7 @@ class Refinable(Result):
 
     @cached_property
     def _kernel(self) -> Kernel:
+        """The kernel by which lines are broadened."""
         return Kernel.of(self.top, moments=self.moments)
 
     @property
@@ -269,10 +275,14 @@ class Refinable(Result):
         return self._kernel.resolution
 
     def _with_work(self, work: Callable[..., Self]) -> Self:
+        """Set the function that finds the result of a number of moments; return this result."""
         object.__setattr__(self, "_work", work)
         return self
 
     def _known_work(self) -> Callable[..., Self]:
+        """Return the function that finds the result of a number of moments; raise
+        :class:`~granphon.base.errors.InputError` if this result was read from data.
+        """
         if self._work is None:
             name = type(self).__name__
             mend = "Ask gp.Waves(network) for it again"

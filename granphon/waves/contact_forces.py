@@ -354,17 +354,17 @@ class ContactForces:
         energy lost, J. Contacts that part have no force of slip, twist and roll any more.
         """
         normal = self.normal
-        switched = normal.jumps[self.pass_ends(touch.e, touch.joined) > 0.0]
+        have_passed = self.pass_ends(touch.e, touch.joined) > 0.0
+        switched = normal.jumps[have_passed]
         joined = touch.joined.copy()
         joined[switched] = ~joined[switched]
         renewed = self.take(touch.e, joined)
         renewed.pull[1:] = touch.pull[1:]
         renewed.pull[1:, switched] = 0.0
         self.press(renewed)
-        dissipated = (
-            normal.store(touch.e, touch.joined)[switched] - normal.store(touch.e, joined)[switched]
-        )
-        return renewed, switched, float(np.sum(dissipated))
+        energy_before = normal.store(touch.e, touch.joined)[switched]
+        energy_after = normal.store(touch.e, joined)[switched]
+        return renewed, switched, float(np.sum(energy_before - energy_after))
 
     def damp(self, touch: Touch, rates: Array) -> Array:
         """Return what dashpots add to a ``pull`` (rows, n) at the ``rates`` (rows, n) of
@@ -395,11 +395,14 @@ def _resist(
     slides: int,
     mu: float,
 ) -> float:
-    """Set the tangential forces in a ``pull`` as :meth:`ContactForces.follow`, with the stiffnesses
-    of punches now, ``k``, and ``before``.
+    """Set the tangential forces in a ``pull`` (1 + rows, n) as :meth:`ContactForces.follow`, and
+    return the work of slip, twist and roll, J.
 
-    Coulomb's limit is that of the first ``slides`` rows. Contacts are taken in chunks, on whose
-    rows the processor works several numbers at a time.
+    ``k`` and ``before`` (n,) are the stiffnesses of punches now and before, ``moved`` and ``held``
+    (rows, n) the deformations and the forces before, ``half`` (rows, n) half of the ratios of
+    stiffnesses, ``rest`` (n,) the normal forces at rest. Coulomb's limit is that of the first
+    ``slides`` rows. Contacts are taken in chunks, on whose rows the processor works several numbers
+    at a time: a loop over the contacts of a chunk does one step for all of these.
     """
     work = 0.0
     buffers = np.empty((5, _CHUNK))

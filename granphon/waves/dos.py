@@ -79,15 +79,18 @@ def find_local_density(
     ball = whole_number("ball", ball, 0, network.n_balls - 1)
     if not network.moving[ball]:
         raise InputError(f"ball {ball} does not move", "Its mass is infinite", "Give another ball")
+    # one vector for each motion of the ball: (motions, n_free, motions)
     starts = np.zeros((operator.motions.count, operator.balls.size, operator.motions.count))
     starts[:, np.searchsorted(operator.balls, ball)] = np.eye(operator.motions.count)
-    expansions = [
-        Moments(operator, partial(operator.vector, start), keep=False).first(kernel.moments)
-        for start in starts
-    ]
+    expansions = []
+    for start in starts:
+        moments_of_start = Moments(operator, partial(operator.vector, start), keep=False)
+        expansions.append(moments_of_start.first(kernel.moments))
     inside = hertz < kernel.top
     angle = np.arccos(hertz[inside] / kernel.top)
-    series = kernel.weights * np.array(expansions) * np.where(np.arange(kernel.moments), 2.0, 1.0)
+    counts = np.full(kernel.moments, 2.0)
+    counts[0] = 1.0
+    series = kernel.weights * np.array(expansions) * counts
     values = np.zeros((hertz.size, len(expansions)))
     values[inside] = np.polynomial.chebyshev.chebval(np.cos(2.0 * angle), series.T).T
     values[inside] *= (2.0 / (math.pi * kernel.top * np.sin(angle)))[:, None]
@@ -227,13 +230,13 @@ class RandomVectors:
         vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS // moments)
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
         for number in range(len(self._vectors), vectors):
-            starts = [partial(self._draw, number, turns) for turns in self._parts]
-            self._vectors.append(
-                tuple(Moments(self._operator, start, keep=self._keep) for start in starts)
-            )
-        traces = np.array(
-            [[part.first(moments) for part in parts] for parts in self._vectors[:vectors]]
-        )
+            draws = [partial(self._draw, number, turns) for turns in self._parts]
+            moments_of_parts = [Moments(self._operator, draw, keep=self._keep) for draw in draws]
+            self._vectors.append(tuple(moments_of_parts))
+        rows = []
+        for parts in self._vectors[:vectors]:
+            rows.append([part.first(moments) for part in parts])
+        traces = np.array(rows)  # (vectors, parts, moments)
         densities = np.zeros((vectors, 2, kernel.count))
         densities[:, : traces.shape[1]] = kernel.densities(traces / self._operator.balls.size)
         mean = densities.mean(axis=0)

@@ -182,21 +182,7 @@ class Problem:
             squares, turned = np.linalg.eigh(whole.T @ pressed)
             omega = find_roots(operator, squares)
         else:
-            # the squares of R are those of A, whose rows are many more
-            triangle = np.asarray(np.linalg.qr(operator.root @ whole, mode="r"))
-            try:
-                _, sizes, rows = np.linalg.svd(triangle)
-            except np.linalg.LinAlgError:
-                # LAPACK's fast method fails on some matrices with hundreds of singular values near
-                # zero; gesvd does not
-                from scipy.linalg import svd
-
-                _, sizes, rows = svd(triangle, lapack_driver="gesvd")
-            omega = np.zeros(len(rows))
-            omega[: sizes.size] = sizes
-            order = np.argsort(omega, kind="stable")
-            omega = omega[order]
-            turned = rows.T[:, order]
+            omega, turned = _find_singular(operator.root @ whole)
         whole = whole @ turned
         pressed = pressed @ turned
         residual = np.linalg.norm(pressed - omega**2 * whole, axis=0) / self.top**2
@@ -209,6 +195,26 @@ class Problem:
         elastic = np.flatnonzero(omega > ZERO * self.top)
         order = np.argsort(np.abs(omega[elastic] - target), kind="stable")
         return np.sort(elastic[order[:count]])
+
+
+def _find_singular(deformations: Array) -> tuple[Array, Array]:
+    """Return singular values (m,), ascending, and right singular vectors (m, m) of a matrix (rows,
+    m); values are zero where there are fewer rows than m.
+    """
+    # the squares of R are those of the matrix, whose rows are many more
+    triangle = np.asarray(np.linalg.qr(deformations, mode="r"))
+    try:
+        _, sizes, rows = np.linalg.svd(triangle)
+    except np.linalg.LinAlgError:
+        # LAPACK's fast method fails on some matrices with hundreds of singular values near zero;
+        # gesvd does not
+        from scipy.linalg import svd
+
+        _, sizes, rows = svd(triangle, lapack_driver="gesvd")
+    values = np.zeros(len(rows))
+    values[: sizes.size] = sizes
+    order = np.argsort(values, kind="stable")
+    return values[order], rows.T[:, order]
 
 
 def find_fall(operator: WaveOperator) -> float:
@@ -225,10 +231,11 @@ def find_fall(operator: WaveOperator) -> float:
     if not network.prestress:
         return rounding
     balls = operator.balls
-    force, torque = (np.linalg.norm(values[balls], axis=1) for values in network.unbalanced)
-    falls = (
-        force / (network.masses[balls] * network.radii[balls]) + torque / network.inertias[balls]
-    )
+    forces, torques = network.unbalanced
+    force = np.linalg.norm(forces[balls], axis=1)
+    torque = np.linalg.norm(torques[balls], axis=1)
+    falls = force / (network.masses[balls] * network.radii[balls])
+    falls = falls + torque / network.inertias[balls]
     return rounding + min(float(np.max(falls)), (_BALANCED * operator.top) ** 2)
 
 
@@ -264,12 +271,14 @@ class _Window:
 
     @property
     def at_end(self) -> bool:
+        """Whether the window is at an end of the spectrum."""
         return self.centre in (0.0, math.pi)
 
     @property
     def order(self) -> int:
         """M, the products of D with a vector that the filters take."""
-        return math.ceil(math.pi * self.filters / (2.0 * self.half)) * (2 if self.at_end else 1)
+        order = math.ceil(math.pi * self.filters / (2.0 * self.half))
+        return 2 * order if self.at_end else order
 
     @cached_property
     def coefficients(self) -> Array:
@@ -313,9 +322,10 @@ class _Window:
             for offset in range(count):
                 kept[offset] = next(vectors)
             for row in range(0, size, _ROWS):
-                chunk = kept[:count, row : row + _ROWS]
-                summed = factors @ chunk.reshape(count, -1)
-                filtered[row : row + _ROWS] += summed.reshape(self.filters, -1, m).swapaxes(0, 1)
+                rows = slice(row, row + _ROWS)
+                chunk = kept[:count, rows]
+                summed = factors @ chunk.reshape(count, -1)  # (filters, rows x m)
+                filtered[rows] += summed.reshape(self.filters, -1, m).swapaxes(0, 1)
         return filtered.reshape(size, -1)
 
 
@@ -363,6 +373,7 @@ class _Density:
             return math.pi
 
         def count_excess(half: float) -> float:
+            """Return the number of modes within ``half`` less the ``count``."""
             return self.within(centre, half) - count
 
         return float(brentq(count_excess, 0.0, math.pi, xtol=1e-9))
@@ -370,14 +381,15 @@ class _Density:
     def choose(
         self, target: float, requested: int, starts: int, least: float
     ) -> tuple[_Window, int]:
-        """Return the window for the ``wanted`` modes nearest to phi = ``target``, and how many
+        """Return the window for the ``requested`` modes nearest to phi = ``target``, and how many
         random vectors it takes.
 
         Its part without the ends holds :data:`_SPARE_MODES` times these modes, and has the half
         width ``least``. Of such windows it is the one that takes the fewest filtered vectors, with
         ``starts`` random vectors or so.
         """
-        middle = max(self.reach(target, _SPARE_MODES * requested), least)
+        n_held = _SPARE_MODES * requested
+        middle = max(self.reach(target, n_held), least)
         candidates = []
         for filters in _FILTERS:
             vectors = max(_STARTS[-1], starts * _FILTERS[0] // filters)
@@ -387,18 +399,18 @@ class _Density:
             half = max(self.reach(target, spanned), margin)
             count = self.within(centre, half)
             for end in (math.pi, 0.0):
-                across = abs(end - target)
-                if across < half:
+                distance = abs(end - target)
+                if distance < half:
                     # from the end of the spectrum on, through the target: both images count
-                    count = 0.5 * self.within(end, across) + max(_SPARE_MODES * requested, spanned)
+                    count = 0.5 * self.within(end, distance) + max(n_held, spanned)
                     centre = end
-                    half = max(self.reach(end, 2.0 * count), across + margin)
+                    half = max(self.reach(end, 2.0 * count), distance + margin)
                     count = 0.5 * self.within(end, half)
             vectors = max(vectors, math.ceil(_VECTORS_PER_MODE * count / filters))
-            candidates.append(
-                (filters * vectors, _Window(centre, min(half, math.pi), filters), vectors)
-            )
-        return min(candidates, key=lambda candidate: candidate[0])[1:]
+            window = _Window(centre, min(half, math.pi), filters)
+            candidates.append((filters * vectors, window, vectors))
+        _, window, vectors = min(candidates, key=lambda candidate: candidate[0])
+        return window, vectors
 
 
 class _FoundModes(NamedTuple):
@@ -419,56 +431,118 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
     search takes too much memory or too many products with D, and
     :class:`~granphon.base.errors.ConvergenceError` if the search needs as much later.
     """
-    random = np.random.default_rng(0)
-    top = problem.top
-    size = problem.operator.size
-    density = _Density(problem, random)
-    least = 0.0
-    error: type[InputError | ConvergenceError] = InputError
-    # each random vector finds one of the modes without energy: many such modes are left out from
-    # the beginning
-    power = 0
-    if target <= ZERO * top and density.zeros > _ZEROS:
-        density = density.without_zeros()
-        power = 4 if problem.operator.network.prestress else 2
+    search = _FilterSearch(problem, count, target)
     while True:
-        for most_starts in _STARTS:  # fewer random vectors where memory is short
-            window, starts = density.choose(_phi(top, target), count, most_starts, least)
+        window, starts = search.choose_window()
+        modes_of_window = search.filter(window, starts)
+        if modes_of_window is None:
+            return None
+        modes, is_complete = modes_of_window
+        if is_complete:
+            return search.finish(modes)
+        search.least = _WIDER * window.half
+
+
+class _FilterSearch:
+    """The search for the ``count`` modes nearest to ``target``, rad/s, by filters.
+
+    Attributes
+    ----------
+    density : of the modes.
+    power : of omega/top with which the mean square of a mode in a random vector grows: above zero,
+        random vectors have no share of the modes that cost no energy.
+    least : half width of the window, without its ends, in phi.
+    """
+
+    def __init__(self, problem: Problem, count: int, target: float) -> None:
+        self.problem = problem
+        self.count = count
+        self.target = target
+        self.random = np.random.default_rng(0)
+        self.density = _Density(problem, self.random)
+        self.power = 0
+        self.least = 0.0
+        #: the error of a search that takes too much, before and after the first filter
+        self._error: type[InputError | ConvergenceError] = InputError
+        # each random vector finds one of the modes without energy: many such modes are left out
+        # from the beginning
+        if self._is_lowest and self.density.zeros > _ZEROS:
+            self.density = self.density.without_zeros()
+            self.power = 4 if problem.operator.network.prestress else 2
+
+    @property
+    def _is_lowest(self) -> bool:
+        """Whether the lowest modes are requested."""
+        return self.target <= ZERO * self.problem.top
+
+    def choose_window(self) -> tuple[_Window, int]:
+        """Return a window, and the number of random vectors, fewer where memory is short."""
+        size = self.problem.operator.size
+        phi = _phi(self.problem.top, self.target)
+        for most_starts in _STARTS:
+            window, starts = self.density.choose(phi, self.count, most_starts, self.least)
             if _count_bytes(window, size, starts) <= _BYTES:
                 break
-        basis = np.zeros((size, 0))
+        return window, starts
+
+    def filter(self, window: _Window, starts: int) -> tuple[_FoundModes, bool] | None:
+        """Return the modes of a window, of which none is missing, and whether those requested are
+        among them; None if that takes more vectors than there are modes.
+
+        The search begins with ``starts`` random vectors.
+        """
+        problem = self.problem
+        basis = np.zeros((problem.operator.size, 0))
         modes = None
+        is_complete = False
         vectors = starts
         while True:
             if window.filters * (starts + _fresh(starts)) > problem.live.size:
                 return None
-            _require_affordable(problem, window, starts, count, error)
-            error = ConvergenceError
-            fresh = window.apply(problem.operator, _draw(problem, random, vectors, power))
+            _require_affordable(problem, window, starts, self.count, self._error)
+            self._error = ConvergenceError
+            drawn = _draw(problem, self.random, vectors, self.power)
+            fresh = window.apply(problem.operator, drawn)
             if modes is not None:
                 # fresh vectors, freed of the modes that are known, show whether one is missing
-                chosen = problem.choose(modes.omega, count, target)
-                reach = np.max(np.abs(modes.omega[chosen] - target), initial=0.0)
-                lowest = max(target - reach, _SOFT * reach if power else 0.0)
-                ends = (_phi(top, target + reach), _phi(top, lowest))
-                inner = window.middle(1.0 - _EDGE / window.filters)
-                is_complete = chosen.size == count and inner[0] <= ends[0] and ends[1] <= inner[1]
-                searched = ends if is_complete else window.middle(_CORE)
-                if _missing(window, fresh, modes.vectors, searched, power) < _LEAST_RESIDUAL:
-                    break
+                ends = self._find_ends(window, modes)
+                is_complete = ends is not None
+                searched = window.middle(_CORE) if ends is None else ends
+                missing = _missing(window, fresh, modes.vectors, searched, self.power)
+                if missing < _LEAST_RESIDUAL:
+                    return modes, is_complete
                 starts += vectors
             basis = _join(basis, fresh)
             modes = _solve(problem, window, basis)
             vectors = _fresh(starts)
-        zeros = int(np.sum(modes.omega <= ZERO * top))
-        if is_complete:
-            modes = _FoundModes(*problem.refine(modes.vectors[problem.live][:, chosen]))
-            counted = None if power or target > ZERO * top else problem.loose + zeros
-            return Eigenpairs(modes.omega, modes.vectors, float(modes.residuals.max()), counted)
-        least = _WIDER * window.half
+
+    def _find_ends(self, window: _Window, modes: _FoundModes) -> tuple[float, float] | None:
+        """Return the ends in phi between which the requested modes lie; None unless all of these
+        are found, within the part of the window where modes are.
+        """
+        top = self.problem.top
+        chosen = self.problem.choose(modes.omega, self.count, self.target)
+        reach = np.max(np.abs(modes.omega[chosen] - self.target), initial=0.0)
+        lowest = max(self.target - reach, _SOFT * reach if self.power else 0.0)
+        first = _phi(top, self.target + reach)
+        last = _phi(top, lowest)
+        low, high = window.middle(1.0 - _EDGE / window.filters)
+        is_inside = low <= first and last <= high
+        return (first, last) if chosen.size == self.count and is_inside else None
+
+    def finish(self, modes: _FoundModes) -> Eigenpairs:
+        """Return the requested modes, refined."""
+        problem = self.problem
+        chosen = problem.choose(modes.omega, self.count, self.target)
+        zeros = int(np.sum(modes.omega <= ZERO * problem.top))
+        omega, vectors, residuals = problem.refine(modes.vectors[problem.live][:, chosen])
+        are_counted = self._is_lowest and not self.power
+        all_zeros = problem.loose + zeros if are_counted else None
+        return Eigenpairs(omega, vectors, float(residuals.max()), all_zeros)
 
 
 def _phi(top: float, omega: float) -> float:
+    """Return phi of an angular frequency: omega = top cos(phi/2)."""
     return 2.0 * math.acos(min(max(omega / top, 0.0), 1.0))
 
 
@@ -533,7 +607,9 @@ def _draw(problem: Problem, random: np.random.Generator, count: int, power: int)
         return np.asarray(operator.root.T @ rows) / problem.top
     vectors = np.zeros((operator.size, count))
     vectors[problem.live] = random.normal(size=(problem.live.size, count))
-    return np.asarray(operator.matrix @ vectors) / problem.top**2 if power else vectors
+    if not power:
+        return vectors
+    return np.asarray(operator.matrix @ vectors) / problem.top**2
 
 
 def _solve(problem: Problem, window: _Window, basis: Array) -> _FoundModes:
@@ -582,9 +658,8 @@ def _missing(
     filtered = fresh.reshape(len(fresh), window.filters, -1)[:, :first]
     vectors = filtered.shape[2]
     filtered = filtered.reshape(len(fresh), -1)
-    return float(
-        np.sum((filtered - known @ (known.T @ filtered)) ** 2) / (vectors * weights[first - 1])
-    )
+    residuals = filtered - known @ (known.T @ filtered)
+    return float(np.sum(residuals**2) / (vectors * weights[first - 1]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -629,8 +704,9 @@ class NetworkModes(Result):
         of rotations.
         """
         squares = self.vectors**2
-        parts = (squares[..., : self.displacements], squares[..., self.displacements :])
-        return np.stack([part.sum(axis=2) for part in parts], axis=-1)
+        translation = squares[..., : self.displacements].sum(axis=2)
+        rotation = squares[..., self.displacements :].sum(axis=2)
+        return np.stack([translation, rotation], axis=-1)
 
     @property
     def participation_ratio(self) -> Array:
@@ -638,7 +714,8 @@ class NetworkModes(Result):
         1/N, if one moves, to 1.
         """
         energies = self._energies.sum(axis=2)
-        return np.asarray(energies.sum(axis=1) ** 2 / (self.moving * np.sum(energies**2, axis=1)))
+        squares = np.sum(energies**2, axis=1)
+        return np.asarray(energies.sum(axis=1) ** 2 / (self.moving * squares))
 
     @property
     def rotational_fraction(self) -> Array:
@@ -695,10 +772,8 @@ def find_damped(
     """Return damped modes of a network that is stable; see
     :meth:`granphon.waves.waves.Waves.damped_modes`.
     """
-    network = operator.network
-    motions = operator.motions
     damped = ContactDamping.of(operator.network, damping, loss_factor)
-    even = damped.find_even(network)
+    even = damped.find_even(operator.network)
     if even is not None:
         modes = find_modes(operator, count, nearest)
         omega = damp_evenly(2.0 * math.pi * modes.frequencies, *even)
@@ -709,55 +784,81 @@ def find_damped(
         )
     count = whole_number("count", count, 1)
     target = 0.0 if nearest is None else 2.0 * math.pi * not_negative("nearest", nearest, "Hz")
+    omega, shapes = _find_unevenly_damped(operator, damped, count, target)
+    values = np.zeros((count, operator.network.n_balls, operator.motions.count), complex)
+    values[:, operator.balls] = np.moveaxis(operator.values(shapes), -1, 0)
+    # without losses, a motion of this shape has the frequency of Rayleigh's quotient
+    pressed = np.asarray(operator.matrix @ shapes)
+    squares = np.sum(shapes.conj() * pressed, axis=0).real
+    highest = math.sqrt(max(float(np.max(squares)), 0.0)) / (2.0 * math.pi)
+    return DampedModes(omega / (2.0 * math.pi), values, None, damped.find_warnings(highest))
+
+
+def _find_unevenly_damped(
+    operator: WaveOperator, damped: ContactDamping, count: int, target: float
+) -> tuple[Complex, Complex]:
+    """Return angular frequencies (count,), rad/s, and shapes (size, count) of the modes nearest to
+    ``target``, rad/s, of contacts that are damped differently.
+    """
     problem = Problem.of(operator)
     top = operator.top
     live = problem.live
-    if live.size > LARGEST_FACTORS[network.dimension]:
+    if live.size > LARGEST_FACTORS[operator.network.dimension]:
         mend = "Damp all contacts alike, or take a smaller network"
         raise InputError(f"{live.size:,} motions that are damped unevenly are too many", mend=mend)
-    lossy = ((operator.matrix + 1j * operator.weigh(damped.losses)) / top**2).tocsr()[live][:, live]
+    stiffness = (operator.matrix + 1j * operator.weigh(damped.losses)) / top**2
+    stiffness = stiffness.tocsr()[live][:, live]
     viscous = (operator.weigh(damped.times) / top).tocsr()[live][:, live]
     # the matrix of first order has twice the size of D
     is_small = 2 * live.size <= DENSE
     are_many = _SHARE * (2 * count + _SPARE) > 2 * live.size
-    if is_small or (are_many and live.size <= DENSE):
-        squares, shapes = _diagonalise(problem, count)
-        elastic = shapes[:, find_roots(operator, squares) > ZERO * top]
-        if elastic.shape[1] < count:
-            raise make_too_few(elastic.shape[1], count)
-        omega, vectors = damp_unevenly(
-            *(elastic.T @ np.asarray(matrix @ elastic) for matrix in (lossy, viscous))
-        )
-        chosen = _choose_damped(omega, count, target / top)
-        vectors = elastic @ vectors[:, chosen]
-    else:
-        still = _find_still(problem, count)
-        if live.size - still.shape[1] < count:
-            raise make_too_few(live.size - still.shape[1], count)
-        rate_count = 2 * count + _SPARE  # modes that swing have two rates
-        while True:
-            if rate_count > live.size - still.shape[1]:
-                fault = (
-                    f"{count} modes of {live.size} motions that are damped unevenly are too many"
-                    f" to be found"
-                )
-                raise InputError(fault, mend="Ask for fewer")
-            omega, vectors = _follow_damped(lossy, viscous, still, rate_count, target / top)
-            chosen = _choose_damped(omega, count, target / top)
-            if chosen.size == count:
-                break
-            rate_count *= 2
-        vectors = vectors[:, chosen]
+    is_dense = is_small or (are_many and live.size <= DENSE)
+    find = _find_damped_dense if is_dense else _find_damped_near
+    omega, vectors = find(problem, stiffness, viscous, count, target / top)
     shapes = np.zeros((operator.size, count), complex)
     shapes[live] = vectors
-    values = np.zeros((count, network.n_balls, motions.count), complex)
-    values[:, operator.balls] = np.moveaxis(operator.values(shapes), -1, 0)
-    # without losses, a motion of this shape has the frequency of Rayleigh's quotient
-    squares = np.sum(shapes.conj() * (operator.matrix @ shapes), axis=0).real
-    highest = math.sqrt(max(float(np.max(squares)), 0.0)) / (2.0 * math.pi)
-    return DampedModes(
-        omega[chosen] * top / (2.0 * math.pi), values, None, damped.find_warnings(highest)
+    return omega * top, shapes
+
+
+def _find_damped_dense(
+    problem: Problem, stiffness: Any, viscous: Any, count: int, target: float
+) -> tuple[Complex, Complex]:
+    """Return the ``count`` modes nearest to ``target`` among all: omega over top (count,), and
+    vectors (live, count).
+    """
+    squares, shapes = _diagonalise(problem, count)
+    elastic = shapes[:, find_roots(problem.operator, squares) > ZERO * problem.top]
+    if elastic.shape[1] < count:
+        raise make_too_few(elastic.shape[1], count)
+    reduced_stiffness = elastic.T @ np.asarray(stiffness @ elastic)
+    reduced_viscous = elastic.T @ np.asarray(viscous @ elastic)
+    omega, vectors = damp_unevenly(reduced_stiffness, reduced_viscous)
+    chosen = _choose_damped(omega, count, target)
+    return omega[chosen], elastic @ vectors[:, chosen]
+
+
+def _find_damped_near(
+    problem: Problem, stiffness: Any, viscous: Any, count: int, target: float
+) -> tuple[Complex, Complex]:
+    """Return the ``count`` modes nearest to ``target`` by factors, as
+    :func:`_find_damped_dense`.
+    """
+    still = _find_still(problem, count)
+    available = problem.live.size - still.shape[1]
+    if available < count:
+        raise make_too_few(available, count)
+    rate_count = 2 * count + _SPARE  # modes that swing have two rates
+    while rate_count <= available:
+        omega, vectors = _follow_damped(stiffness, viscous, still, rate_count, target)
+        chosen = _choose_damped(omega, count, target)
+        if chosen.size == count:
+            return omega[chosen], vectors[:, chosen]
+        rate_count *= 2
+    fault = (
+        f"{count} modes of {problem.live.size} motions that are damped unevenly are too many to be"
+        f" found"
     )
+    raise InputError(fault, mend="Ask for fewer")
 
 
 def _choose_damped(omega: Complex, count: int, target: float) -> NDArray[np.intp]:
@@ -807,23 +908,26 @@ def _follow_damped(
     n = stiffness.shape[0]
     shift = math.sqrt(_SHIFT) + 1j * target
     unit: Any = eye_array(n)
-    factors = factorise((stiffness + shift * viscous + shift**2 * unit).astype(complex))
+    matrix = (stiffness + shift * viscous + shift**2 * unit).astype(complex)
+    factors = factorise(matrix)
 
     def free(z: Any) -> Any:
+        """Return z (2 n,) without the motions that cost no energy."""
         parts = np.stack([z[:n].real, z[:n].imag, z[n:].real, z[n:].imag], axis=1)
         parts -= still @ (still.T @ parts)
         return np.concatenate([parts[:, 0] + 1j * parts[:, 1], parts[:, 2] + 1j * parts[:, 3]])
 
     def apply(z: Any) -> Any:
+        """Return the matrix of first order times z (2 n,)."""
         return np.concatenate([z[n:], -(stiffness @ z[:n]) - viscous @ z[n:]])
 
     def solve(z: Any) -> Any:
+        """Return the inverse of that matrix less the shift, times z (2 n,)."""
         x = -factors.solve(z[n:] + viscous @ z[:n] + shift * z[:n])
         return free(np.concatenate([x, z[:n] + shift * x]))
 
-    whole, inverse = (
-        LinearOperator((2 * n, 2 * n), matvec=product, dtype=complex) for product in (apply, solve)
-    )
+    whole = LinearOperator((2 * n, 2 * n), matvec=apply, dtype=complex)
+    inverse = LinearOperator((2 * n, 2 * n), matvec=solve, dtype=complex)
     start = free(np.random.default_rng(0).normal(size=2 * n).astype(complex))
     with lanczos_converges():
         rates, vectors = eigs(whole, k=rate_count, sigma=shift, OPinv=inverse, v0=start)
@@ -881,9 +985,9 @@ def find_falls(operator: WaveOperator, fall: float) -> Array:
     problem = Problem(operator, np.arange(operator.size))
     # no square is lower than twice that of a single ball which static forces alone move
     stiffness = np.maximum(network.normal_force, 0.0) / network.distance
-    ends = (network.i, network.j)
-    of_balls = [np.bincount(ball, stiffness, network.n_balls) for ball in ends]
-    shift = -2.0 * float(np.max(np.sum(of_balls, axis=0) / network.masses))
+    of_balls = np.bincount(network.i, stiffness, network.n_balls)
+    of_balls = of_balls + np.bincount(network.j, stiffness, network.n_balls)
+    shift = -2.0 * float(np.max(of_balls / network.masses))
     count = problem.count_below(-fall)
     solve = problem.factors(shift).solve
     return np.asarray(find_nearest(problem.shifted(0.0), count, shift, solve)[1])
@@ -952,6 +1056,7 @@ def _diagonalise(problem: Problem, count: int) -> tuple[Array, Array]:
 
 
 def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
+    """Return the ``count`` modes nearest to ``target``, rad/s, among all."""
     squares, vectors = _diagonalise(problem, count)
     omega = find_roots(problem.operator, squares)
     chosen = problem.choose(omega, count, target)
@@ -963,33 +1068,44 @@ def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
 
 
 def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
+    """Return the ``count`` modes nearest to ``target``, rad/s, by factors at a shift next to it;
+    more modes are sought until none is missed.
+    """
     size = problem.live.size
     top = problem.top
-    zero = ZERO * top
-    zeros = problem.count_below(zero**2)
+    zeros = problem.count_below((ZERO * top) ** 2)
     if count > size - zeros:
         raise make_too_few(size - zeros, count)
-    lowest = target <= zero
-    shift = -_SHIFT * top**2 if lowest else target**2
+    is_lowest = target <= ZERO * top
+    shift = -_SHIFT * top**2 if is_lowest else target**2
     solve = problem.factors(shift).solve
-    searched = count + _SPARE + (zeros if lowest else 0)
+    searched = count + _SPARE + (zeros if is_lowest else 0)
     while searched * _SHARE <= size:
         _, vectors = find_nearest(problem.shifted(0.0), searched, shift, solve)
         omega, vectors, residual = problem.refine(vectors)
         chosen = problem.choose(omega, count, target)
-        if chosen.size == count and np.max(residual[chosen]) <= RESIDUAL:
-            # all modes nearer than the farthest chosen mode must have been found
-            reach = np.max(np.abs(omega[chosen] - target)) * (1.0 - 1e-9)
-            low = max(target - reach, zero)
-            high = target + reach
-            below = zeros if low == zero else problem.count_below(low**2)
-            within = problem.count_below(high**2) - below
-            if within == np.sum((omega > low) & (omega < high)):
-                return Eigenpairs(
-                    omega[chosen],
-                    vectors[:, chosen],
-                    float(residual[chosen].max()),
-                    problem.loose + zeros,
-                )
+        are_precise = chosen.size == count and np.max(residual[chosen]) <= RESIDUAL
+        if are_precise and _has_all(problem, omega, chosen, target, zeros):
+            return Eigenpairs(
+                omega[chosen],
+                vectors[:, chosen],
+                float(residual[chosen].max()),
+                problem.loose + zeros,
+            )
         searched *= 2
     return _find_dense(problem, count, target)
+
+
+def _has_all(
+    problem: Problem, omega: Array, chosen: NDArray[np.intp], target: float, zeros: int
+) -> bool:
+    """Whether all modes nearer to ``target`` than the farthest of the ``chosen`` ones are among
+    ``omega`` (m,), rad/s; ``zeros`` modes cost no energy.
+    """
+    zero = ZERO * problem.top
+    reach = np.max(np.abs(omega[chosen] - target)) * (1.0 - 1e-9)
+    low = max(target - reach, zero)
+    high = target + reach
+    below = zeros if low == zero else problem.count_below(low**2)
+    within = problem.count_below(high**2) - below
+    return bool(within == np.sum((omega > low) & (omega < high)))

@@ -9,7 +9,6 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Literal, Self
 
@@ -48,6 +47,8 @@ _PER_PERIOD = 2.5
 _FLANK = 0.5
 #: most multiples and periods: no run has as many frames
 _MOST_MULTIPLES = 10**9
+#: with what the names of the network's arrays begin in a file
+_OF_NETWORK = "network_"
 #: content of a file to which no more can be written
 _KEPT = "It holds the frames that came before"
 
@@ -114,30 +115,17 @@ class Motion(Result):
             raise InputError(
                 f"the file of a motion is {brief(path)}", mend="Give a path, or an open binary file"
             )
-        requested: Any = frames
-        is_slice = isinstance(requested, slice)
-        if not is_slice or (isinstance(requested.step, int) and requested.step < 0):
-            raise InputError(
-                f"frames is {brief(frames)}", mend="Give a slice, such as slice(0, 10)"
-            )
+        _require_forward(frames)
         values, about = read_records(path, _ABOUT, frames)
         if not len(values.get("times", [0])):
             raise InputError(
                 f"frames is {brief(frames)}, and the file has none of them", mend="Give others"
             )
         try:
-            network_values = {
-                name.removeprefix("network_"): values.pop(name)
-                for name in list(values)
-                if name.startswith("network_")
+            network = _read_network(values, about)
+            values = {
+                name: array for name, array in values.items() if not name.startswith(_OF_NETWORK)
             }
-            for name in ("i", "j", "shift", "labels"):
-                if name in network_values:
-                    network_values[name] = network_values[name].astype(np.intp)
-            network = restore(
-                {"class": "ContactNetwork", **json.loads(about["network"]), **network_values},
-                ContactNetwork,
-            )
             met: Any = values.pop("met", np.zeros((0, 2))).astype(np.intp)
             motion = cls(**values, network=network, met=met, step=float(about["step"]))
             motion._check()
@@ -160,14 +148,14 @@ class Motion(Result):
             with put_beside(Path(path)) as beside, open(beside, "wb") as stream:
                 self.write(stream)
             return
+        file = _begin_file(path, self.network, self.step, self.met, self._take_frame(0))
+        for frame in range(len(self.times)):
+            file.append(self._take_frame(frame))
+
+    def _take_frame(self, frame: int) -> dict[str, Any]:
+        """Return the values of all fields over frames in one of these."""
         names = [name for name, layout in self._shapes.items() if layout[0] == "f"]
-        frames = (
-            {name: getattr(self, name)[frame] for name in names} for frame in range(len(self.times))
-        )
-        first = next(frames)
-        file = _begin_file(path, self.network, self.step, self.met, first)
-        for frame in chain([first], frames):
-            file.append(frame)
+        return {name: getattr(self, name)[frame] for name in names}
 
     @property
     def energy(self) -> Array:
@@ -188,9 +176,9 @@ class Motion(Result):
         i, j = self.met.T
         start = network.positions[i]
         periods = network.cell[list(network.pbc)]
-        apart = network.positions[j] - start
-        # of the nearest image
-        met_places = start + 0.5 * (apart - np.rint(apart @ np.linalg.pinv(periods)) @ periods)
+        vectors = network.positions[j] - start
+        cells = np.rint(vectors @ np.linalg.pinv(periods))
+        met_places = start + 0.5 * (vectors - cells @ periods)  # to the nearest image
         for wall, (point, inward) in network.walls.items():
             # a ball touches a flat wall at the foot of the perpendicular from its centre
             touches = j == wall
@@ -215,7 +203,9 @@ class Motion(Result):
         contacts = np.arange(self.forces.shape[1])
         previous = np.maximum(frames - 1, 0)
         following = np.minimum(frames + 1, last)
-        low, most, high = (self.forces[frame, contacts] for frame in (previous, frames, following))
+        low = self.forces[previous, contacts]
+        most = self.forces[frames, contacts]
+        high = self.forces[following, contacts]
         # differences first: a change by rounding then makes neither of the two zero
         bend = (low - most) + (high - most)
         tilt = low - high
@@ -239,7 +229,8 @@ class Motion(Result):
         contacts = np.arange(change.shape[1])
         level = share * change[top, contacts]
         following = np.clip(np.argmax(change >= level, axis=0), min(1, len(change) - 1), None)
-        low, high = (change[frame, contacts] for frame in (following - 1, following))
+        low = change[following - 1, contacts]
+        high = change[following, contacts]
         fraction = np.divide(level - low, high - low, out=np.zeros_like(level), where=high > low)
         start = self.times[following - 1]
         times = start + fraction * (self.times[following] - start)
@@ -316,26 +307,7 @@ class Motion(Result):
         along = one_direction(places[-1] if direction is None else direction, 3)
         times, is_resolved = self._find_passages(of, 0.5 if share is None else share)
         times = times[chosen]
-        is_resolved = is_resolved[chosen]
-        if np.any(np.isnan(times)):
-            missed = chosen[np.isnan(times)]
-            fault = f"the pulse does not pass contact {missed[0]}"
-            further = f", nor {missed.size - 1} others" if missed.size > 1 else ""
-            mend = "Run for longer, keep more frames, or give contacts that it has passed"
-            raise InputError(
-                fault + further, "Its force does not change much, or still rises at the end", mend
-            )
-        if not np.all(is_resolved):
-            step = float(self.times[1] - self.times[0])
-            fault = (
-                f"the pulse at contact {chosen[~is_resolved][0]} is too short for frames {step:.3g}"
-                f" s apart"
-            )
-            raise InputError(
-                fault,
-                "Fewer than three are within its width at half of its height",
-                "Keep more frames",
-            )
+        self._require_passed(chosen, times, is_resolved[chosen])
         velocity, reason = fit_velocity(places @ along, times)
         if reason:
             mend = (
@@ -344,6 +316,28 @@ class Motion(Result):
             )
             raise InputError(f"the pulse has no velocity along these contacts: {reason}", mend=mend)
         return velocity
+
+    def _require_passed(
+        self, contacts: Index, times: Array, is_resolved: NDArray[np.bool_]
+    ) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless a pulse passes ``contacts`` (n,)
+        at known ``times`` (n,), s, which frames resolve.
+        """
+        missed = contacts[np.isnan(times)]
+        if missed.size:
+            fault = f"the pulse does not pass contact {missed[0]}"
+            further = f", nor {missed.size - 1} others" if missed.size > 1 else ""
+            why = "Its force does not change much, or still rises at the end"
+            mend = "Run for longer, keep more frames, or give contacts that it has passed"
+            raise InputError(fault + further, why, mend)
+        unresolved = contacts[~is_resolved]
+        if unresolved.size:
+            step = float(self.times[1] - self.times[0])
+            fault = (
+                f"the pulse at contact {unresolved[0]} is too short for frames {step:.3g} s apart"
+            )
+            why = "Fewer than three are within its width at half of its height"
+            raise InputError(fault, why, "Keep more frames")
 
     def spectrum(self, ball: int, axis: int = 0) -> tuple[Array, Array]:
         """Return frequencies, Hz, and amplitudes, m, of the displacement of a ball along an
@@ -380,12 +374,12 @@ class Motion(Result):
         most = whole_number("count", count, 1, _MOST_MULTIPLES)
         fitted_to = whole_number("periods", periods, 1, _MOST_MULTIPLES)
         along = whole_number("axis", axis, 0, 2)
-        whole = float(self.times[-1] - self.times[0]) * f
-        per = (frames - 1) / (whole * most) if whole > 0.0 else 0.0
-        if fitted_to > whole * (1.0 + 1e-9) or per < _PER_PERIOD:
+        run_periods = float(self.times[-1] - self.times[0]) * f
+        frames_per_period = (frames - 1) / (run_periods * most) if run_periods > 0.0 else 0.0
+        if fitted_to > run_periods * (1.0 + 1e-9) or frames_per_period < _PER_PERIOD:
             fault = (
-                f"{per:.3g} frames are in a period of multiple {most}, and {whole:.3g} periods in"
-                f" the run"
+                f"{frames_per_period:.3g} frames are in a period of multiple {most}, and"
+                f" {run_periods:.3g} periods in the run"
             )
             raise InputError(
                 fault, mend="Run for longer, keep more frames, or ask for fewer multiples"
@@ -417,17 +411,45 @@ def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
     with the distance, scatter about the line (correlation of :data:`_STRAIGHT` or less), or lie on
     a line that bends, as those of a signal that diffuses.
     """
-    (a, b), (_, c) = np.cov(times, distances)
-    if not b > 0.0:
+    covariances = np.cov(times, distances)
+    of_times = covariances[0, 0]
+    of_distances = covariances[1, 1]
+    of_both = covariances[0, 1]
+    if not of_both > 0.0:
         return math.nan, "it comes no later to those that are farther away"
-    if not b > _STRAIGHT * math.sqrt(a * c):
+    if not of_both > _STRAIGHT * math.sqrt(of_times * of_distances):
         return math.nan, "times scatter about a straight line"
     far = float(np.max(np.abs(distances)))
     if len(np.unique(np.round(distances / far, 9))) > 3:
         curve, slope, _ = np.polyfit((distances - np.mean(distances)) / far, times, 2)
         if not abs(curve) * np.ptp(distances) / far <= _BENT * abs(slope):
             return math.nan, "distances over times are no straight line"
-    return float(b / a), ""
+    return float(of_both / of_times), ""
+
+
+def _require_forward(frames: Any) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` unless ``frames`` is a slice that does not
+    run backwards.
+    """
+    is_slice = isinstance(frames, slice)
+    if not is_slice or (isinstance(frames.step, int) and frames.step < 0):
+        raise InputError(f"frames is {brief(frames)}", mend="Give a slice, such as slice(0, 10)")
+
+
+def _read_network(values: Mapping[str, Any], about: Mapping[str, str]) -> ContactNetwork:
+    """Return the network of a motion, of the arrays and the plain values of its file."""
+    arrays: dict[str, Any] = {
+        name.removeprefix(_OF_NETWORK): array
+        for name, array in values.items()
+        if name.startswith(_OF_NETWORK)
+    }
+    for name in ("i", "j", "shift", "labels"):
+        if name in arrays:
+            arrays[name] = arrays[name].astype(np.intp)
+    plain_values = json.loads(about["network"])
+    data = {"class": "ContactNetwork", **plain_values, **arrays}
+    network: ContactNetwork = restore(data, ContactNetwork)
+    return network
 
 
 class Frames:
@@ -470,44 +492,57 @@ class Frames:
         when they first push.
         """
         base = self._network.n_contacts
-        new = [
-            pair
-            for pair, force in zip(met, forces[base:], strict=True)
-            if force and pair not in self._columns
-        ]
-        for pair in new:
-            self._columns[pair] = base + len(self._columns)
+        has_new = False
+        for pair, force in zip(met, forces[base:], strict=True):
+            if force and pair not in self._columns:
+                self._columns[pair] = base + len(self._columns)
+                has_new = True
         whole: dict[str, Any] = dict(frame)
-        for name, values in (("forces", forces), ("shears", shears)):
-            whole[name] = np.append(values[:base], np.zeros(len(self._columns)))
-            for pair, value in zip(met, values[base:], strict=True):
-                if pair in self._columns:
-                    whole[name][self._columns[pair]] = value
+        whole["forces"] = self._lay_out(forces, met)
+        whole["shears"] = self._lay_out(shears, met)
         if self._path is None:
             self._frames.append(whole)
-        elif self._file is not None and not new:
+        elif self._file is not None and not has_new:
             with explaining(self._path, _KEPT):
                 self._file.append(whole)
         else:
-            # the number of columns of a file is fixed: a new file is written beside the earlier
-            # one, and then replaces it
-            earlier = dict[str, Any]()
-            shapes = {name: np.shape(last) for name, last in whole.items()}
-            if self._file is not None:
-                self._file.close()
-                earlier = read_records(self._path, _ABOUT)[0]
-            with put_beside(self._path) as beside:
-                self._file = _begin_file(beside, self._network, self._step, self._met, whole)
-                for row in range(self._count):
-                    padded = {name: _pad(earlier[name][row], shapes[name]) for name in whole}
-                    self._file.append(padded)
-                self._file.append(whole)
-                del earlier  # some systems do not replace a file that is in use
+            self._begin_again(self._path, whole)
         self._count = self._count + 1
         self.last_time = float(frame["times"])  # last, as Ctrl-C may come before a frame is kept
 
+    def _lay_out(self, values: Array, met: Sequence[tuple[int, ...]]) -> Array:
+        """Return ``values`` of the contacts of the network, and then of ``met`` ones, in the
+        columns of contacts.
+        """
+        base = self._network.n_contacts
+        row = np.append(values[:base], np.zeros(len(self._columns)))
+        for pair, value in zip(met, values[base:], strict=True):
+            if pair in self._columns:
+                row[self._columns[pair]] = value
+        return row
+
+    def _begin_again(self, path: Path, frame: Mapping[str, Any]) -> None:
+        """Write the frames so far, and a ``frame`` with more columns, into a new file, as the
+        number of columns of a file is fixed.
+
+        The new file is written beside the earlier one, and then replaces it.
+        """
+        earlier = dict[str, Any]()
+        shapes = {name: np.shape(values) for name, values in frame.items()}
+        if self._file is not None:
+            self._file.close()
+            earlier = read_records(path, _ABOUT)[0]
+        with put_beside(path) as beside:
+            self._file = _begin_file(beside, self._network, self._step, self._met, frame)
+            for row in range(self._count):
+                padded = {name: _pad(earlier[name][row], shapes[name]) for name in frame}
+                self._file.append(padded)
+            self._file.append(frame)
+            del earlier  # some systems do not replace a file that is in use
+
     @property
     def _met(self) -> Index:
+        """(n_m, 2) balls of the contacts that came about beside those of the network."""
         return np.array([pair[:2] for pair in self._columns], np.intp).reshape(-1, 2)
 
     def join(self) -> Motion:
@@ -548,7 +583,7 @@ def _begin_file(
     arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
     plain_values = {name: plain(value) for name, value in values.items() if name not in arrays}
     fixed = {
-        f"network_{name}": (value, _name_axes(name, ContactNetwork))
+        _OF_NETWORK + name: (value, _name_axes(name, ContactNetwork))
         for name, value in arrays.items()
     }
     if len(met):  # a dimension of no length would be the one that grows
@@ -556,7 +591,8 @@ def _begin_file(
     growing = {
         name: (np.shape(value), _name_axes(name, Motion)[1:]) for name, value in frame.items()
     }
-    units = Motion.units | {f"network_{name}": unit for name, unit in ContactNetwork.units.items()}
+    network_units = {_OF_NETWORK + name: unit for name, unit in ContactNetwork.units.items()}
+    units = Motion.units | network_units
     return RecordFile(
         path,
         fixed,
@@ -569,8 +605,10 @@ def _begin_file(
 def _name_axes(name: str, owner: type[Result]) -> tuple[str, ...]:
     """Return names of the axes of a field in a file."""
     names = {"f": "time", "n": "ball", "c": "contact", "3": "axis", "m": "met", "2": "end"}
-    of_network = {"c": "network_contact"} if owner is ContactNetwork else {}
-    return tuple((names | of_network)[letter] for letter in owner._shapes[name].rstrip("?").split())
+    if owner is ContactNetwork:
+        names["c"] = "network_contact"
+    letters = owner._shapes[name].rstrip("?").split()
+    return tuple(names[letter] for letter in letters)
 
 
 def _pad(values: Any, shape: tuple[int, ...]) -> Array:

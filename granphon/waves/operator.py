@@ -33,6 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
 from granphon.array.contact_operator import ContactHessian, ContactOperator
+from granphon.balls.lattices import Lattice
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.dynamics.rows import (
@@ -142,9 +143,8 @@ class WaveOperator(LinearOperator):
         motion over the mass-weighted one.
         """
         network = self.network
-        axes = np.array(
-            [*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]
-        )
+        turns = [3 + axis for axis in self.motions.rotations]
+        axes = np.array([*self.motions.translations, *turns])
         masses = network.masses[self.balls, None]
         inertias = network.inertias[self.balls, None]
         scale = 1.0 / np.sqrt(np.where(axes < 3, masses, inertias))
@@ -156,7 +156,7 @@ class WaveOperator(LinearOperator):
         all balls.
         """
         motions = np.zeros((self.network.n_balls, 6))
-        (indices, scale) = self.in_balls
+        indices, scale = self.in_balls
         motions.reshape(-1)[indices] = scale * vector
         return motions
 
@@ -184,17 +184,17 @@ class WaveOperator(LinearOperator):
         network = self.network
         m = self.motions.count
         scale = np.where(network.moving, 1.0 / np.sqrt(network.masses), 0.0)
+        # the motions of balls i, then those of balls j, of each contact
         columns = np.hstack([self.indices[network.i], self.indices[network.j]]).astype(np.int32)
         columns[columns < 0] = 0  # of balls that are held: their entries are zero
         entries = np.empty((len(rows), *columns.shape), np.result_type(phase, *root))
         for out, row, weight in zip(entries, rows, root, strict=True):
             np.multiply((-weight * scale[network.i])[:, None], row.tail, out=out[:, :m])
             np.multiply((phase * weight * scale[network.j])[:, None], row.head, out=out[:, m:])
-        starts = np.arange(len(rows) * network.n_contacts + 1, dtype=np.int32) * np.int32(2 * m)
-        matrix = csr_array(
-            (entries.ravel(), np.tile(columns, (len(rows), 1)).ravel(), starts),
-            (starts.size - 1, self.size),
-        )
+        n_rows = len(rows) * network.n_contacts
+        all_columns = np.tile(columns, (len(rows), 1)).ravel()
+        starts = np.arange(n_rows + 1, dtype=np.int32) * np.int32(2 * m)
+        matrix = csr_array((entries.ravel(), all_columns, starts), (n_rows, self.size))
         matrix.sum_duplicates()
         matrix.eliminate_zeros()
         return matrix
@@ -239,7 +239,7 @@ class WaveOperator(LinearOperator):
         static = self._static_rows
         if static:
             tension = np.sqrt(np.abs(network.static_forces[0]) / network.distance)
-            roots += [tension] * len(static)
+            roots += [tension for _ in static]
         return self.rows + static, roots
 
     @cached_property
@@ -266,7 +266,8 @@ class WaveOperator(LinearOperator):
         else:
             springs = weights
             static = np.zeros(network.n_contacts)
-        return np.concatenate([*weigh_rows(self.rows, springs), *[static] * len(self._static_rows)])
+        of_static_rows = [static for _ in self._static_rows]
+        return np.concatenate([*weigh_rows(self.rows, springs), *of_static_rows])
 
     def weigh(self, weights: Array | None = None, phase: Any = None) -> csr_array[Any]:
         """Return A^H W A, (size, size), (rad/s)^2, with ``weights`` as for :meth:`of_rows`; without
@@ -312,8 +313,8 @@ class WaveOperator(LinearOperator):
         """
         energy = self.parts.weigh() @ self.parts.deform(x) ** 2
         if self._pairs:
-            pull, move = (self._make_matrix(*rows) @ x for rows in self._pairs)
-            energy = energy + pull @ move
+            pull, move = self._pairs
+            energy = energy + (self._make_matrix(*pull) @ x) @ (self._make_matrix(*move) @ x)
         return 0.5 * float(energy)
 
     def stretch(self, moved: Array, weighed: tuple[list[Row], list[Array]] | None = None) -> Array:
@@ -323,10 +324,9 @@ class WaveOperator(LinearOperator):
         i = moved[self.network.i]
         j = moved[self.network.j]
         rows, roots = weighed or self._weighed_rows
-        deformations = [
-            root * np.sum(row.head * j - row.tail * i, axis=1)
-            for row, root in zip(rows, roots, strict=True)
-        ]
+        deformations = []
+        for row, root in zip(rows, roots, strict=True):
+            deformations.append(root * np.sum(row.head * j - row.tail * i, axis=1))
         return np.concatenate(deformations)
 
     def pull(self, moved: Array, weights: Array | None = None) -> Array:
@@ -347,7 +347,7 @@ class WaveOperator(LinearOperator):
         """Return C M^-1/2, (kinds x n_c, size): deformations from mass-weighted motions, as for
         :meth:`weigh`.
         """
-        return self._make_matrix(rows, [1.0] * len(rows), phase)
+        return self._make_matrix(rows, [1.0 for _ in rows], phase)
 
     @cached_property
     def _pairs(self) -> tuple[tuple[list[Row], list[Array]], ...]:
@@ -369,18 +369,20 @@ class WaveOperator(LinearOperator):
             gyration[network.i],
             gyration[network.j],
         )
-        return tuple(
-            (list(rows), [np.ones(network.n_contacts)] * len(pairs))
-            for rows in zip(*pairs, strict=True)
-        )
+        factors = [np.ones(network.n_contacts) for _ in pairs]
+        pull_rows = [pull for pull, _ in pairs]
+        move_rows = [move for _, move in pairs]
+        return (pull_rows, factors), (move_rows, factors)
 
     @cached_property
     def _carried(self) -> csr_array[Any] | None:
         """G, (size, size), (rad/s)^2, of static tangential forces; None if none act."""
         if not self._pairs:
             return None
-        pull, move = (self._make_matrix(*rows) for rows in self._pairs)
-        carried: csr_array[Any] = (pull.T.tocsr() @ move).tocsr()
+        pull, move = self._pairs
+        pull_matrix = self._make_matrix(*pull)
+        move_matrix = self._make_matrix(*move)
+        carried: csr_array[Any] = (pull_matrix.T.tocsr() @ move_matrix).tocsr()
         return carried
 
     @cached_property
@@ -402,8 +404,9 @@ class WaveOperator(LinearOperator):
         m = self.motions.count
         blocks = np.zeros((m, m, network.n_balls))
         tension = np.maximum(-network.static_forces[0], 0.0) / network.distance
-        springs = [(row, row.stiffness) for row in self.rows]
-        for row, stiffness in springs + [(row, tension) for row in self._static_rows]:
+        stiffness_of_rows = [(row, row.stiffness) for row in self.rows]
+        stiffness_of_rows += [(row, tension) for row in self._static_rows]
+        for row, stiffness in stiffness_of_rows:
             for ball, coefficients in ((network.j, row.head), (network.i, row.tail)):
                 for a, b in np.ndindex(m, m):
                     weights = stiffness * coefficients[:, a] * coefficients[:, b]
@@ -423,7 +426,8 @@ class WaveOperator(LinearOperator):
         """
         bound = 2.0 * float(np.max(np.linalg.eigvalsh(self._blocks)))
         if self._carried is not None:
-            bound += 0.5 * float(np.max(abs(self._carried + self._carried.T).sum(axis=1)))
+            doubled = abs(self._carried + self._carried.T)
+            bound += 0.5 * float(np.max(doubled.sum(axis=1)))
         return _MARGIN * math.sqrt(bound)
 
     @cached_property
@@ -478,29 +482,42 @@ def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
     if lattice is None or shape is None or network.prestress or min(shape) < 3:
         return None
     table = lattice.contacts
-    n = lattice.n_balls
-    p = lattice.periods
-    if network.n_balls != n * math.prod(shape):
+    if network.n_balls != lattice.n_balls * math.prod(shape):
         return None
     if not _are_equal(network.masses) or not _are_equal(network.inertias):
         return None
-    tail_cells, head_cells = (
-        np.stack(np.unravel_index(ball // n, shape), axis=-1) for ball in (network.i, network.j)
-    )
-    step = head_cells + network.shift[:, :p] * np.array(shape) - tail_cells
+    kinds = _find_table_rows(network, lattice, shape)
+    if np.any(kinds < 0):
+        return None
+    # a ball has one contact of each kind, unless it touches another twice
+    if len(set((kinds * network.n_balls + network.i).tolist())) < kinds.size:
+        return None
+    normal = np.zeros((len(table), 3))
+    normal[:, : table.normal.shape[1]] = table.normal
+    if np.max(np.abs(network.normal - normal[kinds]), initial=0.0) > _ALIKE:
+        return None
+    have_arms = _are_equal(network.arm_i / table.arm_i[kinds])
+    have_arms = have_arms and _are_equal(network.arm_j / table.arm_j[kinds])
+    return kinds if have_arms else None
+
+
+def _find_table_rows(
+    network: ContactNetwork, lattice: Lattice, shape: tuple[int, ...]
+) -> NDArray[np.intp]:
+    """Return (n_c,) the row of the table of the ``lattice`` that joins the same balls of a cell by
+    the same step of cells as each contact of an array of ``shape`` (p,); -1 without one.
+    """
+    table = lattice.contacts
+    n = lattice.n_balls
+    tail_cells = np.stack(np.unravel_index(network.i // n, shape), axis=-1)
+    head_cells = np.stack(np.unravel_index(network.j // n, shape), axis=-1)
+    step = head_cells + network.shift[:, : lattice.periods] * np.array(shape) - tail_cells
     kinds = np.full(network.n_contacts, -1)
     table_rows = zip(table.i.tolist(), table.j.tolist(), table.shift, strict=True)
     for kind, (i, j, shift) in enumerate(table_rows):
         joins = (network.i % n == i) & (network.j % n == j)
         kinds[joins & np.all(step == shift, axis=1)] = kind
-    if np.any(kinds < 0) or len(set((kinds * network.n_balls + network.i).tolist())) < kinds.size:
-        return None
-    normal = np.zeros((len(table), 3))
-    normal[:, : table.normal.shape[1]] = table.normal
-    alike = np.max(np.abs(network.normal - normal[kinds]), initial=0.0) <= _ALIKE
-    for arms, arm in ((network.arm_i, table.arm_i), (network.arm_j, table.arm_j)):
-        alike = alike and _are_equal(arms / arm[kinds])
-    return kinds if alike else None
+    return kinds
 
 
 def _are_equal(values: Array) -> bool:
@@ -530,7 +547,8 @@ class ArrayOperator(WaveOperator):
         """Return the vector (size, ...) of values (n, motions, ...) of balls."""
         values = np.asarray(values)
         by_cell = values.reshape(-1, self._fields, *values.shape[2:])
-        return np.ascontiguousarray(by_cell.swapaxes(0, 1)).reshape(self.size, *values.shape[2:])
+        by_field = np.ascontiguousarray(by_cell.swapaxes(0, 1))
+        return by_field.reshape(self.size, *values.shape[2:])
 
     def values(self, vector: ArrayLike) -> NDArray[Any]:
         """Return the values (n, motions, ...) of balls in a vector (size, ...)."""
@@ -558,16 +576,16 @@ class ArrayOperator(WaveOperator):
         """C as stencils."""
         table = self.lattice.contacts
         m = self.motions.count
-        ends = []
-        for row in self.rows:
-            heads, tails = np.zeros((2, len(table), self._fields))
+        n_kinds = len(table)
+        # coefficients of the motions of a cell: those of balls j, and those of balls i
+        head = np.zeros((len(self.rows) * n_kinds, self._fields))
+        tail = np.zeros((len(self.rows) * n_kinds, self._fields))
+        for number, row in enumerate(self.rows):
             kinds = zip(table.i.tolist(), table.j.tolist(), self._contacts_of_kind, strict=True)
-            for kind, (i, j, contacts) in enumerate(kinds):
+            for kind, (i, j, contacts) in enumerate(kinds, start=number * n_kinds):
                 if contacts.size:
-                    heads[kind, m * j : m * (j + 1)] = row.head[contacts[0]]
-                    tails[kind, m * i : m * (i + 1)] = row.tail[contacts[0]]
-            ends.append((heads, tails))
-        head, tail = (np.concatenate(rows) for rows in zip(*ends, strict=True))
+                    head[kind, m * j : m * (j + 1)] = row.head[contacts[0]]
+                    tail[kind, m * i : m * (i + 1)] = row.tail[contacts[0]]
         shifts = [tuple(steps) for steps in table.shift.tolist()]
         return ContactOperator(self.cells, shifts, head, tail)
 
@@ -593,21 +611,27 @@ class ArrayOperator(WaveOperator):
         """
         contacts = self._contacts
 
+        def deform(x: NDArray[Any]) -> NDArray[Any]:
+            """Return the deformations of a vector (size,)."""
+            return contacts.deform(x.reshape(self._fields, *self.cells)).ravel()
+
+        def pull(tension: NDArray[Any]) -> NDArray[Any]:
+            """Return the forces (size,) of the tensions of all deformations."""
+            return contacts.pull(tension.reshape(contacts.n_rows, *self.cells)).ravel()
+
         def weigh(weights: Array | None = None) -> Array:
+            """Return the diagonal of K, as of :meth:`WaveOperator.of_rows`."""
             springs = np.ones((2, self.network.n_contacts)) if weights is None else weights
             return self._lay(np.asarray(weigh_rows(self.rows, springs))).ravel()
 
-        return Parts(
-            lambda x: contacts.deform(x.reshape(self._fields, *self.cells)).ravel(),
-            lambda tension: contacts.pull(tension.reshape(contacts.n_rows, *self.cells)).ravel(),
-            weigh,
-        )
+        return Parts(deform, pull, weigh)
 
     def advance(self, current: Array, previous: Array) -> Array:
         """Return the next Chebyshev polynomial, see :meth:`WaveOperator.advance`."""
         if current.ndim > 1:
             return super().advance(current, previous)
-        following = self._product(current.reshape(self._fields, *self.cells))[0].ravel()
+        product, _ = self._product(current.reshape(self._fields, *self.cells))
+        following = product.ravel()
         following -= 2.0 * current
         following -= previous
         return following

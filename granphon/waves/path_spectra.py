@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
@@ -71,12 +71,13 @@ class PathSpectra(Result):
         """
         steps = np.linspace(0.0, 1.0, _BAND_POINTS)[:, None]
         fine = corners[:-1] + steps * np.diff(corners)
-        legs = [leg for piece in path for leg in pairwise(lattice.wavevectors(piece))]
-        bands = [lattice.frequencies(start + steps * (end - start)) for start, end in legs]
+        bands = []
+        for piece in path:
+            for start, end in pairwise(lattice.wavevectors(piece)):
+                bands.append(lattice.frequencies(start + steps * (end - start)))
         hertz = scales.frequency * np.concatenate(bands)
-        return cls(
-            corners, join_labels(path, labels), distances, tuple(spectra), fine.T.ravel(), hertz
-        )
+        names = join_labels(path, labels)
+        return cls(corners, names, distances, tuple(spectra), fine.T.ravel(), hertz)
 
     def write_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a table of peaks: a row for each wave vector and polarisation.
@@ -99,7 +100,7 @@ class PathSpectra(Result):
         rows: list[tuple[Any, ...]] = []
         for spectrum in self.spectra:
             columns = [
-                [spectrum.polarisation] * len(self.distances),
+                [spectrum.polarisation for _ in self.distances],
                 self.distances.tolist(),
                 *spectrum.q.T.tolist(),
                 spectrum.peak.tolist(),
@@ -175,7 +176,7 @@ def find_path_points(
     """
     count = whole_number("points", points, 2)
     ends = [lattice.wavevectors(piece) / spacing for piece in path]  # 1/m
-    legs = [(start, end) for piece in ends for start, end in pairwise(piece)]
+    legs = list(chain.from_iterable(pairwise(piece) for piece in ends))
     lengths = np.array([np.linalg.norm(end - start) for start, end in legs])
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
     # distances and wave vectors, by the whole numbers of waves along the periods
@@ -190,28 +191,34 @@ def find_path_points(
         targets = np.zeros((count, d))
         targets[:, :p] = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
         for q in nearest_wavevectors(network, targets):
-            distance = begin + float(np.clip((q[:p] - start) @ along, 0.0, length))
+            on_leg = float(np.clip((q[:p] - start) @ along, 0.0, length))
+            distance = begin + on_leg
             deviation = np.linalg.norm(q[:p] - start - (distance - begin) * along)
-            number = tuple(np.rint(periods[:, :d] @ q / (2.0 * np.pi)).astype(int).tolist())
             reduced = q[:p] @ reciprocal
             is_gamma = np.all(np.abs(reduced - np.rint(reduced)) <= _SAME)
             if not is_gamma and deviation <= half_step:
-                wavevectors.setdefault(number, (distance, q))
+                turns = periods[:, :d] @ q / (2.0 * np.pi)
+                numbers = tuple(np.rint(turns).astype(int).tolist())
+                wavevectors.setdefault(numbers, (distance, q))
     if not wavevectors:
         fault = "the array has no wave vector on the path but Gamma"
         raise InputError(
             fault, mend="Take a larger array, or a path through the middle of the zone"
         )
-    distances, q = (np.array(values) for values in zip(*wavevectors.values(), strict=True))
-    return PathPoints(starts, distances, q)
+    distances = np.array([distance for distance, _ in wavevectors.values()])
+    return PathPoints(starts, distances, np.array([q for _, q in wavevectors.values()]))
 
 
 def join_labels(path: Sequence[Any], labels: Sequence[str]) -> tuple[str, ...]:
     """Return one label for each end of a leg: where the path jumps from K to M, "K|M"."""
-    names = iter(labels)
     joined = list[str]()
+    first = 0
     for piece in path:
-        first, *following = (next(names) for _ in piece)
-        joined[-1:] = [f"{joined[-1]}|{first}"] if joined else [first]
-        joined += following
+        names = labels[first : first + len(piece)]
+        first += len(piece)
+        if joined:
+            joined[-1] = f"{joined[-1]}|{names[0]}"
+        else:
+            joined.append(names[0])
+        joined += names[1:]
     return tuple(joined)

@@ -24,7 +24,7 @@ record is divided into spans, each so short that no digit is lost.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -120,7 +120,8 @@ class ToneBurst:
             gap = gaps[column]
             is_equal = gap == 0.0
             rise = np.expm1(np.multiply.outer(times, gap)) / np.where(is_equal, 1.0, gap)
-            integrals[:, column] = (turned * np.where(is_equal, times[:, None], rise)) @ weights
+            differences = turned * np.where(is_equal, times[:, None], rise)
+            integrals[:, column] = differences @ weights
         return integrals
 
 
@@ -236,30 +237,44 @@ class Propagation:
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
-        size = self.push.size
-        order = self.order
         waves = self._find_nodes(self.order)
-        # coefficients of the polynomials in the displacements, then the velocities, at the few
-        # times of the frames
-        values = np.zeros((order, 2 * frames.size))
+        forms = self._expand_frames(waves, frames)
+        moments, states = self._recurse(listen, forms)
+        # sum of (2 - delta_n0) mu_n T_n(y_k): the spectral weight at the nodes, and from it the
+        # velocities at all times
+        spectrum = dct(moments, type=3, axis=0)[waves.node] / self.order
+        signals = self._evaluate(waves, spectrum * waves.velocity[:, None], times)
+        return signals.T, states[: frames.size], states[frames.size :]
+
+    def _expand_frames(self, waves: _Exponentials, frames: Array) -> Array:
+        """Return the coefficients (2 n_f, order) of the polynomials in the displacements, then in
+        the velocities, at the times ``frames`` (n_f,), s.
+        """
         end = self.burst.duration
-        # the size of each exponential when the burst ends
-        after_burst = self.burst.drive(waves.rate, np.array([end]))[0]
         early = frames < end
         grown = np.empty((frames.size, waves.rate.size), complex)
         grown[early] = self.burst.drive(waves.rate, frames[early])
+        after_burst = self.burst.drive(waves.rate, np.array([end]))[0]
         grown[~early] = np.exp(np.multiply.outer(frames[~early] - end, waves.rate)) * after_burst
         responses = [np.real(grown * weights).T for weights in (waves.displacement, waves.velocity)]
+        values = np.zeros((self.order, 2 * frames.size))
         np.add.at(values, waves.node, np.hstack(responses))
-        forms = dct(values.T, type=2, axis=1) / order
+        forms = dct(values.T, type=2, axis=1) / self.order
         forms[:, 0] *= 0.5
-        # the polynomials T_n b: their moments at receivers, and their sums
+        return np.asarray(forms)
+
+    def _recurse(self, listen: Callable[[Array], Array], forms: Array) -> tuple[Array, Array]:
+        """Return the moments (order, n_r) at receivers of the polynomials T_n b of the push b, and
+        the sums (2 n_f, size) of T_n b with the coefficients ``forms``.
+        """
+        size = self.push.size
+        order = self.order
         states = np.zeros((len(forms), size))
-        heard = []
+        moments = []
         most = np.linalg.norm(self.push) * (1.0 + _GROWTH)
         block = np.empty((max(1, min(order, _BLOCK // size)), size))
         for n, vector in zip(range(order), polynomials(self.operator, self.push), strict=False):
-            heard.append(listen(vector))
+            moments.append(listen(vector))
             row = n % len(block)
             block[row] = vector
             if row == len(block) - 1 or n == order - 1:
@@ -267,27 +282,32 @@ class Propagation:
                 states += forms[:, first : n + 1] @ block[: row + 1]
                 if not np.linalg.norm(vector) <= most:
                     raise explain_instability(self.operator.network)
-        # sum of (2 - delta_n0) mu_n T_n(y_k): the spectral weight at the nodes, and from it the
-        # velocities at all times
-        moments = np.array(heard)
-        weight = dct(moments, type=3, axis=0)[waves.node] / order * waves.velocity[:, None]
-        signals = np.empty((times.size, moments.shape[1]))
+        return np.array(moments), states
+
+    def _evaluate(self, waves: _Exponentials, weight: Complex, times: Array) -> Array:
+        """Return the velocities (n_t, n_r) at even ``times`` (n_t,), s, of which ``weight`` (n,
+        n_r) are the weights of the exponentials.
+        """
+        end = self.burst.duration
+        signals = np.empty((times.size, weight.shape[1]))
         during = int(np.count_nonzero(times < end))
         rows = max(1, _BLOCK // waves.rate.size)
         for first in range(0, during, rows):
             chunk = slice(first, min(first + rows, during))
             signals[chunk] = np.real(self.burst.drive(waves.rate, times[chunk]) @ weight)
-        if during < times.size:
-            weight *= after_burst[:, None]
-            apart = times[during : during + rows] - times[during]
-            later = np.exp(np.multiply.outer(apart, waves.rate))
-            for first in range(during, times.size, rows):
-                chunk = slice(first, min(first + rows, times.size))
-                begin = np.exp(waves.rate * (times[first] - end))
-                signals[chunk] = np.real(
-                    later[: signals[chunk].shape[0]] @ (begin[:, None] * weight)
-                )
-        return signals.T, states[: frames.size], states[frames.size :]
+        if during == times.size:
+            return signals
+        # the size of each exponential when the burst ends, from where it goes on by itself
+        after_burst = self.burst.drive(waves.rate, np.array([end]))[0]
+        weight = weight * after_burst[:, None]
+        since_first = times[during : during + rows] - times[during]
+        later = np.exp(np.multiply.outer(since_first, waves.rate))  # the same for each chunk
+        for first in range(during, times.size, rows):
+            chunk = slice(first, min(first + rows, times.size))
+            count = chunk.stop - chunk.start
+            begin = np.exp(waves.rate * (times[first] - end))
+            signals[chunk] = np.real(later[:count] @ (begin[:, None] * weight))
+        return signals
 
 
 class ViscousPropagation:
@@ -318,7 +338,9 @@ class ViscousPropagation:
         self._parts = parts / self._alpha
 
     def _apply(self, z: Array) -> Array:
-        """Return X z."""
+        """Return X z of a state: top times displacements (size,), velocities (size,), and the
+        cosines and sines of the source.
+        """
         size = self._push.size
         top = self.operator.top
         product = np.empty_like(z)
@@ -326,9 +348,8 @@ class ViscousPropagation:
         v = z[size : 2 * size]
         source = z[2 * size :]
         product[:size] = top * v
-        product[size : 2 * size] = (
-            (self._parts @ source) * self._push - self._viscous @ v - (self.operator @ x) / top
-        )
+        pushed = (self._parts @ source) * self._push
+        product[size : 2 * size] = pushed - self._viscous @ v - (self.operator @ x) / top
         cosine, sine = np.split(source, 2)
         product[2 * size :] = np.concatenate([-self._omegas * sine, self._omegas * cosine])
         product += self._shift * z
@@ -359,48 +380,72 @@ class ViscousPropagation:
         end = max(float(times[-1]), float(np.max(frames, initial=0.0)))
         z = np.zeros(2 * size + 2 * self._omegas.size)
         z[2 * size : 2 * size + self._omegas.size] = self._alpha
+
+        def listen_to_state(state: Array) -> Array:
+            """Return what receivers hear (n_r,) of displacements, velocities and the source."""
+            return listen(state[size : 2 * size])
+
         signals = np.zeros((times.size, listen(z[:size]).size))
         displacements = np.zeros((frames.size, size))
         velocities = np.zeros((frames.size, size))
-        longest = min(_DECAY / max(self._shift, 1e-300), _PHASE / self._radius)
-        first = 0.0
-        switched = False
-        while first < end:
-            last = min(first + longest, end)
-            if not switched and last >= self.burst.duration:
-                last = self.burst.duration
-                switched = True
-            times_within = (times > first) & (times <= last) | ((times == 0.0) & (first == 0.0))
+        for first, last in self._list_spans(end):
+            times_within = (times > first) & (times <= last)
+            if first == 0.0:
+                times_within |= times == 0.0
             frames_within = np.flatnonzero((frames > first) & (frames <= last))
-            span = last - first
-            # coefficients at the end of the span, at its frames, and at its times of signals
-            coefficients = self._expand(
-                span,
-                np.concatenate(
-                    [[span], frames[frames_within] - first, times[times_within] - first]
-                ),
-            )
-            of_states = coefficients[: 1 + frames_within.size]
-            of_signals = coefficients[1 + frames_within.size :]
-            states = np.zeros((len(of_states), z.size))
-            heard = np.zeros((len(of_signals), signals.shape[1]))
-            previous = z
-            current = self._apply(z)
-            for order in range(coefficients.shape[1]):
-                for state, factor in zip(states, of_states[:, order], strict=True):
-                    if factor:
-                        state += factor * previous
-                heard += of_signals[:, order, None] * listen(previous[size : 2 * size])
-                following = self._apply(current)
-                following *= 2.0
-                following += previous
-                previous = current
-                current = following
+            # states at the end of the span, and at its frames
+            state_times = np.concatenate([[last], frames[frames_within]]) - first
+            signal_times = times[times_within] - first
+            states, heard = self._cross(z, last - first, state_times, signal_times, listen_to_state)
             z = states[0]
             signals[times_within] = heard
             displacements[frames_within] = states[1:, :size] / self.operator.top
             velocities[frames_within] = states[1:, size : 2 * size]
             if last == self.burst.duration:
                 z[2 * size :] = 0.0
-            first = last
         return signals.T, displacements, velocities
+
+    def _list_spans(self, end: float) -> Iterator[tuple[float, float]]:
+        """Yield the times, s, between which the state is propagated at once; the burst ends between
+        two of these spans.
+        """
+        longest = min(_DECAY / max(self._shift, 1e-300), _PHASE / self._radius)
+        first = 0.0
+        has_burst_ended = False
+        while first < end:
+            last = min(first + longest, end)
+            if not has_burst_ended and last >= self.burst.duration:
+                last = self.burst.duration
+                has_burst_ended = True
+            yield first, last
+            first = last
+
+    def _cross(
+        self,
+        z: Array,
+        span: float,
+        state_times: Array,
+        signal_times: Array,
+        listen: Callable[[Array], Array],
+    ) -> tuple[Array, Array]:
+        """Return the states at ``state_times`` after a state ``z``, and what receivers hear,
+        (n, n_r), at ``signal_times``, within a ``span``, all in s.
+        """
+        coefficients = self._expand(span, np.concatenate([state_times, signal_times]))
+        of_states = coefficients[: state_times.size]
+        of_signals = coefficients[state_times.size :]
+        states = np.zeros((state_times.size, z.size))
+        heard = np.zeros((signal_times.size, listen(z).size))
+        previous = z
+        current = self._apply(z)
+        for order in range(coefficients.shape[1]):
+            for state, factor in zip(states, of_states[:, order], strict=True):
+                if factor:
+                    state += factor * previous
+            heard += of_signals[:, order, None] * listen(previous)
+            following = self._apply(current)
+            following *= 2.0
+            following += previous
+            previous = current
+            current = following
+        return states, heard

@@ -16,7 +16,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -155,36 +155,26 @@ class Course:
             raise InputError(
                 "the direction leaves the line or the plane in which the balls lie", mend=mend
             )
-        periods = network.cell[list(network.pbc)]
-        sizes = np.linalg.norm(periods, axis=1)
-        heights = np.abs(periods @ direction)
-        period = math.inf
-        for height, size in zip(heights, sizes, strict=True):
-            if height > _FLAT * size:
-                least = _FLAT * float(np.max(sizes))
-                if math.isinf(period):
-                    period = float(height)
-                    continue
-                # the greatest length that measures both, by Euclid's algorithm; lengths below
-                # ``least`` are rounding
-                remainder = float(height)
-                while remainder > least:
-                    following = abs(period - remainder * round(period / remainder))
-                    period = remainder
-                    remainder = following
         # places begin halfway between two planes of balls, where a cut meets no ball
-        course = cls(network, direction, period)
-        if math.isinf(period):
+        course = cls(network, direction, _find_period(network, direction))
+        if math.isinf(course.period):
             lowest = float(np.min(course.heights[network.moving]))
             return replace(course, origin=lowest - 0.5 * course.spacing)
-        # a plane is less than a diameter thick; the widest gap among the balls within a diameter is
-        # that between two planes
-        wrapped = course._wrap(course.heights)
-        near = np.sort(wrapped)
-        near = near[: max(2, int(np.searchsorted(near, course.spacing)) + 1)]
-        gaps = np.diff(near, prepend=np.max(wrapped) - period)
-        last = int(np.argmax(gaps > (1.0 - _THICK) * np.max(gaps)))
-        return replace(course, origin=float(near[last] - 0.5 * gaps[last]))
+        return replace(course, origin=course._find_gap())
+
+    def _find_gap(self) -> float:
+        """Return the middle of the gap between two planes of balls that repeat, m.
+
+        A plane is less than a diameter thick; the widest gap among the balls within a diameter is
+        that between two planes.
+        """
+        wrapped = self._wrap(self.heights)
+        heights = np.sort(wrapped)
+        n_near = int(np.searchsorted(heights, self.spacing)) + 1
+        heights = heights[: max(2, n_near)]
+        gaps = np.diff(heights, prepend=np.max(wrapped) - self.period)
+        first_wide = int(np.argmax(gaps > (1.0 - _THICK) * np.max(gaps)))
+        return float(heights[first_wide] - 0.5 * gaps[first_wide])
 
     @cached_property
     def spacing(self) -> float:
@@ -202,6 +192,7 @@ class Course:
         return self._wrap(self.heights - self.origin)
 
     def _wrap(self, lengths: Array) -> Array:
+        """Return lengths less whole periods."""
         return lengths if math.isinf(self.period) else np.mod(lengths, self.period)
 
     def require_period(self, least: float, why: str) -> None:
@@ -210,13 +201,13 @@ class Course:
         """
         if self.period >= least * (1.0 - _FLAT):
             return
-        shown = ", ".join(f"{x:.6g}" for x in self.direction[: self.network.dimension])
-        heights = np.abs(self.network.cell[list(self.network.pbc)] @ self.direction)
-        shortest = _FLAT * float(np.max(heights))
-        sides = [f"{height:.6g}" for height in heights if height > shortest]
+        direction = _write_direction(self.direction[: self.network.dimension])
         closes = "do not close"
         if self.period > self.spacing:
             closes = f"come back to themselves after {self.period:.6g} m"
+        heights = np.abs(self.network.cell[list(self.network.pbc)] @ self.direction)
+        shortest = _FLAT * float(np.max(heights))
+        sides = [f"{height:.6g}" for height in heights if height > shortest]
         cell = ""
         longer = "a longer array"
         if len(sides) > 1:
@@ -227,17 +218,17 @@ class Course:
             # lengths of the cell that are equal along the direction are the period
             longer = "an array whose numbers of cells make these lengths equal"
         offers = [
-            f"({', '.join(f'{x:.6g}' for x in direction)}), with {period:.6g} m"
-            for direction, period in self._find_directions(least)
+            f"{_write_direction(offered)}, with {period:.6g} m"
+            for offered, period in self._find_directions(least)
         ]
-        fault = f"planes across ({shown}) {closes} in this periodic network"
+        fault = f"planes across {direction} {closes} in this periodic network"
         mend = f"{longer}, or the direction {' or '.join(offers)}" if offers else f"or {longer}"
         why = f"{why}: {least:.6g} m are needed{cell}"
         raise InputError(fault, why, f"Take a shorter distance, {mend}")
 
-    def _find_directions(self, least: float) -> list[tuple[list[float], float]]:
-        """Return the two directions nearest to this one whose planes have a period of ``least``, m,
-        or more; with the periods, m.
+    def _find_directions(self, least: float) -> list[tuple[Array, float]]:
+        """Return the two directions (d,) nearest to this one whose planes have a period of
+        ``least``, m, or more; with the periods, m.
         """
         periods = self.network.cell[list(self.network.pbc)]
         dual = np.linalg.pinv(periods).T  # rows b with b_i . a_j = delta_ij
@@ -250,13 +241,10 @@ class Course:
                 period = 1.0 / float(np.linalg.norm(vector))
                 if period >= least:
                     cosine = float(vector @ self.direction) * period
-                    candidates.append((cosine, (period * vector).tolist(), period))
+                    candidates.append((cosine, period * vector, period))
         candidates.sort(key=lambda candidate: -round(candidate[0], 9))
         d = self.network.dimension
-        return [
-            ([round(x, 12) + 0.0 for x in direction[:d]], period)
-            for _, direction, period in candidates[:2]
-        ]
+        return [(np.round(unit[:d], 12) + 0.0, period) for _, unit, period in candidates[:2]]
 
     @cached_property
     def crossings(self) -> NDArray[np.intp]:
@@ -280,17 +268,24 @@ class Course:
             fault = "there is no place for walls: the network has no period along this direction"
             mend = "Leave ends out: the network then has the ends that it has"
             raise InputError(fault, "Walls are made where a period is cut", mend)
+        return self._cut_free() if ends == "free" else self._hold_walls()
+
+    def _cut_free(self) -> Course:
+        """Return the course through the network without contacts across the beginning, and without
+        balls that static forces then push over.
+        """
         network = self.network
-        cut = self.crossings != 0
-        if ends == "free":
-            kept = {name: getattr(network, name)[~cut] for name in network.contact_fields}
-            return replace(
-                self,
-                network=drop_falling(replace(network, **kept), network),
-                face=0.0,
-                at_rest=True,
-            )
-        held = np.unique(np.where(self.crossings[cut] > 0, network.i[cut], network.j[cut]))
+        is_kept = self.crossings == 0
+        kept = {name: getattr(network, name)[is_kept] for name in network.contact_fields}
+        cut = drop_falling(replace(network, **kept), network)
+        return replace(self, network=cut, face=0.0, at_rest=True)
+
+    def _hold_walls(self) -> Course:
+        """Return the course through the network whose balls before the beginning are held."""
+        network = self.network
+        crosses = self.crossings != 0
+        is_forward = self.crossings[crosses] > 0
+        held = np.unique(np.where(is_forward, network.i[crosses], network.j[crosses]))
         masses = np.array(network.masses)
         masses[held] = math.inf
         if not np.any(np.isfinite(masses)):
@@ -371,6 +366,39 @@ class Course:
         return min(heard, default=2.0 * (last - first))
 
 
+def _write_direction(direction: Array) -> str:
+    """Return a vector (d,) in words."""
+    return f"({', '.join(f'{x:.6g}' for x in direction)})"
+
+
+def _find_period(network: ContactNetwork, direction: Array) -> float:
+    """Return the distance after which planes across ``direction`` (3,) meet themselves, m: the
+    greatest length that measures the heights of all periods; infinity if there is none.
+    """
+    periods = network.cell[list(network.pbc)]
+    sizes = np.linalg.norm(periods, axis=1)
+    period = math.inf
+    for height, size in zip(np.abs(periods @ direction), sizes, strict=True):
+        if height <= _FLAT * size:
+            continue
+        if math.isinf(period):
+            period = float(height)
+        else:
+            period = _find_common_measure(period, float(height), _FLAT * float(np.max(sizes)))
+    return period
+
+
+def _find_common_measure(longer: float, shorter: float, rounding: float) -> float:
+    """Return the greatest length that measures two lengths, m, by Euclid's algorithm; lengths up to
+    ``rounding`` are zero.
+    """
+    while shorter > rounding:
+        remainder = abs(longer - shorter * round(longer / shorter))
+        longer = shorter
+        shorter = remainder
+    return longer
+
+
 def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
     """Return a network ``cut`` from a ``whole`` one without the balls that its static forces push
     over.
@@ -428,12 +456,9 @@ def _detach(network: ContactNetwork, balls: Index) -> ContactNetwork:
     """
     masses = np.array(network.masses)
     masses[balls] = math.inf
-    kept = ~(np.isin(network.i, balls) | np.isin(network.j, balls))
-    return replace(
-        network,
-        masses=masses,
-        **{name: getattr(network, name)[kept] for name in network.contact_fields},
-    )
+    is_kept = ~(np.isin(network.i, balls) | np.isin(network.j, balls))
+    kept = {name: getattr(network, name)[is_kept] for name in network.contact_fields}
+    return replace(network, masses=masses, **kept)
 
 
 def find_envelope(signals: Array) -> Array:
@@ -443,7 +468,8 @@ def find_envelope(signals: Array) -> Array:
 
     count = signals.shape[-1]
     # zeros behind the record: its end is not joined to its beginning
-    return np.asarray(np.abs(hilbert(signals, next_fast_len(2 * count), axis=-1))[..., :count])
+    analytic = hilbert(signals, next_fast_len(2 * count), axis=-1)
+    return np.asarray(np.abs(analytic)[..., :count])
 
 
 def find_arrivals(
@@ -507,8 +533,8 @@ def _correlate(signal: Array, sent: Array) -> float:
 
 
 def _read(envelope: Array, method: str, threshold: float) -> float:
-    """Return the reading at which an envelope is highest, or first has the share ``threshold`` of
-    its maximum; or nan.
+    """Return the reading at which an envelope (n_t,) is highest, or first has the share
+    ``threshold`` of its maximum; or nan.
     """
     # the first maximum that has half the height of the greatest value
     inner = envelope[1:-1]
@@ -518,17 +544,32 @@ def _read(envelope: Array, method: str, threshold: float) -> float:
         return np.nan
     top = int(high_peaks[0])
     if method == "first":
-        level = threshold * envelope[top]
-        begin = int(np.argmax(envelope[: top + 1] >= level))
-        if begin == 0:
-            return 0.0
-        below, above = envelope[begin - 1 : begin + 1]
-        return begin - 1 + float((level - below) / (above - below))
-    # the maximum of the parabola that fits the envelope where it is near the highest reading
+        return _find_begin(envelope[: top + 1], threshold * envelope[top])
+    return _fit_top(envelope, top)
+
+
+def _find_begin(envelope: Array, level: float) -> float:
+    """Return the reading at which an envelope (n_t,), linear between readings, first has a
+    ``level``.
+    """
+    begin = int(np.argmax(envelope >= level))
+    if begin == 0:
+        return 0.0
+    below = envelope[begin - 1]
+    above = envelope[begin]
+    return begin - 1 + float((level - below) / (above - below))
+
+
+def _fit_top(envelope: Array, top: int) -> float:
+    """Return the reading of the maximum of the parabola that fits an envelope (n_t,) where it is
+    near its highest reading, ``top``.
+    """
     low = np.flatnonzero(envelope < _NEAR * envelope[top])
     split = int(np.searchsorted(low, top))
-    first = min(top - 1, int(low[split - 1]) + 1 if split else 0)
-    last = max(top + 1, int(low[split]) - 1 if split < low.size else envelope.size - 1)
+    last_below = int(low[split - 1]) if split else -1
+    next_below = int(low[split]) if split < low.size else envelope.size
+    first = min(top - 1, last_below + 1)
+    last = max(top + 1, next_below - 1)
     near = envelope[first : last + 1] / envelope[top]
     # weights that vanish at the ends: no reading counts more or less when the next one is left out
     weight = np.sqrt(np.maximum(near - _NEAR, 1e-9))
@@ -545,7 +586,9 @@ def _find_delay(signal: Array, times: Array, frequency: float) -> float:
     """
     turned = signal * np.exp(-2j * np.pi * frequency * times)
     whole = np.sum(turned)
-    return abs(float(np.real(np.sum(times * turned) / whole))) if abs(whole) > 0.0 else math.nan
+    if not abs(whole) > 0.0:
+        return math.nan
+    return abs(float(np.real(np.sum(times * turned) / whole)))
 
 
 def _find_delay_error(signals: Array, times: Array, frequency: float) -> float:
@@ -564,6 +607,22 @@ def _find_delay_error(signals: Array, times: Array, frequency: float) -> float:
         return 0.0
     added = np.real((first - np.mean(first) / whole * parts) / whole)
     return float(np.linalg.norm(added)) / math.sqrt(n * (n - 1))
+
+
+class _Flight(NamedTuple):
+    """The flight of a pulse by its envelope.
+
+    Attributes
+    ----------
+    time : s; nan if it is not known.
+    shape_error, scatter : errors of the time by the change of shape and by the speckle, s.
+    why_unknown : why the time is not known; empty if it is.
+    """
+
+    time: float
+    shape_error: float = math.nan
+    scatter: float = math.nan
+    why_unknown: str = ""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -651,7 +710,9 @@ class Pulse(Result):
     def coherent_fraction(self) -> float:
         """Part of the integral over time of the mean square of the signals that is coherent."""
         whole = float(np.sum(np.mean(self.signals**2, axis=0)))
-        return float(np.sum(self.coherent**2)) / whole if whole else 0.0
+        if not whole:
+            return 0.0
+        return float(np.sum(self.coherent**2)) / whole
 
     @property
     def envelope(self) -> Array:
@@ -688,20 +749,23 @@ class Pulse(Result):
         Raises :class:`~granphon.base.errors.InputError` for an unknown method, and a threshold that
         is not between 0 and 1.
         """
-        flight = float(self._find_arrivals(self.coherent[None], method, threshold)[0][0])
-        return math.nan if self.why_unknown else flight
+        flights, _ = self._find_arrivals(self.coherent[None], method, threshold)
+        return math.nan if self.why_unknown else float(flights[0])
 
     def arrivals(self, method: str = "envelope", threshold: float = _BEGINS) -> Array:
         """Return the time of flight (n_r,) of the signal of each ball, s; nan where there is none.
 
         ``method`` and ``threshold`` are those of :meth:`arrival`.
         """
-        flights = self._find_arrivals(self.signals, method, threshold)[0]
+        flights, _ = self._find_arrivals(self.signals, method, threshold)
         return np.full(flights.shape, math.nan) if self._find_echo() else flights
 
     def _find_arrivals(
         self, signals: Array, method: str, threshold: float
     ) -> tuple[Array, list[str]]:
+        """Return the times of flight (n,) of ``signals`` (n, n_t), s, and why each is not known, as
+        of :func:`find_arrivals`.
+        """
         threshold = positive("threshold", threshold)
         if threshold >= 1.0:
             raise InputError(
@@ -712,22 +776,13 @@ class Pulse(Result):
         )
 
     @cached_property
-    def _flight(self) -> tuple[float, float, float, str]:
-        """Time of flight by the envelope, s, its errors by shape and speckle, s, and an empty text;
-        or three nan, and why the time is not known.
-        """
-        (time,), (why,) = self._find_arrivals(self.coherent[None], "envelope", _BEGINS)
-        hertz = self.frequency
-        fastest = float(self.fastest[1])
-        why = self._find_echo() or why
-        if not why and self.distance > (1.0 + _FASTER) * fastest * time:
-            why = (
-                f"the signal is highest {write_quantity(time, 's', 4)} after the burst, and"
-                f" the fastest waves of the network, of {fastest:.4g} m/s at most, take longer:"
-                f" use a longer distance, another frequency or more cycles"
-            )
+    def _flight(self) -> _Flight:
+        """The flight of the coherent signal, and its errors."""
+        times, reasons = self._find_arrivals(self.coherent[None], "envelope", _BEGINS)
+        time = float(times[0])
+        why = self._find_echo() or reasons[0] or self._explain_too_fast(time)
         if why:
-            return math.nan, math.nan, math.nan, why
+            return _Flight(math.nan, why_unknown=why)
         # the time at which the pulse is at its height, and how far around it no echo comes
         duration = self.cycles / self.frequency
         middle = time + 0.5 * duration
@@ -738,18 +793,32 @@ class Pulse(Result):
         # the envelope by chance
         reaches = (min(_REACH * duration, clear), clear)
         gates = [np.clip(3.0 * (1.0 - np.abs(since_middle) / reach), 0.0, 1.0) for reach in reaches]
-        error = max(_find_delay(self.coherent * gate, since_middle, hertz) for gate in gates)
-        scatter = _find_delay_error(self.signals * gates[0], since_middle, hertz)
+        delays = [_find_delay(self.coherent * gate, since_middle, self.frequency) for gate in gates]
+        error = max(delays)
+        scatter = _find_delay_error(self.signals * gates[0], since_middle, self.frequency)
         share_received = self._find_share(self.coherent * gates[0])
         share_sent = self._find_share(self.sent)
         if share_received / share_sent < _LEAST_SHARE or not error < _UNKNOWN * time:
             why = (
                 f"what arrives are other waves of the burst than those of its frequency,"
-                f" {hertz:.6g} Hz, which are held back more than these: use another frequency,"
-                f" such as one of a band, more cycles, or a shorter distance"
+                f" {self.frequency:.6g} Hz, which are held back more than these: use another"
+                f" frequency, such as one of a band, more cycles, or a shorter distance"
             )
-            return math.nan, math.nan, math.nan, why
-        return float(time), error, scatter, ""
+            return _Flight(math.nan, why_unknown=why)
+        return _Flight(time, error, scatter)
+
+    def _explain_too_fast(self, time: float) -> str:
+        """Return why no wave can have taken the ``time``, s, for the distance; empty if one
+        can.
+        """
+        fastest = float(self.fastest[1])
+        if not self.distance > (1.0 + _FASTER) * fastest * time:
+            return ""
+        return (
+            f"the signal is highest {write_quantity(time, 's', 4)} after the burst, and"
+            f" the fastest waves of the network, of {fastest:.4g} m/s at most, take longer:"
+            f" use a longer distance, another frequency or more cycles"
+        )
 
     def _find_share(self, signal: Array) -> float:
         """Return the size of the spectrum of a signal (n_t,) at the frequency of the burst, over
@@ -787,9 +856,8 @@ class Pulse(Result):
             return tuple(remarks)
         error = self.velocity_error / self.velocity
         if error > _UNSURE:
-            _, shape, scatter, _ = self._flight
             accuracy = f"its velocity is known to {100.0 * error:.0f} % only: use"
-            if shape >= scatter:
+            if self._flight.shape_error >= self._flight.scatter:
                 remarks.append(
                     f"the pulse changes its shape on the way, and {accuracy} more cycles, a longer"
                     f" distance or a lower frequency"
@@ -809,12 +877,12 @@ class Pulse(Result):
         over; an echo may come before the maximum of the pulse; the velocity would be above the
         fastest wave; other frequencies than that of the burst arrive, as in a gap.
         """
-        return self._flight[0]
+        return self._flight.time
 
     @property
     def why_unknown(self) -> str:
         """Why the time of flight is nan; empty if it is not."""
-        return self._flight[3]
+        return self._flight.why_unknown
 
     @property
     def velocity(self) -> float:
@@ -832,8 +900,8 @@ class Pulse(Result):
         balls of the plane were independent. Where an echo comes soon only a part of the pulse
         counts, and the error is a lower bound; it is one too where neighbours hear alike.
         """
-        time, shape, scatter, _ = self._flight
-        return self.velocity * math.hypot(shape, scatter) / time
+        flight = self._flight
+        return self.velocity * math.hypot(flight.shape_error, flight.scatter) / flight.time
 
 
 def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
@@ -852,15 +920,14 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     count = min(pulse.times.size for pulse in pulses)
     for pulse in pulses[1:]:
         _require_alike(pulse, first, count)
-    samples = []
-    last = 0
-    for pulse in pulses:
-        samples.append(pulse.samples + last)
-        last = int(np.max(samples[-1])) + 1
-    weights = [float(np.max(pulse.samples)) + 1.0 for pulse in pulses]
+    # samples of all pulses are numbered one after the other
+    n_samples = [int(np.max(pulse.samples)) + 1 for pulse in pulses]
+    first_samples = np.cumsum([0, *n_samples[:-1]])
+    samples = [pulse.samples + number for pulse, number in zip(pulses, first_samples, strict=True)]
 
     def mean(values: list[Any]) -> Any:
-        return np.average(values, axis=0, weights=weights)
+        """Return the mean of values of each pulse, weighted with its number of samples."""
+        return np.average(values, axis=0, weights=n_samples)
 
     mean_pulse = replace(
         first,
@@ -882,10 +949,13 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
         warnings=(),
     )
     # judgements of each pulse alone do not hold for their mean
-    kept = dict.fromkeys(
-        text for pulse in pulses for text in pulse.warnings if text not in pulse.judge()
-    )
-    return replace(mean_pulse, warnings=(*kept, *mean_pulse.judge()))
+    warnings: list[str] = []
+    for pulse in pulses:
+        judgements = pulse.judge()
+        for warning in pulse.warnings:
+            if warning not in judgements and warning not in warnings:
+                warnings.append(warning)
+    return replace(mean_pulse, warnings=(*warnings, *mean_pulse.judge()))
 
 
 def _require_alike(pulse: Pulse, first: Pulse, count: int) -> None:
@@ -953,9 +1023,8 @@ class PulseSource:
             unit[:periods] = along / np.linalg.norm(along)
             course = Course.along(network, unit)
             course.require_period(2.0 * course.spacing, "A pulse goes half of that way")
-            distance = (
-                0.25 if settings.ends == "periodic" else 0.5
-            ) * course.period - _NEARER * course.spacing
+            share = 0.25 if settings.ends == "periodic" else 0.5
+            distance = share * course.period - _NEARER * course.spacing
         return cls(
             settings.frequency,
             along,
@@ -1017,9 +1086,8 @@ class Route:
         farthest = max(distances)
         course = Course.along(network, along)
         if ends == "periodic":
-            course.require_period(
-                2.0 * farthest, "The pulse that runs the other way round would come first"
-            )
+            why = "The pulse that runs the other way round would come first"
+            course.require_period(2.0 * farthest, why)
         course.require_period(farthest, "The pulse would meet itself")
         course = course.with_ends(ends)
         sources = _find_sources(course, request.source)
@@ -1044,17 +1112,7 @@ class Route:
                 velocity = fastest[0] / margin
                 _require_room(course.period, distance, velocity, burst)
                 duration = min(duration, (course.period - distance) / float(fastest[0]))
-        step = 1.0 / (READINGS * hertz)
-        readings = duration / step if step else math.inf
-        if not readings < _MOST_READINGS:
-            fault = (
-                f"a pulse of {hertz:g} Hz and {burst.cycles:g} cycles is read more than"
-                f" {_MOST_READINGS:,} times"
-            )
-            raise InputError(
-                fault, mend="Use a lower frequency, fewer cycles, or a shorter distance or duration"
-            )
-        times: Array = step * np.arange(max(3, math.floor(readings) + 1), dtype=np.float64)
+        times = _list_readings(burst, duration)
         return cls(course, burst, push, start, sources, groups, fastest, times, frames)
 
     @property
@@ -1066,6 +1124,22 @@ class Route:
     def end(self) -> float:
         """The end of the record, or of the burst if that is later, s."""
         return max(float(self.times[-1]), self.burst.duration)
+
+
+def _list_readings(burst: ToneBurst, duration: float) -> Array:
+    """Return the times (n_t,) at which a pulse is read within a ``duration``, s."""
+    step = 1.0 / (READINGS * burst.frequency)
+    count = duration / step if step else math.inf
+    if not count < _MOST_READINGS:
+        fault = (
+            f"a pulse of {burst.frequency:g} Hz and {burst.cycles:g} cycles is read more than"
+            f" {_MOST_READINGS:,} times"
+        )
+        raise InputError(
+            fault, mend="Use a lower frequency, fewer cycles, or a shorter distance or duration"
+        )
+    times: Array = step * np.arange(max(3, math.floor(count) + 1), dtype=np.float64)
+    return times
 
 
 def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
@@ -1101,9 +1175,8 @@ def _find_fastest(
     none resists ``push``.
     """
     network = course.network
-    axes = list(network.ball_motions.translations)
-    piece_of = number_pieces(network.i, network.j, network.moving)
-    shared_pieces = np.intersect1d(piece_of[receivers], piece_of[sources])
+    piece_of_ball = number_pieces(network.i, network.j, network.moving)
+    shared_pieces = np.intersect1d(piece_of_ball[receivers], piece_of_ball[sources])
     if not shared_pieces.size:
         if may_have_fallen:
             raise InstabilityError(_NOTHING_HELD)
@@ -1111,23 +1184,12 @@ def _find_fastest(
             f"no contacts join the source and the {counted(len(receivers), 'ball')} of the"
             f" receiving plane"
         )
-        why = f"The balls fall into {np.max(piece_of) + 1} parts"
+        why = f"The balls fall into {np.max(piece_of_ball) + 1} parts"
         mend = "Use a higher load, or one of network.pieces()"
         raise InputError(fault, why, mend)
-    pieces = piece_of[np.where(network.moving[network.i], network.i, network.j)]
-    mass = np.bincount(piece_of[network.moving], network.masses[network.moving])
-    squares = (network.vector @ course.direction) ** 2
-    shear = network.shear_stiffness
-    n = network.normal.T
-    differences = (network.normal_stiffness - shear) * squares
-    # the stiffness of each piece, a tensor over the axes along which balls move
-    entries = [
-        [np.bincount(pieces, differences * n[a] * n[b] + (a == b) * shear * squares) for b in axes]
-        for a in axes
-    ]
-    tensors: Array = np.moveaxis(np.array(entries), -1, 0)[shared_pieces]
-    tensors = tensors / mass[shared_pieces, None, None]
-    along_push = (push[axes] @ tensors @ push[axes]).max()
+    tensors = _find_stiffnesses(course, piece_of_ball, shared_pieces)
+    along = push[list(network.ball_motions.translations)]
+    along_push = (along @ tensors @ along).max()
     stiffest = np.linalg.eigvalsh(tensors).max()
     fastest = np.sqrt(np.maximum([along_push, stiffest], 0.0))
     if not fastest[0] > 0.0:
@@ -1136,6 +1198,31 @@ def _find_fastest(
             fault, "Waves of it cost no energy", "Use friction, or another polarisation"
         )
     return np.asarray(fastest)
+
+
+def _find_stiffnesses(course: Course, piece_of_ball: Index, chosen: Index) -> Array:
+    """Return the stiffness of the ``chosen`` pieces over their mass, (m/s)^2, for waves along the
+    course in which balls move in proportion: (pieces, a, a), over the axes along which balls move.
+
+    ``piece_of_ball`` (n,) is the number of the piece of each ball.
+    """
+    network = course.network
+    axes = list(network.ball_motions.translations)
+    end = np.where(network.moving[network.i], network.i, network.j)
+    n_pieces = int(np.max(piece_of_ball)) + 1
+    moving = network.moving
+    mass = np.bincount(piece_of_ball[moving], network.masses[moving], n_pieces)
+    squares = (network.vector @ course.direction) ** 2
+    shear = network.shear_stiffness
+    normal = network.normal.T
+    differences = (network.normal_stiffness - shear) * squares
+    stiffness = np.zeros((len(axes), len(axes), n_pieces))
+    for row, a in enumerate(axes):
+        for column, b in enumerate(axes):
+            of_contacts = differences * normal[a] * normal[b] + (a == b) * shear * squares
+            stiffness[row, column] = np.bincount(piece_of_ball[end], of_contacts, n_pieces)
+    tensors = np.moveaxis(stiffness, -1, 0)[chosen]
+    return np.asarray(tensors / mass[chosen, None, None])
 
 
 def _require_room(period: float, distance: float, velocity: float, burst: ToneBurst) -> None:
@@ -1194,8 +1281,6 @@ def transmit(
     route = Route.of(network, request)
     course = route.course
     burst = route.burst
-    push = route.push
-    sources = route.sources
     groups = route.groups
     if operator is None or operator.network is not course.network:
         operator = make_operator(course.network)
@@ -1205,67 +1290,106 @@ def transmit(
     damped = ContactDamping.of(course.network, (tau, tangential))
     is_even = damped.find_even(course.network) is not None
     _require_short(operator, route.last, float(np.max(damped.times)), not is_even)
-    axes = list(operator.motions.translations)
-    root = 1.0 / np.sqrt(course.network.masses)
-    receivers = np.concatenate(groups)
-    e = push[axes]
-    forces = operator.push(sources, push, root[sources])
-    indices = operator.indices[receivers, : e.size]
     n_frames = len(route.frames)
     memory = 8.0 * n_frames * (3.0 * network.n_balls + 2.0 * operator.size)
     require_memory(f"{n_frames:,} frames of {network.n_balls:,} balls", memory, "Give fewer frames")
-    propagation = (
-        Propagation(operator, forces, burst, route.last, tau)
-        if is_even
-        else ViscousPropagation(operator, forces, burst, damped)
-    )
-    signals, displaced, moving = propagation.follow(
-        lambda vector: root[receivers] * (vector[indices] @ e),
-        route.times,
-        np.concatenate([[burst.duration, route.end], route.frames]),
-    )
-    signals_of_planes = np.split(signals, np.cumsum([len(balls) for balls in groups[:-1]]))
-    energies = [
-        0.5 * (v @ v) + operator.store(x) for x, v in zip(displaced[:2], moving[:2], strict=True)
-    ]
-    velocities = np.zeros((n_frames, network.n_balls, 3))
-    for frame, vector in zip(velocities, moving[2:], strict=True):
-        values = operator.values(vector)[:, : e.size]
-        frame[operator.balls[:, None], axes] = root[operator.balls, None] * values
+    motions = _propagate(route, operator, damped if not is_even else None, tau)
     distances = [course.find_distance(route.start, balls) for balls in groups]
-    fallen = np.flatnonzero(network.moving & ~course.network.moving & (request.ends == "free"))
+    fallen = np.zeros(0, np.intp)
+    if request.ends == "free":
+        fallen = np.flatnonzero(network.moving & ~course.network.moving)
     pulse = Pulse(
         burst.frequency,
         burst.cycles,
         course.direction,
-        push,
+        route.push,
         tau,
         tangential,
         distances[0],
         route.times,
         burst(route.times),
-        sources,
+        route.sources,
         groups[0],
         np.zeros(len(groups[0]), int),
-        signals_of_planes[0],
-        np.array(energies),
+        motions.signals[0],
+        motions.energies,
         np.array(distances[1:]),
-        np.array([np.mean(plane, axis=0) for plane in signals_of_planes[1:]]),
+        np.array([np.mean(plane, axis=0) for plane in motions.signals[1:]]),
         route.frames,
-        velocities,
+        motions.velocities,
         echo=course.find_echo(route.start, groups[0]),
         fastest=route.fastest,
         left_out=fallen.size,
     )
-    depth = np.minimum(course.places, course.period - course.places)
-    remarks = list[str]()
-    if fallen.size and np.max(depth[fallen]) >= np.min(depth[groups[0]]):
-        remarks.append(
-            f"static forces push {counted(fallen.size, 'ball')} over behind the ends that are cut,"
-            f" as far inside as the receiving plane, so that the array is no longer what it was:"
-            f" use ends: walls, friction, or a higher load"
-        )
+    remarks = _judge_fallen(course, fallen, groups[0])
     return replace(pulse, warnings=(*remarks, *pulse.judge()))
+
+
+class _HeardMotions(NamedTuple):
+    """What is heard of a pulse.
+
+    Attributes
+    ----------
+    signals : (n, n_t) velocities of the balls of each group of receivers, m/s.
+    energies : (2,) kinetic and elastic, at the ends of the burst and of the record, J.
+    velocities : (n_f, n, 3) of all balls at the frames, m/s.
+    """
+
+    signals: list[Array]
+    energies: Array
+    velocities: Array
+
+
+def _propagate(
+    route: Route, operator: WaveOperator, damped: ContactDamping | None, tau: float
+) -> _HeardMotions:
+    """Propagate the pulse of a route, in contacts that are all damped alike, by the time ``tau``,
+    s, or else as ``damped`` says.
+    """
+    network = operator.network
+    burst = route.burst
+    axes = list(operator.motions.translations)
+    along = route.push[axes]
+    root = 1.0 / np.sqrt(network.masses)
+    forces = operator.push(route.sources, route.push, root[route.sources])
+    receivers = np.concatenate(route.groups)
+    indices = operator.indices[receivers, : along.size]
+    propagation: Propagation | ViscousPropagation
+    if damped is None:
+        propagation = Propagation(operator, forces, burst, route.last, tau)
+    else:
+        propagation = ViscousPropagation(operator, forces, burst, damped)
+
+    def listen(vector: Array) -> Array:
+        """Return the velocities (n_r,) of receivers along the push, of weighted ones (size,)."""
+        return root[receivers] * (vector[indices] @ along)
+
+    ends = [burst.duration, route.end]
+    frames = np.concatenate([ends, route.frames])
+    signals, displaced, moving = propagation.follow(listen, route.times, frames)
+    energies = [
+        0.5 * (v @ v) + operator.store(x) for x, v in zip(displaced[:2], moving[:2], strict=True)
+    ]
+    velocities = np.zeros((len(route.frames), network.n_balls, 3))
+    for frame, vector in zip(velocities, moving[2:], strict=True):
+        values = operator.values(vector)[:, : along.size]
+        frame[operator.balls[:, None], axes] = root[operator.balls, None] * values
+    group_ends = np.cumsum([len(balls) for balls in route.groups[:-1]])
+    return _HeardMotions(np.split(signals, group_ends), np.array(energies), velocities)
+
+
+def _judge_fallen(course: Course, fallen: Index, receivers: Index) -> list[str]:
+    """Return a warning if balls that have ``fallen`` behind cut ends lie as far inside as the
+    receivers.
+    """
+    depth = np.minimum(course.places, course.period - course.places)
+    if not fallen.size or np.max(depth[fallen]) < np.min(depth[receivers]):
+        return []
+    return [
+        f"static forces push {counted(fallen.size, 'ball')} over behind the ends that are cut,"
+        f" as far inside as the receiving plane, so that the array is no longer what it was:"
+        f" use ends: walls, friction, or a higher load"
+    ]
 
 
 def _require_reached(operator: WaveOperator, hertz: float) -> None:
@@ -1280,9 +1404,10 @@ def _require_reached(operator: WaveOperator, hertz: float) -> None:
     if operator.size > 2:
         begin = np.random.default_rng(0).normal(size=operator.size)
         with lanczos_converges():
-            (top,) = eigsh(operator, k=1, which="LA", v0=begin, tol=1e-6, return_eigenvectors=False)
+            values = eigsh(operator, k=1, which="LA", v0=begin, tol=1e-6, return_eigenvectors=False)
     else:
-        top = np.max(np.linalg.eigvalsh(operator @ np.eye(operator.size)))
+        values = np.linalg.eigvalsh(operator @ np.eye(operator.size))
+    top = np.max(values)
     if square > top * (1.0 + 1e-6):
         raise _explain_unreachable(hertz, f"{math.sqrt(top) / (2.0 * math.pi):.6g} Hz")
 
@@ -1311,28 +1436,28 @@ def require_moves(name: str, along: Array, network: ContactNetwork, turns: bool 
     along a vector (3,), or each ball along its own vector (n, 3).
     """
     motions = network.ball_motions
-    rows = np.atleast_2d(along)
+    vectors = np.atleast_2d(along)
     axes = motions.rotations if turns else motions.translations
-    stray = np.abs(np.delete(rows, list(axes), axis=1)).max(axis=1, initial=0.0)
-    if stray.max(initial=0.0) > 1e-9 * np.abs(rows).max(initial=0.0):
-        ball = int(np.argmax(stray))
-        verb, preposition = ("turn", "about") if turns else ("move", "along")
-        shown = ", ".join(f"{x:.6g}" for x in rows[ball])
-        fault = f"{name} of ball {ball} are ({shown})"
-        if along.ndim == 1:
-            fault = f"the {name} is {preposition} ({shown})"
-        allowed = f"do not {verb}"
-        if axes:
-            names = " and ".join("xyz"[axis] for axis in axes)
-            allowed = f"{verb} {preposition} {names} only"
-        raise InputError(fault, f"Balls {allowed}")
+    stray = np.abs(np.delete(vectors, list(axes), axis=1)).max(axis=1, initial=0.0)
+    if stray.max(initial=0.0) <= 1e-9 * np.abs(vectors).max(initial=0.0):
+        return
+    ball = int(np.argmax(stray))
+    verb, preposition = ("turn", "about") if turns else ("move", "along")
+    shown = _write_direction(vectors[ball])
+    fault = f"{name} of ball {ball} are {shown}"
+    if along.ndim == 1:
+        fault = f"the {name} is {preposition} {shown}"
+    allowed = f"do not {verb}"
+    if axes:
+        names = " and ".join("xyz"[axis] for axis in axes)
+        allowed = f"{verb} {preposition} {names} only"
+    raise InputError(fault, f"Balls {allowed}")
 
 
 def read_push(network: ContactNetwork, along: Array, polarisation: Any) -> Array:
     """Return the unit vector (3,) along which a source pushes whose waves travel ``along``, from
     its polarisation.
     """
-    axes = list(network.ball_motions.translations)
     if not isinstance(polarisation, str):
         push = read_vector("polarisation", polarisation, network.dimension)
     elif polarisation == "longitudinal":
@@ -1340,20 +1465,26 @@ def read_push(network: ContactNetwork, along: Array, polarisation: Any) -> Array
     elif polarisation == "out_of_plane":
         push = np.array([0.0, 0.0, 1.0])
     elif polarisation == "transverse":
-        # within the plane of the balls; in space along the axis farthest from the direction, made
-        # perpendicular to the direction
-        candidates = [axis for axis in range(max(network.dimension, 2)) if axis in axes]
-        if len(candidates) < 2:
-            fault = f"the motions {network.motions!r} have no transverse waves in this direction"
-            raise InputError(fault, mend="Name another polarisation, or give a vector")
-        axis = candidates[int(np.argmin(np.round(np.abs(along[candidates]), 9)))]
-        push = np.eye(3)[axis] - along[axis] * along
-        push = push / np.linalg.norm(push)
+        push = _find_transverse(network, along)
     else:
         options = "longitudinal, transverse, out_of_plane, or a vector"
         raise InputError(f"polarisation is {brief(polarisation)}", mend=f"Use {options}")
     require_moves("push", push, network)
     return push
+
+
+def _find_transverse(network: ContactNetwork, along: Array) -> Array:
+    """Return the unit vector (3,) across ``along`` in the plane of the balls; in space along the
+    axis farthest from it, made perpendicular to it.
+    """
+    axes = network.ball_motions.translations
+    candidates = [axis for axis in range(max(network.dimension, 2)) if axis in axes]
+    if len(candidates) < 2:
+        fault = f"the motions {network.motions!r} have no transverse waves in this direction"
+        raise InputError(fault, mend="Name another polarisation, or give a vector")
+    axis = candidates[int(np.argmin(np.round(np.abs(along[candidates]), 9)))]
+    push = np.eye(3)[axis] - along[axis] * along
+    return np.asarray(push / np.linalg.norm(push))
 
 
 def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:

@@ -50,7 +50,7 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from granphon.array.sparse_matrices import estimate_factors, share_places
 from granphon.base.arrays import Array, Complex, Index
@@ -60,7 +60,7 @@ from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.threads import single_products
-from granphon.base.validation import frequency_array, index_array, one_of, positive
+from granphon.base.validation import index_array, one_of, positive
 from granphon.dynamics.damping import ContactDamping
 from granphon.dynamics.factors import Analysis
 from granphon.networks.network import ContactNetwork
@@ -172,6 +172,7 @@ class Response(Result, array="values"):
     warnings: tuple[str, ...] = ()
 
     def _field_units(self) -> dict[str, str]:
+        """The SI unit of each attribute; that of the values depends on the quantity."""
         return {**self.units, "values": QUANTITIES[self.quantity]}
 
     @property
@@ -209,14 +210,15 @@ class Response(Result, array="values"):
         """
 
         def take_means(values: Complex) -> Complex:
+            """Return the means (n_f, groups) of values (n_f, n_r)."""
             return np.stack([np.mean(values[:, group], axis=1) for group in groups], axis=1)
 
         def solve(frequencies: Array) -> Complex:
+            """Return the means (n_f, groups) at other frequencies (n_f,), Hz."""
             return take_means(self._solver[0](frequencies))
 
-        return find_peaks(
-            self.frequencies, take_means(self.values), solve if self._solver else None
-        )
+        means = take_means(self.values)
+        return find_peaks(self.frequencies, means, solve if self._solver else None)
 
     @property
     def method(self) -> str:
@@ -284,44 +286,105 @@ def find_peaks(
     is not that of one mode: it is the highest value, and Q is not known.
     """
     magnitude = np.abs(values)
-    tops = (magnitude[1:-1] > magnitude[:-2]) & (magnitude[1:-1] >= magnitude[2:])
-    rows = 1 + np.flatnonzero(np.any(tops, axis=1))
-    is_top = tops[rows - 1]
+    rows, is_top = _find_tops(magnitude)
+    # three values about each row: before, on and after
     squares = np.array([frequencies[rows + step] ** 2 for step in (-1, 0, 1)])
-    heard = np.array([values[rows + step] for step in (-1, 0, 1)])
-    x = squares[..., None]
+    triples = np.array([values[rows + step] for step in (-1, 0, 1)])
+    fits = _fit_peaks(squares[..., None], triples, magnitude[rows])
+    is_narrow = is_top & ~fits.is_broad
+    if solve is not None and np.any(is_narrow):
+        lines = np.flatnonzero(np.any(is_narrow, axis=1))
+        solved = _solve_lines(squares[:, lines], triples[:, lines], is_narrow[lines], solve)
+        is_line = solved.is_line & (solved.heights >= magnitude[rows[lines]])
+        line_squares = solved.squares[:, None]
+        line_quality = solved.quality[:, None]
+        fits.squares[lines] = np.where(is_line, line_squares, fits.squares[lines])
+        fits.heights[lines] = np.where(is_line, solved.heights, fits.heights[lines])
+        fits.quality[lines] = np.where(is_line, line_quality, fits.quality[lines])
+    peaks = []
+    for receiver, is_peak in enumerate(is_top.T):
+        chosen = (is_peak, receiver)
+        root = np.sqrt(fits.squares[chosen])
+        peaks.append(Peaks(root, fits.heights[chosen], fits.quality[chosen]))
+    return tuple(peaks)
+
+
+def _find_tops(magnitude: Array) -> tuple[Index, NDArray[np.bool_]]:
+    """Return the rows (n,) of ``magnitude`` (n_f, n_r) in which a receiver has a highest value, and
+    which receivers have one there, (n, n_r).
+    """
+    inner = magnitude[1:-1]
+    is_top = (inner > magnitude[:-2]) & (inner >= magnitude[2:])
+    inner_rows = np.flatnonzero(np.any(is_top, axis=1))
+    return 1 + inner_rows, is_top[inner_rows]
+
+
+class _PeakFits(NamedTuple):
+    """Peaks fitted to highest values: arrays (n, n_r), over rows and receivers.
+
+    Attributes
+    ----------
+    squares : of the frequencies, Hz^2.
+    heights : of the magnitude; nan of a line that is too narrow.
+    quality : Q factors; nan where none is known.
+    is_broad : whether the line is as wide as half the step of the frequencies.
+    """
+
+    squares: Array
+    heights: Array
+    quality: Array
+    is_broad: NDArray[np.bool_]
+
+
+def _fit_peaks(x: Array, values: Complex, highest: Array) -> _PeakFits:
+    """Fit modes over a constant background, B + R/(p - x), to three ``values`` (3, n, n_r) each.
+
+    ``x`` (3, n, 1) are squares of frequencies, Hz^2, and ``highest`` (n, n_r) the magnitudes of the
+    middle values.
+    """
+    step = x[2] - x[0]
     with np.errstate(divide="ignore", invalid="ignore"):  # two equal values have no pole
-        pole = _fit_pole(x, heard)
-        strength = (heard[2] - heard[0]) * (pole - x[0]) * (pole - x[2]) / (x[2] - x[0])
-        top = np.abs(heard[1] - strength / (pole - x[1]) + strength / (1j * pole.imag))
-        step = x[2] - x[0]
+        pole = _fit_pole(x, values)
+        residue = (values[2] - values[0]) * (pole - x[0]) * (pole - x[2]) / step
+        background = values[1] - residue / (pole - x[1])
+        top = np.abs(background + residue / (1j * pole.imag))
         is_broad = np.abs(pole.imag) >= 0.25 * step
         is_near = np.abs(pole.real - x[1]) <= np.maximum(pole.imag, 0.5 * step)
         is_mode = is_broad & (pole.imag > 0.0) & is_near
-        peak_squares = np.where(is_mode, pole.real, x[1])
-        sampled = np.where(is_broad, magnitude[rows], np.nan)
-        heights = np.where(is_mode, np.maximum(top, magnitude[rows]), sampled)
-        quality = np.where(is_mode, pole.real / pole.imag, np.nan)
-    narrow = is_top & ~is_broad
-    if solve is not None and np.any(narrow):
-        lines = np.flatnonzero(np.any(narrow, axis=1))
-        line_pole, line_squares, line_values = _approach_lines(
-            squares[:, lines], heard[:, lines], narrow[lines], solve
+        sampled = np.where(is_broad, highest, np.nan)
+        return _PeakFits(
+            squares=np.where(is_mode, pole.real, x[1]),
+            heights=np.where(is_mode, np.maximum(top, highest), sampled),
+            quality=np.where(is_mode, pole.real / pole.imag, np.nan),
+            is_broad=is_broad,
         )
-        receiver_poles = _fit_pole(line_squares[..., None], line_values)
-        difference = np.abs(receiver_poles - line_pole[:, None])
-        is_same = difference <= _SAME_LINE * line_pole.imag[:, None]
-        height = np.abs(line_values[1])
-        is_line = narrow[lines] & is_same & (height >= magnitude[rows[lines]])
-        line_quality = (line_pole.real / line_pole.imag)[:, None]
-        peak_squares[lines] = np.where(is_line, line_squares[1][:, None], peak_squares[lines])
-        heights[lines] = np.where(is_line, height, heights[lines])
-        quality[lines] = np.where(is_line, line_quality, quality[lines])
-    peaks = []
-    for receiver, is_peak in enumerate(is_top.T):
-        at_peak = (is_peak, receiver)
-        peaks.append(Peaks(np.sqrt(peak_squares[at_peak]), heights[at_peak], quality[at_peak]))
-    return tuple(peaks)
+
+
+class _SolvedLines(NamedTuple):
+    """Narrow lines that were solved for: squares of their frequencies (n,), Hz^2, Q factors (n,),
+    heights (n, n_r), and whether each receiver hears the line, (n, n_r).
+    """
+
+    squares: Array
+    quality: Array
+    heights: Array
+    is_line: NDArray[np.bool_]
+
+
+def _solve_lines(x: Array, values: Complex, is_narrow: Any, solve: Solve) -> _SolvedLines:
+    """Solve at lines that are narrower than the step of the frequencies; the arguments are those of
+    :func:`_approach_lines`.
+    """
+    pole, points, line_values = _approach_lines(x, values, is_narrow, solve)
+    receiver_poles = _fit_pole(points[..., None], line_values)
+    difference = np.abs(receiver_poles - pole[:, None])
+    is_same = difference <= _SAME_LINE * pole.imag[:, None]
+    return _SolvedLines(
+        squares=points[1],
+        quality=pole.real / pole.imag,
+        heights=np.abs(line_values[1]),
+        is_line=is_narrow & is_same,
+    )
 
 
 def _fit_pole(x: Array, values: Complex, weights: Any = None) -> Any:
@@ -362,21 +425,28 @@ def _approach_lines(
         active = active[np.isfinite(estimate[active])]
         if not active.size:
             break
-        centre = np.clip(estimate[active].real, low[active], high[active])
-        half_width = np.clip(
-            np.abs(estimate[active].imag), _NARROWEST * centre, 0.25 * (high - low)[active]
-        )
-        x[:, active] = centre + half_width * np.array([[-1.0], [0.0], [1.0]])
-        frequencies, index = np.unique(np.sqrt(x[:, active]), return_inverse=True)
-        values[:, active] = solve(frequencies)[index.reshape(3, active.size)]
+        points = _place_points(estimate[active], low[active], high[active])
+        x[:, active] = points
+        frequencies, index = np.unique(np.sqrt(points), return_inverse=True)
+        values[:, active] = solve(frequencies)[index.reshape(points.shape)]
         with np.errstate(divide="ignore", invalid="ignore"):
-            renewed = _fit_pole(x[:, active], values[:, active], heard[active])
+            renewed = _fit_pole(points, values[:, active], heard[active])
         change = np.abs(renewed - estimate[active])
-        stands = (change <= _STANDS * renewed.imag) & (renewed.imag > _NARROWEST * centre)
+        is_above_rounding = renewed.imag > _NARROWEST * points[1]
+        stands = (change <= _STANDS * renewed.imag) & is_above_rounding
         pole[active[stands]] = renewed[stands]
         estimate[active] = renewed
         active = active[~stands]
     return pole, x, values
+
+
+def _place_points(pole: Complex, low: Array, high: Array) -> Array:
+    """Return three squares of frequencies, (3, n), about each ``pole`` (n,): that of the pole,
+    between ``low`` and ``high`` (n,), and half a width to either side.
+    """
+    centre = np.clip(pole.real, low, high)
+    half_width = np.clip(np.abs(pole.imag), _NARROWEST * centre, 0.25 * (high - low))
+    return np.asarray(centre + half_width * np.array([[-1.0], [0.0], [1.0]]))
 
 
 def require_places(
@@ -385,84 +455,88 @@ def require_places(
     """Raise InputError unless a network has the places of a source or receiver, as arguments of
     ``Waves.response``.
     """
-    _Places(network, **options).find(name, value, held=moved)
+    Places(network, **options).find(name, value, held=moved)
+
+
+class ResponseOptions(NamedTuple):
+    """Which response is found, and how: a quantity of :data:`QUANTITIES`, one of the
+    :data:`METHODS` or None, and the bound of the error of a Krylov space.
+    """
+
+    quantity: str
+    method: str | None
+    tolerance: float
+
+    @classmethod
+    def read(cls, quantity: str, method: str | None, tolerance: float) -> ResponseOptions:
+        """Check the options, which are arguments of ``Waves.response``."""
+        quantity = one_of("quantity", quantity, QUANTITIES)
+        tolerance = positive("tolerance", tolerance, "")
+        method = None if method is None else one_of("method", method, METHODS)
+        return cls(quantity, method, tolerance)
 
 
 def find_response(
     operator: WaveOperator,
-    frequencies: ArrayLike,
+    hertz: Array,
     source: Any,
     receiver: Any,
-    damping: Any = 0.0,
-    loss_factor: Any = 0.0,
-    *,
-    quantity: str = "displacement",
-    direction: ArrayLike | None = None,
-    polarisation: str | ArrayLike = "longitudinal",
-    distance: float | None = None,
-    method: str | None = None,
-    tolerance: float = TOLERANCE,
+    options: ResponseOptions,
+    damped: ContactDamping,
+    places: Places,
 ) -> Response:
-    """Return the response of a network; see :meth:`granphon.waves.waves.Waves.response`."""
-    network = operator.network
-    hertz = frequency_array("frequencies", frequencies)
-    quantity = one_of("quantity", quantity, QUANTITIES)
-    tolerance = positive("tolerance", tolerance, "")
-    method = None if method is None else one_of("method", method, METHODS)
-    damped = ContactDamping.of(network, damping, loss_factor)
-    places = _Places(network, direction, polarisation, distance)
-    moved = quantity == "transmissibility"
-    sources, pushes = places.find("source", source, held=moved)
+    """Return the response of a network at frequencies ``hertz`` (n_f,).
+
+    ``source`` and ``receiver`` are sought among the ``places`` of the network, as
+    :meth:`granphon.waves.waves.Waves.response` describes them.
+    """
+    is_moved = options.quantity == "transmissibility"
+    sources, pushes = places.find("source", source, held=is_moved)
     receivers, directions = places.find("receiver", receiver)
-    axes = list(operator.motions.translations)
-    # the source: a part that does not depend on the damping, and those by losses and by dashpots
-    amplitude = np.zeros((network.n_balls, operator.motions.count))
-    np.add.at(amplitude[:, : len(axes)], sources, pushes[:, axes])
-    if moved:
-        weights = (None, damped.losses, damped.times)
-        drives = [operator.pull(amplitude, weight) for weight in weights]
-        stretched = operator.stretch(amplitude)
-    else:
-        root_masses = np.sqrt(network.masses[operator.balls])[:, None]
-        pushed = operator.vector(amplitude[operator.balls] / root_masses)
-        drives = [pushed, np.zeros(operator.size), np.zeros(operator.size)]
-        stretched = np.zeros(0)
-    heard = operator.indices[receivers, : len(axes)]
-    ears = directions[:, axes] / np.sqrt(network.masses[receivers])[:, None]
-    problem = _Problem(operator, damped, drives, heard, ears, moved, stretched)
-
-    def solve(frequencies: Array) -> tuple[Complex, Array, int, int]:
-        omega = 2.0 * math.pi * frequencies
-        values, error, factored, steps = problem.solve(omega, method, tolerance)
-        if quantity == "velocity":
-            values = values * (2j * math.pi * frequencies)[:, None]
-        return values, error, factored, steps
-
+    problem = _Problem.of(operator, damped, (sources, pushes), (receivers, directions), is_moved)
     require_memory(
         f"responses of {len(receivers):,} balls at {hertz.size:,} frequencies",
         _RESPONSE_BYTES * hertz.size * (1.0 + len(receivers)),
         "Take fewer frequencies",
     )
-    values, error, factored, steps = solve(hertz)
+    solution = _solve_for_quantity(problem, hertz, options)
     warnings = damped.find_warnings(float(np.max(hertz)))
-    if np.any(error > _UNSURE):
-        warnings = (*warnings, _explain_error(hertz, values, error, QUANTITIES[quantity]))
+    if np.any(solution.error > _UNSURE):
+        unit = QUANTITIES[options.quantity]
+        warnings = (*warnings, _explain_error(hertz, solution.values, solution.error, unit))
     response = Response(
         hertz,
-        values,
-        quantity,
+        solution.values,
+        options.quantity,
         sources,
         pushes,
         receivers,
         directions,
-        error,
-        factored,
-        steps,
+        solution.error,
+        solution.factorisations,
+        solution.steps,
         warnings,
     )
     if not damped.is_none:  # without losses a peak has no height
-        object.__setattr__(response, "_solver", (lambda frequencies: solve(frequencies)[0],))
+
+        def solve(frequencies: Array) -> Complex:
+            """Return the values (n_f, n_r) at other frequencies (n_f,), Hz."""
+            return _solve_for_quantity(problem, frequencies, options).values
+
+        object.__setattr__(response, "_solver", (solve,))
     return response
+
+
+def _solve_for_quantity(
+    problem: _Problem, frequencies: Array, options: ResponseOptions
+) -> _Solution:
+    """Return the values (n_f, n_r) of the quantity at ``frequencies`` (n_f,), Hz."""
+    omega = 2.0 * math.pi * frequencies
+    solution = problem.solve(omega, options.method, options.tolerance)
+    if options.quantity != "velocity":
+        return solution
+    rates = (2j * math.pi * frequencies)[:, None]
+    return solution._replace(values=solution.values * rates)
 
 
 def _explain_error(hertz: Array, values: Complex, error: Array, unit: str) -> str:
@@ -485,16 +559,15 @@ def _explain_error(hertz: Array, values: Complex, error: Array, unit: str) -> st
 # -- sources and receivers -------------------------------------------------------------------------
 
 
-class _Places:
+class Places:
     """Where a network is pushed and heard; the arguments are those of ``Waves.response``."""
 
     def __init__(
         self, network: ContactNetwork, direction: Any, polarisation: Any, distance: float | None
     ) -> None:
         self.network = network
-        if direction is None:  # across the periods, if there is a direction across them
-            free = [axis for axis in range(network.dimension) if not np.any(network.cell[:, axis])]
-            direction = np.eye(3)[free[0] if free else 0]
+        if direction is None:
+            direction = _find_open_axis(network)
         self.along = read_vector("direction", direction, network.dimension)
         self.polarisation = polarisation
         self.distance = None if distance is None else positive("distance", distance, "m")
@@ -546,13 +619,15 @@ class _Places:
                 "It is held: its mass is infinite",
                 "Ask for the transmissibility, to move it" if name == "source" else "",
             )
-        ends = np.stack([network.i, network.j])
-        if held and not np.any(np.isin(ends, balls) & network.moving[ends[::-1]]):
+        touches_i = np.isin(network.i, balls) & network.moving[network.j]
+        touches_j = np.isin(network.j, balls) & network.moving[network.i]
+        if held and not np.any(touches_i | touches_j):
             fault = f"the {name} touches no ball that moves"
             mend = "Give those balls of the wall that touch others"
             raise InputError(fault, "Nothing moves when it does", mend)
 
     def _read_direction(self, value: Any) -> Array:
+        """Return the unit vector (3,) of x, y, z, or a vector (1,) to (3,)."""
         if isinstance(value, str):
             if value not in ("x", "y", "z"):
                 raise InputError(f"a direction is {brief(value)}", mend="Use x, y, z, or a vector")
@@ -560,25 +635,19 @@ class _Places:
         return read_vector("direction", value, self.network.dimension)
 
     def _find_plane(self, name: str, held: bool) -> Index:
-        """Return the first plane of balls along the direction, or that of receivers."""
-        network = self.network
+        """Return the first plane of balls along the direction, or that of receivers; or the first
+        of the bodies that are ``held``.
+        """
         course = Course.along(self.network, self.along)
         if held:
-            still = np.flatnonzero(~network.moving)
-            if not still.size:
-                raise InputError(
-                    "no body of this network is held", mend="Cut it with clamped edges or a floor"
-                )
-            heights = course.heights[still]
-            return np.asarray(still[heights <= np.min(heights) + 0.5 * course.spacing])
-        places = course.places[network.moving]
-        first = float(np.min(places))
+            return self._find_held_plane(course)
+        places = course.places[self.network.moving]
+        first_place = float(np.min(places))
         if name == "source":
-            return course.find_plane(first, name)
+            return course.find_plane(first_place, name)
         if self.distance is not None:
-            return course.find_plane(
-                course.find_place(course.find_plane(first, name)) + self.distance, name
-            )
+            first_plane = course.find_plane(first_place, name)
+            return course.find_plane(course.find_place(first_plane) + self.distance, name)
         if math.isfinite(course.period):
             fault = (
                 "the receiving plane has no distance, and the network repeats along the direction"
@@ -586,8 +655,35 @@ class _Places:
             raise InputError(fault, mend="Give the distance, m, from the first plane")
         return course.find_plane(float(np.max(places)), name)
 
+    def _find_held_plane(self, course: Course) -> Index:
+        """Return the bodies that do not move, up to half a diameter behind the first of these."""
+        still = np.flatnonzero(~self.network.moving)
+        if not still.size:
+            raise InputError(
+                "no body of this network is held", mend="Cut it with clamped edges or a floor"
+            )
+        heights = course.heights[still]
+        return np.asarray(still[heights <= np.min(heights) + 0.5 * course.spacing])
+
+
+def _find_open_axis(network: ContactNetwork) -> Array:
+    """Return the unit vector (3,) of the first axis across the periods, or x."""
+    open_axes = [axis for axis in range(network.dimension) if not np.any(network.cell[:, axis])]
+    return np.asarray(np.eye(3)[open_axes[0] if open_axes else 0])
+
 
 # -- solutions -------------------------------------------------------------------------------------
+
+
+class _Solution(NamedTuple):
+    """Signals of receivers ``values`` (n_f, n_r), their ``error`` (n_f,) over the largest at each
+    frequency, the number of factorisations, and that of the steps of a Krylov space.
+    """
+
+    values: Complex
+    error: Array
+    factorisations: int
+    steps: int
 
 
 class _Space(NamedTuple):
@@ -603,7 +699,7 @@ class _Space(NamedTuple):
     shifts: NDArray[Any]
     scale: NDArray[Any]
     bound: Array
-    direct: Any = 0.0
+    direct: NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -745,40 +841,51 @@ class ResponseWork:
 
         ``most`` are the steps of the Krylov space.
         """
-        from granphon.media.cost import write_duration
-
-        count = self.omega.size
         lowest = write_quantity(float(self.omega[0]) / (2.0 * math.pi), "Hz", 4)
         fault = f"the response of {self.operator.size:,} motions from {lowest} on {fails}"
-        methods = []
-        if math.isfinite(most):
-            methods.append(f"a Krylov space takes about {write_duration(most * self.step)}")
-        if math.isfinite(self.price):
-            takes = write_duration(self.price * count)
-            frequencies = counted(count, "frequency", "frequencies")
-            methods.append(f"factors at {frequencies} take about {takes}")
+        methods = self._list_methods(most)
         if methods:
             fault += f": {', and '.join(methods)}"
         why = (
             "Modes of a large network lie close together, and with little damping the response is"
             " that of each by itself"
         )
-        network = self.operator.network
-        for eta in (0.01, 0.02, 0.05, 0.1):
-            damped = replace(self, damping=ContactDamping.of(network, 0.0, eta))
-            least = float(np.max(damped.steps))
-            if damped.even is not None and least <= _MOST and least * damped.step <= _LONGEST:
-                takes = write_duration(least * damped.step)
-                mend = (
-                    f"Damp all contacts alike and more: a loss_factor of {eta:g} takes about"
-                    f" {takes}"
-                )
-                break
-        else:
-            mend = "Leave out the lowest frequencies, or take a smaller network"
+        mend = self._suggest_damping()
         if "longer" in fails:
             mend += "; or name the method, to wait for it"
         return ConvergenceError(fault, self.unfit or why, mend)
+
+    def _list_methods(self, steps: float) -> list[str]:
+        """Return how long each method takes, in words; ``steps`` are those of the Krylov space."""
+        from granphon.media.cost import write_duration
+
+        methods = []
+        if math.isfinite(steps):
+            methods.append(f"a Krylov space takes about {write_duration(steps * self.step)}")
+        if math.isfinite(self.price):
+            count = self.omega.size
+            takes = write_duration(self.price * count)
+            frequencies = counted(count, "frequency", "frequencies")
+            methods.append(f"factors at {frequencies} take about {takes}")
+        return methods
+
+    def _suggest_damping(self) -> str:
+        """Return how to mend the request: by the least loss factor with which a Krylov space serves
+        in time, if there is one.
+        """
+        from granphon.media.cost import write_duration
+
+        for eta in (0.01, 0.02, 0.05, 0.1):
+            damping = ContactDamping.of(self.operator.network, 0.0, eta)
+            damped = replace(self, damping=damping)
+            steps = float(np.max(damped.steps))
+            seconds = steps * damped.step
+            if damped.even is not None and steps <= _MOST and seconds <= _LONGEST:
+                return (
+                    f"Damp all contacts alike and more: a loss_factor of {eta:g} takes about"
+                    f" {write_duration(seconds)}"
+                )
+        return "Leave out the lowest frequencies, or take a smaller network"
 
 
 @dataclass(frozen=True, eq=False)
@@ -799,12 +906,41 @@ class _Problem:
     moved: bool
     stretched: Array
 
+    @classmethod
+    def of(
+        cls,
+        operator: WaveOperator,
+        damped: ContactDamping,
+        source: tuple[Index, Array],
+        receiver: tuple[Index, Array],
+        is_moved: bool,
+    ) -> _Problem:
+        """Pose the problem of a ``source`` and a ``receiver``: balls (n,) and unit vectors (n, 3)
+        along which these are pushed, or moved, and heard.
+        """
+        network = operator.network
+        sources, pushes = source
+        receivers, directions = receiver
+        axes = list(operator.motions.translations)
+        amplitude = np.zeros((network.n_balls, operator.motions.count))
+        np.add.at(amplitude[:, : len(axes)], sources, pushes[:, axes])
+        if is_moved:
+            weights = (None, damped.losses, damped.times)
+            drives = [operator.pull(amplitude, weight) for weight in weights]
+            stretched = operator.stretch(amplitude)
+        else:
+            root_masses = np.sqrt(network.masses[operator.balls])[:, None]
+            pushed = operator.vector(amplitude[operator.balls] / root_masses)
+            drives = [pushed, np.zeros(operator.size), np.zeros(operator.size)]
+            stretched = np.zeros(0)
+        heard = operator.indices[receivers, : len(axes)]
+        ears = directions[:, axes] / np.sqrt(network.masses[receivers])[:, None]
+        return cls(operator, damped, drives, heard, ears, is_moved, stretched)
+
     @single_products()
-    def solve(
-        self, omega: Array, method: str | None, tolerance: float
-    ) -> tuple[Complex, Array, int, int]:
-        """Return values and errors at ``omega`` (n_f,), rad/s, the number of factorisations, and of
-        steps of Lanczos.
+    def solve(self, omega: Array, method: str | None, tolerance: float) -> _Solution:
+        """Return the signals of the receivers at ``omega`` (n_f,), rad/s, by the ``method``, or by
+        what is faster.
         """
         work = ResponseWork(self.operator, self.damping, omega, tolerance)
         if work.unfit and method == "krylov":
@@ -831,34 +967,45 @@ class _Problem:
             raise replace(work, omega=omega[unsolved]).explain("is not found by a Krylov space")
         if unsolved.size:
             values[unsolved], error[unsolved] = self._factorise(omega[unsolved])
-        return values, error, int(unsolved.size), steps if unsolved.size < omega.size else 0
+        if unsolved.size == omega.size:
+            steps = 0
+        return _Solution(values, error, int(unsolved.size), steps)
 
     def _make_space(self, work: ResponseWork) -> _Space:
-        omega = work.omega
-        operator = self.operator
-        losses = self.damping.losses
-        even = work.even
+        """Return the space that serves all frequencies of the ``work`` at once."""
         if work.has_order_one:
             return self._make_first_order(work)
-        top = operator.top**2
-        if even is None:
-            start = self.drives[0] + 1j * self.drives[1]
-            bound = _invert(top * work.distance)
-            return _Space(
-                operator.make_lossy_product(losses),
-                np.dot,
-                start,
-                omega**2,
-                np.ones(omega.size),
-                bound,
-            )
-        scale = 1.0 + 1j * (even[0] + omega * even[1])
-        shifts = omega**2 / scale
-        outside = np.maximum(np.maximum(shifts.real - top, -shifts.real), 0.0)
-        distance = np.hypot(shifts.imag, outside)
-        scale = scale**0 if self.moved else 1.0 / scale
+        if work.even is not None:
+            return self._make_even(work.omega, *work.even)
+        omega = work.omega
         return _Space(
-            lambda x: operator @ x, np.dot, self.drives[0], shifts, scale, _invert(distance)
+            self.operator.make_lossy_product(self.damping.losses),
+            np.dot,
+            self.drives[0] + 1j * self.drives[1],
+            omega**2,
+            np.ones(omega.size),
+            _invert(self.operator.top**2 * work.distance),
+            np.zeros((omega.size, len(self.heard))),
+        )
+
+    def _make_even(self, omega: Array, loss: float, time: float) -> _Space:
+        """Return the space of D for contacts that all have one ``loss`` factor, and one ``time`` of
+        their dashpots, s.
+        """
+        top_square = self.operator.top**2
+        damped = 1.0 + 1j * (loss + omega * time)  # stiffness over that without losses
+        shifts = omega**2 / damped
+        outside = np.maximum(np.maximum(shifts.real - top_square, -shifts.real), 0.0)
+        distance = np.hypot(shifts.imag, outside)
+        scale = np.ones(omega.size, complex) if self.moved else 1.0 / damped
+        return _Space(
+            lambda x: self.operator @ x,
+            np.dot,
+            self.drives[0],
+            shifts,
+            scale,
+            _invert(distance),
+            np.zeros((omega.size, len(self.heard))),
         )
 
     def _make_first_order(self, work: ResponseWork) -> _Space:
@@ -875,6 +1022,7 @@ class _Problem:
         dashpots = viscous / top
 
         def apply(x: Complex) -> Complex:
+            """Return H times velocities (size,) and deformations (rows,)."""
             strain = parts.deform(x[:n])
             stress = x[n:] * spring
             stress -= dashpots * strain
@@ -885,159 +1033,286 @@ class _Problem:
 
         if self.moved:
             # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
-            start = np.concatenate(
-                [-parts.pull(viscous * self.stretched), top * spring * self.stretched]
-            )
+            on_balls = -parts.pull(viscous * self.stretched)
+            start = np.concatenate([on_balls, top * spring * self.stretched])
+            scale: Any = -1.0 / top * np.ones(w.size)
         else:
             start = np.concatenate([self.drives[0], np.zeros(spring.size, complex)])
-        scale: Any = -1.0 / top * (np.ones(w.size) if self.moved else _invert(1j * omega))
+            scale = -1.0 / top * _invert(1j * omega)
         largest = math.sqrt(math.hypot(1.0, float(np.max(work.of_rows[0]))))
         reach = np.where(w > 0.0, (w + largest) * _invert(work.distance), np.inf)
         if work.is_strong:
-            return _Space(apply, np.vdot, start, 1j * w, scale, reach)
-        direct = 1j * (scale / (1.0 + w))[:, None] * self._listen(start)
-        return _Space(
-            apply, np.dot, start - 1j * apply(start), 1j * w, scale / (1.0 + w), reach, direct
-        )
+            silent = np.zeros((w.size, len(self.heard)))
+            return _Space(apply, np.vdot, start, 1j * w, scale, reach, silent)
+        # the space is that of 1 - i H times the source
+        scale = scale / (1.0 + w)
+        direct = 1j * scale[:, None] * self._listen(start)
+        start = start - 1j * apply(start)
+        return _Space(apply, np.dot, start, 1j * w, scale, reach, direct)
 
     def _listen(self, x: NDArray[Any]) -> NDArray[Any]:
-        """Return the signals (n_r,) of receivers."""
+        """Return the signals (n_r,) of receivers for motions x (size,)."""
         return np.asarray(np.sum(x[self.heard] * self.ears, axis=1))
 
     def _factorise(self, omega: Array) -> tuple[Complex, Array]:
-        """Return values (n_f, n_r) and errors (n_f,) by factors of Z, reduced by top^2, at each
-        frequency.
-        """
-        from scipy.sparse import eye_array
-
-        operator = self.operator
-        squared = self.operator.top**2
-        unit = eye_array(operator.size)
-        # powers of omega, and weights of the rows, of loss factors and of dashpots
-        losses = (self.damping.losses, self.damping.times)
-        powers = [power for power, weights in enumerate(losses) if np.any(weights)]
-        matrices: list[Any] = [operator.matrix, *(operator.weigh(losses[n]) for n in powers)]
-        matrix, ones, elastic, *lossy = share_places(
-            [unit, *(matrix / squared for matrix in matrices)]
-        )
-        analysis = Analysis(matrix)
-        drives = [drive / squared for drive in self.drives]
+        """Return values (n_f, n_r) and errors (n_f,) by factors of Z at each frequency."""
+        equations = _Equations(self)
         values = np.zeros((omega.size, len(self.heard)), complex)
         error = np.zeros(omega.size)
         for row, w in enumerate(omega.tolist()):
-            entries = elastic - w**2 / squared * ones
-            drive = drives[0]
-            for power, lossy_entries in zip(powers, lossy, strict=True):
-                factor = 1j * w**power
-                if factor:
-                    entries = entries + factor * lossy_entries
-                    drive = drive + factor * drives[1 + power]
-            matrix.data = entries
-            drive = drive.astype(matrix.dtype)
-            x = np.zeros(operator.size, matrix.dtype)
-            heard = values[row]
-            try:
-                factors = analysis.factorise(matrix)
-                for solution in range(_SOLUTIONS):
-                    change = factors.solve(drive - matrix @ x)
-                    x += change
-                    previous = heard
-                    heard = self._listen(x)
-                    loudest = np.max(np.abs(heard)) or 1.0
-                    error[row] = np.max(np.abs(heard - previous)) / loudest
-                    if solution and error[row] <= TOLERANCE:
-                        break
-                # the entries of Z, and omega, have the rounding of a float
-                sizes = np.abs(matrix.diagonal()) + 2.0 * w**2 / squared
-                rounded = factors.solve(np.finfo(float).eps * sizes * x)
-                error[row] += np.max(np.abs(self._listen(rounded))) / loudest
-            except RuntimeError:  # exactly singular
-                raise _explain_resonance(w) from None
-            if not np.linalg.norm(change) <= _UNKNOWN * np.linalg.norm(x):
-                raise _explain_resonance(w)
-            values[row] = heard
+            values[row], error[row] = self._solve_directly(equations, w)
         return values, error
 
-    def _follow(self, work: ResponseWork, most: float) -> tuple[Complex, Array, int]:
-        """Return values and errors by a Krylov space, and the number of its steps; errors are
-        infinite where no value is found.
+    def _solve_directly(self, equations: _Equations, w: float) -> tuple[Complex, float]:
+        """Return the signals (n_r,) at the angular frequency ``w``, rad/s, and their error over the
+        loudest.
         """
-        from scipy.linalg.blas import daxpy, zaxpy
+        matrix, drive = equations.at(w)
+        x = np.zeros(drive.size, matrix.dtype)
+        signals = np.zeros(len(self.heard), complex)
+        try:
+            factors = equations.analysis.factorise(matrix)
+            for solution in range(_SOLUTIONS):
+                change = factors.solve(drive - matrix @ x)
+                x += change
+                previous = signals
+                signals = self._listen(x)
+                loudest = np.max(np.abs(signals)) or 1.0
+                error = float(np.max(np.abs(signals - previous)) / loudest)
+                if solution and error <= TOLERANCE:
+                    break
+            # the entries of Z, and omega, have the rounding of a float
+            sizes = np.abs(matrix.diagonal()) + 2.0 * w**2 / equations.top_square
+            rounded = factors.solve(np.finfo(float).eps * sizes * x)
+            error += float(np.max(np.abs(self._listen(rounded))) / loudest)
+        except RuntimeError:  # exactly singular
+            raise _explain_resonance(w) from None
+        if not np.linalg.norm(change) <= _UNKNOWN * np.linalg.norm(x):
+            raise _explain_resonance(w)
+        return signals, error
 
-        omega = work.omega
-        tolerance = work.tolerance
+    def _follow(self, work: ResponseWork, most: float) -> tuple[Complex, Array, int]:
+        """Return values (n_f, n_r) and errors (n_f,) by a Krylov space, and the number of its
+        steps; errors are infinite where no value is found.
+
+        ``most`` is the number of steps that are expected; twice as many are made.
+        """
+        n_frequencies = work.omega.size
         space = self._make_space(work)
-        direct = np.broadcast_to(space.direct, (omega.size, len(self.heard)))
-        values = np.zeros((omega.size, len(self.heard)), complex)
-        error = np.zeros(omega.size)
+        values = np.zeros((n_frequencies, len(self.heard)), complex)
+        error = np.zeros(n_frequencies)
         if not np.any(space.start):
             return values, error, 0
         error[:] = np.inf
-        add: Any = zaxpy if np.iscomplexobj(space.start) else daxpy
-        size = np.sqrt(space.product(space.start, space.start))
-        loudest = float(np.max(np.linalg.norm(self.ears, axis=1)))
-        previous = np.zeros_like(space.start)
-        current = space.start / size
-        # the matrix by its columns, above, on and below the diagonal; the signals of vectors
-        bands = np.zeros((3, _FIRST), complex)
-        signals = np.zeros((_FIRST, len(self.heard)), current.dtype)
-        # for each frequency the last pivot, the last entry of the solution, and the residual at
-        # which the next solution is tried
-        pivot = np.ones(omega.size, complex)
-        last_entry = np.ones(omega.size)
-        trial = np.full(omega.size, _FIRST_TRIAL)
+        process = _KrylovProcess(space, self._listen)
+        # residual, over the source, at which the next solution of each frequency is tried
+        trial_residual = np.full(n_frequencies, _FIRST_TRIAL)
         active = np.isfinite(space.bound)
-        below = 1.0
-        largest = 0.0
-        growth = 1.0
-        for step in range(1, 1 + math.ceil(min(2.0 * most, _MOST))):
-            if step > len(signals):
-                bands = np.pad(bands, ((0, 0), (0, step - 1)))
-                signals = np.pad(signals, ((0, step - 1), (0, 0)))
-            signals[step - 1] = self._listen(current)
-            following = space.apply(current)
-            above = space.product(previous, following)
-            following = add(previous, following, a=-above)
-            diagonal = space.product(current, following)
-            following = add(current, following, a=-diagonal)
-            pivot = diagonal - space.shifts - above * below / pivot
-            quotient = np.abs(below / np.where(pivot == 0.0, np.finfo(float).tiny, pivot))
-            last_entry = np.minimum(last_entry * quotient, _LOST)
-            below = np.sqrt(space.product(following, following))
-            length = math.sqrt(np.vdot(following, following).real)
-            bands[:, step - 1] = above, diagonal, below
-            largest = max(largest, length, abs(diagonal))
-            is_complete = length <= _COMPLETE * largest
-            if not is_complete and abs(below) <= _DEGENERATE * length:
+        most_steps = math.ceil(min(2.0 * most, _MOST))
+        while process.steps < most_steps:
+            process.advance()
+            if process.is_degenerate:
                 break
-            if not is_complete:
-                growth = max(growth, (length / abs(below)) ** 2)
-            is_tried = active & ((length * last_entry <= trial) | is_complete)
-            for number in np.flatnonzero(is_tried):
-                solutions = _solve_tridiagonal(bands[:, :step], space.shifts[number], largest)
-                solution, rounded = size * space.scale[number] * (solutions @ signals[:step])
-                solution = solution + direct[number]
-                values[number] = solution
-                residual = 0.0 if is_complete else abs(size) * length * float(last_entry[number])
-                bound = abs(space.scale[number]) * loudest * residual * space.bound[number]
-                heard = float(np.max(np.abs(solution))) or bound or 1.0
-                cut = bound / heard
-                rounding = np.finfo(float).eps * math.sqrt(step) * growth
-                error[number] = rounding + np.max(np.abs(rounded)) / heard + cut
-                # before receivers hear anything nothing is known
-                least = _ROUNDING * abs(size) * growth if np.any(solution) else 0.0
-                active[number] = not is_complete and cut > tolerance and residual > least
-                trial[number] = 0.0
-                if active[number]:
-                    reduction = max(0.5 * tolerance / cut, _NEXT_TRIAL)
-                    trial[number] = residual / abs(size) * reduction
-            if is_complete or not np.any(active & (last_entry < _LOST)):
+            is_small = process.length * process.last_entry <= trial_residual
+            is_tried = active & (is_small | process.is_complete)
+            for number in np.flatnonzero(is_tried).tolist():
+                trial = self._try_solution(process, number)
+                values[number] = trial.signals
+                error[number] = trial.rounding + trial.cut
+                trial_residual[number] = trial.find_next_residual(process, work.tolerance)
+                active[number] = trial_residual[number] > 0.0
+            if process.is_complete or not np.any(active & (process.last_entry < _LOST)):
                 break
-            previous = current
-            current = following
-            current /= below
         error[active] = np.inf
-        return values, error, step
+        return values, error, process.steps
+
+    @cached_property
+    def _most_heard(self) -> float:
+        """The greatest signal of a receiver that motions x of norm one make."""
+        return float(np.max(np.linalg.norm(self.ears, axis=1)))
+
+    def _try_solution(self, process: _KrylovProcess, number: int) -> _Trial:
+        """Return the signals at the frequency of this ``number`` in the space so far."""
+        space = process.space
+        steps = process.steps
+        scale = space.scale[number]
+        bands = process.bands[:, :steps]
+        solutions = _solve_tridiagonal(bands, space.shifts[number], process.largest)
+        in_space, rounded = process.size * scale * (solutions @ process.signals[:steps])
+        signals = in_space + space.direct[number]
+        residual = process.find_residual(number)
+        bound = abs(scale) * self._most_heard * residual * space.bound[number]
+        # before receivers hear anything the bound stands for what they may hear
+        loudest = float(np.max(np.abs(signals))) or bound or 1.0
+        rounding = np.finfo(float).eps * math.sqrt(steps) * process.growth
+        rounding = rounding + np.max(np.abs(rounded)) / loudest
+        return _Trial(signals, residual, bound / loudest, rounding)
+
+
+class _Trial(NamedTuple):
+    """A solution at one frequency in a Krylov space.
+
+    Attributes
+    ----------
+    signals : (n_r,) of the receivers.
+    residual : norm of the residual, in the unit of the source.
+    cut : error by the steps that are not made, over the loudest signal.
+    rounding : error by rounding, likewise.
+    """
+
+    signals: Complex
+    residual: float
+    cut: float
+    rounding: float
+
+    def find_next_residual(self, process: _KrylovProcess, tolerance: float) -> float:
+        """Return the residual, over the source, at which the next solution is tried; zero if none
+        is needed, or none would be better.
+        """
+        size = float(abs(process.size))
+        # before receivers hear anything nothing is known
+        least = _ROUNDING * size * process.growth if np.any(self.signals) else 0.0
+        if process.is_complete or self.cut <= tolerance or self.residual <= least:
+            return 0.0
+        return self.residual / size * max(0.5 * tolerance / self.cut, _NEXT_TRIAL)
+
+
+class _Equations:
+    """Z x = source, over top^2; all matrices have their entries at the same places.
+
+    Attributes
+    ----------
+    analysis : the order of elimination of Z.
+    top_square : top^2, (rad/s)^2.
+    """
+
+    def __init__(self, problem: _Problem) -> None:
+        from scipy.sparse import eye_array
+
+        operator = problem.operator
+        self.top_square = operator.top**2
+        unit = eye_array(operator.size)
+        # loss factors go with omega^0, dashpots with omega^1
+        weights_of_powers = (problem.damping.losses, problem.damping.times)
+        self._powers = [power for power, weights in enumerate(weights_of_powers) if np.any(weights)]
+        matrices: list[Any] = [operator.matrix]
+        matrices += [operator.weigh(weights_of_powers[power]) for power in self._powers]
+        reduced = [matrix / self.top_square for matrix in matrices]
+        self._matrix, self._ones, self._elastic, *self._lossy = share_places([unit, *reduced])
+        self.analysis = Analysis(self._matrix)
+        self._drives = [drive / self.top_square for drive in problem.drives]
+
+    def at(self, w: float) -> tuple[Any, NDArray[Any]]:
+        """Return Z (size, size), sparse, and the source (size,), at the angular frequency ``w``,
+        rad/s; the next call overwrites the matrix.
+        """
+        entries = self._elastic - w**2 / self.top_square * self._ones
+        drive = self._drives[0]
+        for power, lossy_entries in zip(self._powers, self._lossy, strict=True):
+            factor = 1j * w**power
+            if factor:
+                entries = entries + factor * lossy_entries
+                drive = drive + factor * self._drives[1 + power]
+        self._matrix.data = entries
+        return self._matrix, drive.astype(self._matrix.dtype)
+
+
+class _KrylovProcess:
+    """The vectors of a Krylov space, one after the other, with the signals that each makes and the
+    tridiagonal matrix that H is on these vectors.
+
+    Attributes
+    ----------
+    space : H, its product, its start, and the shifts (n_f,).
+    size : root of the square of the start, in the product of the space.
+    steps : number of vectors that H has been applied to.
+    bands : (3, steps or more) entries of the matrix above, on and below the diagonal, column by
+        column.
+    signals : (steps or more, n_r) of the vectors.
+    last_entry : (n_f,) size of the last entry of each solution for a start of one.
+    length : norm of the residual of the last step, which becomes the next vector.
+    largest : greatest entry of the matrix so far.
+    growth : greatest square of the norm of a vector so far.
+    is_complete : whether the space holds all that H makes of the start.
+    is_degenerate : whether the next vector is nearly orthogonal to itself, which ends the space.
+    """
+
+    def __init__(self, space: _Space, listen: Callable[[NDArray[Any]], NDArray[Any]]) -> None:
+        from scipy.linalg.blas import daxpy, zaxpy
+
+        self.space = space
+        self.size = np.sqrt(space.product(space.start, space.start))
+        self.steps = 0
+        self._listen = listen
+        self._add: Any = zaxpy if np.iscomplexobj(space.start) else daxpy
+        self._previous = np.zeros_like(space.start)
+        self._current = space.start / self.size
+        self._following = self._current
+        first_signals = listen(self._current)
+        self.bands = np.zeros((3, _FIRST), complex)
+        self.signals = np.zeros((_FIRST, first_signals.size), self._current.dtype)
+        self._pivot = np.ones(space.shifts.size, complex)
+        self.last_entry = np.ones(space.shifts.size)
+        self._below: Any = 1.0
+        self.length = 0.0
+        self.largest = 0.0
+        self.growth = 1.0
+        self.is_complete = False
+        self.is_degenerate = False
+
+    def advance(self) -> None:
+        """Apply H to the next vector, and add a column to the matrix."""
+        if self.steps:
+            self._previous = self._current
+            self._current = self._following
+            self._current /= self._below
+        self._make_room()
+        product = self.space.product
+        self.signals[self.steps] = self._listen(self._current)
+        following = self.space.apply(self._current)
+        above = product(self._previous, following)
+        following = self._add(self._previous, following, a=-above)
+        diagonal = product(self._current, following)
+        following = self._add(self._current, following, a=-diagonal)
+        self._eliminate(above, diagonal)
+        self._below = np.sqrt(product(following, following))
+        self._following = following
+        self.bands[:, self.steps] = (above, diagonal, self._below)
+        self.steps += 1
+        self._judge(abs(diagonal))
+
+    def _make_room(self) -> None:
+        """Double the room for columns and signals where it is used up."""
+        if self.steps == len(self.signals):
+            self.bands = np.pad(self.bands, ((0, 0), (0, self.steps)))
+            self.signals = np.pad(self.signals, ((0, self.steps), (0, 0)))
+
+    def _eliminate(self, above: Any, diagonal: Any) -> None:
+        """Find the pivots of the new column, and the last entries of the solutions."""
+        pivot = diagonal - self.space.shifts - above * self._below / self._pivot
+        divisor = np.where(pivot == 0.0, np.finfo(float).tiny, pivot)
+        quotient = np.abs(self._below / divisor)
+        self._pivot = pivot
+        self.last_entry = np.minimum(self.last_entry * quotient, _LOST)
+
+    def _judge(self, diagonal_size: float) -> None:
+        """Find whether the space is complete, or ends with a vector that is orthogonal to
+        itself.
+        """
+        self.length = math.sqrt(np.vdot(self._following, self._following).real)
+        self.largest = max(self.largest, self.length, diagonal_size)
+        self.is_complete = self.length <= _COMPLETE * self.largest
+        if self.is_complete:
+            return
+        self.is_degenerate = abs(self._below) <= _DEGENERATE * self.length
+        if not self.is_degenerate:
+            self.growth = max(self.growth, (self.length / abs(self._below)) ** 2)
+
+    def find_residual(self, number: int) -> float:
+        """Return the norm of the residual at the frequency of this ``number``."""
+        if self.is_complete:
+            return 0.0
+        return float(abs(self.size) * self.length * float(self.last_entry[number]))
 
 
 def _solve_tridiagonal(bands: Complex, shift: complex, largest: float) -> Complex:
@@ -1064,6 +1339,7 @@ def _invert(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _explain_resonance(omega: float) -> InputError:
+    """Return the error of a response at the angular frequency of a mode, rad/s."""
     fault = f"the response at {write_quantity(omega / (2.0 * math.pi), 'Hz', 6)} has no bound"
     why = "The network has a mode of this frequency that loses no energy"
     return InputError(fault, why, "Give a damping or a loss_factor, or another frequency")

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from granphon.balls.layers import EDGES, read_axis
-from granphon.base.arrays import Index
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
     FREQUENCY,
@@ -272,8 +272,11 @@ class Signal:
         if len(self.times) != len(self.values) or len(self.times) < 2:
             fault = f"{len(self.times)} times and {len(self.values)} values"
             raise Refused(fault, "two or more times, each with a value")
-        if self.times[0] < 0.0 or np.any(np.diff(self.times) <= 0.0):
-            row = 0 if self.times[0] < 0.0 else int(np.argmax(np.diff(self.times) <= 0.0)) + 1
+        # a time before 0 s, or not after the one before
+        is_early = np.diff(self.times, prepend=-math.inf) <= 0.0
+        is_early[0] = self.times[0] < 0.0
+        if np.any(is_early):
+            row = int(np.argmax(is_early))
             raise Refused(
                 f"the time {self.times[row]:g} s in row {row + 1}",
                 "times from 0 s on, each after the one before",
@@ -362,18 +365,26 @@ class DriveSettings:
                 "It repeats along all its axes",
                 "Cut it (motion.cut), or give numbers of balls",
             )
-        heights = network.positions[:, axis] * (-1.0 if self.balls == FACES[0] else 1.0)
-        balls = np.isfinite(network.radii)
-        top = float(np.max(heights[balls]))
-        floor = np.flatnonzero(~balls & (heights > top))
-        if floor.size:
-            return floor
-        outer = balls & (heights > top - 0.5 * float(np.mean(network.radii[balls])))
-        if not np.any(network.moving[outer]):
-            # a clamped layer moves as a whole, whatever its balls are
-            middle = 0.5 * (top + float(np.min(heights[balls])))
-            outer = balls & ~network.moving & (heights > middle)
-        return np.flatnonzero(outer)
+        sign = -1.0 if self.balls == FACES[0] else 1.0
+        return _find_face(network, sign * network.positions[:, axis])
+
+
+def _find_face(network: ContactNetwork, heights: Array) -> Index:
+    """Return the numbers of the floor at the upper face, or else of the balls of its outer layer,
+    or of its clamped layer; ``heights`` (n,), m, are those of the balls and walls.
+    """
+    is_ball = np.isfinite(network.radii)
+    top = float(np.max(heights[is_ball]))
+    floor = np.flatnonzero(~is_ball & (heights > top))
+    if floor.size:
+        return floor
+    mean_radius = float(np.mean(network.radii[is_ball]))
+    outer = is_ball & (heights > top - 0.5 * mean_radius)
+    if not np.any(network.moving[outer]):
+        # a clamped layer moves as a whole, whatever its balls are
+        middle = 0.5 * (top + float(np.min(heights[is_ball])))
+        outer = is_ball & ~network.moving & (heights > middle)
+    return np.flatnonzero(outer)
 
 
 @dataclass(frozen=True)
@@ -451,35 +462,27 @@ class WaveSettings:
 def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
     """Return the rules of a ``block`` about waves: of a file (``read``), or of numbers in SI."""
 
-    def quantity(name: str) -> Rule:
-        kind = _QUANTITIES[name]
-        if name == "damping":  # a time, or zero without a unit
-            rule = _read_time if read else partial(zero_or_above, unit=kind.unit)
-            return partial(read_loss, name, rule=rule)
-        return _quantity(kind, read)
-
-    if block == "surface":
-        return {
-            "axis": read_axis,
-            "edge": partial(choice, options=EDGES),
-            "points": partial(whole, low=2, high=10_000),
-        }
-    if block == "spectrum":
-        return {
-            "polarisation": _read_polarisations,
-            "resolution": quantity("resolution"),
-            "points": partial(whole, low=2, high=10_000),
-        }
+    quantity = partial(_find_rule, read=read)
     losses: dict[str, Rule] = {
         "damping": partial(_one_or_two, rule=quantity("damping")),
         "loss_factor": partial(
             _one_or_two, rule=partial(read_loss, "loss_factor", rule=zero_or_above)
         ),
     }
-    if block == "bands":
-        return losses
-    if block == "response":
-        return losses | {
+    rules: dict[str, dict[str, Rule]] = {
+        "surface": {
+            "axis": read_axis,
+            "edge": partial(choice, options=EDGES),
+            "points": partial(whole, low=2, high=10_000),
+        },
+        "spectrum": {
+            "polarisation": _read_polarisations,
+            "resolution": quantity("resolution"),
+            "points": partial(whole, low=2, high=10_000),
+        },
+        "bands": losses,
+        "response": {
+            **losses,
             "frequencies": lambda value: tuple(frequencies(value).tolist()),
             "source": _read_places,
             "receiver": _read_places,
@@ -487,9 +490,8 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
             "direction": read_direction,
             "polarisation": partial(choice, options=_PUSHES),
             "distance": quantity("distance"),
-        }
-    if block == "motion":
-        return {
+        },
+        "motion": {
             "duration": quantity("duration"),
             "drive": partial(read_drives, read=read),
             "friction_coefficient": zero_or_above,
@@ -498,21 +500,34 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
             "step": quantity("step"),
             "geometry": partial(choice, options=GEOMETRIES),
             "scheme": partial(choice, options=SCHEMES),
-        }
-    return {
-        "frequency": quantity("frequency"),
-        "distance": quantity("distance"),
-        "cycles": partial(number, low=1.0, high=1e4),
-        "polarisation": partial(choice, options=_PUSHES),
-        "source": partial(choice, options=_SOURCES),
-        "ends": partial(choice, options=ENDS),
-        "damping": quantity("damping"),
+        },
+        "pulse": {
+            "frequency": quantity("frequency"),
+            "distance": quantity("distance"),
+            "cycles": partial(number, low=1.0, high=1e4),
+            "polarisation": partial(choice, options=_PUSHES),
+            "source": partial(choice, options=_SOURCES),
+            "ends": partial(choice, options=ENDS),
+            "damping": quantity("damping"),
+        },
     }
+    return rules[block]
+
+
+def _find_rule(name: str, read: bool) -> Rule:
+    """Return the rule of a quantity of this name, in a file (``read``) or in SI."""
+    kind = _QUANTITIES[name]
+    if name != "damping":
+        return _quantity(kind, read)
+    # a time, or zero without a unit
+    rule = _read_time if read else partial(zero_or_above, unit=kind.unit)
+    return partial(read_loss, name, rule=rule)
 
 
 def _read_time(value: Any) -> float:
     """Read a time, zero or above; zero may be without a unit."""
-    return 0.0 if value == 0 and not isinstance(value, bool) else SINCE.read(value)
+    is_zero = value == 0 and not isinstance(value, bool)
+    return 0.0 if is_zero else SINCE.read(value)
 
 
 def _read_polarisations(value: Any) -> tuple[str, ...]:
@@ -583,7 +598,9 @@ def write_setting(name: str, value: Any) -> Any:
     """Return a value of one of the blocks as a scene file holds it, in SI units."""
     if isinstance(value, tuple):
         return [write_setting(name, entry) for entry in value]
-    return _QUANTITIES[name].write(value) if name in _QUANTITIES and value else value
+    if name in _QUANTITIES and value:
+        return _QUANTITIES[name].write(value)
+    return value
 
 
 # -- drives, as they are read and written ----------------------------------------------------------
@@ -595,7 +612,8 @@ def _quantity(kind: Quantity, read: bool) -> Rule:
         return kind.read
     if kind.least == "any":
         return partial(number, low=-1e300, high=1e300)
-    return partial(above_zero if kind.least == "above zero" else zero_or_above, unit=kind.unit)
+    rule = above_zero if kind.least == "above zero" else zero_or_above
+    return partial(rule, unit=kind.unit)
 
 
 def read_drives(value: Any, read: bool = True, folder: Path = Path()) -> tuple[DriveSettings, ...]:
@@ -607,6 +625,7 @@ def read_drives(value: Any, read: bool = True, folder: Path = Path()) -> tuple[D
 
 
 def _read_drive(value: Any, read: bool, folder: Path) -> DriveSettings:
+    """Read one drive, see :func:`read_drives`."""
     if isinstance(value, DriveSettings):
         value = {name: field for name, field in vars(value).items() if field is not None}
     rules: dict[str, Rule] = {
@@ -619,7 +638,9 @@ def _read_drive(value: Any, read: bool, folder: Path) -> DriveSettings:
             _read_signal, name="displacement", kind=WAY, read=read, folder=folder
         ),
     }
-    kinds = [name for name in DRIVES if isinstance(value, dict) and name in value]
+    kinds = []
+    if isinstance(value, dict):
+        kinds = [name for name in DRIVES if name in value]
     if len(kinds) > 1:
         raise Refused(" and ".join(kinds), f"exactly one of {', '.join(DRIVES)}")
     fields = block(value, rules, ("balls",))
@@ -655,6 +676,7 @@ def _read_balls(value: Any) -> tuple[int, ...] | str:
 
 
 def _read_shaker(value: Any, read: bool) -> Shaker:
+    """Read a shaker, of a file (``read``) or in SI."""
     if isinstance(value, Shaker):
         value = vars(value)
     amplitude = _quantity(LENGTH, read)
@@ -672,18 +694,7 @@ def _read_signal(value: Any, name: str, kind: Quantity, read: bool, folder: Path
     lists.
     """
     if isinstance(value, str) and read:
-        try:
-            table = Table.read(folder / value, quoted=False)
-            return Signal(
-                tuple(table.column("time", SINCE).tolist()),
-                tuple(table.column(name, kind).tolist()),
-            )
-        except Refused:
-            raise
-        except InputError as error:
-            raise Refused(
-                show(value), f"a table with the columns time and {name}", str(error)
-            ) from None
+        return _read_table(folder, value, name, kind)
     lists = {"time": value.times, name: value.values} if isinstance(value, Signal) else value
     rules: dict[str, Rule] = {
         "time": partial(each, rule=_quantity(SINCE, read), what="values"),
@@ -693,6 +704,20 @@ def _read_signal(value: Any, name: str, kind: Quantity, read: bool, folder: Path
     return Signal(columns["time"], columns[name])
 
 
+def _read_table(folder: Path, file: str, name: str, kind: Quantity) -> Signal:
+    """Read the columns time and ``name`` of a table, a ``file`` of a ``folder``."""
+    try:
+        table = Table.read(folder / file, quoted=False)
+        times = table.column("time", SINCE)
+        values = table.column(name, kind)
+    except Refused:
+        raise
+    except InputError as error:
+        allowed = f"a table with the columns time and {name}"
+        raise Refused(show(file), allowed, str(error)) from None
+    return Signal(tuple(times.tolist()), tuple(values.tolist()))
+
+
 def write_drives(drives: Sequence[DriveSettings]) -> Any:
     """Return drives as a scene file holds them, in SI units."""
     rows = [_write_drive(drive) for drive in drives]
@@ -700,6 +725,7 @@ def write_drives(drives: Sequence[DriveSettings]) -> Any:
 
 
 def _write_drive(drive: DriveSettings) -> dict[str, Any]:
+    """Return a drive as a scene file holds it, in SI units."""
     balls = drive.balls
     row: dict[str, Any] = {"balls": balls if isinstance(balls, str) else list(balls)}
     if drive.direction is not None:
@@ -713,22 +739,24 @@ def _write_drive(drive: DriveSettings) -> dict[str, Any]:
             "frequency": FREQUENCY.write(shaker.frequency),
             "ramp": shaker.ramp,
         }
-    for name, signal, kind in (
-        ("force", drive.force, PUSH),
-        ("displacement", drive.displacement, WAY),
-    ):
-        if signal is not None:
-            times = [SINCE.write(time) for time in signal.times]
-            row[name] = {"time": times, name: [kind.write(value) for value in signal.values]}
+    if drive.force is not None:
+        row["force"] = _write_signal(drive.force, "force", PUSH)
+    if drive.displacement is not None:
+        row["displacement"] = _write_signal(drive.displacement, "displacement", WAY)
     return row
+
+
+def _write_signal(signal: Signal, name: str, kind: Quantity) -> dict[str, Any]:
+    """Return a signal as a block of two lists, time and ``name``."""
+    times = [SINCE.write(time) for time in signal.times]
+    return {"time": times, name: [kind.write(value) for value in signal.values]}
 
 
 def named_tables(drives: Any) -> list[str]:
     """Return the names of the tables of signals in the drives of a valid scene file."""
-    rows = drives if isinstance(drives, list) else [drives]
-    return [
-        row[name]
-        for row in rows
-        for name in ("force", "displacement")
-        if isinstance(row.get(name), str)
-    ]
+    names = []
+    for row in drives if isinstance(drives, list) else [drives]:
+        for kind in ("force", "displacement"):
+            if isinstance(row.get(kind), str):
+                names.append(row[kind])
+    return names

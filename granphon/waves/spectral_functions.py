@@ -96,6 +96,7 @@ def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
 
 
 def _write_vector(vector: Array) -> str:
+    """Return a vector (d,) in words."""
     return "(" + ", ".join(f"{component:.9g}" for component in vector) + ")"
 
 
@@ -120,32 +121,51 @@ def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
     if network.lattice is None or network.shape is None:
         return None
     periods = len(network.shape)
-    # steps between the balls of a cell, in fractions of the lattice vectors, and their least common
-    # denominator m
+    # steps between the balls of a cell, in fractions of the lattice vectors
     sites = network.lattice.positions @ np.linalg.pinv(network.lattice.vectors)
     steps = sites - sites[0]
-    denominators = (
-        m
-        for m in range(1, _MOST_PARTS + 1)
-        if np.all(np.abs(m * steps - np.round(m * steps)) <= _WHOLE)
-    )
-    m = next(denominators, None)
-    if m is None:
+    denominator = _find_denominator(steps)
+    if denominator is None:
         return None
-    # reciprocal vectors, as whole numbers, that span all G with exp(i G . t) = 1: m times any
-    # reciprocal vector is such a G, so that the G from 0 to m contain a triangular basis
-    grid = np.meshgrid(*[np.arange(m + 1)] * periods, indexing="ij")
-    numbers = np.stack(grid, axis=-1).reshape(-1, periods)
-    numbers = numbers[np.all((numbers @ np.round(m * steps).astype(int).T) % m == 0, axis=1)]
-    repeats = np.zeros((periods, periods), np.intp)
-    for n in range(periods):
-        candidates = numbers[~np.any(numbers[:, :n], axis=1) & (numbers[:, n] > 0)]
-        repeats[n] = candidates[np.argmin(candidates[:, n])]
+    whole_steps = np.round(denominator * steps).astype(int)
+    repeats = _find_repeats(whole_steps, denominator)
     primitive = network.cell[:periods, : q.shape[1]] / np.array(network.shape)[:, None]
     return q - _find_nearest(np.linalg.inv(repeats).T @ primitive, q)
 
 
+def _find_denominator(fractions: Array) -> int | None:
+    """Return the least whole number that makes all ``fractions`` whole; None if it is too large."""
+    for number in range(1, _MOST_PARTS + 1):
+        multiples = number * fractions
+        if np.all(np.abs(multiples - np.round(multiples)) <= _WHOLE):
+            return number
+    return None
+
+
+def _find_repeats(steps: NDArray[np.intp], denominator: int) -> NDArray[np.intp]:
+    """Return reciprocal vectors, as rows of whole numbers (p, p), that span all G with exp(i G . t)
+    = 1 for the ``steps`` t (n, p) in fractions of 1/``denominator``.
+
+    The denominator times any reciprocal vector is such a G, so that those of 0 to the denominator
+    contain a triangular basis.
+    """
+    p = steps.shape[1]
+    numbers = np.indices((denominator + 1,) * p).reshape(p, -1).T
+    keeps_phases = np.all((numbers @ steps.T) % denominator == 0, axis=1)
+    numbers = numbers[keeps_phases]
+    repeats = np.zeros((p, p), np.intp)
+    for axis in range(p):
+        is_candidate = ~np.any(numbers[:, :axis], axis=1) & (numbers[:, axis] > 0)
+        candidates = numbers[is_candidate]
+        repeats[axis] = candidates[np.argmin(candidates[:, axis])]
+    return repeats
+
+
 def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:
+    """Return ``q`` (d,) or (n, d) as (n, d), 1/m.
+
+    Raises :class:`~granphon.base.errors.PrecisionError` for phases that lose their digits.
+    """
     vectors = finite_array("q", q, "1/m")
     d = network.dimension
     if d == 1 and vectors.ndim == 0:
@@ -231,32 +251,14 @@ def find_polarisations(
         requested = read_vector("direction", direction, operator.network.dimension)
     if turns:
         directions = free if requested is None else (requested @ free.T) @ free
-    elif not np.any(q):
-        if requested is None:
-            mend = "Give direction=, the one in which balls move"
-            if any(operator.network.pbc):
-                shortest = _find_shortest(operator.network)
-                mend += f", or a longer q: the shortest that this cell has is {shortest:.6g} 1/m"
-            raise InputError(f"a {name} wave with q = 0 has no direction", mend=mend)
-        directions = requested
+    elif np.any(q):
+        directions = _find_directions(operator.network, q, name, free, requested)
+        if requested is not None and np.linalg.norm(directions) < _ACROSS:
+            raise InputError(f"the direction {brief(direction)} of a transverse wave is along q")
+    elif requested is None:
+        raise _explain_still(operator.network, name)
     else:
-        along = np.zeros(3)
-        along[: q.size] = q
-        along /= np.linalg.norm(along)
-        if name == "longitudinal":
-            directions = along
-        elif requested is not None:
-            directions = requested - (requested @ along) * along
-            if np.linalg.norm(directions) < _ACROSS:
-                raise InputError(
-                    f"the direction {brief(direction)} of a transverse wave is along q"
-                )
-        else:
-            # within the plane of the balls, if they move across q there
-            in_plane = free[np.argmax(free, axis=1) < operator.network.dimension]
-            directions = _find_transverse(in_plane, along)
-            if not len(directions):
-                directions = _find_transverse(free, along)
+        directions = requested
     # directions (b, 3) as rows (b, motions) of unit length
     directions = np.atleast_2d(directions)
     held = np.delete(directions, axes, axis=1)
@@ -267,9 +269,41 @@ def find_polarisations(
     size = np.linalg.norm(directions, axis=1, keepdims=True)
     if np.any(size < _ACROSS):
         raise InputError(f"the direction of a {name} wave is across all motions {letters}")
+    units = directions / size
     rows = np.zeros((len(directions), motions.count))
-    rows[:, motions.turning if turns else motions.translating] = (directions / size)[:, list(axes)]
+    rows[:, motions.turning if turns else motions.translating] = units[:, list(axes)]
     return rows
+
+
+def _find_directions(
+    network: ContactNetwork, q: Array, name: str, free: Array, requested: Array | None
+) -> Array:
+    """Return the directions (3,) or (b, 3) in which balls move in a longitudinal or transverse wave
+    of a wave vector ``q`` (d,).
+
+    ``free`` (a, 3) are those in which balls can move, and ``requested`` (3,) is one of which a
+    transverse wave has the part across q.
+    """
+    along = np.zeros(3)
+    along[: q.size] = q
+    along /= np.linalg.norm(along)
+    if name == "longitudinal":
+        return along
+    if requested is not None:
+        return np.asarray(requested - (requested @ along) * along)
+    # within the plane of the balls, if they move across q there
+    in_plane = free[np.argmax(free, axis=1) < network.dimension]
+    directions = _find_transverse(in_plane, along)
+    return directions if len(directions) else _find_transverse(free, along)
+
+
+def _explain_still(network: ContactNetwork, name: str) -> InputError:
+    """Return the error of a wave with q = 0, of which no direction is given."""
+    mend = "Give direction=, the one in which balls move"
+    if any(network.pbc):
+        shortest = _find_shortest(network)
+        mend += f", or a longer q: the shortest that this cell has is {shortest:.6g} 1/m"
+    return InputError(f"a {name} wave with q = 0 has no direction", mend=mend)
 
 
 def _read_polarisation(operator: WaveOperator, polarisation: ArrayLike) -> Array:
@@ -315,11 +349,14 @@ def make_plane_wave(operator: WaveOperator, q: Array, polarisation: Array, sine:
     network = operator.network
     balls = operator.balls
     touching = np.zeros(network.n_balls, bool)
-    touching[network.i] = touching[network.j] = True
+    touching[network.i] = True
+    touching[network.j] = True
     turns = not np.any(polarisation[operator.motions.translating])
-    weight = np.sqrt((network.inertias if turns else network.masses)[balls])
+    masses = network.inertias if turns else network.masses
+    weight = np.sqrt(masses[balls])
     phase = network.positions[balls, : q.size] @ q
-    wave = np.where(touching[balls], weight * (np.sin(phase) if sine else np.cos(phase)), 0.0)
+    shape = np.sin(phase) if sine else np.cos(phase)
+    wave = np.where(touching[balls], weight * shape, 0.0)
     return np.asarray(operator.vector(wave[:, None] * polarisation))
 
 
@@ -350,39 +387,50 @@ def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
     flanks: both are right for a Gaussian, as the kernel is one. The spectrum goes on evenly below
     zero.
     """
+    lines = [_find_line(kernel, spectrum) for spectrum in values]
+    return np.array([peak for peak, _ in lines]), np.array([width for _, width in lines])
+
+
+def _find_line(kernel: Kernel, spectrum: Array) -> tuple[float, float]:
+    """Return the peak and the width of the highest line of a ``spectrum`` (n_f,), Hz; see
+    :func:`find_lines`.
+    """
     step = math.pi / (2 * kernel.count - 1)
-    peaks = np.zeros(len(values))
-    widths = np.zeros(len(values))
-    for number, spectrum in enumerate(values):
-        n = int(np.argmax(spectrum))
-        log = np.log(np.maximum(spectrum, np.finfo(float).tiny))
-        point = float(n)
-        height = float(log[n])
-        if n < kernel.count - 1:
-            previous = float(log[abs(n - 1)])
-            following = float(log[n + 1])
-            curvature = previous - 2.0 * height + following
-            shift = 0.0 if curvature >= 0.0 else 0.5 * (previous - following) / curvature
-            point += shift
-            height -= 0.25 * (previous - following) * shift
-        peaks[number] = kernel.top * math.sin(step * point)
-        level = height - math.log(2.0)
-        half_widths = list[float]()
-        for sign, flank in ((-1, log[n::-1]), (1, log[n:])):
-            # the point at which the flank falls to half the height, if it does
-            below = np.flatnonzero(flank < level)
-            if below.size:
-                k = int(below[0])
-                fall = (flank[k - 1] - level) / (flank[k - 1] - flank[k])
-                crossing = n + sign * float(k - 1 + fall)
-                half_widths.append(abs(kernel.top * math.sin(step * crossing) - peaks[number]))
-        widths[number] = sum(half_widths) if len(half_widths) == 2 else 2.0 * half_widths[0]
-    return peaks, widths
+    n = int(np.argmax(spectrum))
+    log = np.log(np.maximum(spectrum, np.finfo(float).tiny))
+    point, height = _fit_peak(log, n)
+    peak = kernel.top * math.sin(step * point)
+    level = height - math.log(2.0)
+    half_widths = []
+    for sign, flank in ((-1, log[n::-1]), (1, log[n:])):
+        # the point at which the flank falls to half the height, if it does
+        below = np.flatnonzero(flank < level)
+        if below.size:
+            k = int(below[0])
+            fall = (flank[k - 1] - level) / (flank[k - 1] - flank[k])
+            crossing = n + sign * float(k - 1 + fall)
+            half_widths.append(abs(kernel.top * math.sin(step * crossing) - peak))
+    width = sum(half_widths) if len(half_widths) == 2 else 2.0 * half_widths[0]
+    return peak, width
+
+
+def _fit_peak(log: Array, n: int) -> tuple[float, float]:
+    """Return the point and the height of the parabola through the logarithms ``log`` (n_f,) at the
+    highest point ``n`` and beside it.
+    """
+    height = float(log[n])
+    if n == log.size - 1:
+        return float(n), height
+    previous = float(log[abs(n - 1)])  # the spectrum goes on evenly below zero
+    following = float(log[n + 1])
+    curvature = previous - 2.0 * height + following
+    shift = 0.0 if curvature >= 0.0 else 0.5 * (previous - following) / curvature
+    return float(n) + shift, height - 0.25 * (previous - following) * shift
 
 
 def true_width(broadened: Array, kernel: Array) -> Array:
     """Return the widths of Lorentz curves which a kernel of the width ``kernel`` has broadened to
-    the widths ``seen``.
+    the widths ``broadened``, all in Hz.
     """
     broadened = np.maximum(broadened, kernel)
     square = (1.0 - _LINEAR) ** 2
@@ -467,6 +515,7 @@ class SpectralFunction(Refinable):
 
     @cached_property
     def _lines(self) -> tuple[Array, Array]:
+        """The peaks (n,) and the widths (n,) of the highest lines, with the kernel, Hz."""
         return find_lines(self._kernel, self.values)
 
     @cached_property
@@ -503,9 +552,8 @@ class SpectralFunction(Refinable):
         """(n,) length of the wave vector, 1/m: of :attr:`shortest` where it exists, else of
         ``q``.
         """
-        return np.asarray(
-            np.linalg.norm(self.q if self.shortest is None else self.shortest, axis=1)
-        )
+        wavevectors = self.q if self.shortest is None else self.shortest
+        return np.asarray(np.linalg.norm(wavevectors, axis=1))
 
     @property
     def phase_velocity(self) -> Array:
@@ -565,37 +613,43 @@ class SpectralFunction(Refinable):
         Raises :class:`~granphon.base.errors.InputError` if wave vectors or polarisations differ, or
         resolutions by more than 2 %: give all of them the same ``resolution``.
         """
-        from scipy.interpolate import CubicSpline
-
         if not found:
             raise InputError("there are no spectral functions to average", mend="Give one or more")
         first = max(found, key=lambda spectrum: spectrum.top)
-        rounding = _SAME * np.max(np.abs(first.q))
         for spectrum in found:
-            same_q = spectrum.q.shape == first.q.shape and np.allclose(
-                spectrum.q, first.q, rtol=_SAME, atol=rounding
-            )
-            same_polarisation = spectrum.polarisation == first.polarisation
-            if not same_q or not same_polarisation or spectrum.direction != first.direction:
-                raise InputError(
-                    "spectral functions of other wave vectors or polarisations have no mean"
-                )
-            if abs(spectrum.resolution - first.resolution) > _ALIKE * first.resolution:
-                fault = (
-                    f"the spectral functions have resolutions of {spectrum.resolution:.6g} and"
-                    f" {first.resolution:.6g} Hz"
-                )
-                raise InputError(fault, mend="Give all of them the same resolution")
-        points = first.frequencies
-        every = list[Array]()
-        for spectrum in found:  # zero from its ``top`` on
-            if np.array_equal(points, spectrum.frequencies):
-                every.append(spectrum.values)
-            else:
-                spline = CubicSpline(spectrum.frequencies, spectrum.values, axis=1)
-                every.append(np.where(points <= spectrum.frequencies[-1], spline(points), 0.0))
-        values = np.mean(every, axis=0)
+            spectrum._require_like(first)
+        interpolated = [spectrum._interpolate(first.frequencies) for spectrum in found]
+        values = np.mean(interpolated, axis=0)
         return replace(first, values=values / first._kernel.integral(values)[:, None])
+
+    def _require_like(self, first: SpectralFunction) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless wave vectors, polarisation and
+        resolution are those of the ``first`` of several.
+        """
+        rounding = _SAME * np.max(np.abs(first.q))
+        has_same_q = self.q.shape == first.q.shape and np.allclose(
+            self.q, first.q, rtol=_SAME, atol=rounding
+        )
+        has_same_word = self.polarisation == first.polarisation
+        if not has_same_q or not has_same_word or self.direction != first.direction:
+            raise InputError(
+                "spectral functions of other wave vectors or polarisations have no mean"
+            )
+        if abs(self.resolution - first.resolution) > _ALIKE * first.resolution:
+            fault = (
+                f"the spectral functions have resolutions of {self.resolution:.6g} and"
+                f" {first.resolution:.6g} Hz"
+            )
+            raise InputError(fault, mend="Give all of them the same resolution")
+
+    def _interpolate(self, points: Array) -> Array:
+        """Return the values (n, n_points), 1/Hz, at ``points``, Hz; zero from ``top`` on."""
+        from scipy.interpolate import CubicSpline
+
+        if np.array_equal(points, self.frequencies):
+            return self.values
+        spline = CubicSpline(self.frequencies, self.values, axis=1)
+        return np.where(points <= self.frequencies[-1], spline(points), 0.0)
 
 
 class PlaneWaves:
@@ -624,10 +678,11 @@ class PlaneWaves:
         self._direction = () if numbers is None else finite_list("direction", numbers)
         starts = []
         for n, wavevector in enumerate(wavevectors):
-            for row in find_polarisations(operator, wavevector, polarisation, direction):
-                # the sine of a wave of q = 0 is zero
-                for sine in (False, True) if any(wavevector) else (False,):
-                    starts.append((n, partial(make_plane_wave, operator, wavevector, row, sine)))
+            # the sine of a wave of q = 0 is zero
+            phases = (False, True) if np.any(wavevector) else (False,)
+            rows = find_polarisations(operator, wavevector, polarisation, direction)
+            for row, sine in itertools.product(rows, phases):
+                starts.append((n, partial(make_plane_wave, operator, wavevector, row, sine)))
         keep = keeps_vectors(operator, len(starts))
         self._waves = [(n, Moments(operator, start, keep=keep)) for n, start in starts]
 

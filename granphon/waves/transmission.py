@@ -9,7 +9,7 @@ energies sent back and through add up to the energy that came, to rounding.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
@@ -130,15 +130,62 @@ def transmission(
         do not add up, to 1e-6, to what comes.
     """
     hertz = frequency_array("frequencies", frequencies, "above zero")
-    leads = [_Lead.of(source, axis, q) for source in (left, right)]
-    first, last = leads
+    first = _Lead.of(left, axis, q)
+    last = _Lead.of(right, axis, q)
+    leads = [first, last]
     require_bloch_memory(hertz.size, max(lead.space.size for lead in leads))
-    strip = given_network(
-        last.space.network.cut(axis, last.space.reach + 1) if middle is None else middle
-    )
+    if middle is None:
+        middle = last.space.network.cut(axis, last.space.reach + 1)
+    strip = given_network(middle)
     operator = WaveOperator(strip)
     damped = ContactDamping.of(strip, damping, loss_factor)
-    motions = (first.space.motions, last.space.motions, operator.motions)
+    _require_strip(operator, leads)
+    ends = [first.fit(operator, lower=True), last.fit(operator, lower=False)]
+    omega = 2.0 * np.pi * hertz
+    waves_of_first = first.find_waves(omega)
+    waves_of_last = last.find_waves(omega)
+    matrix_at = _make_matrices(operator, damped, first.q)
+    back = []
+    through = []
+    for w, *waves in zip(omega, waves_of_first, waves_of_last, strict=True):
+        sent, passed = _scatter(w**2, matrix_at(w), leads, ends, waves)
+        back.append(sent)
+        through.append(passed)
+    # numbers of waves that run in, and that run out behind the strip
+    modes = np.array([passed.shape[::-1] for passed in through])
+    most = int(modes.max(initial=0))
+    amplitudes = _stack_matrices(through, most)
+    reflected = np.sum(np.abs(_stack_matrices(back, most)) ** 2, axis=1)
+    transmitted = np.sum(np.abs(amplitudes) ** 2, axis=1)
+    wavenumbers = np.zeros((len(hertz), most))
+    for row, (incoming, _) in enumerate(waves_of_first):
+        n = incoming.running
+        wavenumbers[row, :n] = first.space.wavenumbers(incoming.factors[:n], first.q).real
+    if damped.is_none:
+        is_running = np.arange(most) < modes[:, :1]
+        _require_balance(hertz, transmitted + reflected - is_running)
+    count = np.maximum(modes[:, 0], 1)
+    layers = operator.balls.size / first.space.per_layer
+    return Transmission(
+        hertz,
+        modes,
+        transmitted.sum(axis=1) / count,
+        reflected.sum(axis=1) / count,
+        transmitted,
+        reflected,
+        amplitudes,
+        wavenumbers,
+        layers * first.space.height,
+        damped.find_warnings(float(hertz[-1])),
+    )
+
+
+def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` unless the balls of a strip move as those of
+    the leads, and its static forces have a potential.
+    """
+    strip = operator.network
+    motions = [operator.motions, *(lead.space.motions for lead in leads)]
     if len({(kind.name, kind.letters) for kind in motions}) > 1:
         fault = "the motions of the balls differ between the leads and the strip"
         raise InputError(
@@ -148,69 +195,52 @@ def transmission(
         raise InputError(
             "the strip has static tangential forces", "With prestress, they have no potential"
         )
-    ends = [lead.fit(operator, lower=lead is first) for lead in leads]
-    omega = 2.0 * np.pi * hertz
-    waves = [
-        find_bloch_waves(lead.blocks, omega**2, lead.space.size // lead.space.reach)
-        for lead in leads
-    ]
-    phase = np.exp(2.0j * np.pi * (strip.shift[:, : len(first.q)] @ first.q))
+
+
+def _make_matrices(
+    operator: WaveOperator, damped: ContactDamping, q: Array
+) -> Callable[[float], Any]:
+    """Return the function that gives the stiffness of a strip, (rad/s)^2, sparse, at an angular
+    frequency, rad/s, for the wave vector ``q`` (p,) along its layers, in fractions.
+    """
+    phase = np.exp(2.0j * np.pi * (operator.network.shift[:, : len(q)] @ q))
     springs = operator.weigh(None, phase).tocsc()
-    if not damped.is_none:
-        losses = operator.weigh(damped.losses, phase).tocsc()
-        dashpots = operator.weigh(damped.times, phase).tocsc()
-    scattered = []
-    for row, w in enumerate(omega):
-        matrix = springs
-        if not damped.is_none:
-            matrix = springs + -1j * losses + -1j * w * dashpots
-        waves_of_leads = [waves_of_lead[row] for waves_of_lead in waves]
-        scattered.append(_scatter(w**2, matrix, leads, ends, waves_of_leads))
-    modes = np.array([passed.shape for _, passed in scattered])[:, ::-1]
-    most = int(modes.max(initial=0))
-    back = np.zeros((len(hertz), most, most), complex)
-    through = np.zeros((len(hertz), most, most), complex)
-    wavenumbers = np.zeros((len(hertz), most))
-    for row, (sent, passed) in enumerate(scattered):
-        back[row, : len(sent), : len(sent)] = sent
-        through[row, : len(passed), : passed.shape[1]] = passed
-        incoming = waves[0][row][0]
-        n = incoming.running
-        wavenumbers[row, :n] = first.space.wavenumbers(incoming.factors[:n], first.q).real
-    reflected = np.sum(np.abs(back) ** 2, axis=1)
-    transmitted = np.sum(np.abs(through) ** 2, axis=1)
-    count = np.maximum(modes[:, 0], 1)
     if damped.is_none:
-        running = np.arange(most) < modes[:, :1]
-        imbalance = np.max(np.abs(transmitted + reflected - running), axis=1, initial=0.0)
-        if np.any(imbalance > _BALANCED):
-            worst = int(np.argmax(imbalance))
-            fault = (
-                f"at {write_quantity(float(hertz[worst]), 'Hz', 12)} what passes and what is sent"
-                f" back differ from what comes"
-            )
-            why = (
-                "Nothing is lost: rounding is magnified there, as at the edge of a band or a"
-                " sharp resonance"
-            )
-            raise PrecisionError(
-                f"{fault} by {imbalance[worst]:.1e} of it",
-                why,
-                "Shift the frequency by a millionth",
-            )
-    layers = operator.balls.size / first.space.per_layer
-    return Transmission(
-        hertz,
-        modes,
-        transmitted.sum(axis=1) / count,
-        reflected.sum(axis=1) / count,
-        transmitted,
-        reflected,
-        through,
-        wavenumbers,
-        layers * first.space.height,
-        damped.find_warnings(float(hertz[-1])),
+        return lambda w: springs
+    losses = operator.weigh(damped.losses, phase).tocsc()
+    dashpots = operator.weigh(damped.times, phase).tocsc()
+    return lambda w: springs + -1j * losses + -1j * w * dashpots
+
+
+def _stack_matrices(matrices: Sequence[Complex], size: int) -> Complex:
+    """Return matrices (n, m) of numbers of waves n and m up to ``size`` as one array (n_f, size,
+    size), with zeros behind.
+    """
+    stacked = np.zeros((len(matrices), size, size), complex)
+    for number, matrix in enumerate(matrices):
+        n, m = matrix.shape
+        stacked[number, :n, :m] = matrix
+    return stacked
+
+
+def _require_balance(hertz: Array, excess: Array) -> None:
+    """Raise :class:`~granphon.base.errors.PrecisionError` if the energies that waves bring back and
+    through differ from those that came by an ``excess`` (n_f, m), over what came, of more than
+    rounding.
+    """
+    imbalance = np.max(np.abs(excess), axis=1, initial=0.0)
+    if not np.any(imbalance > _BALANCED):
+        return
+    worst = int(np.argmax(imbalance))
+    fault = (
+        f"at {write_quantity(float(hertz[worst]), 'Hz', 12)} what passes and what is sent back"
+        f" differ from what comes by {imbalance[worst]:.1e} of it"
     )
+    why = (
+        "Nothing is lost: rounding is magnified there, as at the edge of a band or a sharp"
+        " resonance"
+    )
+    raise PrecisionError(fault, why, "Shift the frequency by a millionth")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -249,20 +279,10 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     Raises :class:`~granphon.base.errors.InputError` for fewer than two lengths, or two samples of a
     length; for other frequencies or numbers of waves; and where nothing is transmitted.
     """
-    given: Any = runs
-    is_valid = isinstance(given, Sequence) and all(isinstance(run, Transmission) for run in given)
-    if not is_valid or len({run.amplitudes.shape for run in runs}) != 1:
-        raise InputError(
-            "runs are not transmissions with the same leads", mend="Give results of gp.transmission"
-        )
+    _require_alike(runs)
     first = runs[0]
-    for run in runs:
-        if np.any(run.frequencies != first.frequencies) or np.any(run.modes != first.modes):
-            raise InputError(
-                "runs have other frequencies or waves", mend="Give results of the same leads"
-            )
-    lengths, of_run = np.unique([run.length for run in runs], return_inverse=True)
-    samples = np.bincount(of_run)
+    lengths, number_of_run = np.unique([run.length for run in runs], return_inverse=True)
+    samples = np.bincount(number_of_run)
     if len(lengths) < 2 or samples.min() < 2:
         fault = f"there are {len(lengths)} lengths, with {samples.min()} samples or more"
         raise InputError(fault, "A fall and its error need two of each", "Give more runs")
@@ -275,23 +295,50 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
         raise InputError(
             "nothing is transmitted at some frequency", mend="Leave out frequencies of gaps"
         )
-    groups = [of_run == number for number in range(len(lengths))]
-    falls = [
-        _fit_energy(lengths, [through[group][:, f, m] for group in groups])
-        for f, m in np.argwhere(is_open)
-    ]
+    # the runs of each length
+    groups = [np.flatnonzero(number_of_run == number) for number in range(len(lengths))]
+    falls = []
+    for frequency, wave in np.argwhere(is_open):
+        amplitudes = [through[group][:, frequency, wave] for group in groups]
+        falls.append(_fit_energy(lengths, amplitudes))
     rate, rate_error = np.array(falls).T
     path = np.zeros(is_open.shape)
     path_error = np.zeros(is_open.shape)
     path[is_open], path_error[is_open] = _invert(rate, rate_error, 1.0)
-    logs = [np.log(total[group]) for group in groups]
-    # the variance of ln(total) grows as the length, too
-    shares = _fit_slope(lengths, samples / lengths)
-    fall = -np.tensordot(shares, [values.mean(axis=0) for values in logs], 1)
-    scatter = [np.var(values, axis=0, ddof=1) / len(values) for values in logs]
-    fall_error = np.sqrt(np.tensordot(shares**2, scatter, 1))
+    fall, fall_error = _fit_logarithms(lengths, [np.log(total[group]) for group in groups])
     length, length_error = _invert(fall, fall_error, 2.0)
     return ScatteringLengths(first.frequencies, path, path_error, length, length_error)
+
+
+def _require_alike(runs: Any) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` unless ``runs`` are transmissions with the
+    same frequencies and waves.
+    """
+    is_list = isinstance(runs, Sequence) and all(isinstance(run, Transmission) for run in runs)
+    if not is_list or len({run.amplitudes.shape for run in runs}) != 1:
+        raise InputError(
+            "runs are not transmissions with the same leads", mend="Give results of gp.transmission"
+        )
+    first = runs[0]
+    for run in runs:
+        if np.any(run.frequencies != first.frequencies) or np.any(run.modes != first.modes):
+            raise InputError(
+                "runs have other frequencies or waves", mend="Give results of the same leads"
+            )
+
+
+def _fit_logarithms(lengths: Array, logs: Sequence[Array]) -> tuple[Array, Array]:
+    """Return the rate at which the mean of ln(total) falls over the ``lengths``, m, and its error,
+    1/m, (n_f,).
+
+    ``logs`` are ln(total) of the samples of each length, (samples, n_f).
+    """
+    counts = np.array([len(values) for values in logs])
+    # the variance of ln(total) grows as the length
+    shares = _fit_slope(lengths, counts / lengths)
+    fall = -np.tensordot(shares, [values.mean(axis=0) for values in logs], 1)
+    scatter = [np.var(values, axis=0, ddof=1) / len(values) for values in logs]
+    return fall, np.sqrt(np.tensordot(shares**2, scatter, 1))
 
 
 def _invert(rate: Array, error: Array, factor: float) -> tuple[Array, Array]:
@@ -326,27 +373,14 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
     """
     count = np.array([len(values) for values in amplitudes], float)
     mean = np.array([values.mean() for values in amplitudes])
-    turned = [
-        values * np.conj(middle) / (abs(middle) or 1.0)
-        for values, middle in zip(amplitudes, mean, strict=True)
-    ]
-    spread = np.array([np.cov(values.real, values.imag) for values in turned])  # (lengths, 2, 2)
+    spread = _find_covariances(amplitudes, mean)
     noise = np.trace(spread, axis1=1, axis2=2)
     common = 0.5 * float(np.average(noise, weights=count - 1.0))
     square = np.abs(mean) ** 2
     energy = square - noise / count
     pairs = count * (count - 1.0)
-    # the fit begins at the line through the logarithms
     offsets = lengths - np.average(lengths, weights=count)
-    rate = 0.0
-    level = -_FAR
-    is_above = square > 0.0
-    if np.count_nonzero(is_above) > 1:
-        shares = _fit_slope(lengths[is_above], (count * square)[is_above])
-        rate = -float(shares @ np.log(square[is_above]))
-    if is_above.any():
-        weights = count * np.exp(-np.clip(rate * offsets, -_FAR, _FAR))
-        level = math.log(np.average(square, weights=weights))
+    level, rate = _fit_line(lengths, offsets, square, count)
     size = float(np.ptp(lengths))
     for _ in range(_ROUNDS):
         fitted = np.exp(np.clip(level - rate * offsets, -_FAR, _FAR))
@@ -368,6 +402,36 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
     return rate, math.inf
 
 
+def _find_covariances(amplitudes: Sequence[Complex], mean: Complex) -> Array:
+    """Return the covariances of the parts of amplitudes along and across their ``mean`` (lengths,),
+    (lengths, 2, 2).
+    """
+    covariances = []
+    for values, middle in zip(amplitudes, mean, strict=True):
+        turned = values * np.conj(middle) / (abs(middle) or 1.0)
+        covariances.append(np.cov(turned.real, turned.imag))
+    return np.array(covariances)
+
+
+def _fit_line(lengths: Array, offsets: Array, square: Array, count: Array) -> tuple[float, float]:
+    """Return the level, a logarithm, and the rate, 1/m, at which a fit begins: those of the line
+    through the logarithms of the squared means.
+
+    ``offsets`` are those of the lengths from their mean, m; ``square`` is the squared mean of each
+    length, and ``count`` its number of samples, all (lengths,).
+    """
+    rate = 0.0
+    level = -_FAR
+    is_above = square > 0.0
+    if np.count_nonzero(is_above) > 1:
+        shares = _fit_slope(lengths[is_above], (count * square)[is_above])
+        rate = -float(shares @ np.log(square[is_above]))
+    if is_above.any():
+        weights = count * np.exp(-np.clip(rate * offsets, -_FAR, _FAR))
+        level = math.log(np.average(square, weights=weights))
+    return level, rate
+
+
 class _Lead(NamedTuple):
     """A half-infinite crystal; the wave vector along its layers, and its blocks, (rad/s)^2."""
 
@@ -377,12 +441,21 @@ class _Lead(NamedTuple):
 
     @classmethod
     def of(cls, source: Any, axis: Any, q: ArrayLike) -> _Lead:
+        """Return the lead of a state or network; the arguments are those of
+        :func:`transmission`.
+        """
         space = HalfSpace(given_network(source), axis)
         along = space.read_wavevector(q)
         square = (2.0 * np.pi * space.units.frequency) ** 2
-        return cls(
-            space, along, Couplings(*(square * couplings for couplings in space.couplings(along)))
-        )
+        blocks = [square * couplings for couplings in space.couplings(along)]
+        return cls(space, along, Couplings(*blocks))
+
+    def find_waves(self, omega: Array) -> Sequence[tuple[BlochWaves, BlochWaves]]:
+        """Return the waves at each angular frequency (n_f,), rad/s: those towards higher layers,
+        and those towards lower ones.
+        """
+        motions_of_layer = self.space.size // self.space.reach
+        return find_bloch_waves(self.blocks, omega**2, motions_of_layer)
 
     def fit(self, operator: WaveOperator, lower: bool) -> Any:
         """Return S (size, size of the strip), sparse: the motions that a block of the lead has at
@@ -391,61 +464,95 @@ class _Lead(NamedTuple):
         Balls of the strip are sought where those of a block would stand. They have masses and
         inertias of their own.
         """
-        from scipy.sparse import csr_array
-
-        space = self.space
         strip = operator.network
-        p = len(space.layers.cell)
-        count = operator.motions.count
-        size = space.size // count
-        cut = space.cut
-        block = np.flatnonzero(cut.moving)[:size]
         misfit = f"the strip does not fit to the {'first' if lower else 'other'} lead"
         periods = strip.cell[np.flatnonzero(strip.pbc)][:, : strip.dimension]
-        same = _SAME_PERIOD * np.max(np.abs(space.layers.cell), initial=0.0)
-        has_period = periods.shape == space.layers.cell.shape
-        if not has_period or np.any(np.abs(periods - space.layers.cell) > same):
+        self._require_periods(periods, misfit)
+        size = self.space.size // operator.motions.count
+        if len(operator.balls) >= size:
+            self._require_free_end(strip, operator.balls, lower, misfit)
+            matches = self._match_block(operator, periods, lower)
+            if matches is not None:
+                return self._compose_end(operator, *matches)
+        why = f"Its outer balls do not stand where {size} balls of the lead's layers would"
+        raise InputError(misfit, why, "Begin and end it with layers like the lead's")
+
+    def _require_periods(self, periods: Array, misfit: str) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless the ``periods`` (p, d) of a strip,
+        m, are those of the lead along its layers.
+        """
+        cell = self.space.layers.cell
+        tolerance = _SAME_PERIOD * np.max(np.abs(cell), initial=0.0)
+        has_period = periods.shape == cell.shape
+        if not has_period or np.any(np.abs(periods - cell) > tolerance):
             why = "It must repeat along the layers as the lead does, and not across them"
             raise InputError(
                 misfit, why, "Give lead.cut(axis, layers), or a strip of the same width"
             )
-        if len(operator.balls) >= size:
-            self._require_free_end(strip, operator.balls, lower, misfit)
-            diameter = float(2.0 * np.mean(cut.radii[block]))
-            height = strip.positions[operator.balls, p]
-            near = operator.balls[np.argsort(height if lower else -height, kind="stable")[:size]]
-            places = strip.positions[near]
-            sites = cut.positions[block]
-            # each ball near the end may be the first of the block: (first, block, strip)
-            from_first = (sites - sites[0])[None, :, None]
-            vectors = places[None, None] - from_first - places[:, None, None]
-            cells = np.rint(vectors[..., :p] @ np.linalg.inv(periods[:, :p]))
-            vectors[..., :p] -= cells @ periods[:, :p]
-            distances = np.linalg.norm(vectors, axis=-1)
-            best = np.argmin(distances, axis=2)  # (first, block)
-            worst = np.take_along_axis(distances, best[..., None], axis=2)[..., 0].max(axis=1)
-            worst[[np.unique(balls).size < size for balls in best]] = np.inf
-            # of several fits, as where two kinds of balls alternate, the one that leaves the frame
-            # of the lead unchanged
-            frame = np.concatenate([periods, space.layers.stack[None]])[:, : p + 1]
-            steps = (places - sites[0])[:, : p + 1] @ np.linalg.inv(frame)
-            moved = np.linalg.norm((steps - np.rint(steps)) @ frame, axis=1)
-            chosen = int(np.argmin(np.where(worst <= _SAME_SITE * diameter, moved, np.inf)))
-            if worst[chosen] <= _SAME_SITE * diameter:
-                of_strip = near[best[chosen]]
-                cell = cells[chosen, np.arange(size), best[chosen]]
-                ratio = np.sqrt(cut.masses[block] / strip.masses[of_strip])
-                turn = np.sqrt(cut.inertias[block] / strip.inertias[of_strip])
-                scale = np.where(operator.motions.is_rotation, turn[:, None], ratio[:, None])
-                entries = scale * np.exp(-2.0j * np.pi * (cell @ self.q))[:, None]
-                first_columns = np.searchsorted(operator.balls, of_strip)[:, None] * count
-                columns = first_columns + np.arange(count)
-                rows = np.arange(size * count)
-                return csr_array(
-                    (entries.ravel(), (rows, columns.ravel())), shape=(space.size, operator.size)
-                )
-        why = f"Its outer balls do not stand where {size} balls of the lead's layers would"
-        raise InputError(misfit, why, "Begin and end it with layers like the lead's")
+
+    def _find_block(self, motions: int) -> Index:
+        """Return the balls of the first block of the lead, which have so many ``motions`` each."""
+        return np.flatnonzero(self.space.cut.moving)[: self.space.size // motions]
+
+    def _match_block(
+        self, operator: WaveOperator, periods: Array, lower: bool
+    ) -> tuple[Index, Array] | None:
+        """Return the balls (block,) of the strip that stand where those of a block would, at its
+        ``lower`` or upper end, and the cells (block, p) of the strip in which they stand; None if
+        there are none.
+        """
+        strip = operator.network
+        cut = self.space.cut
+        block = self._find_block(operator.motions.count)
+        size = block.size
+        p = len(periods)
+        height = strip.positions[operator.balls, p]
+        order = np.argsort(height if lower else -height, kind="stable")
+        near = operator.balls[order[:size]]
+        places = strip.positions[near]
+        sites = cut.positions[block]
+        distances, cells = _measure_sites(places, sites - sites[0], periods)
+        nearest = np.argmin(distances, axis=2)  # (first, block)
+        worst = np.min(distances, axis=2).max(axis=1)
+        is_shared = [np.unique(balls).size < size for balls in nearest]
+        worst[is_shared] = np.inf
+        # of several fits, as where two kinds of balls alternate, the one that leaves the frame of
+        # the lead unchanged
+        moved = self._find_moves(places - sites[0], periods)
+        most = _SAME_SITE * float(2.0 * np.mean(cut.radii[block]))
+        first = int(np.argmin(np.where(worst <= most, moved, np.inf)))
+        if worst[first] > most:
+            return None
+        return near[nearest[first]], cells[first, np.arange(size), nearest[first]]
+
+    def _find_moves(self, vectors: Array, periods: Array) -> Array:
+        """Return how far ``vectors`` (n, d), m, are from the nearest steps of the frame of the
+        lead: the ``periods`` (p, d) and the step from layer to layer.
+        """
+        p = len(periods)
+        frame = np.concatenate([periods, self.space.layers.stack[None]])[:, : p + 1]
+        steps = vectors[:, : p + 1] @ np.linalg.inv(frame)
+        return np.asarray(np.linalg.norm((steps - np.rint(steps)) @ frame, axis=1))
+
+    def _compose_end(self, operator: WaveOperator, balls: Index, cells: Array) -> Any:
+        """Return S, sparse, for the ``balls`` (block,) of the strip, and the ``cells`` (block, p)
+        in which they stand in the places of a block.
+        """
+        from scipy.sparse import csr_array
+
+        strip = operator.network
+        cut = self.space.cut
+        count = operator.motions.count
+        block = self._find_block(count)
+        ratio = np.sqrt(cut.masses[block] / strip.masses[balls])
+        turn = np.sqrt(cut.inertias[block] / strip.inertias[balls])
+        scale = np.where(operator.motions.is_rotation, turn[:, None], ratio[:, None])
+        entries = scale * np.exp(-2.0j * np.pi * (cells @ self.q))[:, None]
+        first_columns = np.searchsorted(operator.balls, balls)[:, None] * count
+        columns = first_columns + np.arange(count)
+        rows = np.arange(block.size * count)
+        shape = (self.space.size, operator.size)
+        return csr_array((entries.ravel(), (rows, columns.ravel())), shape=shape)
 
     def _require_free_end(
         self, strip: ContactNetwork, balls: Index, lower: bool, misfit: str
@@ -455,8 +562,8 @@ class _Lead(NamedTuple):
         """
         p = len(self.space.layers.cell)
         cut = self.space.cut
-        moving = np.flatnonzero(cut.moving)[: self.space.size // strip.ball_motions.count]
-        diameter = float(2.0 * np.mean(cut.radii[moving]))
+        block = self._find_block(strip.ball_motions.count)
+        diameter = float(2.0 * np.mean(cut.radii[block]))
         heights = strip.positions[:, p] * (-1.0 if lower else 1.0)
         beyond = heights - heights[balls].max()
         least = np.where(np.isinf(strip.radii), 0.0, 0.6 * diameter)
@@ -466,15 +573,30 @@ class _Lead(NamedTuple):
             )
 
 
+def _measure_sites(places: Array, sites: Array, periods: Array) -> tuple[Array, Array]:
+    """Return the distances (first, block, n) of balls at ``places`` (n, d) from the ``sites``
+    (block, d) of a block that begins at each of the balls, to their nearest images, m; and the
+    cells (first, block, n, p) of these images.
+    """
+    p = len(periods)
+    vectors = places[None, None] - sites[None, :, None] - places[:, None, None]
+    cells = np.rint(vectors[..., :p] @ np.linalg.inv(periods[:, :p]))
+    vectors[..., :p] -= cells @ periods[:, :p]
+    return np.linalg.norm(vectors, axis=-1), cells
+
+
 def _scatter(
     w: float,
     matrix: Any,
     leads: list[_Lead],
     ends: list[Any],
-    waves: list[tuple[BlochWaves, BlochWaves]],
+    waves: Sequence[tuple[BlochWaves, BlochWaves]],
 ) -> tuple[Complex, Complex]:
     """Return the amplitudes of waves that are sent back (m, m), and that pass (n, m), at w =
-    omega^2.
+    omega^2, (rad/s)^2.
+
+    ``matrix`` is the stiffness of the strip; ``ends`` are the motions that blocks of the leads have
+    at its ends, and ``waves`` those of each lead towards higher and towards lower layers.
     """
     from scipy.sparse import csc_array, eye_array
 

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array
 from granphon.base.text import counted
-from granphon.base.validation import is_one_of, whole_number
-from granphon.dynamics.damping import DampedModes
+from granphon.base.validation import frequency_array, is_one_of, whole_number
+from granphon.dynamics.damping import ContactDamping, DampedModes
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel
@@ -30,7 +30,13 @@ from granphon.waves.dos import (
 from granphon.waves.modes import DENSE, NetworkModes, find_damped, find_modes, require_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.pulses import Pulse, PulseSource, transmit
-from granphon.waves.response import TOLERANCE, Response, find_response
+from granphon.waves.response import (
+    TOLERANCE,
+    Places,
+    Response,
+    ResponseOptions,
+    find_response,
+)
 from granphon.waves.spectral_functions import PlaneWaves, SpectralFunction, nearest_wavevectors
 
 
@@ -111,12 +117,9 @@ class Waves:
         vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS)
         seed = whole_number("seed", seed, 0)
         kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
-        work = (
-            AllModes(operator, seed)
-            if operator.size <= DENSE
-            else RandomVectors(operator, seed, vectors)
-        )
-        return work.find(kernel.moments, vectors)
+        if operator.size <= DENSE:
+            return AllModes(operator, seed).find(kernel.moments, vectors)
+        return RandomVectors(operator, seed, vectors).find(kernel.moments, vectors)
 
     def local_dos(
         self,
@@ -262,20 +265,12 @@ class Waves:
             or what would take more than an hour, unless a ``method`` is given.
         InstabilityError : a squared frequency is below zero.
         """
-        return find_response(
-            self._stable_operator,
-            frequencies,
-            source,
-            receiver,
-            damping,
-            loss_factor,
-            quantity=quantity,
-            direction=direction,
-            polarisation=polarisation,
-            distance=distance,
-            method=method,
-            tolerance=tolerance,
-        )
+        operator = self._stable_operator
+        hertz = frequency_array("frequencies", frequencies)
+        options = ResponseOptions.read(quantity, method, tolerance)
+        damped = ContactDamping.of(self.network, damping, loss_factor)
+        places = Places(self.network, direction, polarisation, distance)
+        return find_response(operator, hertz, source, receiver, options, damped, places)
 
     def damped_modes(
         self,
@@ -400,7 +395,7 @@ class Waves:
             planes=planes,
             frames=frames,
         )
-        pulse = transmit(
-            self.network, request, self._stable_operator if is_one_of(ends, ("periodic",)) else None
-        )
+        # ends that are cut or held make another network, with an operator of its own
+        operator = self._stable_operator if is_one_of(ends, ("periodic",)) else None
+        pulse = transmit(self.network, request, operator)
         return replace(pulse, warnings=(*self.warnings, *pulse.warnings))

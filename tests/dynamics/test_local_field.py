@@ -19,7 +19,7 @@ from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.local_field import (
     LocalField,
     _find_operations,
-    _make_response,
+    _Response,
     compute_xi,
     local_field,
     paper_local_field,
@@ -260,7 +260,7 @@ def test_quadrature_converges_geometrically(name, eta):
 
     def respond(order):
         zone = divide_zone(medium.reciprocal, order, _find_operations(medium))
-        return sum(weights @ _make_response(medium)(q) for q, weights in zone)
+        return sum(weights @ _Response(medium)(q) for q, weights in zone)
 
     exact = respond(24)
     errors = [np.max(np.abs(respond(order) - exact)) for order in (4, 6, 8, 10, 12)]

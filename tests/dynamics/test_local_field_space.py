@@ -241,12 +241,12 @@ def test_the_table_of_the_page(name):
 @pytest.mark.parametrize(("name", "eta"), VALUES)
 def test_more_points_change_nothing(name, eta):
     from granphon.dynamics.contact_lattice import ContactLattice
-    from granphon.dynamics.local_field import _find_operations, _make_response
+    from granphon.dynamics.local_field import _find_operations, _Response
     from granphon.dynamics.zone_quadrature import divide_zone
 
     medium = ContactLattice.of(name, eta)
     zone = divide_zone(medium.reciprocal, 16, _find_operations(medium))
-    finer = 1.0 / float(sum(weights @ _make_response(medium)(q) for q, weights in zone)[0]) - 1.0
+    finer = 1.0 / float(sum(weights @ _Response(medium)(q) for q, weights in zone)[0]) - 1.0
     assert local_field(name, eta).xi == pytest.approx(finer, rel=1e-9)
 
 
