@@ -226,44 +226,52 @@ FREQUENCIES = Kind.plain(
 # -- spreads ---------------------------------------------------------------------------------------
 
 
+#: reads a list of diameters, m
+_read_diameters = partial(each, rule=LENGTH.read, what="diameters")
+
+
+def _read_normal(value: Any) -> Normal:
+    """Read a standard deviation, or a block {std, cutoff}."""
+    if not isinstance(value, dict):
+        return Normal(WIDTH.read(value))
+    rules: dict[str, Rule] = {"std": WIDTH.read, "cutoff": partial(number, low=1e-3, high=10.0)}
+    return Normal(**block(value, rules, ("std",)))
+
+
+def _read_discrete(value: Any) -> Discrete:
+    """Read a block {diameters, fractions} of two lists of the same length."""
+    read_fractions = partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions")
+    rules: dict[str, Rule] = {"diameters": _read_diameters, "fractions": read_fractions}
+    lists = block(value, rules, ("diameters", "fractions"))
+    allowed = "one fraction for each diameter, with the sum 1"
+    with refusing(lists["fractions"], allowed, "fractions"):
+        return Discrete(**lists)
+
+
+def _read_measured(value: Any, folder: Path) -> Measured:
+    """Read the name of a table, a block {file, column}, or a block {diameters}; tables are sought
+    in ``folder``.
+    """
+    if isinstance(value, dict) and "diameters" in value:
+        return Measured(block(value, {"diameters": _read_diameters})["diameters"])
+    column = None
+    if isinstance(value, dict):
+        settings = block(value, {"file": text, "column": text}, ("file",))
+        name = settings["file"]
+        column = settings.get("column")
+    else:
+        name = text(value)
+    with refusing(name, "a table with a column of diameters"):
+        return Measured.from_csv(folder / name, column, quoted=False)
+
+
 def _read_spread(value: Any, context: Context) -> Any:
-    diameters = partial(each, rule=LENGTH.read, what="diameters")
-    fractions = partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions")
-
-    def normal(value: Any) -> Normal:
-        """Read a standard deviation, or a block {std, cutoff}."""
-        if not isinstance(value, dict):
-            return Normal(WIDTH.read(value))
-        rules: dict[str, Rule] = {"std": WIDTH.read, "cutoff": partial(number, low=1e-3, high=10.0)}
-        return Normal(**block(value, rules, ("std",)))
-
-    def discrete(value: Any) -> Discrete:
-        """Read a block {diameters, fractions} of two lists of the same length."""
-        rules: dict[str, Rule] = {"diameters": diameters, "fractions": fractions}
-        lists = block(value, rules, ("diameters", "fractions"))
-        allowed = "one fraction for each diameter, with the sum 1"
-        with refusing(lists["fractions"], allowed, "fractions"):
-            return Discrete(**lists)
-
-    def measured(value: Any) -> Measured:
-        """Read the name of a table, a block {file, column}, or a block {diameters}."""
-        if isinstance(value, dict) and "diameters" in value:
-            return Measured(block(value, {"diameters": diameters})["diameters"])
-        column = None
-        if isinstance(value, dict):
-            settings = block(value, {"file": text, "column": text}, ("file",))
-            name = settings["file"]
-            column = settings.get("column")
-        else:
-            name = text(value)
-        with refusing(name, "a table with a column of diameters"):
-            return Measured.from_csv(context.folder / name, column, quoted=False)
-
+    """Read a spread of diameters: a block of one key, the name of the distribution."""
     rules: dict[str, Rule] = {
         "uniform": lambda value: Uniform(WIDTH.read(value)),
-        "normal": normal,
-        "discrete": discrete,
-        "measured": measured,
+        "normal": _read_normal,
+        "discrete": _read_discrete,
+        "measured": partial(_read_measured, folder=context.folder),
     }
     allowed = f"exactly one of {', '.join(rules)}"
     if not isinstance(value, dict):
@@ -880,6 +888,17 @@ def tensor_kind(name: str) -> Kind:
             return number(value, -1e300, 1e300)
         return 0.0 if is_whole(value) and value == 0 else unit.read(value)
 
+    def read_matrix(rows_of_file: Sequence[Any], component: Rule) -> tuple[float, ...]:
+        """Read rows (p, p) of a symmetric matrix; return its components in Voigt order."""
+        p = len(rows_of_file)
+        read_row = partial(each, rule=component, what="numbers")
+        rows = np.array(each(list(rows_of_file), read_row, "rows"))
+        if not np.array_equal(rows, rows.T):
+            raise Refused(show(rows_of_file), "a symmetric matrix")
+        # in Voigt order a shear strain is that of the angle, xy + yx
+        shear = 2.0 if name == "strain" else 1.0
+        return tuple(float(rows[a, b]) * (shear if a != b else 1.0) for a, b in _VOIGT_PAIRS[p])
+
     def read(value: Any, context: Context) -> tuple[float, ...]:
         p = context.lattice.periods
         component = partial(read_component, unit=tensor_quantities(p)[name])
@@ -887,13 +906,7 @@ def tensor_kind(name: str) -> Kind:
         listed = list(value) if isinstance(value, list | tuple) else [value]
         has_rows = all(isinstance(row, list | tuple) and len(row) == p for row in listed)
         if p > 1 and len(listed) == p and has_rows:
-            rows = np.array(each(listed, partial(each, rule=component, what="numbers"), "rows"))
-            if not np.array_equal(rows, rows.T):
-                raise Refused(show(value), "a symmetric matrix")
-            shear = 2.0 if name == "strain" else 1.0
-            tensor = tuple(
-                float(rows[a, b]) * (shear if a != b else 1.0) for a, b in _VOIGT_PAIRS[p]
-            )
+            tensor = read_matrix(value, component)
         elif len(listed) == size:
             tensor = tuple(each(listed, component, "numbers"))
         else:
