@@ -491,11 +491,9 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     """Return the frame with the ``results`` of the cases filled in."""
     packing = grid.cases[0].packing
     labels = [case.label for case in grid.cases]
-    warnings = [
-        (label, text)
-        for label, result in zip(labels, results, strict=True)
-        for text in tell_warnings(result)
-    ]
+    warnings = list[tuple[str, str]]()  # labels of cases, and texts
+    for label, result in zip(labels, results, strict=True):
+        warnings += [(label, text) for text in tell_warnings(result)]
     _fill_errors(grid, results)
     _pad_uneven(results)
     results, sentences = _fill_gaps(results, packing.structure.periods)
@@ -532,8 +530,9 @@ def _stack(
     """Return the dimensions and the values of a variable of all cases."""
     axes = grid.axes
     counts = [len(axis.values) for axis in axes]
-    values = np.array([result[name] for result in results])
+    values = np.array([result[name] for result in results])  # (cases, loads, ...)
     values = values.reshape(*counts, frame.sizes["medium"], grid.load.size, *values.shape[2:])
+    # the axes of loads and media, which follow those of parameters, come first
     values = np.moveaxis(values, (len(axes) + 1, len(axes)), (0, 1))
     dims = ["load", "medium", *(axis.name for axis in axes)]
     if CATALOGUE[name].per_direction and "direction" in frame.dims:

@@ -275,20 +275,22 @@ class Store:
             if self.force:
                 self.clear()
             if path is None or os.path.lexists(path):
-                problem = (
-                    f"{path}, with the finished parts of work that was interrupted, is damaged:"
-                    f" {error}"
-                )
-                mend = "Use --force (force=True, overwrite=True) to discard it, or move it away"
-                raise OutputError(problem, mend=mend) from None
+                raise self._explain_damage(error) from None
             return self._connect(make)
         return self._base
+
+    def _explain_damage(self, error: sqlite3.DatabaseError) -> OutputError:
+        """Return the error of a file that is no data base, or a damaged one."""
+        kept = f"{self.path}, with the finished parts of work that was interrupted"
+        mend = "Use --force (force=True, overwrite=True) to discard it, or move it away"
+        return OutputError(f"{kept}, is damaged: {error}", mend=mend)
 
     def _open(self, path: Path, make: bool) -> sqlite3.Connection:
         """Open the data base in a file; DatabaseError unless it is empty, or has the one table of a
         store, undamaged.
         """
-        flags = (os.O_RDWR | os.O_CREAT if make else os.O_RDONLY) | getattr(os, "O_NOFOLLOW", 0)
+        flags = os.O_RDWR | os.O_CREAT if make else os.O_RDONLY
+        flags |= getattr(os, "O_NOFOLLOW", 0)
         descriptor = os.open(path, flags, 0o666)  # its errors say more than those of SQLite
         locks = has_locks(descriptor)
         os.close(descriptor)

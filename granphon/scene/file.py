@@ -770,13 +770,13 @@ def _require_one_load(value: Mapping[str, Any], of_crystal: bool) -> None:
         raise Refused("balls_per_side without side_force" if has_side else "no load", allowed)
     if len(kinds) > 1:
         raise Refused(" and ".join(kinds), allowed, "Remove all but one.")
-    if "times" in value and not {"stress", "strain"} & set(kinds):
-        load = " ".join(kinds) or "gravity"
+    load = kinds[0] if kinds else "gravity"
+    if "times" in value and load not in ("stress", "strain"):
         raise Refused(f"times with {load}", "times with stress or strain", path=("times",))
     if has_side_force and not has_side:
         raise Refused("side_force alone", allowed)
     if has_side and not has_side_force:
-        raise Refused(f"{kinds[0]} and balls_per_side", allowed)
+        raise Refused(f"{load} and balls_per_side", allowed)
 
 
 def _require_known(data: Any) -> None:

@@ -114,11 +114,11 @@ class PlannedCase:
         the case has one load.
         """
         for serving in self.serving_media:
-            if serving.is_quick or not quick:
-                yield (
-                    self.case.name(serving),
-                    self.state if self.case.load.size == 1 else self._solve(serving, serving.load),
-                )
+            if quick and not serving.is_quick:
+                continue
+            is_alone = self.case.load.size == 1
+            state = self.state if is_alone else self._solve(serving, serving.load)
+            yield self.case.name(serving), state
 
     @cached_property
     def is_possible(self) -> bool:
@@ -144,7 +144,8 @@ class PlannedCase:
         """
         for serving in self.serving_media:
             medium = serving.medium.of(self.case.packing)
-            index = int(serving.loads[np.argmin(np.ravel(self.case.load.array)[serving.loads])])
+            sizes = np.ravel(self.case.load.array)[serving.loads]
+            index = int(serving.loads[np.argmin(sizes)])  # of the lowest load that it serves
             load = self.case.load[index]
             with self.at_load(index, f"{self.case.label}: "):
                 balls = medium.count_start(load)
@@ -160,13 +161,18 @@ class PlannedCase:
         return self.origin.at_index("load", self.written, index, prefix)
 
     def _find_state(self, index: int) -> ContactState:
+        """Return the state under the load number ``index``; InputError if double precision does not
+        hold its scales.
+        """
         serving = next(serving for serving in self.serving_media if index in serving.loads)
         state = self._solve(serving, self.case.load[index])
-        if not (0.0 < state.scales.frequency < math.inf and 0.0 < state.scales.velocity < math.inf):
-            raise InputError("the frequencies or velocities are beyond double precision")
+        for scale in (state.scales.frequency, state.scales.velocity):
+            if not 0.0 < scale < math.inf:
+                raise InputError("the frequencies or velocities are beyond double precision")
         return state
 
     def _solve(self, serving: ServingMedium, load: Load) -> ContactState:
+        """Return the state of one of the media under one or several loads."""
         with np.errstate(all="ignore"):
             # False is the default of a scene, and counts as no wish of the user
             return serving.at(load, finite_overlap=self.case.request.finite_overlap or None)
@@ -470,6 +476,7 @@ class Plan:
         return self._plan_cases(self.case_grid)
 
     def _plan_cases(self, grid: Grid) -> tuple[PlannedCase, ...]:
+        """Return the cases of a grid, whose errors are placed in the file."""
         return tuple(PlannedCase(case, self.load.kind, self.origin) for case in grid.cases)
 
     @property

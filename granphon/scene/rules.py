@@ -469,16 +469,21 @@ PARAMETERS_SWEPT = Kind(_read_parameters, _write_parameters)
 def load_kind(name: str) -> Kind:
     """Return the kind of the values of a load; the unit of a pressure depends on the lattice."""
 
+    def has_unit_of_other_lattices(value: Any) -> bool:
+        """Whether a value is such a load of a lattice of one, two or three periods."""
+        for periods in (1, 2, 3):
+            with suppress(Refused):
+                load_quantities(periods)[name].read(value)
+                return True
+        return False
+
     def read_load(value: Any, context: Context) -> float:
+        """Read one number with its unit, N, N/m, Pa or m."""
         quantity = load_quantities(context.lattice.pressed_axes)[name]
         try:
             return quantity.read(value)
         except Refused as refused:
-            for quantities in map(load_quantities, (1, 2, 3)):
-                with suppress(Refused):
-                    quantities[name].read(value)
-                    break
-            else:
+            if not has_unit_of_other_lattices(value):
                 raise
             mend = (
                 f"The pressure of the {context.lattice.name} lattice is in {quantity.unit}."
@@ -676,9 +681,11 @@ def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
             allowed = "a name without a point or a space, and not 'floor'"
             raise Refused(show(name), allowed, path=(name,))
         settings = read_inside(name, read_kind, written)
+        material_numbers = settings.pop("material")
         try:
-            out.append((kind, Ball(Material(**settings.pop("material")), **settings)))
+            out.append((kind, Ball(Material(**material_numbers), **settings)))
         except InputError as error:
+            # the message begins with the name of the quantity at fault
             key = "diameter"
             for quantity_name in ("mass", "inertia"):
                 if quantity_name in written and str(error).startswith(quantity_name):
@@ -797,23 +804,24 @@ def _read_law(value: Any) -> Any:
     if isinstance(value, dict) and len(value) == 1:
         ((name, numbers),) = value.items()
     if isinstance(name, str) and name in LAWS:
-        rules = {key: kind.rule(Context()) for key, kind in _law_numbers(name).items()}
-        arguments = read_inside(
-            name, partial(block, rules=rules, needed=tuple(rules)), numbers or {}
-        )
-        with refusing(numbers or name, f"numbers of the law {name}", name):
-            law = LAWS[name].law
-            return law(**arguments) if isinstance(law, type) else law
-    if not isinstance(value, dict) or not all(
-        isinstance(pair, str) and len(pair.split()) == 2 for pair in value
-    ):
+        return _read_single_law(name, numbers)
+    pairs = list(value) if isinstance(value, dict) else [None]
+    if not all(isinstance(pair, str) and len(pair.split()) == 2 for pair in pairs):
         allowed = (
             f"{', '.join(LAWS)}, with its numbers, or a block of pairs of kinds, as {{A B: hertz}}"
         )
         raise Refused(show(value), allowed, LAWS.failures)
-    return tuple(
-        (tuple(pair.split()), read_inside(pair, _read_law, law)) for pair, law in value.items()
-    )
+    return tuple((tuple(pair.split()), read_inside(pair, _read_law, value[pair])) for pair in pairs)
+
+
+def _read_single_law(name: str, numbers: Any) -> Any:
+    """Return the law of a name, made of the block of its ``numbers``, which may be empty."""
+    rules = {key: kind.rule(Context()) for key, kind in _law_numbers(name).items()}
+    read_numbers = partial(block, rules=rules, needed=tuple(rules))
+    arguments = read_inside(name, read_numbers, numbers or {})
+    with refusing(numbers or name, f"numbers of the law {name}", name):
+        law = LAWS[name].law
+        return law(**arguments) if isinstance(law, type) else law
 
 
 def _write_law(law: Any) -> Any:
