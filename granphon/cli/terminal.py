@@ -217,7 +217,7 @@ def _write_number(value: Any, error: Any, unit: str) -> str:
     return f"{write_range(value, unit)} +/- {write_range(np.ravel(error), unit)}"
 
 
-def _describe_gaps(gaps: Sequence[Sequence[float]]) -> str:
+def _describe_gaps(gaps: list[list[float]]) -> str:
     """Return the three widest ``gaps``, (n, 2) Hz, in ascending order, and the number of others."""
     widest = sorted(gaps, key=lambda gap: gap[0] - gap[1])[:3]
     text = ", ".join(write_range(gap, "Hz") for gap in sorted(widest)) or "none"

@@ -612,7 +612,7 @@ def bands_figure(
                 plot_zone(bands, inset)
         if has_both:
             axes[1].axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
-        entries = {}
+        entries: dict[str, Any] = {}  # handles of the legend by their labels
         for ax in axes[::-1]:
             handles, labels = ax.get_legend_handles_labels()
             entries.update(zip(labels, handles, strict=True))

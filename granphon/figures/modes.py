@@ -218,7 +218,7 @@ def _list_pairs(network: ContactNetwork, balls: NDArray[np.intp]) -> NDArray[np.
     pairs = np.stack([drawn_index[network.i], drawn_index[network.j]], axis=1)
     is_drawn = np.all(pairs >= 0, axis=1)
     is_across = np.any(network.shift, axis=1)
-    return pairs[is_drawn & ~is_across]
+    return np.asarray(pairs[is_drawn & ~is_across])
 
 
 def _colour_balls(network: ContactNetwork) -> tuple[dict[str, str], list[str]]:

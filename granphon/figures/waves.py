@@ -540,10 +540,10 @@ def choose_states(
     for number in np.argsort(values, kind="stable").tolist():
         size = write_value(float(values[number]), unit)
         for facts, index in lines:
-            words = [facts[kind] for kind in kinds]
+            texts = [facts[kind] for kind in kinds]
             if len(values) > 1:
-                words.insert(0, size)
-            labels.append(", ".join(words) or size)
+                texts.insert(0, size)
+            labels.append(", ".join(texts) or size)
             indices.append(index | {"load": number})
     chosen = pick_evenly(len(labels), _STATES)
     # the light end of the colours is too pale
