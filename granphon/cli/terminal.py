@@ -324,8 +324,8 @@ def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
         lines.append(f"  {'  '.join(cells).rstrip()}")
     if result.reference:
         lines.append(f"  reference: {result.reference}")
-    taken = write_quantity(result.seconds, "s")
-    return [*lines, "", f"took {taken} of {write_quantity(result.budget, 's')}"]
+    seconds = write_quantity(result.seconds, "s")
+    return [*lines, "", f"took {seconds} of {write_quantity(result.budget, 's')}"]
 
 
 def _describe_point(point: MeasuredPoint) -> tuple[str, ...]:

@@ -897,10 +897,10 @@ class SceneSource:
                 prefix = ""
             option = getattr(error, "option", None)
             if option is not None:
-                key_path, found = self._find_option(option)
+                key_path, words = self._find_option(option)
                 # the load of a history must be one that its start bears
                 allowed = {"start": "a load that the balls bear without friction, or gas"}
-                prefix = f"found {found}; allowed: {allowed[option]}; "
+                prefix = f"found {words}; allowed: {allowed[option]}; "
             placed: GranphonError = self.document.error(key_path, f"{prefix}{error}")
             if isinstance(error, ConvergenceError):
                 # the scene is not wrong, the computation has failed
@@ -942,10 +942,10 @@ class SceneSource:
         """Place errors of the block at the key of the medium ``label``; ``allowed`` are words for
         the values of that key.
         """
-        found = repr(label)
+        words = repr(label)
         if self.document is not None and "medium" not in self.document.data:
-            found += ", the default"
-        return self.at("medium", prefix=f"found {found}; allowed: {allowed}; ")
+            words += ", the default"
+        return self.at("medium", prefix=f"found {words}; allowed: {allowed}; ")
 
     def at_index(
         self, block: str, key: str, index: int, prefix: str = ""
@@ -967,25 +967,25 @@ class SceneSource:
                 key = "gravity"  # the only load
         values = self.document.data[block][key]
         path: tuple[str | int, ...] = (block, key)
-        found = show(values)
+        words = show(values)
         if isinstance(values, list) and key not in TENSORS:
-            found = show(values[index])
+            words = show(values[index])
             path = (*path, index)
         elif isinstance(values, dict):
             first = values["from"]
             last = values["to"]
             points = values["points"]
             if 0 < index < points - 1:
-                found = f"value {index + 1} of {points} from {show(first)} to {show(last)}"
+                words = f"value {index + 1} of {points} from {show(first)} to {show(last)}"
             else:
-                found = show(last if index else first)
+                words = show(last if index else first)
                 path = (*path, "to" if index else "from")
         allowed = (
             "a load that the balls can carry"
             if block == "load"
             else "a value that the packing can have"
         )
-        return self.at(*path, prefix=f"found {found}; allowed: {allowed}; {prefix}")
+        return self.at(*path, prefix=f"found {words}; allowed: {allowed}; {prefix}")
 
     # -- what a scene is made of -------------------------------------------------------------------
 
