@@ -805,13 +805,17 @@ def _read_law(value: Any) -> Any:
         ((name, numbers),) = value.items()
     if isinstance(name, str) and name in LAWS:
         return _read_single_law(name, numbers)
-    pairs = list(value) if isinstance(value, dict) else [None]
-    if not all(isinstance(pair, str) and len(pair.split()) == 2 for pair in pairs):
+    has_pairs = isinstance(value, dict) and all(
+        isinstance(pair, str) and len(pair.split()) == 2 for pair in value
+    )
+    if not has_pairs:
         allowed = (
             f"{', '.join(LAWS)}, with its numbers, or a block of pairs of kinds, as {{A B: hertz}}"
         )
         raise Refused(show(value), allowed, LAWS.failures)
-    return tuple((tuple(pair.split()), read_inside(pair, _read_law, value[pair])) for pair in pairs)
+    return tuple(
+        (tuple(pair.split()), read_inside(pair, _read_law, law)) for pair, law in value.items()
+    )
 
 
 def _read_single_law(name: str, numbers: Any) -> Any:
