@@ -165,6 +165,7 @@ def may_be_long(item: pytest.Item) -> bool:
     return marked or item.nodeid.partition("[")[0] in GUARDS
 
 
+@pytest.hookimpl(trylast=True)  # hypothesis refuses to make its table of characters earlier
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Where the budget is held, pay once for what no test is to pay; the first process compiles."""
     if IS_HELD:
