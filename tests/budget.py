@@ -1,7 +1,7 @@
 """The budget of the default tests: a case has half a second of processor, or it is marked ``slow``.
 
 The exceptions are the guards, each of which alone guards a subject that costs more. With
-``GRANPHON_TEST_BUDGET=1``, as in ``.ci/run all``, a default case that is no guard fails if its call, or
+``GRANPHON_TEST_BUDGET=1``, as in ``.ci/run``, a default case that is no guard fails if its call, or
 one of the fixtures made for it, takes more than one second of processor, that of child processes included. The
 limit is twice the budget, as processors differ. What a process pays once (imports, compiled loops,
 the first figure) is paid before the first test there, and is told with its time.
@@ -73,18 +73,8 @@ GUARDS: Mapping[str, str] = {
     "tests/fits/test_transfer.py::test_the_command_fits_the_response_of_a_scene": (
         "the command that fits a response, its figure and the same figure drawn again"
     ),
-    "tests/dynamics/test_network_lattice.py::test_loose_balls_are_set_aside": (
-        "moduli, sound and pulses of a sample with balls that nothing holds"
-    ),
     "tests/phonons/test_ball_contacts.py::test_ase_finds_calculator_and_formats_by_itself": (
         "a process of ASE's in which granphon is installed"
-    ),
-    "tests/phonons/test_dos.py::test_densities_are_phonopys": (
-        "a density of states against phonopy's"
-    ),
-    "tests/phonons/test_network_phonons.py"
-    "::test_branches_that_cross_away_from_the_mesh_leave_no_gap": (
-        "gaps with the mesh that is taken by itself"
     ),
     "tests/phonons/test_phonopy_bridge.py::test_the_phonopy_command_without_options": (
         "the command of phonopy on a file of granphon's"
@@ -140,17 +130,26 @@ GUARDS: Mapping[str, str] = {
     "tests/waves/test_nonlinear_lammps.py::test_balls_with_friction_move_as_in_lammps": (
         "a motion with friction by LAMMPS"
     ),
-    "tests/waves/test_nonlinear_lammps.py::test_balls_in_true_directions_move_as_in_lammps": (
-        "a motion in true directions by LAMMPS"
-    ),
-    "tests/waves/test_nonlinear_lammps.py::test_a_thousand_default_steps": (
-        "the drift of a motion against LAMMPS"
-    ),
     "tests/waves/test_nonlinear_lammps.py::test_coulombs_limit_is_that_of_the_law_without_dashpots": (
         "a motion with friction and dashpots by LAMMPS"
     ),
     "tests/test_structure.py::test_a_statement_does_one_thing_and_names_are_nouns_or_verbs": (
         "how the text of the package reads"
+    ),
+    "tests/runs/test_sweep_waves.py::test_lines_are_means_over_samples": (
+        "a sweep of spectra over samples"
+    ),
+    "tests/runs/test_schedulers.py::test_the_numbers_are_those_of_one_process": (
+        "a scheduler of dask with two workers"
+    ),
+    "tests/runs/test_run.py::test_a_result_of_another_kind_is_replaced_as_a_whole": (
+        "results of two kinds in one folder"
+    ),
+    "tests/runs/test_sweeps.py::test_a_complete_sweep_is_read_again": (
+        "a sweep of every kind that is read again"
+    ),
+    "tests/figures/test_curves.py::test_the_command_draws_files_in_one_figure": (
+        "curves of several files by the command"
     ),
 }
 
@@ -166,6 +165,7 @@ def may_be_long(item: pytest.Item) -> bool:
     return marked or item.nodeid.partition("[")[0] in GUARDS
 
 
+@pytest.hookimpl(trylast=True)  # hypothesis refuses to make its table of characters earlier
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Where the budget is held, pay once for what no test is to pay; the first process compiles."""
     if IS_HELD:
@@ -213,10 +213,14 @@ def warm_up() -> float:
     start = measure_processor_time()
     import matplotlib.pyplot as plt
     import numpy as np
+    from hypothesis import find
+    from hypothesis.strategies import characters
 
     import granphon as gp
     from granphon.cli.commands import main
 
+    # hypothesis makes its table of characters where a clone has none
+    find(characters(codec="utf-8"), lambda _: True)
     figure, axes = plt.subplots()
     axes.plot([0.0, 1.0], [0.0, 1.0], label="line")
     axes.legend()

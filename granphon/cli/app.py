@@ -52,14 +52,16 @@ class _Grouped:
             record = parameter.get_help_record(ctx)
             if not record:
                 continue
+            names, words = record
             default_group = "Arguments" if parameter.param_type_name == "argument" else "Options"
             group = getattr(parameter, "rich_help_panel", None) or default_group
             # the type of a value, as "<str>", says nothing beside its name
-            names = re.sub(r" <[\w\[\]]+>", "", record[0])
-            entries.setdefault(group, []).append((names, record[1]))
+            names = re.sub(r" <[\w\[\]]+>", "", names)
+            entries.setdefault(group, []).append((names, words))
         commands = {}
         if hasattr(self, "commands"):
             commands = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
+        # the width that click gives to the short helps of subcommands
         width = formatter.width - 6 - max(map(len, commands), default=0)
         for name, subcommand in commands.items():
             row = (name, subcommand.get_short_help_str(width))
@@ -70,8 +72,14 @@ class _Grouped:
                     formatter.write_dl(rows)
 
 
-#: a subcommand, and a command with subcommands
-_Command, _Group = (type("Grouped", (_Grouped, kind), {}) for kind in (TyperCommand, TyperGroup))
+class _Command(_Grouped, TyperCommand):
+    """A subcommand."""
+
+
+class _Group(_Grouped, TyperGroup):
+    """A command with subcommands."""
+
+
 #: the command ``granphon``; the modules beside this one add their subcommands to it
 app = typer.Typer(
     cls=_Group,
@@ -85,6 +93,7 @@ command = partial(app.command, cls=_Command)
 
 
 def _print_version(is_requested: bool) -> None:
+    """Print the version of granphon, and end the command, if the option was given."""
     if is_requested:
         from granphon import __version__
 

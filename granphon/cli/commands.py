@@ -113,10 +113,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         return fail(f"{error.filename or 'output'}: {error.strerror or error}", 1)
     except Exception as error:
         if isinstance(error, _USAGE_ERROR):
-            message = error.format_message().rstrip(".")  # type: ignore[attr-defined]
-            if not message.endswith("?"):
-                message += "."
-            context = getattr(error, "ctx", None)
-            command = context.command_path if context else "granphon"
-            return fail(f"{message} See '{command} --help'.", 2)
+            return fail(_explain_usage(error), 2)
         raise
+
+
+def _explain_usage(error: Any) -> str:
+    """Return the message of an error of the command line, and the command that prints its help."""
+    message = error.format_message().rstrip(".")
+    if not message.endswith("?"):
+        message += "."
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context else "granphon"
+    return f"{message} See '{command} --help'."

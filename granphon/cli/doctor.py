@@ -13,6 +13,7 @@ from granphon.base.errors import EXTRAS
 from granphon.base.memory import available_memory
 from granphon.base.registry import load_plugins
 from granphon.base.scales import write_quantity
+from granphon.base.threads import count_processors
 from granphon.cli.app import ABOUT, command
 from granphon.cli.terminal import say_table
 
@@ -36,32 +37,26 @@ def describe_system() -> None:
     Example:
       granphon doctor
     """
-    plugins = load_plugins()
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    threads = [
-        f"{name}={text}"
-        for name, text in os.environ.items()
-        if name.endswith("_THREADS") and text.isdigit()
+    rows = [
+        ("granphon", _find_version("granphon")),
+        ("Python", f"{platform.python_version()}, {platform.system()} {platform.machine()}"),
     ]
+    rows += [(name, _find_version(name)) for name in PACKAGES]
+    for name, failure in load_plugins().items():
+        # the text of a failure may hold the folder of a user
+        rows.append((name, re.sub(r"\S*[\\/]", "", failure or "loaded")))
+    rows.append(("cores", f"{os.cpu_count()}, of which {count_processors()} may be used"))
+    variables = os.environ.items()
+    threads = [f"{name}={n}" for name, n in variables if name.endswith("_THREADS") and n.isdigit()]
+    rows.append(("threads", ", ".join(threads) or "as the libraries choose"))
     memory = available_memory()
+    rows.append(("memory", write_quantity(memory, "B") if math.isfinite(memory) else "not known"))
     caches = {
         "compiled loops": os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[1],
         "matplotlib": os.environ.get("MPLCONFIGDIR") or Path.home(),
     }
     writable = [name for name, folder in caches.items() if os.access(folder, os.W_OK)]
-    say_table(
-        [
-            ("granphon", _find_version("granphon")),
-            ("Python", f"{platform.python_version()}, {platform.system()} {platform.machine()}"),
-            *((name, _find_version(name)) for name in PACKAGES),
-            # a message may hold the folder of a user
-            *((name, re.sub(r"\S*[\\/]", "", why or "loaded")) for name, why in plugins.items()),
-            ("cores", f"{os.cpu_count()}, of which {usable} may be used"),
-            ("threads", ", ".join(threads) or "as the libraries choose"),
-            ("memory", write_quantity(memory, "B") if math.isfinite(memory) else "not known"),
-            ("writable caches", ", ".join(writable) or "none"),
-        ]
-    )
+    say_table([*rows, ("writable caches", ", ".join(writable) or "none")])
 
 
 def _find_version(package: str) -> str:

@@ -7,13 +7,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from granphon.base.errors import InputError
 from granphon.cli.app import PICTURES, Force, SceneFile, command
 from granphon.cli.terminal import write_of_scene
+
+if TYPE_CHECKING:
+    from granphon.scene.scene import Scene
 
 #: the programs for which ``export`` writes
 _FORMATS = ("phononwebsite",)
@@ -160,14 +163,11 @@ def _write_picture(
     with write_of_scene(scene, out, endings, force, why) as (plan, staged_file):
         lattice = plan.packing.structure
         q = require("--at", partial(read_point, structure=lattice), point)
-        options: dict[str, Any] = {}
+        x = (1.0, 0.0, 0.0)[: lattice.periods]
+        options: dict[str, Any] = {"direction": next(iter(plan.directions), x)}
         if direction is not None:
             read_direction = partial(read_directions, lattice=lattice)
             options["direction"] = require("--direction", read_direction, direction)
-        elif plan.directions:
-            options["direction"] = plan.directions[0]
-        else:
-            options["direction"] = (1.0, 0.0, 0.0)[: lattice.periods]
         if cells is not None:
             # of more no ball could be told from others
             limited = partial(lengths, low=1, high=100, periods=lattice.periods)
@@ -210,38 +210,54 @@ def make_scene_page(
     """
 
     with write_of_scene(scene, out, (".html", ".htm"), force) as (plan, staged_file):
-        from granphon.page.page import make_page
-
         first = plan.cases[0].case
         options: dict[str, Any] = {
             "direction": next(iter(plan.directions), None),
             "title": f"{first.packing.structure.name} lattice, {Path(scene).name}",
             "losses": plan.bands,
         }
-        remarks: list[str] = []
         with plan.origin.at():
             if first.packing.kind_names:
-                if not plan.is_single:
-                    remarks.append("The scene has several states; this page is that of the first.")
-                medium = first.medium.of(first.packing)
-                state: Any = medium.at(first.load[0], finite_overlap=plan.finite_overlap)
-                text = make_page(state.source, **options, remarks=remarks)
+                text = _make_crystal_page(plan, options)
             else:
-                if first.where:
-                    remarks.append(
-                        "The scene sweeps parameters; this page is that of the first values:"
-                        f" {first.where}."
-                    )
-                text = make_page(
-                    first.packing,
-                    plan.media,
-                    plan.load,
-                    **options,
-                    finite_overlap=plan.finite_overlap,
-                    path=plan.band,
-                    remarks=remarks,
-                )
+                text = _make_packing_page(plan, options)
         staged_file.write_text(text, encoding="utf-8")
+
+
+def _make_crystal_page(plan: Scene, options: dict[str, Any]) -> str:
+    """Return the HTML text of the page of a crystal, in the first state of its scene."""
+    from granphon.page.page import make_page
+
+    remarks: list[str] = []
+    if not plan.is_single:
+        remarks.append("The scene has several states; this page is that of the first.")
+    first = plan.cases[0].case
+    medium = first.medium.of(first.packing)
+    state: Any = medium.at(first.load[0], finite_overlap=plan.finite_overlap)
+    return make_page(state.source, **options, remarks=remarks)
+
+
+def _make_packing_page(plan: Scene, options: dict[str, Any]) -> str:
+    """Return the HTML text of the page of the first packing of a scene, with all its media and
+    loads.
+    """
+    from granphon.page.page import make_page
+
+    first = plan.cases[0].case
+    remarks: list[str] = []
+    if first.where:
+        remarks.append(
+            f"The scene sweeps parameters; this page is that of the first values: {first.where}."
+        )
+    return make_page(
+        first.packing,
+        plan.media,
+        plan.load,
+        **options,
+        finite_overlap=plan.finite_overlap,
+        path=plan.band,
+        remarks=remarks,
+    )
 
 
 @command("export", rich_help_panel=PICTURES)

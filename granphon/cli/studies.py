@@ -32,6 +32,7 @@ from granphon.cli.terminal import (
 if TYPE_CHECKING:
     from granphon.balls.packing import Packing
     from granphon.base.staging import ResultFiles
+    from granphon.fits.measurements import Measurements
     from granphon.fits.transfer import DampingFit
     from granphon.scene.scene import Scene
 
@@ -112,13 +113,9 @@ def fit_measurements(
       granphon fit fcc.yaml data.csv --no-width --parameter young_modulus --direction "1 1 0"
       granphon fit chain.yaml transfer.csv --parameter damping --parameter stiffness
     """
-    from granphon.balls.loads import force_of_frame
-    from granphon.base.quantities import FREQUENCY, LENGTH
     from granphon.base.staging import ResultFiles
     from granphon.base.tables import Table
-    from granphon.base.validation import require
-    from granphon.fits.fit import FIT_FILES, convert_cutoff, convert_pressure, fit_width
-    from granphon.fits.measurements import Measurements, read_sigma
+    from granphon.fits.fit import FIT_FILES, fit_width
     from granphon.fits.transfer import TransferFunction
     from granphon.scene.scene import Scene
 
@@ -128,25 +125,18 @@ def fit_measurements(
     if out is not None:
         files = ResultFiles(out, FIT_FILES, force, inputs=(*plan.origin.inputs, data))
         files.require_free()
-    parameters = tuple(parameter or ())
+    parameters = _read_parameters(parameter)
     pairs = [words.partition("=") for words in column or ()]
     columns = {kind.strip(): name for kind, _, name in pairs}
-    for name in parameters:
-        if parameters.count(name) > 1:
-            problem = f"--parameter {name} is given {parameters.count(name)} times"
-            raise InputError(problem, mend="Give it once")
     table = Table.read(data)
     if any(columns.get(kind, kind) in table for kind in ("magnitude", "phase")):
-        options = {
+        options_of_velocities = {
             "--frequency": frequency,
             "--distance": distance,
             "--sigma": sigma,
             "--direction": direction,
         }
-        for name, value in options.items():
-            if value is not None:
-                problem = f"{name} is for velocities, and {data} has a transfer function"
-                raise InputError(problem, mend="Leave it out")
+        _refuse_options(options_of_velocities, data)
         damped = _fit_response(scene, plan, data, columns, parameters)
         _finish_fit(out, files, damped, damped.warnings, describe_response_fit(damped))
         return
@@ -157,38 +147,16 @@ def fit_measurements(
     sound_direction = _choose_direction(scene, plan, direction)
     if len(plan.media) > 1:
         raise InputError(f"{scene} has several media", mend="Keep only the one to fit with")
-    if "width" in parameters and not width:
-        raise InputError(
-            "--no-width keeps the width, and --parameter width fits it", mend="Leave one out"
-        )
-    if not (width or parameters):
-        raise InputError(
-            "nothing is left to fit",
-            "--no-width keeps the spread",
-            "Leave it out, or give --parameter",
-        )
+    _require_fitted(width, parameters)
     # "ala" is the default for equal balls, so it does not say how balls that differ are to be
     # averaged
-    replaced = width and plan.media[0].name == "ala" and not plan.balls_differ
-    medium = "ema" if replaced else plan.media[0]
-    balls = plan.load.balls_per_side
-    length = None if distance is None else require("--distance", LENGTH.read, distance)
-    frame = None if balls is None else partial(force_of_frame, balls_per_side=balls)
-    measured = Measurements.read(
-        data,
-        columns,
-        length,
-        frame,
-        partial(convert_pressure, packing, plan.finite_overlap, medium, parameters),
-        packing.structure.periods,
-        partial(convert_cutoff, packing, branch, sound_direction, plan.finite_overlap, parameters),
+    takes_ema = width and plan.media[0].name == "ala" and not plan.balls_differ
+    medium: Any = "ema" if takes_ema else plan.media[0]
+    measured = _read_velocities(
+        data, columns, distance, plan, packing, medium, parameters, branch, sound_direction
     )
-    velocity_sigma = measured.sigma
-    if sigma is not None:
-        velocity_sigma = require("--sigma", partial(read_sigma, velocity=measured.velocity), sigma)
-    pulse_frequency = measured.frequency
-    if frequency is not None:
-        pulse_frequency = require("--frequency", FREQUENCY.read, frequency)
+    velocity_sigma, pulse_frequency = _choose_sigma_and_frequency(measured, sigma, frequency)
+    fitted = ("width", *parameters) if width else parameters
     fit = fit_width(
         packing,
         measured.force,
@@ -196,14 +164,13 @@ def fit_measurements(
         velocity_sigma,
         pulse_frequency,
         medium=medium,
-        parameters=tuple(dict.fromkeys(("width",) * width + parameters)),
+        parameters=tuple(dict.fromkeys(fitted)),
         branch=branch,
         direction=sound_direction,
         finite_overlap=plan.finite_overlap,
     )
-
     notes = list[str]()
-    if replaced:
+    if takes_ema:
         notes.append(
             f"{scene} has the medium ala, which knows no width: the fit takes ema. Name afa or"
             " ema in it"
@@ -218,6 +185,98 @@ def fit_measurements(
             f" or direction in {scene}"
         )
     _finish_fit(out, files, fit, (*notes, *fit.warnings), describe_fit(fit))
+
+
+def _read_parameters(names: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the names of the parameters that are fitted; InputError for a name given twice."""
+    parameters = tuple(names or ())
+    for name in parameters:
+        if parameters.count(name) > 1:
+            problem = f"--parameter {name} is given {parameters.count(name)} times"
+            raise InputError(problem, mend="Give it once")
+    return parameters
+
+
+def _refuse_options(options: Mapping[str, str | None], data: str) -> None:
+    """Raise InputError for the first of the ``options`` of velocities that has a value, as the
+    table ``data`` has a transfer function.
+    """
+    for name, value in options.items():
+        if value is not None:
+            problem = f"{name} is for velocities, and {data} has a transfer function"
+            raise InputError(problem, mend="Leave it out")
+
+
+def _require_fitted(width: bool, parameters: Sequence[str]) -> None:
+    """Raise InputError if nothing is fitted, neither the ``width`` nor any of the ``parameters``,
+    or if the width is both kept and fitted.
+    """
+    if "width" in parameters and not width:
+        raise InputError(
+            "--no-width keeps the width, and --parameter width fits it", mend="Leave one out"
+        )
+    if not (width or parameters):
+        raise InputError(
+            "nothing is left to fit",
+            "--no-width keeps the spread",
+            "Leave it out, or give --parameter",
+        )
+
+
+def _read_velocities(
+    data: str,
+    columns: Mapping[str, str],
+    distance: str | None,
+    plan: Scene,
+    packing: Packing,
+    medium: Any,
+    parameters: tuple[str, ...],
+    branch: str,
+    direction: Sequence[float] | None,
+) -> Measurements:
+    """Read the measured velocities in the table ``data``, with the contact forces of their loads.
+
+    ``distance`` is the option of that name, with its unit. Pressures and cutoff frequencies are
+    converted for the ``packing`` in the ``medium``, whose ``parameters`` are fitted; ``branch`` and
+    ``direction`` (p,) are those of the sound.
+    """
+    from granphon.balls.loads import force_of_frame
+    from granphon.base.quantities import LENGTH
+    from granphon.base.validation import require
+    from granphon.fits.fit import convert_cutoff, convert_pressure
+    from granphon.fits.measurements import Measurements
+
+    metres = None if distance is None else require("--distance", LENGTH.read, distance)
+    balls = plan.load.balls_per_side
+    finite = plan.finite_overlap
+    return Measurements.read(
+        data,
+        columns,
+        metres,
+        None if balls is None else partial(force_of_frame, balls_per_side=balls),
+        partial(convert_pressure, packing, finite, medium, parameters),
+        packing.structure.periods,
+        partial(convert_cutoff, packing, branch, direction, finite, parameters),
+    )
+
+
+def _choose_sigma_and_frequency(
+    measured: Measurements, sigma: str | None, frequency: str | None
+) -> tuple[Any, Any]:
+    """Return the standard errors of the velocities, m/s, and the frequencies of the pulses, Hz: of
+    the options, else of the measurements; each (n,), one number, or None.
+    """
+    from granphon.base.quantities import FREQUENCY
+    from granphon.base.validation import require
+    from granphon.fits.measurements import read_sigma
+
+    velocity_sigma = measured.sigma
+    if sigma is not None:
+        velocity_sigma = require("--sigma", partial(read_sigma, velocity=measured.velocity), sigma)
+    pulse_frequency = measured.frequency
+    if frequency is not None:
+        pulse_frequency = require("--frequency", FREQUENCY.read, frequency)
+    return velocity_sigma, pulse_frequency
 
 
 def _choose_direction(path: str, scene: Scene, option: str | None) -> Sequence[float] | None:
@@ -280,6 +339,9 @@ def _finish_fit(
     notes: Sequence[str],
     table: list[tuple[str, str]],
 ) -> None:
+    """Write the files of a ``fit`` into the folder ``out``, and print its ``notes`` as warnings and
+    the rows of its ``table``; without ``files`` nothing is written.
+    """
     from granphon.fits.fit import FIT_FILES
 
     def figure(_: str) -> Any:
@@ -300,6 +362,7 @@ def _finish_fit(
 
 
 def _read_direction(value: str) -> list[float]:
+    """Read the numbers of a direction, which spaces or commas part."""
     try:
         return [float(word) for word in value.replace(",", " ").split()]
     except ValueError:
@@ -351,7 +414,6 @@ def measure_tradeoff(
     from granphon.base.quantities import TIME
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
-    from granphon.media.loading import REFERENCE_OPTIONS, REST
     from granphon.runs.store import open_store
     from granphon.runs.workers import open_executor, require_workers
     from granphon.scene.scene import WORK_FILE, Scene
@@ -367,13 +429,7 @@ def measure_tradeoff(
         files.require_free()
     packing = _require_one_packing("A trade-off", scene, plan)
     load = plan.load.applied
-    # the truth that the media name: arrays at rest without friction, unless one has a history
-    histories = [choice.history for choice in plan.media if choice.history.is_loaded]
-    references = list(dict.fromkeys(history.reference for history in histories)) or [REST]
-    if len(references) > 1:
-        problem = f"the media of {scene} are loaded with friction in {len(references)} ways"
-        raise InputError(problem, "A trade-off judges all by one of them", "Keep one")
-    truth = {name: references[0].options[name] for name in REFERENCE_OPTIONS}
+    truth = _choose_reference(scene, plan)
     loads_of_scene: dict[str, Any] = {load.kind: load.values}
     # of simulations in their exact geometry the scene has not asked for finite overlap, and media
     # are compared in the limit
@@ -426,6 +482,20 @@ def measure_tradeoff(
             _say_written(out, TRADEOFF_FILES, failures)
 
 
+def _choose_reference(scene: str, plan: Scene) -> dict[str, Any]:
+    """Return the options of the reference by which the media of a scene are judged: arrays at rest
+    without friction, unless a medium has a history; InputError for several histories.
+    """
+    from granphon.media.loading import REFERENCE_OPTIONS, REST
+
+    histories = [choice.history for choice in plan.media if choice.history.is_loaded]
+    references = list(dict.fromkeys(history.reference for history in histories)) or [REST]
+    if len(references) > 1:
+        problem = f"the media of {scene} are loaded with friction in {len(references)} ways"
+        raise InputError(problem, "A trade-off judges all by one of them", "Keep one")
+    return {name: references[0].options[name] for name in REFERENCE_OPTIONS}
+
+
 def _stage_study(
     locked: ResultFiles, write: Callable[[Path], None], figure: Callable[[str], Any]
 ) -> dict[str, str]:
@@ -442,11 +512,15 @@ def _stage_study(
 
 
 def _say_written(out: str | None, names: Sequence[str], failures: Mapping[str, str]) -> None:
+    """Print the ``names`` of the files in the folder ``out``, without the figures that failed."""
     if out is not None:
         say(f"Wrote {', '.join(name for name in names if name not in failures)} into {out}")
 
 
 def _require_one_packing(study: str, scene: str, plan: Scene) -> Packing:
+    """Return the packing of the scene in the file ``scene``; InputError for a crystal, and for a
+    sweep over parameters, as the ``study`` is for one packing.
+    """
     why = f"{study} is for one packing"
     if plan.packing.kind_names:
         mend = "Describe balls of one kind by the blocks material and packing"

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from granphon.fits.fit import WidthFit
     from granphon.fits.transfer import DampingFit
     from granphon.scene.scene import RunResult, Scene
-    from granphon.tradeoffs.measure import TradeOff
+    from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
 
 
 #: end of the message of an interruption that comes before a result is written
@@ -156,38 +156,33 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
             words = f"expected error {error:.2g} against {serving.truth}"
         rows.append(("chosen", f"{serving.medium.label}, {words}"))
     if not scene.is_single:
-        sizes = [(len(scene.load.values), "load", "loads"), (len(scene.media), "medium", "media")]
-        sizes += [
-            (len(values), f"value of {name}", f"values of {name}")
-            for name, values in scene.parameters
-        ]
-        states = math.prod(count for count, *_ in sizes)
-        counts = " x ".join(counted(*size) for size in sizes)
-        rows.append(("sweep", f"{counts} = {counted(states, 'state')}"))
+        rows.append(("sweep", _count_states(scene)))
     elif scene.serving.is_quick:
         state = scene.state()
-        rows += [
-            (
-                "contact",
-                f"force {write_quantity(state.force, 'N')}, overlap"
-                f" {write_quantity(state.overlap, 'm')}",
-            ),
-            (
-                "stiffness",
-                f"normal {write_quantity(state.normal_stiffness, 'N/m')},"
-                f" shear {write_quantity(state.shear_stiffness, 'N/m')}",
-            ),
-        ]
+        force = write_quantity(state.force, "N")
+        overlap = write_quantity(state.overlap, "m")
+        normal = write_quantity(state.normal_stiffness, "N/m")
+        shear = write_quantity(state.shear_stiffness, "N/m")
+        rows.append(("contact", f"force {force}, overlap {overlap}"))
+        rows.append(("stiffness", f"normal {normal}, shear {shear}"))
     cost = scene.cost()
     if cost is not None:
         rows.append(("will take", f"{cost.text} on one processor"))
     return rows
 
 
+def _count_states(scene: Scene) -> str:
+    """Return the number of states of a sweep in words: "5 loads x 2 media = 10 states"."""
+    sizes = [(len(scene.load.values), "load", "loads"), (len(scene.media), "medium", "media")]
+    for name, values in scene.parameters:
+        sizes.append((len(values), f"value of {name}", f"values of {name}"))
+    states = math.prod(count for count, *_ in sizes)
+    counts = " x ".join(counted(*size) for size in sizes)
+    return f"{counts} = {counted(states, 'state')}"
+
+
 def describe_result(result: RunResult) -> list[tuple[str, str]]:
     """Rows of the main numbers of a result: labels, and values in readable units."""
-    import numpy as np
-
     from granphon.observables.catalogue import CATALOGUE
 
     numbers: dict[str, Any] = result.summary()
@@ -199,25 +194,36 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
         entry = result.entry(name)
         if entry is None or not entry.told or name not in numbers:
             continue
-        # a value, or the ends of several, with their standard errors if these are known
-        text = write_range(numbers[name], entry.unit)
-        error = numbers.get(f"{name}_error")
-        if error is not None and np.size(numbers[name]) == 1:
-            value = float(np.ravel(numbers[name])[0])
-            text = write_uncertain(value, float(np.ravel(error)[0]), entry.unit)
-        elif error is not None:
-            text = f"{text} +/- {write_range(np.ravel(error), entry.unit)}"
+        text = _write_number(numbers[name], numbers.get(f"{name}_error"), entry.unit)
         if entry.unit == "m/s" and entry.cost != "surface":
             text += direction
         rows.append((entry.label.lower(), text))
     gaps = numbers.get("gaps")
     if gaps is not None:
-        widest = sorted(gaps, key=lambda gap: gap[0] - gap[1])[:3]
-        text = ", ".join(write_range(gap, "Hz") for gap in sorted(widest)) or "none"
-        if len(gaps) > len(widest):
-            text += f", and {len(gaps) - len(widest)} narrower ones"
-        rows.append(("gaps" if len(gaps) > 1 else "gap", text))
+        rows.append(("gaps" if len(gaps) > 1 else "gap", _describe_gaps(gaps)))
     return rows
+
+
+def _write_number(value: Any, error: Any, unit: str) -> str:
+    """Return the text of a value, or of the ends of several, with the standard ``error`` of each if
+    the error is not None; all in the SI ``unit``.
+    """
+    import numpy as np
+
+    if error is None:
+        return write_range(value, unit)
+    if np.size(value) == 1:
+        return write_uncertain(float(np.ravel(value)[0]), float(np.ravel(error)[0]), unit)
+    return f"{write_range(value, unit)} +/- {write_range(np.ravel(error), unit)}"
+
+
+def _describe_gaps(gaps: list[list[float]]) -> str:
+    """Return the three widest ``gaps``, (n, 2) Hz, in ascending order, and the number of others."""
+    widest = sorted(gaps, key=lambda gap: gap[0] - gap[1])[:3]
+    text = ", ".join(write_range(gap, "Hz") for gap in sorted(widest)) or "none"
+    if len(gaps) > len(widest):
+        text += f", and {len(gaps) - len(widest)} narrower ones"
+    return text
 
 
 def write_direction(direction: Any) -> str:
@@ -255,6 +261,7 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
 
 
 def _write_valued(value: float, error: float, unit: str) -> str:
+    """Return the text of a fitted value with its standard error, both in the SI ``unit``."""
     if not math.isfinite(error):
         return f"{write_quantity(value, unit)}, error not known"
     if not unit:  # a number takes no prefix
@@ -263,8 +270,10 @@ def _write_valued(value: float, error: float, unit: str) -> str:
 
 
 def _judge_fit(fit: WidthFit | DampingFit) -> tuple[str, str]:
-    agreement = f"{fit.chi2:.4g} for {fit.dof} degrees of freedom, p = {fit.p:.2g}"
-    return "chi^2", agreement if fit.dof else "none: as many are fitted as were measured"
+    """Return the row that says how well a fit agrees with its data."""
+    if not fit.dof:
+        return "chi^2", "none: as many are fitted as were measured"
+    return "chi^2", f"{fit.chi2:.4g} for {fit.dof} degrees of freedom, p = {fit.p:.2g}"
 
 
 def describe_response_fit(fit: DampingFit) -> list[tuple[str, str]]:
@@ -291,7 +300,7 @@ def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
     """Lines of the table of a trade-off, of balls on a lattice of 1, 2 or 3 ``periods``."""
     from granphon.base.quantities import load_quantities  # with numpy, too
 
-    heads = (
+    heads: tuple[str, ...] = (
         "method",
         "knob",
         "error",
@@ -307,38 +316,36 @@ def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
     loads = write_range(result.loads, load_quantities(periods)[result.kind].unit)
     runs = counted(result.runs, "warm run")
     lines = [f"errors at {counted(len(result.loads), 'load')}, {loads}; {runs} each"]
-    rows: list[tuple[str, ...]] = [heads]
-    for point in result.points:
-        if point.failure and not point.seconds:
-            rows.append((point.method, point.knob, *[""] * 8, point.failure))
-            continue
-        times = [
-            write_quantity(time, "s") if time else "0 s"
-            for time in (point.seconds, point.spread, point.setup)
-        ]
-        rows.append(
-            (
-                point.method,
-                point.knob,
-                f"{point.error:.2e}" if point.errors.size else "?",
-                f"{point.stderr:.0e}" if point.stderr else "",
-                str(point.draws),
-                *times,
-                write_quantity(point.memory, "B"),
-                f"{point.floor:.0e}",
-                point.note,
-            )
-        )
-    widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
+    rows = [heads, *(_describe_point(point) for point in result.points)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines += ["", f"media (of {', '.join(result.observed)})"]
-    lines += [
-        "  "
-        + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
+    for row in rows:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
+        lines.append(f"  {'  '.join(cells).rstrip()}")
+    if result.reference:
+        lines.append(f"  reference: {result.reference}")
+    seconds = write_quantity(result.seconds, "s")
+    return [*lines, "", f"took {seconds} of {write_quantity(result.budget, 's')}"]
+
+
+def _describe_point(point: MeasuredPoint) -> tuple[str, ...]:
+    """Return the eleven cells of the row of a point in the table of a trade-off; a point that was
+    not run has the reason in the last cell.
+    """
+    if point.failure and not point.seconds:
+        return (point.method, point.knob, *[""] * 8, point.failure)
+    times = [
+        write_quantity(time, "s") if time else "0 s"
+        for time in (point.seconds, point.spread, point.setup)
     ]
-    lines += [f"  reference: {result.reference}"] * bool(result.reference)
-    return [
-        *lines,
-        "",
-        f"took {write_quantity(result.seconds, 's')} of {write_quantity(result.budget, 's')}",
-    ]
+    return (
+        point.method,
+        point.knob,
+        f"{point.error:.2e}" if point.errors.size else "?",
+        f"{point.stderr:.0e}" if point.stderr else "",
+        str(point.draws),
+        *times,
+        write_quantity(point.memory, "B"),
+        f"{point.floor:.0e}",
+        point.note,
+    )

@@ -112,39 +112,22 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     repeats = np.asarray(bands.pbc)
     if not np.any(repeats):
         raise InputError("the balls repeat along no period", "A cluster has no Brillouin zone")
-    reciprocal = find_reciprocal(bands)
     periods = int(np.sum(repeats))
-    if not np.all(repeats):  # in Cartesian axes of the vectors along which the cell repeats
-        vectors = bands.cell[: bands.periods, : bands.periods][repeats]
-        axes, upper = np.linalg.qr(vectors.T)
-        reciprocal = np.asarray(np.linalg.inv(vectors @ (axes * np.sign(np.diag(upper)))).T)
-    ends = bands.qpoints[:, [0, -1], : len(repeats)][..., repeats] @ reciprocal
+    reciprocal = _find_reciprocal_of_periods(bands, repeats)
+    fractions = bands.qpoints[:, [0, -1], : len(repeats)][..., repeats]
+    ends = fractions @ reciprocal  # (segments, 2, periods): both ends of each segment of the path
     if periods == 3:
         faces = zone_faces(reciprocal)
         view = _choose_view(ends.reshape(-1, 3), faces) if view is None else view
-        painter = Painter(view)  # faces are translucent, far edges thin
-        near_look: dict[str, Any] = {"edge": "0.3", "width": 0.7, "face": (0.6, 0.75, 0.9, 0.18)}
-        far_look: dict[str, Any] = {"edge": "0.75", "width": 0.4, "face": "none"}
-        for face in faces:
-            is_near = view.nearness(face.mean(axis=0)) > 0.0
-            painter.add_polygon(face, float(is_near), **(near_look if is_near else far_look))
-        painter.draw(ax, "zone")
-        outline = view.project(np.concatenate(faces))
+        outline = _draw_zone_in_space(ax, faces, view)
         ends = view.project(ends)
     elif periods == 2:
         outline = zone_polygon(reciprocal)
-        ax.add_patch(
-            Polygon(
-                outline, closed=True, facecolor="white", edgecolor="0.3", linewidth=0.7, gid="zone"
-            )
-        )
+        style: dict[str, Any] = {"facecolor": "white", "edgecolor": "0.3", "linewidth": 0.7}
+        ax.add_patch(Polygon(outline, closed=True, **style, gid="zone"))
     else:
-        half = 0.5 * float(abs(reciprocal[0, 0]))
-        outline = np.array([[-half, 0.0], [half, 0.0]])
+        outline = _draw_zone_on_line(ax, 0.5 * float(abs(reciprocal[0, 0])))
         ends = np.concatenate([ends, np.zeros_like(ends)], axis=-1)
-        bars = outline[:, None] + np.array([[0.0, -0.08], [0.0, 0.08]]) * half
-        style: dict[str, Any] = {"colors": "0.3", "linewidths": 0.7}
-        ax.add_collection(LineCollection([outline, *bars], **style, gid="zone"), autolim=False)
     ax.add_collection(
         LineCollection(list(ends), colors="black", linewidths=1.2, zorder=2.5, gid="path"),
         autolim=False,
@@ -153,8 +136,47 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     points = np.vstack([outline, *ends])
     low = points.min(axis=0)
     high = points.max(axis=0)
-    hide_axes(ax, low - 0.2 * np.max(high - low), high + 0.2 * np.max(high - low))
+    margin = 0.2 * np.max(high - low)
+    hide_axes(ax, low - margin, high + margin)
     return ax
+
+
+def _find_reciprocal_of_periods(bands: Bands, repeats: Array) -> Array:
+    """Return the reciprocal vectors (p, p) of the p vectors along which the cell ``repeats``, as
+    rows in units of 2 pi/d; where not all vectors repeat, in Cartesian axes of those that do.
+    """
+    if np.all(repeats):
+        return find_reciprocal(bands)
+    vectors = bands.cell[: bands.periods, : bands.periods][repeats]
+    axes, upper = np.linalg.qr(vectors.T)
+    axes = axes * np.sign(np.diag(upper))
+    return np.asarray(np.linalg.inv(vectors @ axes).T)
+
+
+def _draw_zone_in_space(ax: Axes, faces: list[Array], view: View) -> Array:
+    """Draw the ``faces`` of a zone, each with its corners (n, 3); return the corners of all faces
+    on the paper, (m, 2).
+    """
+    painter = Painter(view)  # faces are translucent, far edges thin
+    near_look: dict[str, Any] = {"edge": "0.3", "width": 0.7, "face": (0.6, 0.75, 0.9, 0.18)}
+    far_look: dict[str, Any] = {"edge": "0.75", "width": 0.4, "face": "none"}
+    for face in faces:
+        is_near = view.nearness(face.mean(axis=0)) > 0.0
+        look = near_look if is_near else far_look
+        painter.add_polygon(face, float(is_near), **look)
+    painter.draw(ax, "zone")
+    return view.project(np.concatenate(faces))
+
+
+def _draw_zone_on_line(ax: Axes, half: float) -> Array:
+    """Draw a zone from -``half`` to ``half``, in units of 2 pi/d, with a bar at each end; return
+    its ends (2, 2).
+    """
+    outline = np.array([[-half, 0.0], [half, 0.0]])
+    bars = outline[:, None] + np.array([[0.0, -0.08], [0.0, 0.08]]) * half
+    lines = LineCollection([outline, *bars], colors="0.3", linewidths=0.7, gid="zone")
+    ax.add_collection(lines, autolim=False)
+    return outline
 
 
 def _name_corners_of_zone(
@@ -170,19 +192,12 @@ def _name_corners_of_zone(
         # at a jump "K|M" a segment ends at K, and the next one starts at M
         names[print_label(labels[segment].split("|")[-1])] = ends[segment, 0]
         names[print_label(labels[segment + 1].split("|")[0])] = ends[segment, 1]
-    # in space a label stands in the direction in which the lines of the path are farthest
-    steps = np.linspace(0.0, 1.0, 41)[:, None, None]
-    lines = (ends[:, 0] + steps * (ends[:, 1] - ends[:, 0])).reshape(-1, 2)
-    angle = 2.0 * np.pi * np.arange(32) / 32.0
-    directions = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    label_offsets = 0.15 * float(np.ptp(lines, axis=0).max()) * directions[:, None]
     for name, corner in names.items():
         ax.plot(*corner, "o", color="black", markersize=2.2, zorder=2.6)
         if name.startswith("("):
             continue
         if periods == 3:
-            distance = np.linalg.norm(corner + label_offsets - lines, axis=2).min(axis=1)
-            away = directions[np.argmax(np.round(distance, 9))]
+            away = _find_free_direction(corner, ends)
         elif periods == 1:
             away = np.array([0.0, -1.0])
         else:
@@ -200,6 +215,19 @@ def _name_corners_of_zone(
             zorder=3.0,
             path_effects=[HALO],
         )
+
+
+def _find_free_direction(corner: Array, ends: Array) -> Array:
+    """Return the direction (2,) from a ``corner`` (2,) on the paper in which the lines of the path,
+    whose segments have the ``ends`` (n, 2, 2), are farthest from a label beside the corner.
+    """
+    steps = np.linspace(0.0, 1.0, 41)[:, None, None]
+    lines = (ends[:, 0] + steps * (ends[:, 1] - ends[:, 0])).reshape(-1, 2)
+    angle = 2.0 * np.pi * np.arange(32) / 32.0
+    directions = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    label_offsets = 0.15 * float(np.ptp(lines, axis=0).max()) * directions[:, None]
+    distance = np.linalg.norm(corner + label_offsets - lines, axis=2).min(axis=1)
+    return np.asarray(directions[np.argmax(np.round(distance, 9))])
 
 
 def _choose_view(corners: Array, faces: list[Array]) -> View:
@@ -260,78 +288,110 @@ def plot_bands(
     """
     unit = _choose_unit(bands) if unit is None else unit
     # the eigenvectors that connect branches do not tell coinciding waves of two edges apart
-    followed = bands.eigenvectors is not None and not edges
-    values = (bands.connected_frequencies if followed else bands.frequencies) / unit.hertz
+    is_followed = bands.eigenvectors is not None and not edges
+    values = (bands.connected_frequencies if is_followed else bands.frequencies) / unit.hertz
     # of balls with a single motion every branch would have the same colour
-    has_colours = followed and bands.motions.count > 1
-    if has_colours:
-        if bands.motions.rotate:
-            fractions = bands.rotational_fraction
-            colours = ROTATION
-            word = "Rotational"
-        else:
-            fractions = bands.longitudinal_fraction
-            colours = POLARISATION
-            word = "Longitudinal"
-        fraction = np.take_along_axis(fractions, bands.connection, 2)
+    has_colours = is_followed and bands.motions.count > 1
     if edges:
-        weight = bands.edge_weight
-        paint = _mix_edge_colours(weight)
+        shades = _shade_by_edges(bands)
+    elif has_colours:
+        shades = _shade_by_fraction(bands)
+    else:
+        shades = {}
     if bulk is not None:
         _draw_bulk(bands, ax, real_array("bulk", bulk), unit)
     for s, x in enumerate(bands.distances):
         widths = _find_line_widths(values[s], _ONE_LINE * float(values.max()))
         for b in range(bands.n_branches):
-            points = np.stack([x, values[s, :, b]], axis=1)
-            middle = 0.5 * (points[:-1] + points[1:])  # the line is cut half way between its points
-            ends = np.vstack([points[:1], middle]), np.vstack([middle, points[-1:]])
-            pieces = list(np.stack([ends[0], points, ends[1]], axis=1))
-            shades: dict[str, Any] = {"colors": BLUE}
-            if has_colours:
-                shades = {"array": fraction[s, :, b], "cmap": colours, "norm": Normalize(0.0, 1.0)}
-            if edges:
-                shades = {
-                    "colors": paint[s, :, b].clip(0.0, 1.0),
-                    "zorder": 2.0 + weight[s, :, b].sum(axis=-1).max(),
-                }
-            lines = LineCollection(
-                pieces, linewidths=widths[:, b], capstyle="round", gid=f"band-{s}-{b}", **shades
-            )
-            ax.add_collection(lines, autolim=False)
-    corners = np.append(bands.distances[:, 0], bands.distances[-1, -1])
+            shade = shades.get((s, b), {"colors": BLUE})
+            _draw_branch(ax, x, values[s, :, b], widths[:, b], gid=f"band-{s}-{b}", **shade)
     ax.axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
-    has_long_labels = max(map(len, bands.labels)) > 5
-    slant: dict[str, Any] = {"rotation": 30, "ha": "right"} if has_long_labels else {}
-    name_corners(ax, corners, bands.labels, **slant)
-    is_crowded = np.min(np.diff(corners), initial=np.inf) < 0.1 * (corners[-1] - corners[0])
-    if is_crowded:  # the two names at a jump of the path stand one above the other
-        ax.set_xticklabels([text.get_text().replace("|", "\n") for text in ax.get_xticklabels()])
-    ax.set(
-        ylabel=f"Frequency ({print_hertz(unit)})", ylim=(-0.02 * values.max(), 1.05 * values.max())
-    )
-    intervals = np.zeros((0, 2)) if gaps is None else real_array("gaps", gaps)
-    if intervals.ndim != 2 or intervals.shape[1] != 2 or not np.all(np.isfinite(intervals)):
-        raise InputError(
-            f"gaps have the shape {intervals.shape}", mend="Give (n, 2) finite frequencies in Hz"
-        )
-    for number, (low, high) in enumerate((intervals / unit.hertz).tolist()):
-        ax.axhspan(
-            low,
-            high,
-            color=_GAP,
-            linewidth=0.0,
-            zorder=0.2,
-            label="_" * bool(number) + "gap",
-            gid=f"gap-{number}",
-        )
+    _name_corners_of_bands(ax, bands)
+    top = values.max()
+    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(-0.02 * top, 1.05 * top))
+    if gaps is not None:
+        _draw_gaps(ax, real_array("gaps", gaps), unit)
     if asymptotes is not None:
         plot_asymptotes(bands, asymptotes, ax, unit=unit)
     if edges:
         for name, colour in zip(("lower edge", "upper edge", "inside"), _EDGES, strict=True):
             ax.plot([], [], color=colour, label=name)
     elif colorbar and has_colours:
+        word = "Rotational" if bands.motions.rotate else "Longitudinal"
+        colours = ROTATION if bands.motions.rotate else POLARISATION
         add_part_bar(ax, colours, f"{word} part of the kinetic energy")
     return ax
+
+
+#: options of the line of a branch that say its colours, by the numbers of segment and branch
+_Shades = dict[tuple[int, int], dict[str, Any]]
+
+
+def _shade_by_fraction(bands: Bands) -> _Shades:
+    """Return colours by the rotational fraction of the followed branches, or by the longitudinal
+    fraction where no ball rotates.
+    """
+    fractions = bands.longitudinal_fraction
+    colours = POLARISATION
+    if bands.motions.rotate:
+        fractions = bands.rotational_fraction
+        colours = ROTATION
+    fractions = np.take_along_axis(fractions, bands.connection, 2)  # (s, p, b)
+    return {
+        (s, b): {"array": fractions[s, :, b], "cmap": colours, "norm": Normalize(0.0, 1.0)}
+        for s, b in np.ndindex(len(bands.distances), bands.n_branches)
+    }
+
+
+def _shade_by_edges(bands: Bands) -> _Shades:
+    """Return colours by the energy at the two edges of a cut; waves of the edges are drawn last."""
+    weight = bands.edge_weight  # (s, p, b, 2)
+    colours = _mix_edge_colours(weight)
+    return {
+        (s, b): {
+            "colors": colours[s, :, b].clip(0.0, 1.0),
+            "zorder": 2.0 + weight[s, :, b].sum(axis=-1).max(),
+        }
+        for s, b in np.ndindex(len(bands.distances), bands.n_branches)
+    }
+
+
+def _draw_branch(ax: Axes, x: Array, y: Array, widths: Array, **options: Any) -> None:
+    """Draw a branch through points ``x`` and ``y``, both (p,), in as many pieces with ``widths``
+    (p,), in points: the line is cut half way between its points.
+    """
+    points = np.stack([x, y], axis=1)
+    middles = 0.5 * (points[:-1] + points[1:])
+    starts = np.vstack([points[:1], middles])
+    ends = np.vstack([middles, points[-1:]])
+    pieces = np.stack([starts, points, ends], axis=1)
+    lines = LineCollection(list(pieces), linewidths=widths, capstyle="round", **options)
+    ax.add_collection(lines, autolim=False)
+
+
+def _name_corners_of_bands(ax: Axes, bands: Bands) -> None:
+    """Name the corners of the path of the bands: long names slanted, and the two names at a jump of
+    the path one above the other where corners are close.
+    """
+    corners = np.append(bands.distances[:, 0], bands.distances[-1, -1])
+    has_long_labels = max(map(len, bands.labels)) > 5
+    slant: dict[str, Any] = {"rotation": 30, "ha": "right"} if has_long_labels else {}
+    name_corners(ax, corners, bands.labels, **slant)
+    is_crowded = np.min(np.diff(corners), initial=np.inf) < 0.1 * (corners[-1] - corners[0])
+    if is_crowded:
+        ax.set_xticklabels([text.get_text().replace("|", "\n") for text in ax.get_xticklabels()])
+
+
+def _draw_gaps(ax: Axes, gaps: Array, unit: HertzPrefix) -> None:
+    """Shade intervals without a branch, ``gaps`` (n, 2), Hz; InputError for another shape."""
+    if gaps.ndim != 2 or gaps.shape[1] != 2 or not np.all(np.isfinite(gaps)):
+        raise InputError(
+            f"gaps have the shape {gaps.shape}", mend="Give (n, 2) finite frequencies in Hz"
+        )
+    for number, (low, high) in enumerate((gaps / unit.hertz).tolist()):
+        label = "_gap" if number else "gap"  # the legend has one entry
+        style: dict[str, Any] = {"color": _GAP, "linewidth": 0.0, "zorder": 0.2}
+        ax.axhspan(low, high, **style, label=label, gid=f"gap-{number}")
 
 
 def _mix_edge_colours(weight: Array) -> Array:
@@ -405,35 +465,46 @@ def plot_asymptotes(
             "In space they depend on it",
             "Give Phonons.lattice",
         )
-    scales = bands.scales
     label = "long waves"
+    # a segment may start at Gamma, and may end there
     for s, (near, far) in itertools.product(range(len(bands.qpoints)), ((0, -1), (-1, 0))):
-        start = bands.qpoints[s, near]
-        if not np.allclose(start, np.round(start), rtol=0.0, atol=1e-9):
+        gamma = bands.qpoints[s, near]
+        if not np.allclose(gamma, np.round(gamma), rtol=0.0, atol=1e-9):
             continue
-        direction = (bands.qpoints[s, far] - start)[: len(reciprocal)] @ reciprocal
+        direction = (bands.qpoints[s, far] - gamma)[: len(reciprocal)] @ reciprocal
         q = 2.0 * np.pi * reach * np.linalg.norm(direction) * np.linspace(0.0, 1.0, 101)  # 1/d
-        if isinstance(velocities, SoundVelocities):
-            named = {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse}
-            speeds = {name: v / scales.velocity for name, v in named.items() if v is not None}
-            has_optical_branch = False
-        else:
-            along = velocities.sound_velocities(direction)[0].tolist()
-            speeds = dict(zip(velocities.wave_names, along, strict=True))
-            has_optical_branch = len(velocities.motions.rotations) == velocities.n_balls == 1
-        # a smaller velocity is rounding of zero
-        waves = {name: v * q for name, v in speeds.items() if v > 1e-9 * max(speeds.values())}
-        if isinstance(velocities, ContactLattice) and has_optical_branch:
-            squared, curvature = velocities.optical_branch(direction)
-            inside = 1.0 - curvature * q**2
-            waves["optical"] = np.sqrt(squared * np.where(inside >= 0.0, inside, np.nan))
-        start_x = bands.distances[s, near]
-        x = start_x + np.sign(bands.distances[s, far] - start_x) * q / (2.0 * np.pi)
+        waves = _find_long_waves(velocities, direction, q, bands.scales.velocity)
+        start = bands.distances[s, near]
+        x = start + np.sign(bands.distances[s, far] - start) * q / (2.0 * np.pi)
         for name, omega in waves.items():
-            y = omega * scales.frequency / unit.hertz
+            y = omega * bands.scales.frequency / unit.hertz
             ax.plot(x, y, **_LONG_WAVES, label=label, gid=f"asymptote-{name}-{s}")
             label = "_"
     return ax
+
+
+def _find_long_waves(
+    velocities: Asymptotes, direction: Array, q: Array, scale: float
+) -> dict[str, Array]:
+    """Return the angular frequencies (n,) of long waves at wave numbers ``q`` (n,), 1/d, along a
+    Cartesian ``direction`` (p,), by the names of the waves; in reduced units, of which ``scale`` is
+    that of velocity, m/s.
+    """
+    if isinstance(velocities, SoundVelocities):
+        named = {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse}
+        speeds = {name: v / scale for name, v in named.items() if v is not None}
+    else:
+        along = velocities.sound_velocities(direction)[0].tolist()
+        speeds = dict(zip(velocities.wave_names, along, strict=True))
+    # a smaller velocity is rounding of zero
+    waves = {name: v * q for name, v in speeds.items() if v > 1e-9 * max(speeds.values())}
+    if isinstance(velocities, ContactLattice):
+        has_optical_branch = len(velocities.motions.rotations) == velocities.n_balls == 1
+        if has_optical_branch:
+            squared, curvature = velocities.optical_branch(direction)
+            decrease = 1.0 - curvature * q**2
+            waves["optical"] = np.sqrt(squared * np.where(decrease >= 0.0, decrease, np.nan))
+    return waves
 
 
 def plot_dos(
@@ -451,34 +522,44 @@ def plot_dos(
     unit = _choose_unit(dos) if unit is None else unit
     frequency = dos.frequencies / unit.hertz
     fill = ax.fill_betweenx if horizontal else ax.fill_between
-    parts = {
-        "translation": (dos.translational, ROTATION(0.0)),
-        "rotation": (dos.rotational, ROTATION(1.0)),
-    }
-    curves = {**(parts if np.any(dos.rotational > 0.0) else {}), "total": (dos.total, "black")}
+    curves: dict[str, tuple[Array, Any]] = {"total": (dos.total, "black")}
+    if np.any(dos.rotational > 0.0):
+        curves = {
+            "translation": (dos.translational, ROTATION(0.0)),
+            "rotation": (dos.rotational, ROTATION(1.0)),
+            **curves,
+        }
     for name, (per_hertz, colour) in curves.items():
         density = per_hertz * unit.hertz
         if name != "total":
             fill(frequency, density, color=colour, alpha=0.25, linewidth=0.0)
-        pair = (density, frequency) if horizontal else (frequency, density)
-        ax.plot(*pair, color=colour, linewidth=0.7 if name == "total" else 1.0, label=name)
+        x, y = (density, frequency) if horizontal else (frequency, density)
+        ax.plot(x, y, color=colour, linewidth=0.7 if name == "total" else 1.0, label=name)
+    _set_dos_axes(ax, dos, horizontal, unit)
+    return ax
+
+
+def _set_dos_axes(ax: Axes, dos: DensityOfStates, horizontal: bool, unit: HertzPrefix) -> None:
+    """Limit and label the axes of a density of states, in this ``unit`` of frequency; the axis of
+    the density ends below peaks of flat branches.
+    """
     along, across = ("y", "x") if horizontal else ("x", "y")
-    name = print_hertz(unit)
     gap = "\n" if horizontal else " "
+    name = print_hertz(unit)
+    last = dos.frequencies[-1] / unit.hertz
     peak = float(dos.total.max()) * unit.hertz
     most = float(np.quantile(dos.total, _QUANTILE)) * unit.hertz
     top = 2.0 * most if 0.0 < most < peak / _PEAK else peak
-    beyond = f"{gap}peaks to {peak:.2g}" if peak > top else ""
+    height_of_peaks = f"{gap}peaks to {peak:.2g}" if peak > top else ""
     tick_options = find_axis(ax, along).get_tick_params()
     has_numbers = tick_options.get("labelleft" if horizontal else "labelbottom", True)
     frequency_label = f"Frequency ({name})" if has_numbers else ""
-    density_label = f"DOS per ball{gap}(1/{name}){beyond}"
+    density_label = f"DOS per ball{gap}(1/{name}){height_of_peaks}"
     ax.set(**{f"{along}label": frequency_label, f"{across}label": density_label})
-    ax.set(**{f"{along}lim": (0.0, frequency[-1]), f"{across}lim": (0.0, 1.05 * top)})
+    ax.set(**{f"{along}lim": (0.0, last), f"{across}lim": (0.0, 1.05 * top)})
     density_axis = find_axis(ax, across)
     density_axis.set_major_locator(MaxNLocator("auto" if horizontal else 5, steps=[1, 2, 5, 10]))
     density_axis.set_major_formatter(lambda value, _: f"{value:g}")  # narrow: 0, not 0.00
-    return ax
 
 
 def bands_figure(
@@ -512,8 +593,10 @@ def bands_figure(
     if bands is not None:
         height = 4.4 if in_space else 3.1
     with styled_figure(height) as figure:
-        rows = figure.add_gridspec(1 + in_space, 1, height_ratios=[1.0, 0.5][: 1 + in_space])
-        grid = rows[0].subgridspec(1, 1 + has_both, width_ratios=[2.4, 1.0][: 1 + has_both])
+        heights = [1.0, 0.5] if in_space else [1.0]
+        widths = [2.4, 1.0] if has_both else [2.4]
+        rows = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+        grid = rows[0].subgridspec(1, len(widths), width_ratios=widths)
         axes = grid.subplots(sharey=has_both, squeeze=False)[0]
         if dos is not None:
             plot_dos(dos, axes[-1], horizontal=bands is not None, unit=unit)
@@ -529,11 +612,10 @@ def bands_figure(
                 plot_zone(bands, inset)
         if has_both:
             axes[1].axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
-        entries = {
-            label: handle
-            for ax in axes[::-1]
-            for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)
-        }
+        entries: dict[str, Any] = {}  # handles of the legend by their labels
+        for ax in axes[::-1]:
+            handles, labels = ax.get_legend_handles_labels()
+            entries.update(zip(labels, handles, strict=True))
         if set(entries) - {"total"}:
             figure.legend(
                 entries.values(),
@@ -550,6 +632,36 @@ def _find_free_place(ax: Axes) -> tuple[float, float, float, float]:
     """Return a square clear of every line: x, y, width, height in parts of the axes; extend the
     axes upwards if no square is clear.
     """
+    points = _list_points(ax)
+    steps = np.linspace(0.0, 1.0, 31)
+    grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    for size in _INSETS:
+        corners = _MARGIN + (1.0 - 2.0 * _MARGIN - size) * grid
+        # distance of the nearest point of a line from the square at each corner
+        distances = [
+            np.abs(points - corner - size / 2.0).max(axis=1).min() - size / 2.0
+            for corner in corners
+        ]
+        if max(distances) > 0.01:
+            x, y = corners[int(np.argmax(np.minimum(distances, 0.06)))].tolist()
+            return x, y, size, size
+    # the square stands at the top, where the highest line is lowest; the axes are extended by no
+    # more than the square needs
+    size = _TOP_INSET
+    bottom_of_square = 1.0 - _MARGIN - size
+    starts = np.linspace(_MARGIN, bottom_of_square, 31)
+    heights = []  # of the highest line beneath a square that starts there
+    for start in starts:
+        is_beneath = np.abs(points[:, 0] - start - size / 2.0) < size / 2.0 + 0.02
+        heights.append(points[is_beneath, 1].max())
+    extension = max(1.0, (min(heights) + 0.02) / bottom_of_square)
+    bottom, top = ax.get_ylim()
+    ax.set_ylim(bottom, bottom + (top - bottom) * extension)
+    return float(starts[int(np.argmin(heights))]), bottom_of_square, size, size
+
+
+def _list_points(ax: Axes) -> Array:
+    """Return the finite points (n, 2) of bands and long waves, in parts of the axes."""
     curves = [
         np.asarray(collection.get_segments())[:, 1]
         for collection in ax.collections
@@ -563,27 +675,4 @@ def _find_free_place(ax: Axes) -> tuple[float, float, float, float]:
     left, right = ax.get_xlim()
     bottom, top = ax.get_ylim()
     points = (np.concatenate(curves) - [left, bottom]) / [right - left, top - bottom]
-    points = points[np.all(np.isfinite(points), axis=1)]
-    steps = np.linspace(0.0, 1.0, 31)
-    grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    for size in _INSETS:
-        corners = _MARGIN + (1.0 - 2.0 * _MARGIN - size) * grid
-        away = [
-            np.abs(points - corner - size / 2.0).max(axis=1).min() - size / 2.0
-            for corner in corners
-        ]
-        if max(away) > 0.01:
-            x, y = corners[int(np.argmax(np.minimum(away, 0.06)))].tolist()
-            return x, y, size, size
-    # the square stands at the top, where the highest line is lowest; the axes are extended by no
-    # more than the square needs
-    size = _TOP_INSET
-    bottom_of_square = 1.0 - _MARGIN - size
-    starts = np.linspace(_MARGIN, bottom_of_square, 31)
-    beneath = [
-        points[np.abs(points[:, 0] - start - size / 2.0) < size / 2.0 + 0.02, 1].max()
-        for start in starts
-    ]
-    extension = max(1.0, (min(beneath) + 0.02) / bottom_of_square)
-    ax.set_ylim(bottom, bottom + (top - bottom) * extension)
-    return float(starts[int(np.argmin(beneath))]), bottom_of_square, size, size
+    return np.asarray(points[np.all(np.isfinite(points), axis=1)])

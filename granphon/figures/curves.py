@@ -294,17 +294,16 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
         )
     valid_y = np.where(curve.valid, curve.y, np.nan)
     is_points = curve.as_points and not curve.served
-    thin: dict[str, Any] = {"color": look.colour, "markersize": _SIZE}
+    common: dict[str, Any] = {"color": look.colour, "markersize": _SIZE}
     if is_points:
-        thin |= {"marker": look.marker}
-        solid = thin | {"linestyle": "none"}
-        thin |= {"linestyle": "-", "linewidth": 0.6} if curve.path else {"linestyle": "none"}
-        thin |= _HOLLOW
+        line = {"linestyle": "-", "linewidth": 0.6} if curve.path else {"linestyle": "none"}
+        solid = common | {"marker": look.marker, "linestyle": "none"}
+        thin = common | {"marker": look.marker} | line | _HOLLOW
     else:
-        thin |= {"marker": ""}
         # a line is thinner below marks, so that the marks are seen
-        solid = thin | {"linewidth": 0.8 if curve.served else look.width}
-        thin |= _OUTSIDE
+        width = 0.8 if curve.served else look.width
+        solid = common | {"marker": "", "linewidth": width}
+        thin = common | {"marker": ""} | _OUTSIDE
     if look.dashes and not is_points:
         # a thin line below would be seen through the gaps of the dashes: only stretches outside
         # the range are thin, with the points at their ends
@@ -362,6 +361,7 @@ def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
 
 
 def _make_handle(look: Look, label: str, points: bool) -> Line2D:
+    """Return the entry of a legend for a line, or for ``points``, of this look."""
     style: dict[str, Any] = {"linewidth": min(look.width, 1.6)}
     if look.dashes:
         style |= {"dashes": look.dashes}
@@ -619,42 +619,69 @@ def _draw_sweep(
     dataset = turn_over(dataset, x)
     x = x or find_load(dataset)
     read_values(dataset, variable)
-    first = _choose_coloured(dataset)
-    lines = sorted(describe_lines(dataset, variable), key=lambda line: line[1].get(first, 0))
+    coloured = _choose_coloured(dataset)
+    lines = sorted(describe_lines(dataset, variable), key=lambda line: line[1].get(coloured, 0))
     curves = [read_curve(dataset, variable, x, index, facts=facts) for facts, index in lines]
-    count = len(lines) // len({index.get(first, 0) for _, index in lines})
-    groups = [curves[n : n + count] for n in range(0, len(curves), count)]
-    colours = [COLOURS[n % len(COLOURS)] for n in range(len(groups))]
-    shades = [shade for colour in colours for shade in _make_shades(colour, count)]
+    # curves of one colour follow each other
+    n_shades = len(lines) // len({index.get(coloured, 0) for _, index in lines})
+    groups = [curves[n : n + n_shades] for n in range(0, len(curves), n_shades)]
+    shades = []
+    for number in range(len(groups)):
+        shades += _make_shades(COLOURS[number % len(COLOURS)], n_shades)
     dashes = _SLOW_DASHES if variable == _SLOW else None
     marker = _VELOCITY_MARKERS.get(variable, "o")
     widths = np.linspace(2.2, 1.0, len(lines) + 1)[1:]
     for curve, shade, width in zip(curves, shades, widths, strict=True):
         draw_curve(ax, curve, Look(shade, width, dashes, marker), variable)
     label_axes(ax, curves, x, variable)
-    are_points = [
-        all(np.all(curve.simulated) and not curve.served for curve in group) for group in groups
-    ]
-    has_colours = len(groups) > 1
     handles = list[Line2D]()
-    if has_colours or count == 1:
-        kinds = ["medium"]
-        if first != "medium":
-            kinds, _ = find_differing([group[0].facts for group in groups])
-        for colour, group, points in zip(colours, groups, are_points, strict=True):
-            label = ", ".join(group[0].facts[kind] for kind in kinds)
-            handles.append(_make_handle(Look(colour, 1.5), label, points))
-    if count > 1:
-        kinds, _ = find_differing([curve.facts for curve in groups[0]])
-        shades_of_legend = _make_shades("0.5" if has_colours else COLOURS[0], count)
-        chosen = pick_evenly(count, _MOST_NAMED)
-        for n in chosen:
-            label = ", ".join(groups[0][n].facts[kind] for kind in kinds)
-            handles.append(_make_handle(Look(shades_of_legend[n], 1.5), label, all(are_points)))
-        if len(chosen) < count:
-            words = f"{len(chosen)} of {count} are named"
-            handles.append(Line2D([], [], linestyle="none", label=words))
+    has_colours = len(groups) > 1
+    if has_colours or n_shades == 1:
+        handles += _name_colours(groups, coloured)
+    if n_shades > 1:
+        handles += _name_shades(groups, "0.5" if has_colours else COLOURS[0])
     return curves, handles + _make_remarks(curves)
+
+
+def _are_points(curves: Sequence[Curve]) -> bool:
+    """Whether all curves are points in a legend: those of simulations, and not of an automatic
+    medium.
+    """
+    return all(np.all(curve.simulated) and not curve.served for curve in curves)
+
+
+def _name_colours(groups: Sequence[Sequence[Curve]], coloured: str) -> list[Line2D]:
+    """Return the entries of a legend for the colours, one of each of the ``groups`` of curves,
+    which differ in the dimension ``coloured``.
+    """
+    kinds = ["medium"]
+    if coloured != "medium":
+        kinds, _ = find_differing([group[0].facts for group in groups])
+    handles = []
+    for number, group in enumerate(groups):
+        label = ", ".join(group[0].facts[kind] for kind in kinds)
+        look = Look(COLOURS[number % len(COLOURS)], 1.5)
+        handles.append(_make_handle(look, label, _are_points(group)))
+    return handles
+
+
+def _name_shades(groups: Sequence[Sequence[Curve]], colour: str) -> list[Line2D]:
+    """Return the entries of a legend for the shades, the same in all ``groups`` of curves, as
+    shades of one ``colour``; of many shades some are named.
+    """
+    curves = groups[0]
+    are_points = all(_are_points(group) for group in groups)
+    kinds, _ = find_differing([curve.facts for curve in curves])
+    shades = _make_shades(colour, len(curves))
+    chosen = pick_evenly(len(curves), _MOST_NAMED)
+    handles = []
+    for n in chosen:
+        label = ", ".join(curves[n].facts[kind] for kind in kinds)
+        handles.append(_make_handle(Look(shades[n], 1.5), label, are_points))
+    if len(chosen) < len(curves):
+        words = f"{len(chosen)} of {len(curves)} are named"
+        handles.append(Line2D([], [], linestyle="none", label=words))
+    return handles
 
 
 def _find_longest_parameter(dataset: Dataset) -> str | None:
@@ -745,34 +772,42 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
     with styled_figure(4.0 if has_exponent else 2.6) as figure:
         ratios = [1.6, 1.0] if has_exponent else [1.0]
         axes = figure.subplots(len(ratios), sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
-        drawn = {name: _draw_sweep(dataset, axes[0], name, x) for name in shown}
-        # a velocity that is the same in all directions has a shorter legend than the others
-        curves, handles = max(
-            drawn.values(), key=lambda curves_and_handles: len(curves_and_handles[1])
-        )
+        curves: dict[str, list[Curve]] = {}
+        legends: dict[str, list[Line2D]] = {}
+        for name in shown:
+            curves[name], legends[name] = _draw_sweep(dataset, axes[0], name, x)
         if velocities:
-            all_curves = [curve for group, _ in drawn.values() for curve in group]
+            all_curves = itertools.chain(*curves.values())
             scale_axis(axes[0], "y", np.concatenate([curve.y for curve in all_curves]))
             axes[0].set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")
-            _write_symbols(axes[0], {name: group for name, (group, _) in drawn.items()})
+            _write_symbols(axes[0], curves)
         if has_exponent:
             plot_exponent(dataset, axes[1], x)
             axes[0].set_xlabel("")
         for ax in axes:
             ax.margins(x=0.08)
-        medium = curves[0].facts["medium"]
-        are_points = all(np.all(curve.simulated) and not curve.served for curve in curves)
-        # the dashes of the slow transverse wave, the marks of both, and those of pulses
-        for name, marker in _VELOCITY_MARKERS.items():
-            if name in velocities and (name == _PULSE or _SLOW in velocities):
-                look = Look("0.3", 1.2, _SLOW_DASHES if name == _SLOW else None, marker)
-                points = are_points or name == _PULSE
-                handles.append(_make_handle(look, _VELOCITIES[name], points))
+        # a velocity that is the same in all directions has a shorter legend than the others
+        longest = max(shown, key=lambda name: len(legends[name]))
+        handles = legends[longest] + _name_velocities(velocities, _are_points(curves[longest]))
+        medium = curves[longest][0].facts["medium"]
         is_alone = dataset.sizes["medium"] == 1 and handles[0].get_label() != medium
         for handle in handles:
             handle.set_label(_break_label(str(handle.get_label())))
         add_legend(figure, handles, 4, _break_label(medium) if is_alone else None)
     return figure
+
+
+def _name_velocities(velocities: Sequence[str], are_points: bool) -> list[Line2D]:
+    """Return the entries of a legend for the dashes of the slow transverse wave, the marks of both
+    transverse waves, and those of pulses, if they are among the drawn ``velocities``.
+    """
+    handles = []
+    for name, marker in _VELOCITY_MARKERS.items():
+        if name in velocities and (name == _PULSE or _SLOW in velocities):
+            look = Look("0.3", 1.2, _SLOW_DASHES if name == _SLOW else None, marker)
+            is_point = are_points or name == _PULSE
+            handles.append(_make_handle(look, _VELOCITIES[name], is_point))
+    return handles
 
 
 def _break_label(label: str) -> str:
@@ -1303,25 +1338,31 @@ def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y
     for heading, group in groups.items():
         headed += [Line2D([], [], linestyle="none", label=heading), *group]
     for n, curve in enumerate(points):
-        words = ["data"]
-        if len(points) > 1:
-            words.append(curve.run)
-        if "waves" in curve.facts:
-            words.append(curve.facts["waves"])
-        style: dict[str, Any] = {
-            "marker": _DATA_MARKS[n % len(_DATA_MARKS)],
-            "markersize": 2.6,
-            "linestyle": "none",
-            "color": "black",
-        }
-        error = None if np.all(np.isnan(curve.error)) else curve.error
-        ax.errorbar(
-            curve.x, curve.y, error, elinewidth=0.7, gid=f"measured-{n}", zorder=3.0, **style
-        )
-        handles.append(Line2D([], [], label=join_facts(words, _LETTERS), **style))
+        handles.append(_draw_measured(ax, curve, n, is_alone=len(points) == 1))
     handles += _make_remarks(models) + headed
     label_axes(ax, [*models, *points], x, y)
     return handles, common
+
+
+def _draw_measured(ax: Axes, curve: Curve, number: int, is_alone: bool) -> Line2D:
+    """Draw measured points, with bars of their errors if these are known, and return their entry in
+    the legend; ``number`` chooses the mark.
+    """
+    words = ["data"]
+    if not is_alone:
+        words.append(curve.run)
+    if "waves" in curve.facts:
+        words.append(curve.facts["waves"])
+    style: dict[str, Any] = {
+        "marker": _DATA_MARKS[number % len(_DATA_MARKS)],
+        "markersize": 2.6,
+        "linestyle": "none",
+        "color": "black",
+    }
+    error = None if np.all(np.isnan(curve.error)) else curve.error
+    gid = f"measured-{number}"
+    ax.errorbar(curve.x, curve.y, error, elinewidth=0.7, gid=gid, zorder=3.0, **style)
+    return Line2D([], [], label=join_facts(words, _LETTERS), **style)
 
 
 def _join_states(curves: Sequence[Curve]) -> list[Curve]:

@@ -4,8 +4,10 @@ distribution of forces.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal
 
 from granphon.figures.scales import FORCES, ROW_HEIGHT, add_title, name_axis, styled_figure
@@ -20,6 +22,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from granphon.array.sample import Sample
+from granphon.balls.lattices import Lattice
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import prefixed
@@ -102,17 +105,17 @@ def plot_forces(
     if not isinstance(source, ContactNetwork | Sample):
         mend = "Give a sample, such as state.samples[0], or a gp.ContactNetwork"
         raise InputError(f"{brief(sample)} has no contact forces to draw", mend=mend)
-    network = sample if isinstance(sample, ContactNetwork) else None
     layer = _find_layer(sample) if isinstance(sample, Sample) else _project(sample)
+    network = layer.network
     if show == "auto" and window is not None:
         show = "window"
     elif show == "auto":
         is_small = float(np.max(layer.size)) <= _MOST_DIAMETERS * layer.diameter
         show = "all" if is_small else "density"
-    edges = layer.edges if show != "window" else _choose_window(layer, window)
+    edges = _choose_window(layer, window) if show == "window" else layer.edges
     if ax is None:
-        height = layer.height if show != "window" or window is not None else _WINDOW_HEIGHT
-        rows_of_legend = min(4, -(-len(layer.kinds) // 2))
+        height = _WINDOW_HEIGHT if show == "window" and window is None else layer.height
+        rows_of_legend = min(4, math.ceil(len(layer.kinds) / 2))
         with styled_figure(height + ROW_HEIGHT * rows_of_legend) as new_figure:
             return plot_forces(sample, new_figure.subplots(), show=show, window=window)
     figure: Any = ax.get_figure()
@@ -163,9 +166,8 @@ def _draw_density(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> tuple[Quad
         density = total / count
     drawn = ax.pcolormesh(*grid, density.T, cmap=FORCES, gid="density", rasterized=True)
     length, unit = (1.0, "$d$") if layer.network is None else prefixed(longest, "m")
-    sides = sorted({f"{float(ticks[1] - ticks[0]) / length:.2g}" for ticks in grid})
-    words = " x ".join(sides * (3 - len(sides)))
-    return drawn, f",\nmeans over {words} {unit.replace('u', 'µ')}"
+    sides = sorted(f"{float(ticks[1] - ticks[0]) / length:.2g}" for ticks in grid)
+    return drawn, f",\nmeans over {' x '.join(sides)} {unit.replace('u', 'µ')}"
 
 
 def _choose_window(layer: _Map, window: Sequence[float] | None) -> tuple[float, ...]:
@@ -198,28 +200,15 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
     segments = lines[is_near][order]
     forces = forces[is_near][order]
     reach = layer.radii[:, None]
-    inside = np.all((layer.places + reach > low) & (layer.places - reach < high), axis=1)
-    sites = layer.places[inside]
-    sizes = 2.0 * layer.radii[inside]
-    colours = layer.colours[inside].tolist()
-    if not sites.size or not forces.size:
+    is_inside = np.all((layer.places + reach > low) & (layer.places - reach < high), axis=1)
+    if not np.any(is_inside) or not forces.size:
         mend = f"Give edges inside the array, in {'diameters' if layer.network is None else 'm'}"
         raise InputError("no ball of the array is in the window", mend=mend)
     # printed size of a diameter, in points: an estimate, because the layout is not known yet
     size_of_axes = 72.0 * figure.get_size_inches() * ax.get_position().size
     points = float(np.min(size_of_axes / (high - low))) * layer.diameter
-    if len(sites) <= _MOST_BALLS:
-        style: dict[str, Any] = {
-            "facecolors": colours,
-            "edgecolors": "0.7",
-            "linewidths": 0.4,
-            "gid": "balls",
-        }
-        offsets = {"offsets": sites, "offset_transform": ax.transData}
-        ax.add_collection(
-            EllipseCollection(sizes, sizes, 0.0 * sizes, units="xy", **style, **offsets),
-            autolim=False,
-        )
+    if np.count_nonzero(is_inside) <= _MOST_BALLS:
+        _draw_balls(layer, is_inside, ax)
     widths = forces  # over the width of the line of the mean force
     network = layer.network
     if network is not None:
@@ -239,6 +228,24 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
         chains.set(color=_IDLE)
     ax.add_collection(chains, autolim=False)
     return chains
+
+
+def _draw_balls(layer: _Map, is_drawn: NDArray[np.bool_], ax: Axes) -> None:
+    """Draw the outlines of the balls that are drawn, a mask (n,), in their colours."""
+    sizes = 2.0 * layer.radii[is_drawn]
+    balls = EllipseCollection(
+        sizes,
+        sizes,
+        0.0 * sizes,
+        units="xy",
+        facecolors=layer.colours[is_drawn].tolist(),
+        edgecolors="0.7",
+        linewidths=0.4,
+        gid="balls",
+        offsets=layer.places[is_drawn],
+        offset_transform=ax.transData,
+    )
+    ax.add_collection(balls, autolim=False)
 
 
 def _draw_walls(network: ContactNetwork, ax: Axes) -> None:
@@ -296,59 +303,25 @@ def _find_layer(sample: Sample) -> _Map:
     structure = sample.packing.structure
     p = len(sample.shape)
     rows, columns = (*sample.shape, 1)[:2]
-    vectors = np.eye(3)
-    vectors[:p, :p] = structure.vectors
-    axes = np.linalg.qr(vectors.T)[0].T
-    # rows: along a1, across a1 in the layer, across the layer
-    axes *= np.sign(np.sum(axes * vectors, axis=1))[:, None]
-    plane = axes[:2, :p].T
-    layer_normal = axes[2, :p]
-    table = structure.contacts
-    balls = structure.positions
-    is_in_layer = np.abs((balls - balls[0]) @ layer_normal) < _LEVEL
-    contacts = np.flatnonzero(
-        is_in_layer[table.i]
-        & is_in_layer[table.j]
-        & (np.abs(table.normal @ layer_normal) < _LEVEL)
-        & np.all(table.shift[:, 2:] == 0, axis=1)
-    )
-    shown = np.flatnonzero(is_in_layer)
-    cells = sample.sites.reshape(*sample.shape, -1, p)
+    vectors, axes = _find_layer_axes(structure)
+    plane = axes[:2, :p].T  # (p, 2)
+    balls, contacts = _choose_in_layer(structure, axes[2, :p])
+    sites = sample.sites.reshape(*sample.shape, -1, p)
     forces_over_mean = sample.equilibrium.forces / sample.equilibrium.force
     forces = np.moveaxis(forces_over_mean, 0, -1)[..., contacts]
-    if p == 3:
-        cells = cells[:, :, 0]
+    if p == 3:  # the first layer of cells along a3
+        sites = sites[:, :, 0]
         forces = forces[:, :, 0]
-    # sites (L1, L2, n, 2) of the balls, moved by whole periods of a1 into a rectangle
-    sites = cells.reshape(rows, columns, -1, p)[:, :, shown] @ plane
+    # (L1, L2, n, 2), moved by whole periods of a1 into a rectangle
+    sites = sites.reshape(rows, columns, -1, p)[:, :, balls] @ plane
     length = rows * float(np.linalg.norm(vectors[0]))
     row_height = float(vectors[1] @ axes[1])
     sites[..., 0] = np.mod(sites[..., 0] + 1e-9, length) - 1e-9
     places = sites.reshape(-1, 2)
-    # for each contact the numbers of its balls, its vector, and its force
-    number = np.arange(len(places)).reshape(sites.shape[:3])
-    shifts = np.pad(table.shift, ((0, 0), (0, max(0, 2 - p))))
-    ball_i = np.searchsorted(shown, table.i[contacts])
-    ball_j = np.searchsorted(shown, table.j[contacts])
-    i = number[..., ball_i].ravel()
-    steps = zip(ball_j.tolist(), shifts[contacts, :2].tolist(), strict=True)
-    numbers_j = [np.roll(number[..., ball], (-a, -b), (0, 1)) for ball, (a, b) in steps]
-    j = np.stack(numbers_j, axis=-1).ravel()
-    vector = np.tile(table.normal[contacts] @ plane, (rows * columns, 1))
+    i, j = _number_ends(structure, balls, contacts, (rows, columns))
+    arms = np.tile(structure.contacts.normal[contacts] @ plane, (rows * columns, 1))
     force = forces.ravel()
-
-    def find_lines() -> tuple[Array, Array]:
-        # lines of contacts under load; a contact across an edge of the array has a line at each of
-        # its two balls
-        starts = places[i]
-        starts_from_j = places[j] - vector
-        is_loaded = force > 0.0
-        is_across = np.linalg.norm(starts_from_j - starts, axis=1) > 0.5
-        start = np.concatenate([starts[is_loaded], starts_from_j[is_loaded & is_across]])
-        along = np.concatenate([vector[is_loaded], vector[is_loaded & is_across]])
-        forces_of_lines = np.concatenate([force[is_loaded], force[is_loaded & is_across]])
-        return np.stack([start, start + along], axis=1), forces_of_lines
-
+    sums, counts = _sum_forces(i, j, force, len(places))
     # half a row below the lowest row, whose height is not zero in every cell
     bottom = float(np.min(places[:, 1])) - 0.5 * row_height
     labels = ("$x/d$", "$y/d$")
@@ -358,14 +331,81 @@ def _find_layer(sample: Sample) -> _Map:
         places,
         np.full(len(places), 0.5),
         np.full(len(places), "none"),
-        *_sum_forces(i, j, force, len(places)),
+        sums,
+        counts,
         (-0.25, bottom, length - 0.25, bottom + row_height * columns),
         1.0,
         1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0)),
         _write_title(sample),
         labels,
-        find_lines,
+        partial(_find_lines_of_layer, places[i], places[j], arms, force),
     )
+
+
+def _find_layer_axes(structure: Lattice) -> tuple[Array, Array]:
+    """Return the vectors of the cell, (3, 3), with unit vectors where it does not repeat, and the
+    axes of its layer, rows (3, 3): along a1, across a1 in the layer, across the layer.
+    """
+    p = structure.periods
+    vectors = np.eye(3)
+    vectors[:p, :p] = structure.vectors
+    axes = np.linalg.qr(vectors.T)[0].T
+    axes *= np.sign(np.sum(axes * vectors, axis=1))[:, None]
+    return vectors, axes
+
+
+def _choose_in_layer(
+    structure: Lattice, normal: Array
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the numbers of the balls of a cell, and of their contacts, in the layer across
+    ``normal`` (p,) through the first ball.
+    """
+    table = structure.contacts
+    positions = structure.positions
+    is_in_layer = np.abs((positions - positions[0]) @ normal) < _LEVEL
+    joins_layer = is_in_layer[table.i] & is_in_layer[table.j]
+    is_flat = np.abs(table.normal @ normal) < _LEVEL
+    stays_in_cells = np.all(table.shift[:, 2:] == 0, axis=1)
+    return np.flatnonzero(is_in_layer), np.flatnonzero(joins_layer & is_flat & stays_in_cells)
+
+
+def _number_ends(
+    structure: Lattice,
+    balls: NDArray[np.intp],
+    contacts: NDArray[np.intp],
+    shape: tuple[int, int],
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the numbers (m,) of the first and the second ball of each contact in a periodic array
+    of ``shape`` cells, cell by cell, of which these ``balls`` and ``contacts`` are drawn.
+    """
+    table = structure.contacts
+    numbers = np.arange(math.prod(shape) * len(balls)).reshape(*shape, len(balls))
+    shifts = np.pad(table.shift, ((0, 0), (0, max(0, 2 - structure.periods))))
+    i = numbers[..., np.searchsorted(balls, table.i[contacts])]
+    j = np.empty_like(i)
+    ends = np.searchsorted(balls, table.j[contacts])
+    for n, (ball, contact) in enumerate(zip(ends, contacts, strict=True)):
+        a, b = shifts[contact, :2].tolist()
+        j[..., n] = np.roll(numbers[..., ball], (-a, -b), (0, 1))
+    return i.ravel(), j.ravel()
+
+
+def _find_lines_of_layer(
+    first: Array, second: Array, arms: Array, forces: Array
+) -> tuple[Array, Array]:
+    """Return the lines (n, 2, 2) of contacts under load, and their forces (n,).
+
+    ``first`` and ``second`` are the places of the balls of all contacts, ``arms`` the vectors from
+    ball to ball, each (m, 2). A contact across an edge of the array has a line at each of its two
+    balls.
+    """
+    starts_from_second = second - arms
+    is_loaded = forces > 0.0
+    is_across = is_loaded & (np.linalg.norm(starts_from_second - first, axis=1) > 0.5)
+    starts = np.concatenate([first[is_loaded], starts_from_second[is_across]])
+    arms_of_lines = np.concatenate([arms[is_loaded], arms[is_across]])
+    forces_of_lines = np.concatenate([forces[is_loaded], forces[is_across]])
+    return np.stack([starts, starts + arms_of_lines], axis=1), forces_of_lines
 
 
 def _sum_forces(
@@ -391,36 +431,11 @@ def _project(network: ContactNetwork) -> _Map:
     high = np.max(places + radii[:, None], axis=0)
     diameter = float(2.0 * np.mean(radii))
     margin = max(0.1 * diameter, 0.02 * float(np.max(high - low)))
-    width, tall = (high - low + 2.0 * margin).tolist()
-    # balls of each kind have a colour; without kinds, balls of each mass have a tint
-    moving = network.moving[shown]
-    colours = np.full(len(shown), _STILL, dtype=object)
-    kind_names = np.array(network.kinds or [""] * network.n_balls, object)
-    kinds = colour_kinds(kind_names[network.moving])
-    if kinds:
-        colours[moving] = [kinds[name] for name in kind_names[shown][moving]]
-    else:
-        colours[moving] = [
-            _TINTS[kind % len(_TINTS)] for kind in number_kinds(network.masses[shown][moving])
-        ]
-    along = ", seen along $z$" if network.dimension == 3 else ""
-
-    def find_lines() -> tuple[Array, Array]:
-        # lines of all contacts; the line of a contact across the edge of a period, or with a flat
-        # wall, goes from the centre of the ball to the point of contact
-        i = network.i
-        j = network.j
-        centres = network.positions
-        flat = np.isinf(network.radii[j])
-        apart = np.any(network.shift != 0, axis=1) | flat
-        lines = [np.stack([centres[i], centres[j]], axis=1)[~apart]]
-        forces = [network.normal_force[~apart]]
-        for end, arm, is_cut in ((i, network.arm_i, apart), (j, -network.arm_j, apart & ~flat)):
-            touch = centres[end] + arm[:, None] * network.normal
-            lines.append(np.stack([centres[end], touch], axis=1)[is_cut])
-            forces.append(network.normal_force[is_cut])
-        return np.concatenate(lines)[..., :2], np.concatenate(forces)
-
+    width, height = (high - low + 2.0 * margin).tolist()
+    kinds, colours = _colour_balls(network, shown)
+    title = f"{counted(len(shown), 'ball')}, {counted(network.n_contacts, 'contact')}"
+    if network.dimension == 3:
+        title += ", seen along $z$"
     return _Map(
         places,
         radii,
@@ -429,13 +444,52 @@ def _project(network: ContactNetwork) -> _Map:
         counts[shown],
         (*(low - margin).tolist(), *(high + margin).tolist()),
         diameter,
-        1.3 + float(np.clip(2.75 * tall / width, 0.35, 6.0)),
-        f"{counted(len(shown), 'ball')}, {counted(network.n_contacts, 'contact')}{along}",
+        1.3 + float(np.clip(2.75 * height / width, 0.35, 6.0)),
+        title,
         ("$x$", "$y$"),
-        find_lines,
+        partial(_find_lines_of_network, network),
         network,
         kinds,
     )
+
+
+def _colour_balls(network: ContactNetwork, shown: NDArray[np.intp]) -> tuple[dict[str, str], Any]:
+    """Return the colours of the kinds of balls that move, by name, and the colours of the balls
+    ``shown`` (n,): without kinds, balls of each mass have a tint.
+    """
+    moves = network.moving[shown]
+    colours = np.full(len(shown), _STILL, dtype=object)
+    names = np.array(network.kinds or [""] * network.n_balls, object)
+    kinds = colour_kinds(names[network.moving])
+    if kinds:
+        colours[moves] = [kinds[name] for name in names[shown][moves]]
+    else:
+        numbers = number_kinds(network.masses[shown][moves])
+        colours[moves] = [_TINTS[number % len(_TINTS)] for number in numbers]
+    return kinds, colours
+
+
+def _find_lines_of_network(network: ContactNetwork) -> tuple[Array, Array]:
+    """Return the lines (n, 2, 2) of all contacts, m, and their forces (n,), N.
+
+    The line of a contact across the edge of a period, or with a flat wall, goes from the centre of
+    the ball to the point of contact; across an edge each of both balls has such a line.
+    """
+    i = network.i
+    j = network.j
+    centres = network.positions
+    is_wall = np.isinf(network.radii[j])
+    is_cut = np.any(network.shift != 0, axis=1) | is_wall
+    lines = [np.stack([centres[i], centres[j]], axis=1)[~is_cut]]
+    forces = [network.normal_force[~is_cut]]
+    for ball, arm, is_drawn in (
+        (i, network.arm_i, is_cut),
+        (j, -network.arm_j, is_cut & ~is_wall),
+    ):
+        touch = centres[ball] + arm[:, None] * network.normal
+        lines.append(np.stack([centres[ball], touch], axis=1)[is_drawn])
+        forces.append(network.normal_force[is_drawn])
+    return np.concatenate(lines)[..., :2], np.concatenate(forces)
 
 
 def _write_title(sample: Sample) -> str:

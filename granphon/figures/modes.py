@@ -33,6 +33,8 @@ from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, colour_
 from granphon.figures.views import Painter, View
 
 if TYPE_CHECKING:
+    from granphon.networks.network import ContactNetwork
+    from granphon.phonons.bands import PhononModes
     from granphon.phonons.phonons import Phonons
     from granphon.waves.modes import NetworkModes
 
@@ -158,56 +160,90 @@ def plot_network_mode(
     of a period and flat walls are left out. Of more than 500 balls the 500 with the most kinetic
     energy are drawn, and the title gives their number.
     """
+    mode = whole_number("mode", mode, 0, len(modes.frequencies) - 1)
+    motion = _find_network_motion(modes, mode)
+    motion.draw(ax, phase, view or motion.view, positive("size", size))
+    return ax
+
+
+def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
+    """Return one of the modes of a network on the balls that are drawn."""
     network = modes.network
-    count = len(modes.frequencies)
-    mode = whole_number("mode", mode, 0, count - 1)
-    moving = network.ball_motions
+    motions = network.ball_motions
     diameter = network.scales.length
-    vectors = modes.vectors[mode]
-    energy = np.where(np.isfinite(network.radii), np.sum(vectors**2, axis=1), -1.0)
-    n_drawn = min(_MOST_BALLS, np.count_nonzero(energy >= 0.0))
-    balls = np.sort(np.argsort(-energy, kind="stable")[:n_drawn])
-    drawn_index = np.full(network.n_balls, -1)
-    drawn_index[balls] = np.arange(balls.size)
-    pairs = np.stack([drawn_index[network.i], drawn_index[network.j]], axis=1)
-    pairs = pairs[np.all(pairs >= 0, axis=1) & ~np.any(network.shift, axis=1)]
-    motion = vectors[balls] / np.sqrt(network.masses[balls])[:, None]
-    gyration = np.ones(balls.size)
-    free = network.moving[balls]
-    gyration[free] = np.sqrt(network.inertias[balls][free] / network.masses[balls][free]) / diameter
-    displacements, spins = np.zeros((2, balls.size, 3))
-    displacements[:, list(moving.translations)] = motion[:, : modes.displacements]
-    spins[:, list(moving.rotations)] = motion[:, modes.displacements :]
+    balls = _choose_balls(modes, mode)
+    motion = modes.vectors[mode][balls] / np.sqrt(network.masses[balls])[:, None]
+    displacements = np.zeros((balls.size, 3))
+    spins = np.zeros((balls.size, 3))  # angles times radii of gyration
+    displacements[:, list(motions.translations)] = motion[:, : modes.displacements]
+    spins[:, list(motions.rotations)] = motion[:, modes.displacements :]
     scale = _LARGEST / max(_find_amplitude(displacements), _find_amplitude(spins))
-    hertz = float(modes.frequencies[mode])
-    unit = HertzPrefix.for_top(hertz)
-    names = network.kinds or [""] * network.n_balls
-    kinds = colour_kinds(itertools.compress(names, network.moving))
-    colour_of_ball = [
-        kinds.get(name, _BALL) if moves else "0.75"
-        for name, moves in zip(names, network.moving, strict=True)
-    ]
-    title = f"{hertz / unit.hertz:.1f} {print_hertz(unit)}"
-    if moving.rotate:
-        title += f", rotation {100.0 * float(modes.rotational_fraction[mode]):.0f} %"
-    title += f"\nparticipation {modes.participation_ratio[mode]:.2g}"
-    if balls.size < network.n_balls - np.sum(energy < 0.0):
-        title += f", {balls.size} of {network.n_balls} balls"
-    drawn_motion = _Motion(
+    gyration = np.ones(balls.size)
+    moves = network.moving[balls]
+    inertias = network.inertias[balls][moves]
+    gyration[moves] = np.sqrt(inertias / network.masses[balls][moves]) / diameter
+    kinds, colours = _colour_balls(network)
+    stays_in_plane = 2 not in motions.translations and set(motions.rotations) <= {2}
+    return _Motion(
         network.positions[balls] / diameter,
         network.radii[balls] / diameter,
-        pairs,
+        _list_pairs(network, balls),
         scale * displacements,
         scale * spins / gyration[:, None],
         gyration,
-        moving.rotate,
-        network.dimension < 3 and 2 not in moving.translations and set(moving.rotations) <= {2},
-        title,
-        [colour_of_ball[ball] for ball in balls.tolist()],
+        motions.rotate,
+        network.dimension < 3 and stays_in_plane,
+        _write_network_title(modes, mode, balls.size),
+        [colours[ball] for ball in balls.tolist()],
         kinds,
     )
-    drawn_motion.draw(ax, phase, view or drawn_motion.view, positive("size", size))
-    return ax
+
+
+def _choose_balls(modes: NetworkModes, mode: int) -> NDArray[np.intp]:
+    """Return the numbers (m,) of the balls that are drawn, ascending: those with the most kinetic
+    energy, without flat walls.
+    """
+    is_ball = np.isfinite(modes.network.radii)
+    energy = np.where(is_ball, np.sum(modes.vectors[mode] ** 2, axis=1), -1.0)
+    n_drawn = min(_MOST_BALLS, np.count_nonzero(is_ball))
+    return np.sort(np.argsort(-energy, kind="stable")[:n_drawn])
+
+
+def _list_pairs(network: ContactNetwork, balls: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the contacts (m_c, 2) between ``balls`` (m,) that are drawn, by their indices among
+    these, without contacts across the edge of a period.
+    """
+    drawn_index = np.full(network.n_balls, -1)
+    drawn_index[balls] = np.arange(balls.size)
+    pairs = np.stack([drawn_index[network.i], drawn_index[network.j]], axis=1)
+    is_drawn = np.all(pairs >= 0, axis=1)
+    is_across = np.any(network.shift, axis=1)
+    return np.asarray(pairs[is_drawn & ~is_across])
+
+
+def _colour_balls(network: ContactNetwork) -> tuple[dict[str, str], list[str]]:
+    """Return the colours of the kinds of balls that move, by name, and the colour of each ball."""
+    names = network.kinds or [""] * network.n_balls
+    kinds = colour_kinds(itertools.compress(names, network.moving))
+    colours = [
+        kinds.get(name, _BALL) if moves else "0.75"
+        for name, moves in zip(names, network.moving, strict=True)
+    ]
+    return kinds, colours
+
+
+def _write_network_title(modes: NetworkModes, mode: int, n_drawn: int) -> str:
+    """Return the title of a mode of a network of which ``n_drawn`` balls are drawn."""
+    network = modes.network
+    hertz = float(modes.frequencies[mode])
+    unit = HertzPrefix.for_top(hertz)
+    title = f"{hertz / unit.hertz:.1f} {print_hertz(unit)}"
+    if network.ball_motions.rotate:
+        title += f", rotation {100.0 * float(modes.rotational_fraction[mode]):.0f} %"
+    title += f"\nparticipation {modes.participation_ratio[mode]:.2g}"
+    if n_drawn < np.count_nonzero(np.isfinite(network.radii)):
+        title += f", {n_drawn} of {network.n_balls} balls"
+    return title
 
 
 def animate_mode(
@@ -256,43 +292,31 @@ def _find_motion(
     cells: tuple[int, ...] | None,
     direction: ArrayLike | None,
 ) -> _Motion:
+    """Return a mode of a lattice, of branch ``branch`` at ``q``, on the balls that are drawn; the
+    arguments are those of :func:`plot_mode`.
+    """
     modes = phonons.modes([real_array("q", q)], direction)
     count = modes.frequencies.shape[1]
     if not 0 <= branch < count:
         raise InputError(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}")
     lattice = phonons.lattice
     n_balls = lattice.n_balls
-    periods = lattice.periods
-    moving = lattice.motions
+    motions = lattice.motions
     vectors = modes.eigenvectors[0, :, branch].reshape(n_balls, -1)
-    motion = vectors / np.sqrt(lattice.masses)[:, None]
-    # of components that are equal but for rounding, the first counts as the largest
-    sizes = np.abs(motion).ravel() / np.abs(motion).max()
-    largest = motion.ravel()[np.argmax(np.round(sizes, 6))]
-    motion = motion * (abs(largest) / largest)
-    displacements, spins = np.zeros((2, n_balls, 3), complex)
-    displacements[:, list(moving.translations)] = motion[:, moving.translating]
-    spins[:, list(moving.rotations)] = motion[:, moving.turning]
+    motion = _fix_phase(vectors / np.sqrt(lattice.masses)[:, None])
+    displacements = np.zeros((n_balls, 3), complex)
+    spins = np.zeros((n_balls, 3), complex)  # angles times radii of gyration
+    displacements[:, list(motions.translations)] = motion[:, motions.translating]
+    spins[:, list(motions.rotations)] = motion[:, motions.turning]
     scale = _LARGEST / max(_find_amplitude(displacements), _find_amplitude(spins))
     places, balls, pairs = _place_balls(lattice, cells)
     q_per_diameter = modes.wavevectors[0] * phonons.scales.length
-    wave = np.exp(1j * (places[:, :periods] @ q_per_diameter))[:, None]
+    wave = np.exp(1j * (places[:, : lattice.periods] @ q_per_diameter))[:, None]
     radii = phonons.atoms.arrays.get("radius", np.full(n_balls, 0.5))[balls]
     names = phonons.state.kinds or [""] * n_balls
     kinds = colour_kinds(names)
-    hertz = float(modes.frequencies[0, branch])
-    unit = HertzPrefix.for_top(hertz)
-    fractions = ", ".join(map(_write_fraction, np.asarray(q, float)[:periods].tolist()))
-    # a frequency of zero has rounding errors of this size
-    rounding = count * np.finfo(float).eps * float(modes.frequencies.max())
-    title = f"q = ({fractions})\n"
-    title += (
-        f"{hertz / unit.hertz:.1f} {print_hertz(unit)}" if hertz > rounding else "zero frequency"
-    )
-    if moving.rotate:
-        title += f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %"
-    stays_in_plane = 2 not in moving.translations and set(moving.rotations) <= {2}
-    planar = periods < 3 and not places[:, 2].any() and stays_in_plane
+    stays_in_plane = 2 not in motions.translations and set(motions.rotations) <= {2}
+    is_planar = lattice.periods < 3 and not places[:, 2].any() and stays_in_plane
     return _Motion(
         places,
         radii,
@@ -300,12 +324,38 @@ def _find_motion(
         scale * displacements[balls] * wave,
         (scale * spins / lattice.gyration[:, None])[balls] * wave,
         lattice.gyration[balls],
-        moving.rotate,
-        planar,
-        title,
+        motions.rotate,
+        is_planar,
+        _write_title(modes, np.asarray(q, float)[: lattice.periods], branch, motions.rotate),
         [kinds.get(names[ball], _BALL) for ball in balls.tolist()],
         kinds,
     )
+
+
+def _fix_phase(motion: NDArray[Any]) -> NDArray[Any]:
+    """Return a complex motion (n, u) with the phase at which its largest component is real and
+    positive; of components that are equal but for rounding, the first counts as the largest.
+    """
+    sizes = np.abs(motion).ravel() / np.abs(motion).max()
+    largest = motion.ravel()[np.argmax(np.round(sizes, 6))]
+    return np.asarray(motion * (abs(largest) / largest))
+
+
+def _write_title(modes: PhononModes, q: Array, branch: int, rotate: bool) -> str:
+    """Return the title of the mode of a branch at ``q`` (p,), fractions of the reciprocal cell; the
+    title has the part of the energy in rotation where balls ``rotate``.
+    """
+    hertz = float(modes.frequencies[0, branch])
+    unit = HertzPrefix.for_top(hertz)
+    frequency = f"{hertz / unit.hertz:.1f} {print_hertz(unit)}"
+    # a frequency of zero has rounding errors of this size
+    rounding = modes.frequencies.shape[1] * np.finfo(float).eps * float(modes.frequencies.max())
+    if hertz <= rounding:
+        frequency = "zero frequency"
+    title = f"q = ({', '.join(map(_write_fraction, q.tolist()))})\n{frequency}"
+    if rotate:
+        title += f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %"
+    return title
 
 
 def _write_fraction(x: float) -> str:
@@ -337,31 +387,37 @@ def _place_balls(
         raise InputError(
             f"cells is {cells!r}", f"The lattice has {p} periods", f"Give {p} whole numbers"
         )
-    step = np.repeat(np.arange(len(steps)), lattice.n_balls)
-    ball = np.tile(np.arange(lattice.n_balls), len(steps))
-    places = steps[step] @ cell + sites[ball]
+    cell_steps = np.repeat(steps, lattice.n_balls, axis=0)  # (m, p), of the cell of each ball
+    balls = np.tile(np.arange(lattice.n_balls), len(steps))
+    places = cell_steps @ cell + sites[balls]
     if in_cube:
         from_first = places - sites[0]
-        inside = np.all((from_first > -1e-6) & (from_first < _CUBE), axis=1)
-        step = step[inside]
-        ball = ball[inside]
-        places = places[inside]
-    index = {
-        (number, *cell_step): drawn
-        for drawn, (number, cell_step) in enumerate(
-            zip(ball.tolist(), steps[step].tolist(), strict=True)
-        )
-    }
+        is_inside = np.all((from_first > -1e-6) & (from_first < _CUBE), axis=1)
+        cell_steps = cell_steps[is_inside]
+        balls = balls[is_inside]
+        places = places[is_inside]
+    return places, balls, _find_pairs(lattice, balls, cell_steps)
+
+
+def _find_pairs(
+    lattice: ContactLattice, balls: NDArray[np.intp], cell_steps: NDArray[Any]
+) -> NDArray[np.intp]:
+    """Return the contacts (m_c, 2) of the drawn balls, which have the indices ``balls`` (m,) in
+    their cells, at ``cell_steps`` (m, p) from the first cell.
+    """
+    drawn_index = {}
+    for index, (ball, step) in enumerate(zip(balls.tolist(), cell_steps.tolist(), strict=True)):
+        drawn_index[ball, tuple(step)] = index
     table = lattice.contacts
     pairs = []
     for i, j, shift in zip(table.i.tolist(), table.j.tolist(), table.shift.tolist(), strict=True):
-        for (number, *cell_step), drawn in index.items():
-            if number != i:
+        for (ball, step), index in drawn_index.items():
+            if ball != i:
                 continue
-            neighbour = (j, *(x + y for x, y in zip(cell_step, shift, strict=True)))
-            if neighbour in index:
-                pairs.append((drawn, index[neighbour]))
-    return places, ball, np.array(pairs, dtype=np.intp).reshape(-1, 2)
+            neighbour = (j, tuple(x + y for x, y in zip(step, shift, strict=True)))
+            if neighbour in drawn_index:
+                pairs.append((index, drawn_index[neighbour]))
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 
 def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
@@ -370,55 +426,11 @@ def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
     """
     centres = motion.places[:, :2]
     radii = motion.radii
-    balls = [Circle((x, y), r) for (x, y), r in zip(centres, radii, strict=True)]
-    ax.add_collection(
-        PatchCollection(
-            balls,
-            facecolor=motion.colours,
-            edgecolor="0.45",
-            linewidth=0.6,
-            zorder=1.0,
-            gid="balls",
-        )
-    )
+    discs = [Circle((x, y), r) for (x, y), r in zip(centres, radii, strict=True)]
+    look: dict[str, Any] = {"facecolor": motion.colours, "edgecolor": "0.45", "linewidth": 0.6}
+    ax.add_collection(PatchCollection(discs, **look, zorder=1.0, gid="balls"))
     if motion.rotate:
-
-        def find_points(distances: Array, angle: Array) -> Array:
-            return np.asarray(
-                centres[:, None]
-                + distances[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-            )
-
-        # anticlockwise, clockwise
-        spin_colours = [VERMILION if angle >= 0.0 else BLUE for angle in angles]
-        rim = 0.72 * radii
-        end = _MARK + angles[:, None]
-        marks = find_points(radii, end + np.array([0.0, np.pi]))
-        arcs = find_points(rim, _MARK + angles[:, None] * np.linspace(0.0, 1.0, 33))
-        # a head along the arc, as long as the arc allows
-        head = np.sign(angles) * np.minimum(0.47, 0.8 * np.abs(angles))
-        back = find_points(rim, end - head[:, None])
-        wing = 0.5 * (arcs[:, -1:] - back) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
-        heads = np.concatenate([arcs[:, -1:], back + wing, back - wing], axis=1)
-        sectors = np.concatenate([centres[:, None], arcs], axis=1)
-        ax.add_collection(
-            PolyCollection(
-                list(sectors),
-                facecolors=[_LIGHT[colour] for colour in spin_colours],
-                linewidths=0.0,
-                zorder=1.5,
-            )
-        )
-        ax.add_collection(LineCollection(list(marks), colors="0.45", linewidths=0.6, gid="marks"))
-        ax.add_collection(
-            LineCollection(
-                list(arcs), colors=spin_colours, linewidths=1.0, gid="spins", path_effects=[_RIM]
-            )
-        )
-        ax.add_collection(
-            PolyCollection(list(heads), facecolors=spin_colours, linewidths=0.0, zorder=2.1)
-        )
-
+        _draw_spins(ax, centres, radii, angles)
     ax.quiver(
         *centres.T,
         *shift.T,
@@ -439,6 +451,37 @@ def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
     low = (centres - radii[:, None]).min(axis=0)
     high = (centres + radii[:, None]).max(axis=0)
     hide_axes(ax, low - 0.1, high + 0.1)
+
+
+def _draw_spins(ax: Axes, centres: Array, radii: Array, angles: Array) -> None:
+    """Draw the ``angles`` (m,), rad, of discs with ``centres`` (m, 2) and ``radii`` (m,): sectors
+    from the upright to a marked diameter, and arcs with heads.
+    """
+
+    def find_points(distances: Array, directions: Array) -> Array:
+        """Return points (m, n, 2) at distances (m,) from the centres, in directions (m, n), rad."""
+        unit_vectors = np.stack([np.cos(directions), np.sin(directions)], axis=-1)
+        return np.asarray(centres[:, None] + distances[:, None, None] * unit_vectors)
+
+    # anticlockwise, clockwise
+    colours = [VERMILION if angle >= 0.0 else BLUE for angle in angles]
+    rim = 0.72 * radii
+    ends = _MARK + angles[:, None]
+    marks = find_points(radii, ends + np.array([0.0, np.pi]))
+    arcs = find_points(rim, _MARK + angles[:, None] * np.linspace(0.0, 1.0, 33))
+    tips = arcs[:, -1:]
+    # a head along the arc, as long as the arc allows
+    head_angles = np.sign(angles) * np.minimum(0.47, 0.8 * np.abs(angles))
+    necks = find_points(rim, ends - head_angles[:, None])
+    wings = 0.5 * (tips - necks) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    heads = np.concatenate([tips, necks + wings, necks - wings], axis=1)
+    sectors = np.concatenate([centres[:, None], arcs], axis=1)
+    light: dict[str, Any] = {"facecolors": [_LIGHT[colour] for colour in colours]}
+    ax.add_collection(PolyCollection(list(sectors), **light, linewidths=0.0, zorder=1.5))
+    ax.add_collection(LineCollection(list(marks), colors="0.45", linewidths=0.6, gid="marks"))
+    line_look: dict[str, Any] = {"colors": colours, "linewidths": 1.0, "path_effects": [_RIM]}
+    ax.add_collection(LineCollection(list(arcs), **line_look, gid="spins"))
+    ax.add_collection(PolyCollection(list(heads), facecolors=colours, linewidths=0.0, zorder=2.1))
 
 
 def _draw_spheres(
@@ -482,17 +525,26 @@ def _draw_spheres(
         if moved:
             _add_circles(painter, centre, radius, circles)
             continue
-        for arrow, colour in ((displacement, "black"), (gyration * phi, VERMILION)):
-            if np.linalg.norm(arrow) > _LEAST:
-                start = arrow - min(float(arrow @ view.axes[2]), 0.0) * view.axes[2]
-                # an arrow along the line of sight has no length on the paper
-                length = float(np.linalg.norm(start)) or 1.0
-                painter.add_arrow(centre + radius / length * start, arrow, colour, _SHAFT)
+        _add_arrow(painter, centre, radius, displacement, "black")
+        _add_arrow(painter, centre, radius, gyration * phi, VERMILION)
         if gyration * np.linalg.norm(phi) > _LEAST:
             _add_arc(painter, centre, 1.03 * radius, phi)
     painter.draw(ax, "spheres", fade=0.55)
     low, high = painter.extent
     hide_axes(ax, low - 0.05, high + 0.05)
+
+
+def _add_arrow(painter: Painter, centre: Array, radius: float, arrow: Array, colour: str) -> None:
+    """Add an ``arrow`` (3,) that starts at the surface of a ball, unless the arrow is too short to
+    be seen; an arrow away from the viewer starts at the outline of the ball.
+    """
+    if np.linalg.norm(arrow) <= _LEAST:
+        return
+    toward = painter.view.axes[2]
+    start = arrow - min(float(arrow @ toward), 0.0) * toward
+    # an arrow along the line of sight has no length on the paper
+    length = float(np.linalg.norm(start)) or 1.0
+    painter.add_arrow(centre + radius / length * start, arrow, colour, _SHAFT)
 
 
 def _add_circles(painter: Painter, centre: Array, radius: float, circles: Array) -> None:

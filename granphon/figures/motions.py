@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
 
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import HertzPrefix, prefixed
 from granphon.figures.style import BLUE, COLOURS, PAGE_WIDTH, pick_evenly, print_hertz
@@ -49,20 +50,18 @@ def plot_motion(
             mend="Give velocities or forces, 0, 1 or 2",
         )
     along = int(np.argmin(network.pbc)) % network.dimension if axis is None else axis
-    balls = np.isfinite(network.radii)
-    radius = float(np.mean(network.radii[balls]))
-    apart = _LAYER * radius
-    ball_positions = network.positions[balls, along] + apart
-    contact_positions = motion.middles[:, along] + apart
+    is_ball = np.isfinite(network.radii)
+    radius = float(np.mean(network.radii[is_ball]))
+    # a ball at the edge of a period stays there when its position is rounded
+    offset = _LAYER * radius
+    ball_positions = network.positions[is_ball, along] + offset
+    contact_positions = motion.middles[:, along] + offset
     length = network.cell[along, along]
-    if network.pbc[along] and abs(length) == np.linalg.norm(network.cell[along]):
+    is_period = network.pbc[along] and abs(length) == np.linalg.norm(network.cell[along])
+    if is_period:
         ball_positions = np.mod(ball_positions, abs(length))
         contact_positions = np.mod(contact_positions, abs(length))
-    layers = np.sort(ball_positions)
-    layers = layers[np.diff(layers, prepend=-np.inf) > apart] - apart
-    if len(layers) < 3 or 2 * len(layers) < np.ptp(ball_positions) / radius - 2.0:
-        # balls without layers: slices a radius wide
-        layers = np.arange(layers[0], ball_positions.max(), radius)
+    layers = _find_layers(ball_positions, radius)
     if show == "forces":
         coordinates = contact_positions
         values = motion.forces - motion.forces[0]
@@ -70,15 +69,10 @@ def plot_motion(
         quantity = "Change of force"
     else:
         coordinates = ball_positions
-        values = motion.velocities[:, balls, along]
+        values = motion.velocities[:, is_ball, along]
         unit = "m/s"
         quantity = f"Velocity along {'xyz'[along]}"
-    number = np.maximum(np.searchsorted(layers, coordinates, side="right") - 1, 0)
-    order = np.argsort(number, kind="stable")
-    starts = np.flatnonzero(np.diff(number[order], prepend=-1))
-    counts = np.diff(starts, append=len(order))
-    means = np.add.reduceat(values[:, order], starts, axis=1) / counts
-    positions = np.add.reduceat(coordinates[order], starts) / counts
+    positions, means = _average_layers(layers, coordinates, values)
     most = max(float(np.abs(means).max()), _TINY)
     scale, unit = prefixed(most, unit)
     seconds, unit_of_time = prefixed(float(motion.times[-1]), "s")
@@ -99,6 +93,31 @@ def plot_motion(
     )
     add_bar(ax, drawn, f"{quantity} ({write_unit(unit)})")
     return ax
+
+
+def _find_layers(positions: Array, radius: float) -> Array:
+    """Return where layers of balls begin, (n_layers,), m, from the ``positions`` (n,) of the balls,
+    m; of balls without layers, slices a ``radius`` wide.
+    """
+    distance = _LAYER * radius
+    ascending = np.sort(positions)
+    layers = ascending[np.diff(ascending, prepend=-np.inf) > distance] - distance
+    if len(layers) < 3 or 2 * len(layers) < np.ptp(positions) / radius - 2.0:
+        return np.arange(layers[0], positions.max(), radius)
+    return np.asarray(layers)
+
+
+def _average_layers(layers: Array, coordinates: Array, values: Array) -> tuple[Array, Array]:
+    """Return the means over each of the ``layers``, which begin at (n_layers,), m, of the
+    ``coordinates`` (n,), m, and of the ``values`` (n_times, n); layers without a value are left
+    out.
+    """
+    number = np.maximum(np.searchsorted(layers, coordinates, side="right") - 1, 0)
+    order = np.argsort(number, kind="stable")
+    starts = np.flatnonzero(np.diff(number[order], prepend=-1))
+    counts = np.diff(starts, append=len(order))
+    means = np.add.reduceat(values[:, order], starts, axis=1) / counts
+    return np.add.reduceat(coordinates[order], starts) / counts, means
 
 
 def plot_energies(motion: Motion, ax: Axes) -> Axes:

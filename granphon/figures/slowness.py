@@ -99,21 +99,7 @@ def plot_slowness(
     periods = contact_state.reference_lattice.periods
     if periods == 2 and plane is not None:
         raise InputError("the lattice is a plane", "It has no other cut", "Leave plane out")
-    try:
-        first, second = (
-            one_direction(direction, 3)
-            for direction in np.asarray(_CUTS[0] if plane is None else plane, dtype=np.float64)
-        )
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            "plane is not two directions in space", str(error), "Give ((1, 0, 0), (0, 1, 0))"
-        ) from None
-    second = second - (first @ second) * first
-    if np.linalg.norm(second) < 1e-9:
-        raise InputError(
-            "the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))"
-        )
-    span = np.array([first, second / np.linalg.norm(second)])
+    span = _read_plane(_CUTS[0] if plane is None else plane)
     # directions between those of high symmetry, in which the polarisations of transverse waves are
     # not determined
     angle = (np.arange(2 * _CUT + 1) + 0.5) * np.pi / _CUT
@@ -129,37 +115,70 @@ def plot_slowness(
     across = np.take_along_axis(across, order, 1)
     for b in range(slowness.shape[1]):
         points = slowness[:, b, None] * circle
-        is_dashed = across[:, b].mean() > 0.5
-        pieces = np.stack([points[:-1], points[1:]], axis=1)
-        shades: dict[str, Any] = {"cmap": POLARISATION, "norm": Normalize(0, 1)}
-        shades["array"] = 0.5 * (along[1:, b] + along[:-1, b])
-        if is_dashed:
-            # five degrees are drawn, five left out
-            is_drawn = np.arange(len(pieces)) % 10 < 5
-            pieces = pieces[is_drawn]
-            shades["array"] = shades["array"][is_drawn]
-        lines = LineCollection(
-            list(pieces),
-            linewidths=1.5,
-            capstyle="butt" if is_dashed else "round",
-            **shades,
-            gid=f"wave-{b}",
-        )
-        ax.add_collection(lines, autolim=False)
-    far = 1.12 * float(slowness.max())
-    for draw in (ax.axhline, ax.axvline):
-        draw(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
+        is_dashed = bool(across[:, b].mean() > 0.5)
+        _draw_wave(ax, points, along[:, b], is_dashed, gid=f"wave-{b}")
     names = ["x", "y"]
     if periods == 3:
         names = [_write_direction(direction) for direction in span]
-    ax.set(xlabel=f"Slowness, {names[0]} ({_LABEL})", ylabel=f"Slowness, {names[1]} ({_LABEL})")
-    ax.set(xlim=(-far, far), ylim=(-far, far), aspect="equal")
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10], symmetric=True))
-        axis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "−"))
+    _set_slowness_axes(ax, 1.12 * float(slowness.max()), names)
     if colorbar:
         add_part_bar(ax, POLARISATION, _PART)
     return ax
+
+
+def _read_plane(plane: ArrayLike) -> Array:
+    """Return two perpendicular unit vectors (2, 3) that span the plane of two directions (2, 3);
+    InputError unless ``plane`` holds two different directions in space.
+    """
+    try:
+        directions = np.asarray(plane, dtype=np.float64)
+        first, second = [one_direction(direction, 3) for direction in directions]
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            "plane is not two directions in space", str(error), "Give ((1, 0, 0), (0, 1, 0))"
+        ) from None
+    second = second - (first @ second) * first
+    if np.linalg.norm(second) < 1e-9:
+        raise InputError(
+            "the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))"
+        )
+    return np.array([first, second / np.linalg.norm(second)])
+
+
+def _draw_wave(ax: Axes, points: Array, along: Array, is_dashed: bool, gid: str) -> None:
+    """Draw the slowness of one wave through ``points`` (n, 2), s/km, in the colours of its
+    longitudinal part ``along`` (n,).
+    """
+    pieces = np.stack([points[:-1], points[1:]], axis=1)
+    fractions = 0.5 * (along[1:] + along[:-1])
+    if is_dashed:
+        # five degrees are drawn, five left out
+        is_drawn = np.arange(len(pieces)) % 10 < 5
+        pieces = pieces[is_drawn]
+        fractions = fractions[is_drawn]
+    lines = LineCollection(
+        list(pieces),
+        linewidths=1.5,
+        capstyle="butt" if is_dashed else "round",
+        cmap=POLARISATION,
+        norm=Normalize(0, 1),
+        array=fractions,
+        gid=gid,
+    )
+    ax.add_collection(lines, autolim=False)
+
+
+def _set_slowness_axes(ax: Axes, most: float, names: list[str]) -> None:
+    """Draw both axes through zero, let them reach from -``most`` to ``most``, s/km, and label them
+    by the ``names`` of the two directions.
+    """
+    for draw in (ax.axhline, ax.axvline):
+        draw(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
+    ax.set(xlabel=f"Slowness, {names[0]} ({_LABEL})", ylabel=f"Slowness, {names[1]} ({_LABEL})")
+    ax.set(xlim=(-most, most), ylim=(-most, most), aspect="equal")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10], symmetric=True))
+        axis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "−"))
 
 
 def _write_direction(direction: Array) -> str:
@@ -182,7 +201,6 @@ def plot_slowness_surface(
 
     The octant that faces the viewer is taken from the two outer surfaces, those of the slower
     waves, so that the inner surface shows. Arrows mark the Cartesian axes; the bar is a unit of
-    waves, so that the inner ones show. Arrows mark the Cartesian axes; the bar is a unit of
     slowness.
 
     Parameters
@@ -204,82 +222,121 @@ def plot_slowness_surface(
         raise InputError(problem, "Surfaces belong to three", "Use plot_slowness")
     # the octant of positive x, y, z faces the viewer
     view = View(32.0, 24.0) if view is None else view
-    # the edges of the cut octant are lines of this mesh
-    polar = np.linspace(0.0, np.pi, _SURFACE + 1)
-    azimuth = np.linspace(0.0, 2.0 * np.pi, 2 * _SURFACE + 1)
-    theta, phi = np.meshgrid(polar, azimuth, indexing="ij")
-    directions = np.stack(
-        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1
-    )
+    directions = _make_mesh()
     slowness, along, _ = _find_slowness(crystal_state, directions.reshape(-1, 3))
-    slowness = slowness.reshape(*theta.shape, 3)
-    along = along.reshape(*theta.shape, 3)
+    shape = (*directions.shape[:2], 3)  # three waves in each direction
+    slowness = slowness.reshape(shape)
+    along = along.reshape(shape)
     painter = Painter(view)
-    facing = np.where(view.axes[2] >= 0.0, 1.0, -1.0)
-    light = view.axes.T @ np.array([-0.45, 0.55, 0.7])
+    # the signs of x, y and z in the octant that faces the viewer
+    octant = np.where(view.axes[2] >= 0.0, 1.0, -1.0)
     for wave in range(3):
         points = slowness[..., wave, None] * directions
-        faces = np.stack(
-            [points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=2
-        ).reshape(-1, 4, 3)
-        fraction = along[..., wave]
-        fraction = (
-            0.25
-            * (
-                fraction[:-1, :-1] + fraction[1:, :-1] + fraction[1:, 1:] + fraction[:-1, 1:]
-            ).ravel()
-        )
-        middle = faces.mean(axis=1)
-        normal = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
-        normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-        outwards = np.sign(np.einsum("fi,fi->f", normal, middle))[:, None] * normal
-        towards = view.nearness(outwards)
-        # the outer surfaces without the octant; the inner one without its far side
-        shown = np.any(middle * facing < 0.0, axis=1) if wave else towards > -0.1
-        # the inside of a surface, seen through the cut, is darker
-        bright = np.where(towards > 0.0, 0.72 + 0.28 * np.clip(outwards @ light, 0.0, 1.0), 0.55)
-        colours = np.array(POLARISATION(fraction))
-        colours[:, :3] *= bright[:, None]
-        painter.add_mesh(faces[shown], colours[shown])
-        if wave:
-            # the edges of the cut octant
-            quarter = _SURFACE // 2  # the mesh has twice as many meridians as half a turn has steps
-            quadrants = {(1.0, 1.0): 0, (-1.0, 1.0): 1, (-1.0, -1.0): 2, (1.0, -1.0): 3}
-            start = quadrants[facing[0], facing[1]] * quarter
-            upright = slice(0, quarter + 1) if facing[2] > 0.0 else slice(quarter, None)
-            sides = (points[upright, start], points[upright, start + quarter])
-            for rim in (*sides, points[quarter, start : start + quarter + 1]):
-                painter.add_line(rim, "black", 0.6, nearness=float(view.nearness(rim).max()) + 1e-3)
+        is_outer = wave > 0
+        _add_surface(painter, points, along[..., wave], octant, is_outer)
+        if is_outer:
+            _add_rims(painter, points, octant)
     longest = float(slowness.max())
-    for axis, name in enumerate("xyz"):
-        tip = np.eye(3)[axis] * facing[axis] * 1.42 * longest
-        start = tip * float(slowness.min()) / float(np.linalg.norm(tip))
-        painter.add_arrow(start, tip - start, "black", 0.016 * longest, nearness=10.0 * longest)
-        x, y = view.project(1.07 * tip).tolist()
-        ax.annotate(
-            ("" if facing[axis] > 0.0 else "−") + name,
-            (x, y),
-            ha="center",
-            va="center",
-            zorder=3.0,
-            path_effects=[HALO],
-        )
+    _add_axes(painter, ax, octant, float(slowness.min()), longest)
     painter.draw(ax, "surfaces", rasterized=True)
     low, high = painter.extent
-    unit = 10.0 ** np.floor(np.log10(longest))
     corner = np.array([low[0], low[1] - 0.08 * longest])
-    ax.plot(
-        [corner[0], corner[0] + unit], [corner[1]] * 2, color="black", linewidth=1.5, gid="unit"
-    )
-    bar_middle = (corner[0] + 0.5 * unit, corner[1])
-    below = (0.0, -3.0)
-    ax.annotate(
-        f"{unit:g} {_LABEL}", bar_middle, below, textcoords="offset points", ha="center", va="top"
-    )
+    _draw_unit(ax, corner, 10.0 ** np.floor(np.log10(longest)))
     hide_axes(ax, np.minimum(low, corner) - [0.1 * longest, 0.3 * longest], high + 0.12 * longest)
     if colorbar:
         add_part_bar(ax, POLARISATION, _PART)
     return ax
+
+
+def _make_mesh() -> Array:
+    """Return directions (polar angles, azimuths, 3) over the sphere; edges of octants are lines of
+    the mesh.
+    """
+    polar = np.linspace(0.0, np.pi, _SURFACE + 1)
+    azimuth = np.linspace(0.0, 2.0 * np.pi, 2 * _SURFACE + 1)
+    theta, phi = np.meshgrid(polar, azimuth, indexing="ij")
+    x = np.sin(theta) * np.cos(phi)
+    y = np.sin(theta) * np.sin(phi)
+    return np.stack([x, y, np.cos(theta)], axis=-1)
+
+
+def _list_corners(values: Array) -> list[Array]:
+    """Return the values at the four corners of each face of a mesh, in turn about the face, from
+    values at the points of the mesh: (n, m, ...) gives four arrays (n - 1, m - 1, ...).
+    """
+    return [values[:-1, :-1], values[1:, :-1], values[1:, 1:], values[:-1, 1:]]
+
+
+def _add_surface(
+    painter: Painter, points: Array, along: Array, octant: Array, is_outer: bool
+) -> None:
+    """Add the slowness surface of a wave, a mesh of ``points`` (n, m, 3), s/km, in the colours of
+    its longitudinal part ``along`` (n, m).
+
+    An outer surface lacks the ``octant`` with these signs of x, y and z, (3,); the inner surface
+    lacks its far side.
+    """
+    view = painter.view
+    faces = np.stack(_list_corners(points), axis=2).reshape(-1, 4, 3)
+    first, second, third, fourth = _list_corners(along)
+    fraction = 0.25 * (first + second + third + fourth).ravel()
+    middle = faces.mean(axis=1)
+    normal = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
+    normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    outwards = np.sign(np.einsum("fi,fi->f", normal, middle))[:, None] * normal
+    towards = view.nearness(outwards)
+    is_shown = np.any(middle * octant < 0.0, axis=1) if is_outer else towards > -0.1
+    # the inside of a surface, seen through the cut, is darker
+    light = view.axes.T @ np.array([-0.45, 0.55, 0.7])
+    brightness_outside = 0.72 + 0.28 * np.clip(outwards @ light, 0.0, 1.0)
+    brightness = np.where(towards > 0.0, brightness_outside, 0.55)
+    colours = np.array(POLARISATION(fraction))
+    colours[:, :3] *= brightness[:, None]
+    painter.add_mesh(faces[is_shown], colours[is_shown])
+
+
+def _add_rims(painter: Painter, points: Array, octant: Array) -> None:
+    """Add the three edges of the cut ``octant``, signs of x, y and z (3,), of a surface with the
+    mesh ``points`` (n, m, 3), s/km.
+    """
+    # a quarter of a turn has as many steps along a meridian as along the equator
+    quarter = _SURFACE // 2
+    quadrants = {(1.0, 1.0): 0, (-1.0, 1.0): 1, (-1.0, -1.0): 2, (1.0, -1.0): 3}
+    first = quadrants[octant[0], octant[1]] * quarter
+    last = first + quarter
+    upright = slice(0, quarter + 1) if octant[2] > 0.0 else slice(quarter, None)
+    rims = (points[upright, first], points[upright, last], points[quarter, first : last + 1])
+    for rim in rims:
+        nearness = float(painter.view.nearness(rim).max()) + 1e-3
+        painter.add_line(rim, "black", 0.6, nearness=nearness)
+
+
+def _add_axes(painter: Painter, ax: Axes, octant: Array, least: float, longest: float) -> None:
+    """Add arrows along the Cartesian axes of the ``octant``, signs of x, y and z (3,), from the
+    ``least`` slowness to beyond the ``longest``, s/km, and write their names.
+    """
+    for axis, name in enumerate("xyz"):
+        tip = np.eye(3)[axis] * octant[axis] * 1.42 * longest
+        start = tip * least / float(np.linalg.norm(tip))
+        painter.add_arrow(start, tip - start, "black", 0.016 * longest, nearness=10.0 * longest)
+        x, y = painter.view.project(1.07 * tip).tolist()
+        sign = "" if octant[axis] > 0.0 else "−"
+        ax.annotate(
+            f"{sign}{name}", (x, y), ha="center", va="center", zorder=3.0, path_effects=[HALO]
+        )
+
+
+def _draw_unit(ax: Axes, start: Array, unit: float) -> None:
+    """Draw a horizontal bar of one ``unit`` of slowness, s/km, from ``start`` (2,), with its length
+    below.
+    """
+    x, y = start
+    ax.plot([x, x + unit], [y, y], color="black", linewidth=1.5, gid="unit")
+    middle = (x + 0.5 * unit, y)
+    below = (0.0, -3.0)
+    ax.annotate(
+        f"{unit:g} {_LABEL}", middle, below, textcoords="offset points", ha="center", va="top"
+    )
 
 
 def slowness_figure(state: Any, *, title: str | None = None) -> Figure:

@@ -106,12 +106,8 @@ def plot_spectrum(
     top = _BEYOND_BANDS * float(spectra.bands.max())
     inside = spectrum.frequencies <= top
     frequencies = spectrum.frequencies[inside]
-    group = max(1, frequencies.size // _ROWS)
-    n_rows = frequencies.size // group
-    groups = spectrum.values[order][:, inside][:, : n_rows * group].reshape(len(x), n_rows, group)
-    values = groups.max(axis=2)
-    lower_edges = frequencies[: n_rows * group : group]
-    edges_y = np.append(lower_edges, frequencies[n_rows * group - 1]) / unit.hertz
+    edges_y, values = _group_rows(frequencies, spectrum.values[order][:, inside])
+    edges_y = edges_y / unit.hertz
     if edges_y[-1] < top / unit.hertz:  # the spectrum is zero above its highest frequency
         edges_y = np.append(edges_y, top / unit.hertz)
         values = np.pad(values, ((0, 0), (0, 1)))
@@ -128,17 +124,7 @@ def plot_spectrum(
         gid="spectral-function",
     )
     if bands:
-        n_points = spectra.band_distances.size // (len(corners) - 1)
-        for leg in range(len(corners) - 1):
-            points_of_leg = slice(leg * n_points, (leg + 1) * n_points)
-            lines = ax.plot(
-                spectra.band_distances[points_of_leg],
-                spectra.bands[points_of_leg] / unit.hertz,
-                color="0.35",
-                linewidth=0.7,
-                dashes=(3, 2),
-            )
-            lines[0].set_label("_" if leg else "bands of the mean lattice")
+        _draw_mean_bands(ax, spectra, unit)
     if peaks:
         half_width = np.where(spectrum.resolved, 0.5 * spectrum.width, 0.0)[order] / unit.hertz
         dots, *_ = ax.errorbar(
@@ -157,6 +143,33 @@ def plot_spectrum(
     name_corners(ax, corners, spectra.labels)
     ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, top / unit.hertz))
     return ax
+
+
+def _group_rows(frequencies: Array, values: Array) -> tuple[Array, Array]:
+    """Return the edges (r + 1,), Hz, of rows of a map, each of several ``frequencies`` (n_f,), Hz,
+    if there are many, and the greatest of the ``values`` (n, n_f) in each row, (n, r).
+    """
+    size = max(1, frequencies.size // _ROWS)  # frequencies of a row
+    n_rows = frequencies.size // size
+    rows = values[:, : n_rows * size].reshape(len(values), n_rows, size)
+    lower_edges = frequencies[: n_rows * size : size]
+    return np.append(lower_edges, frequencies[n_rows * size - 1]), rows.max(axis=2)
+
+
+def _draw_mean_bands(ax: Axes, spectra: PathSpectra, unit: HertzPrefix) -> None:
+    """Draw the bands of the mean lattice along the path, leg by leg, dashed."""
+    n_legs = len(spectra.corners) - 1
+    n_points = spectra.band_distances.size // n_legs
+    for leg in range(n_legs):
+        points = slice(leg * n_points, (leg + 1) * n_points)
+        lines = ax.plot(
+            spectra.band_distances[points],
+            spectra.bands[points] / unit.hertz,
+            color="0.35",
+            linewidth=0.7,
+            dashes=(3, 2),
+        )
+        lines[0].set_label("_" if leg else "bands of the mean lattice")
 
 
 def _find_columns(x: Array, corners: Array) -> tuple[Array, NDArray[np.intp]]:
@@ -218,60 +231,67 @@ def plot_surface(
     y = spectrum.frequencies / unit.hertz
     if len(y) < 2:
         raise InputError("a map needs several frequencies", mend="Give more of them")
-    edges = spectrum.edges / unit.hertz
     if len(q) == 1:
-        for colour, letter, values in zip(
-            COLOURS, spectrum.letters, spectrum.by_motion[0].T, strict=False
-        ):
-            ax.plot(y, values * unit.hertz, color=colour, linewidth=0.9, label=f"${letter}$")
-        for low, high in edges[0]:
-            ax.axvspan(low, high, color="0.9", linewidth=0.0, zorder=0.0)
-        waves = np.zeros(0) if drawn_branches is None else drawn_branches.frequencies / unit.hertz
-        for number, frequency in enumerate(waves):
-            ax.axvline(
-                frequency,
-                color="0.2",
-                linewidth=0.8,
-                dashes=(1, 2),
-                label="_" if number else "wave of the edge",
-            )
-        ax.set(xlim=(y[0], y[-1]), ylim=(0.0, None), xlabel=f"Frequency ({print_hertz(unit)})")
-        ax.set(ylabel=f"Outer layer (1/{print_hertz(unit)})")
-        ax.legend()
+        _draw_surface_curves(ax, spectrum, drawn_branches, unit)
         return ax
-    moving = np.flatnonzero(np.ptp(q, axis=0) > 0.0)
-    if not moving.size:
+    changing = np.flatnonzero(np.ptp(q, axis=0) > 0.0)
+    if not changing.size:
         raise InputError("a map needs several wave vectors", mend="Give more of them")
-    x = spectrum.distances if spectrum.labels else q[:, moving[0]]
+    x = spectrum.distances if spectrum.labels else q[:, changing[0]]
     _draw_map(ax, x, y, spectrum.values, "Outer layer", unit, shading="nearest", gid="surface")
+    edges = spectrum.edges / unit.hertz
     for number, edge in enumerate(edges.reshape(len(q), -1).T):
-        ax.plot(
-            x,
-            edge,
-            color="0.35",
-            linewidth=0.5,
-            dashes=(3, 2),
-            label="_" if number else "edges of bands",
-        )
+        label = "_" if number else "edges of bands"
+        ax.plot(x, edge, color="0.35", linewidth=0.5, dashes=(3, 2), label=label)
     if drawn_branches is not None:
-        for leaks, words in ((False, "waves of the edge"), (True, "leaky waves")):
-            is_drawn = (drawn_branches.widths > 0.0) == leaks
-            if np.any(is_drawn):
-                look: dict[str, Any] = {"markersize": 1.6, "color": ORANGE, "label": words}
-                look |= {"markerfacecolor": "none", "markeredgewidth": 0.4} if leaks else {}
-                ax.plot(
-                    x[drawn_branches.place[is_drawn]],
-                    drawn_branches.frequencies[is_drawn] / unit.hertz,
-                    "o",
-                    **look,
-                )
+        _draw_surface_branches(ax, x, drawn_branches, unit)
     if spectrum.labels:
         name_corners(ax, spectrum.corners, spectrum.labels)
     else:
-        ax.set(xlabel=f"Wave vector $q_{moving[0] + 1}$ (reciprocal cell)")
+        ax.set(xlabel=f"Wave vector $q_{changing[0] + 1}$ (reciprocal cell)")
     ax.set(ylabel=f"Frequency ({print_hertz(unit)})", xlim=(x.min(), x.max()), ylim=(0.0, y[-1]))
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     return ax
+
+
+def _draw_surface_curves(
+    ax: Axes, spectrum: SurfaceSpectrum, branches: SurfaceBranches | None, unit: HertzPrefix
+) -> None:
+    """Draw the spectrum of each motion of the outer layer at the only wave vector over the
+    frequency, with bands in grey and the waves of ``branches`` dotted.
+    """
+    f = spectrum.frequencies / unit.hertz
+    curves = spectrum.by_motion[0].T  # (motions, n_f), 1/Hz
+    for colour, letter, values in zip(COLOURS, spectrum.letters, curves, strict=False):
+        ax.plot(f, values * unit.hertz, color=colour, linewidth=0.9, label=f"${letter}$")
+    for low, high in spectrum.edges[0] / unit.hertz:
+        ax.axvspan(low, high, color="0.9", linewidth=0.0, zorder=0.0)
+    waves = np.zeros(0) if branches is None else branches.frequencies / unit.hertz
+    for number, frequency in enumerate(waves):
+        label = "_" if number else "wave of the edge"
+        ax.axvline(frequency, color="0.2", linewidth=0.8, dashes=(1, 2), label=label)
+    ax.set(xlim=(f[0], f[-1]), ylim=(0.0, None), xlabel=f"Frequency ({print_hertz(unit)})")
+    ax.set(ylabel=f"Outer layer (1/{print_hertz(unit)})")
+    ax.legend()
+
+
+def _draw_surface_branches(
+    ax: Axes, x: Array, branches: SurfaceBranches, unit: HertzPrefix
+) -> None:
+    """Draw the waves of an edge at wave vectors ``x`` (n,) as dots: undamped waves are full dots,
+    leaky waves hollow ones.
+    """
+    hollow = {"markerfacecolor": "none", "markeredgewidth": 0.4}
+    leaks = branches.widths > 0.0
+    for is_drawn, words, look in (
+        (~leaks, "waves of the edge", {}),
+        (leaks, "leaky waves", hollow),
+    ):
+        if np.any(is_drawn):
+            places = x[branches.place[is_drawn]]
+            frequencies = branches.frequencies[is_drawn] / unit.hertz
+            style: dict[str, Any] = {"markersize": 1.6, "color": ORANGE, "label": words} | look
+            ax.plot(places, frequencies, "o", **style)
 
 
 def spectrum_figure(spectra: PathSpectra) -> Figure:
@@ -410,58 +430,86 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
     states, handles = choose_states(dataset, "line_frequency", "spectra of arrays")
     count = dataset.sizes["polarisation"]
     unit = HertzPrefix.for_top(float(np.nanmax(dataset["line_frequency"].values)))
+    labels = [str(label) for label in dataset["labels_of_path"].values]
     with styled_figure(0.4 + 4.2 * count) as figure:
         ratios = [1.2, 1.0] * count
         panels = figure.subplots(2 * count, 1, squeeze=False, height_ratios=ratios)[:, 0]
         for number, name in enumerate(dataset["polarisation"].values.tolist()):
             above, below = panels[2 * number : 2 * number + 2]
             corners = np.zeros(0)
-            drawn_frequencies = [np.zeros(0)]
+            frequencies = [np.zeros(0)]
             for colour, take in states:
-                ends = take("path_corners")
-                along = take("path_distance")
                 # paths of balls of several diameters differ in length alone
-                corners = ends / ends[-1]
-                peak = take("line_frequency", number) / unit.hertz
-                width = take("line_width", number) / unit.hertz
-                attenuation = take("attenuation", number)
-                is_resolved = take("line_resolved", number) >= 0.5
-                style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "color": colour}
-                half_width = np.where(is_resolved, 0.5 * width, 0.0)
-                dots, *_ = above.errorbar(
-                    along / ends[-1], peak, half_width, elinewidth=0.8, zorder=3, **style
-                )
-                dots.set_clip_on(False)
-                is_drawn = is_resolved & (attenuation > 0.0)
-                bars = None
-                if "attenuation_error" in dataset:
-                    errors = take("attenuation_error", number)
-                    if np.all(np.isfinite(errors)):
-                        bars = _limit_bars(attenuation[is_drawn], errors[is_drawn])
-                below.errorbar(peak[is_drawn], attenuation[is_drawn], bars, elinewidth=0.7, **style)
-                drawn_frequencies.append(peak[is_drawn])
-            name_corners(above, corners, [str(label) for label in dataset["labels_of_path"].values])
+                corners = take("path_corners") / take("path_corners")[-1]
+                _draw_line_frequencies(above, take, number, colour, unit)
+                has_errors = "attenuation_error" in dataset
+                frequencies.append(_draw_attenuation(below, take, number, colour, unit, has_errors))
+            name_corners(above, corners, labels)
             above.set(ylabel=f"Frequency, {name} ({print_hertz(unit)})", ylim=(0.0, None))
-            frequencies = np.concatenate(drawn_frequencies)
-            if frequencies.size:
-                below.set_yscale("log")
-                scale_axis(below, "x", frequencies)
-            else:
-                below.text(
-                    0.5,
-                    0.5,
-                    "no line is resolved",
-                    transform=below.transAxes,
-                    ha="center",
-                    va="center",
-                    color="0.4",
-                )
-                below.set(xticks=[], yticks=[])
+            _scale_attenuation(below, np.concatenate(frequencies))
             below.set(
                 xlabel=f"Frequency ({print_hertz(unit)})", ylabel=f"Attenuation, {name} (1/m)"
             )
         add_legend(figure, handles, room=1)
     return figure
+
+
+def _draw_line_frequencies(
+    ax: Axes, take: Callable[..., Array], number: int, colour: Any, unit: HertzPrefix
+) -> None:
+    """Draw the frequencies of the lines of one polarisation in a state over the path, whose length
+    is 1, with bars as long as the width where the width is resolved.
+
+    ``take`` returns the values of a variable in the state; ``number`` is that of the polarisation.
+    """
+    x = take("path_distance") / take("path_corners")[-1]
+    peak = take("line_frequency", number) / unit.hertz
+    width = take("line_width", number) / unit.hertz
+    is_resolved = take("line_resolved", number) >= 0.5
+    half_width = np.where(is_resolved, 0.5 * width, 0.0)
+    style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "color": colour}
+    dots, *_ = ax.errorbar(x, peak, half_width, elinewidth=0.8, zorder=3, **style)
+    dots.set_clip_on(False)
+
+
+def _draw_attenuation(
+    ax: Axes,
+    take: Callable[..., Array],
+    number: int,
+    colour: Any,
+    unit: HertzPrefix,
+    has_errors: bool,
+) -> Array:
+    """Draw the attenuation of the resolved lines of one polarisation in a state over their
+    frequency, with bars of the standard errors where all are known; return the frequencies (m,) of
+    the lines in this ``unit``.
+
+    ``take`` and ``number`` are as in :func:`_draw_line_frequencies`.
+    """
+    attenuation = take("attenuation", number)
+    is_drawn = (take("line_resolved", number) >= 0.5) & (attenuation > 0.0)
+    frequencies = (take("line_frequency", number) / unit.hertz)[is_drawn]
+    bars = None
+    if has_errors:
+        errors = take("attenuation_error", number)
+        if np.all(np.isfinite(errors)):
+            bars = _limit_bars(attenuation[is_drawn], errors[is_drawn])
+    style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "color": colour}
+    ax.errorbar(frequencies, attenuation[is_drawn], bars, elinewidth=0.7, **style)
+    return frequencies
+
+
+def _scale_attenuation(ax: Axes, frequencies: Array) -> None:
+    """Make the axes of attenuation over ``frequencies`` (n,) logarithmic; without a frequency, say
+    that no line is resolved.
+    """
+    if frequencies.size:
+        ax.set_yscale("log")
+        scale_axis(ax, "x", frequencies)
+        return
+    place: dict[str, Any] = {"transform": ax.transAxes, "ha": "center", "va": "center"}
+    ax.text(0.5, 0.5, "no line is resolved", color="0.4", **place)
+    ax.set(xticks=[], yticks=[])
 
 
 def _limit_bars(values: Array, errors: Array) -> Array:
@@ -492,8 +540,10 @@ def choose_states(
     for number in np.argsort(values, kind="stable").tolist():
         size = write_value(float(values[number]), unit)
         for facts, index in lines:
-            parts = [size] * (len(values) > 1) + [facts[kind] for kind in kinds]
-            labels.append(", ".join(parts) or size)
+            texts = [facts[kind] for kind in kinds]
+            if len(values) > 1:
+                texts.insert(0, size)
+            labels.append(", ".join(texts) or size)
             indices.append(index | {"load": number})
     chosen = pick_evenly(len(labels), _STATES)
     # the light end of the colours is too pale
@@ -623,11 +673,14 @@ def animate_pulse(
 
 
 def _label_decibels(name: str) -> str:
-    unit = CATALOGUE[name].unit
-    return f"{CATALOGUE[name].label} (dB{'' if unit == '1' else f' re 1 {unit}'})"
+    """Return the label of an axis of a variable in decibels over one SI unit."""
+    entry = CATALOGUE[name]
+    reference = "" if entry.unit == "1" else f" re 1 {entry.unit}"
+    return f"{entry.label} (dB{reference})"
 
 
 def _find_decibels(magnitude: Array) -> Array:
+    """Return magnitudes in decibels, nan for zero."""
     return 20.0 * np.log10(np.where(magnitude > 0.0, magnitude, np.nan))
 
 
@@ -779,7 +832,9 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
             )
             add_bar(ax, mesh, _label_decibels(name))
             ax.set(ylabel=f"Frequency ({print_hertz(prefix)})", ylim=(y[0], y[-1]))
-            words = [facts[kind] for kind in kinds] + [receivers[receiver]] * (len(receivers) > 1)
+            words = [facts[kind] for kind in kinds]
+            if len(receivers) > 1:
+                words.append(receivers[receiver])
             if words:
                 ax.text(0.02, 0.97, ", ".join(words), transform=ax.transAxes, va="top")
         scale_axis(axes[-1], "x", x)

@@ -74,6 +74,8 @@ from granphon.runs.workers import packages
 if TYPE_CHECKING:
     from xarray import DataArray
     from xarray import Dataset as Dataset
+
+    from granphon.waves.settings import WaveSettings
 else:
     Dataset = Any  # what only names the type does not load xarray
 
@@ -246,43 +248,20 @@ def make_frame(grid: Grid) -> Dataset:
 
         register_accessor()
 
-    packing = grid.cases[0].packing
     request = grid.request
     finite = [medium.has_finite_overlap(request.finite_overlap) for medium in grid.media]
     variables = _frame_bands(grid, finite)
     coordinates = _frame_states(grid)
-    attrs: dict[str, Any] = {
-        "format": FORMAT,
-        "schema": SWEEP_SCHEMA,
-        "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
-        "media": to_json(
-            [{medium.name: medium.settings_on(packing.structure)} for medium in grid.media]
-        ),
-        "finite_overlap": int(all(finite)),
-        "direction": (
-            f"{('(1)', '(1, 0)', '(1, 0, 0)')[packing.structure.periods - 1]}, Cartesian, where"
-            " velocities depend on it"
-        ),
-        "observe": to_json(request.observe),
-    }
+    attrs = _frame_attributes(grid, finite)
     if request.direction is not None:
         direction, words = _frame_direction(request.direction)
         coordinates["direction"] = direction
         attrs["direction"] = words
-    waves = request.waves
-    if waves is not None:
-        attrs["waves"] = to_json({"of": waves, "exponents": request.exponents})
-    if waves is not None and waves.spectrum is not None:
-        # imported here: other sweeps do not need spectra
-        from granphon.waves.path_spectra import join_labels
-
-        coordinates["polarisation"] = list(waves.spectrum.polarisation)
-        labels = np.array(join_labels(waves.path, waves.labels))
-        meaning = {"long_name": "corners of the path of the spectra"}
-        variables["labels_of_path"] = ("corner_of_path", labels, meaning)
-    for settings in waves.of_networks if waves is not None else ():
-        for name, (values, unit) in settings.coordinates.items():
-            coordinates[name] = (name, np.array(values), {"units": unit} if unit else {})
+    if request.waves is not None:
+        attrs["waves"] = to_json({"of": request.waves, "exponents": request.exponents})
+        wave_variables, wave_coordinates = _frame_waves(request.waves)
+        variables |= wave_variables
+        coordinates |= wave_coordinates
     if request.surface is not None:
         attrs["surface"] = to_json(request.surface)
     if request.bands is not None:
@@ -291,6 +270,44 @@ def make_frame(grid: Grid) -> Dataset:
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
     attrs["packing"] = to_json(grid.packing)
     return Dataset(variables, coordinates, attrs)
+
+
+def _frame_attributes(grid: Grid, finite: Sequence[bool]) -> dict[str, Any]:
+    """Return the attributes that every data set has; ``finite`` says of each medium whether its
+    states have finite overlap.
+    """
+    structure = grid.cases[0].packing.structure
+    x = ("(1)", "(1, 0)", "(1, 0, 0)")[structure.periods - 1]
+    media = [{medium.name: medium.settings_on(structure)} for medium in grid.media]
+    return {
+        "format": FORMAT,
+        "schema": SWEEP_SCHEMA,
+        "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
+        "media": to_json(media),
+        "finite_overlap": int(all(finite)),
+        "direction": f"{x}, Cartesian, where velocities depend on it",
+        "observe": to_json(grid.request.observe),
+    }
+
+
+def _frame_waves(waves: WaveSettings) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the variables and the coordinates of waves: the path and the polarisations of spectra,
+    and the coordinates of the blocks about networks.
+    """
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {}
+    if waves.spectrum is not None:
+        # imported here: other sweeps do not need spectra
+        from granphon.waves.path_spectra import join_labels
+
+        coordinates["polarisation"] = list(waves.spectrum.polarisation)
+        labels = np.array(join_labels(waves.path, waves.labels))
+        meaning = {"long_name": "corners of the path of the spectra"}
+        variables["labels_of_path"] = ("corner_of_path", labels, meaning)
+    for settings in waves.of_networks:
+        for name, (values, unit) in settings.coordinates.items():
+            coordinates[name] = (name, np.array(values), {"units": unit} if unit else {})
+    return variables, coordinates
 
 
 def _frame_bands(grid: Grid, finite: Sequence[bool]) -> dict[str, Any]:
@@ -474,11 +491,9 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     """Return the frame with the ``results`` of the cases filled in."""
     packing = grid.cases[0].packing
     labels = [case.label for case in grid.cases]
-    warnings = [
-        (label, text)
-        for label, result in zip(labels, results, strict=True)
-        for text in tell_warnings(result)
-    ]
+    warnings = list[tuple[str, str]]()  # labels of cases, and texts
+    for label, result in zip(labels, results, strict=True):
+        warnings += [(label, text) for text in tell_warnings(result)]
     _fill_errors(grid, results)
     _pad_uneven(results)
     results, sentences = _fill_gaps(results, packing.structure.periods)
@@ -515,8 +530,9 @@ def _stack(
     """Return the dimensions and the values of a variable of all cases."""
     axes = grid.axes
     counts = [len(axis.values) for axis in axes]
-    values = np.array([result[name] for result in results])
+    values = np.array([result[name] for result in results])  # (cases, loads, ...)
     values = values.reshape(*counts, frame.sizes["medium"], grid.load.size, *values.shape[2:])
+    # the axes of loads and media, which follow those of parameters, come first
     values = np.moveaxis(values, (len(axes) + 1, len(axes)), (0, 1))
     dims = ["load", "medium", *(axis.name for axis in axes)]
     if CATALOGUE[name].per_direction and "direction" in frame.dims:
@@ -617,19 +633,23 @@ def _fill_gaps(results: Sequence[TaskResult], periods: int) -> tuple[list[TaskRe
         # a case has its own notes on waves in arrays
         lacking = [name for name in nans if name != "pressure" and _is_of_sound(name)]
         if lacking and any(map(_is_of_sound, result)):
-            are, waves = ("is", "wave") if len(lacking) == 1 else ("are", "waves")
-            reasons.append(
-                f"{', '.join(lacking)} {are} nan, as balls with these motions have no such {waves}"
-            )
+            names = ", ".join(lacking)
+            why = "as balls with these motions have no such waves"
+            if len(lacking) == 1:
+                reasons.append(f"{names} is nan, {why.removesuffix('s')}")
+            else:
+                reasons.append(f"{names} are nan, {why}")
         sentences.append("; ".join(reasons))
     return filled, sentences
 
 
 def _is_of_sound(name: str) -> bool:
+    """Whether a variable is found from the velocities of sound."""
     return name in CATALOGUE and CATALOGUE[name].cost == "velocities"
 
 
 def _list_attributes(name: str, values: Array, packing: Balls) -> dict[str, str]:
+    """Return the attributes of a variable: its title, and its unit if it has numbers."""
     entry = entry_of(name, packing)
     attributes = {"long_name": entry.title}
     if entry.unit and values.dtype.kind in "iuf":
@@ -719,9 +739,9 @@ def _digest_numbers(dataset: Dataset) -> str:
     for name, variable in dataset.variables.items():
         # neither the byte order nor the stored length of texts counts
         values = variable.values
-        kind = "text"
-        content = None
+        content: Any
         if values.dtype.kind in "OUT":
+            kind = "text"
             content = values.astype(str).tolist()
         else:
             ordered = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
@@ -791,15 +811,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     -----
     UnverifiedFileWarning : the file carries no digest.
     """
-    raw = read_bytes(path, _MOST_BYTES)
-    body = raw[:-_TRAILER_BYTES]
-    trailer = raw[-_TRAILER_BYTES:]
-    has_file_digest = trailer.startswith(_TRAILER)
-    if has_file_digest and trailer != _TRAILER + hashlib.sha256(body).hexdigest().encode():
-        raise damage_error(path, "sha256 of the file, at its end")
-    if not has_file_digest:
-        body = raw
-        _try_elsewhere(path, body)
+    body, has_file_digest = _read_checked(path)
     try:
         # open the bytes that were checked: the file itself may have changed since
         dataset = open_bytes(body)
@@ -808,6 +820,34 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
         raise
     except Exception as error:  # whatever makes HDF5, h5netcdf or xarray fail is in the file
         raise _explain_unreadable(path, str(error)) from None
+    _require_sweep(path, dataset)
+    kept_digest = dataset.attrs.pop(DIGEST, None)
+    if kept_digest is not None and kept_digest != _digest_numbers(dataset):
+        raise damage_error(path, f"sha256 of the numbers, the attribute {DIGEST}")
+    if kept_digest is None and not has_file_digest:
+        _require_sense(path, dataset)
+        warn_unverified(path)
+    return dataset
+
+
+def _read_checked(path: str | os.PathLike[str]) -> tuple[bytes, bool]:
+    """Return the bytes of the netCDF file in ``path``, and whether the digest of the file stands
+    behind them; InputError if the digest is that of other bytes, or if a file without a digest
+    cannot be opened.
+    """
+    raw = read_bytes(path, _MOST_BYTES)
+    body = raw[:-_TRAILER_BYTES]
+    trailer = raw[-_TRAILER_BYTES:]
+    if not trailer.startswith(_TRAILER):
+        _try_elsewhere(path, raw)
+        return raw, False
+    if trailer != _TRAILER + hashlib.sha256(body).hexdigest().encode():
+        raise damage_error(path, "sha256 of the file, at its end")
+    return body, True
+
+
+def _require_sweep(path: str | os.PathLike[str], dataset: Dataset) -> None:
+    """Raise InputError unless a data set is a whole sweep in the schema that is read."""
     if dataset.attrs.get("format") != FORMAT:
         raise InputError(f"{path} is not a sweep", "granphon did not write it", "Give a sweep.nc")
     schema: Any = dataset.attrs.get("schema")
@@ -817,13 +857,6 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
         raise InputError(
             f"{path} is damaged: a part of the sweep is missing", mend="Run the sweep again"
         )
-    kept_digest = dataset.attrs.pop(DIGEST, None)
-    if kept_digest is not None and kept_digest != _digest_numbers(dataset):
-        raise damage_error(path, f"sha256 of the numbers, the attribute {DIGEST}")
-    if kept_digest is None and not has_file_digest:
-        _require_sense(path, dataset)
-        warn_unverified(path)
-    return dataset
 
 
 def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
@@ -986,22 +1019,17 @@ class SweepAccessor:
         if "load" not in values.dims or data.sizes["load"] < 3:
             raise InputError("an exponent needs three loads or more", mend="Sweep more loads")
         ordered = values.transpose("load", ...)
-        x = loads.transpose("load", ...).values.astype(float)
-        y = ordered.values.astype(float)
+        x = loads.transpose("load", ...).values.astype(float)  # (n,), or in the shape of y
+        y = ordered.values.astype(float)  # (n, ...)
         is_positive = np.all(x > 0.0) and np.all(y[~np.isnan(y)] > 0.0)
-        if not (is_positive and np.all(np.diff(x, axis=0) > 0.0)):
+        is_ascending = np.all(np.diff(x, axis=0) > 0.0)
+        if not (is_positive and is_ascending):
             raise InputError(
                 f"{name} has no exponent here", "Loads must ascend, and values be above zero"
             )
         if x.ndim == 1:
             x = x.reshape(len(x), *(1,) * (y.ndim - 1))
-        log_loads = np.log(np.broadcast_to(x, y.shape)).reshape(len(y), -1).T
-        log_values = np.log(y).reshape(len(y), -1).T
-        slopes = [
-            np.gradient(values_of_column, loads_of_column, edge_order=2)
-            for loads_of_column, values_of_column in zip(log_loads, log_values, strict=True)
-        ]
-        exponents = ordered.copy(data=np.transpose(slopes).reshape(y.shape))
+        exponents = ordered.copy(data=_find_slopes(np.log(np.broadcast_to(x, y.shape)), np.log(y)))
         exponents.attrs = {
             "units": "1",
             "long_name": f"local exponent of {values.attrs.get('long_name', name)}",
@@ -1017,6 +1045,15 @@ class SweepAccessor:
         import granphon
 
         return granphon.fit_width(self.packing, force, velocity, *more, **options)
+
+
+def _find_slopes(x: Array, y: Array) -> Array:
+    """Return the slopes dy/dx (n, ...) of the parabolas through each point along the first axis and
+    its neighbours, of values ``x`` and ``y`` (n, ...).
+    """
+    columns = zip(x.reshape(len(x), -1).T, y.reshape(len(y), -1).T, strict=True)
+    slopes = [np.gradient(y_column, x_column, edge_order=2) for x_column, y_column in columns]
+    return np.transpose(slopes).reshape(y.shape)
 
 
 def register_accessor() -> None:

@@ -90,15 +90,7 @@ def advance(
     as the first.
     """
     require_packages(f"the worker on {platform.node()}", package_versions)
-    missing = set(added).difference(list_added("observable"))
-    if missing:
-        problem = f"a worker does not know the observable {min(missing)!r}"
-        why = "It was registered in the process that began the work"
-        mend = (
-            "Register it by an entry point of granphon.plugins, or in a script above its if"
-            " __name__ == '__main__'"
-        )
-        raise GranphonError(problem, why, mend)
+    _require_observables(added)
     results = list[Result]()
     call_start = time.perf_counter()
     for task, entry in orders:
@@ -114,6 +106,21 @@ def advance(
                 raise
             break
     return results
+
+
+def _require_observables(added: Sequence[str]) -> None:
+    """Raise GranphonError if this process, a worker, does not know an observable that was
+    ``added``.
+    """
+    missing = set(added).difference(list_added("observable"))
+    if missing:
+        problem = f"a worker does not know the observable {min(missing)!r}"
+        why = "It was registered in the process that began the work"
+        mend = (
+            "Register it by an entry point of granphon.plugins, or in a script above its if"
+            " __name__ == '__main__'"
+        )
+        raise GranphonError(problem, why, mend)
 
 
 def solve_all(
@@ -267,28 +274,43 @@ class _Work:
         except Exception as error:  # BrokenProcessPool, or KilledWorker of dask
             if not isinstance(error, BrokenExecutor) and type(error).__name__ != "KilledWorker":
                 raise
-            self.losses.update(dict.fromkeys(indices, getattr(error, "allowed_failures", 0) + 1))
-            times = self.losses[indices[0]]
-            where = self.tasks[indices[0]].where
-            if len(self.running) == len(indices) == 1 and times >= MOST_LOSSES:
-                problem = f"{where}: the worker process that did it has ended, {times} times"
-                mend = (
-                    "Give workers more memory, or take fewer --workers; run the same command"
-                    " again to continue"
-                )
-                why = "It was killed, or ran out of memory"
-                raise GranphonError(problem, why, mend) from None
+            n_losses = getattr(error, "allowed_failures", 0) + 1
+            self._count_losses(indices, n_losses)
         for index, result in zip(indices, results, strict=False):
             self.store.append(self.tasks[index].name, result.entry)
+        # the call has ended before these tasks
         for index in indices[len(results) :]:
             heappush(self.waiting, index)
         for index, result in zip(indices, results, strict=False):
-            task = self.tasks[index]
-            self.seconds[task.kind] = 0.5 * (
-                self.seconds.get(task.kind, result.seconds) + result.seconds
+            self._count_step(index, result)
+
+    def _count_losses(self, indices: Sequence[int], n_losses: int) -> None:
+        """Count ``n_losses`` workers that were lost with tasks; raise GranphonError if the one task
+        under way has lost too many.
+        """
+        self.losses.update(dict.fromkeys(indices, n_losses))
+        times = self.losses[indices[0]]
+        is_alone = len(self.running) == len(indices) == 1
+        if is_alone and times >= MOST_LOSSES:
+            where = self.tasks[indices[0]].where
+            problem = f"{where}: the worker process that did it has ended, {times} times"
+            mend = (
+                "Give workers more memory, or take fewer --workers; run the same command"
+                " again to continue"
             )
-            self.begun.pop(index, None)
-            if result.steps < task.steps:
-                self.begun[index] = result.entry
-                heappush(self.waiting, index)
-            self.step.advance()
+            why = "It was killed, or ran out of memory"
+            raise GranphonError(problem, why, mend) from None
+
+    def _count_step(self, index: int, result: Result) -> None:
+        """Count a step of a task whose result is kept, and put the task back if it has more
+        steps.
+        """
+        task = self.tasks[index]
+        # a mean in which earlier steps count less and less
+        earlier_seconds = self.seconds.get(task.kind, result.seconds)
+        self.seconds[task.kind] = 0.5 * (earlier_seconds + result.seconds)
+        self.begun.pop(index, None)
+        if result.steps < task.steps:
+            self.begun[index] = result.entry
+            heappush(self.waiting, index)
+        self.step.advance()

@@ -66,6 +66,7 @@ def encode(name: str, result: TaskResult) -> bytes:
 
 
 def _seal(name: str, *data: bytes) -> bytes:
+    """Return the entry of a name with these ``data``: SHA-256 of the rest, name, data."""
     pieces = [f"{name}\n".encode(), *data]
     digest = hashlib.sha256()
     for piece in pieces:  # joined once: results may be large
@@ -222,31 +223,25 @@ class Store:
         base = self._connect(make=True)
         now = time.monotonic()
         assert base is not None
-        wait = now - self._synced > 1.0  # s, for which results are left to the system's memory
+        # results of one second are left to the system's memory
+        waits_for_disk = now - self._synced > 1.0
         entries = {name: entry}
         if self._pending is not None:
             entries = {_IDENTITY: _seal(_IDENTITY, self._pending.encode()), name: entry}
         try:
-            base.execute(f"PRAGMA synchronous = {'FULL' if wait else 'OFF'}")
+            base.execute(f"PRAGMA synchronous = {'FULL' if waits_for_disk else 'OFF'}")
             with base:  # all or nothing: no file holds the identity of work alone
                 base.execute("BEGIN IMMEDIATE")
-                for order in _MAKE if _is_empty(base) else ():
-                    base.execute(order)
-                for key, whole in entries.items():
-                    pieces = [
-                        (key, n, whole[n * _PIECE : (n + 1) * _PIECE])
-                        for n in range(1 + len(whole) // _PIECE)
-                    ]
-                    base.execute("DELETE FROM task WHERE name = ?", (key,))
-                    base.executemany("INSERT INTO task VALUES (?, ?, ?)", pieces)
+                _write_entries(base, entries)
         except sqlite3.Error as error:
             with suppress(OSError):
                 if self.path is not None and not os.path.getsize(self.path):
                     self.clear()  # nothing was ever kept there
             raise self._explain(error) from None
         self._pending = None
-        self._is_unsynced = not wait
-        self._synced = now if wait else self._synced
+        self._is_unsynced = not waits_for_disk
+        if waits_for_disk:
+            self._synced = now
 
     def _query(self, question: str, name: str) -> list[tuple[Any, ...]]:
         """Return the rows that answer a question about a name; none if there is no file yet."""
@@ -280,20 +275,22 @@ class Store:
             if self.force:
                 self.clear()
             if path is None or os.path.lexists(path):
-                problem = (
-                    f"{path}, with the finished parts of work that was interrupted, is damaged:"
-                    f" {error}"
-                )
-                mend = "Use --force (force=True, overwrite=True) to discard it, or move it away"
-                raise OutputError(problem, mend=mend) from None
+                raise self._explain_damage(error) from None
             return self._connect(make)
         return self._base
+
+    def _explain_damage(self, error: sqlite3.DatabaseError) -> OutputError:
+        """Return the error of a file that is no data base, or a damaged one."""
+        kept = f"{self.path}, with the finished parts of work that was interrupted"
+        mend = "Use --force (force=True, overwrite=True) to discard it, or move it away"
+        return OutputError(f"{kept}, is damaged: {error}", mend=mend)
 
     def _open(self, path: Path, make: bool) -> sqlite3.Connection:
         """Open the data base in a file; DatabaseError unless it is empty, or has the one table of a
         store, undamaged.
         """
-        flags = (os.O_RDWR | os.O_CREAT if make else os.O_RDONLY) | getattr(os, "O_NOFOLLOW", 0)
+        flags = os.O_RDWR | os.O_CREAT if make else os.O_RDONLY
+        flags |= getattr(os, "O_NOFOLLOW", 0)
         descriptor = os.open(path, flags, 0o666)  # its errors say more than those of SQLite
         locks = has_locks(descriptor)
         os.close(descriptor)
@@ -336,6 +333,7 @@ class Store:
         return True
 
     def _explain(self, error: OSError | sqlite3.Error, done: str = "written") -> OutputError:
+        """Return the error of a file that cannot be ``done``, "read" or "written"."""
         if isinstance(error, OutputError):
             return error
         if isinstance(error, FileNotFoundError):
@@ -370,11 +368,16 @@ class Store:
 
     def clear(self) -> None:
         """Delete every result, and the file."""
-        has_own_file = self.path is not None and (
-            self._has_file() if self._base is None else _identify(self.path) == self._file
-        )
+        if self.path is None:
+            has_own_file = False
+        elif self._base is None:
+            has_own_file = self._has_file()
+        else:
+            has_own_file = _identify(self.path) == self._file
         self.close()
-        for name in (f"{self.path}", f"{self.path}-journal") if has_own_file else ():
+        if not has_own_file:
+            return
+        for name in (f"{self.path}", f"{self.path}-journal"):
             with suppress(OSError):
                 os.unlink(name)
 
@@ -402,7 +405,23 @@ def _identify(path: Path) -> tuple[int, int]:
     return 0, 0
 
 
+def _write_entries(base: sqlite3.Connection, entries: Mapping[str, bytes]) -> None:
+    """Write entries by name, in pieces, in place of those of the same names; make the table
+    first if there is none.
+    """
+    if _is_empty(base):
+        for order in _MAKE:
+            base.execute(order)
+    for name, entry in entries.items():
+        pieces = [
+            (name, n, entry[n * _PIECE : (n + 1) * _PIECE]) for n in range(1 + len(entry) // _PIECE)
+        ]
+        base.execute("DELETE FROM task WHERE name = ?", (name,))
+        base.executemany("INSERT INTO task VALUES (?, ?, ?)", pieces)
+
+
 def _is_empty(base: sqlite3.Connection) -> bool:
+    """Whether a data base has no table."""
     return not base.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchall()
 
 

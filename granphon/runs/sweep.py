@@ -159,14 +159,7 @@ def sweep(
     """
     packing = given_balls(packing)
     media = default_medium(packing) if media is None else media
-    if load is not None and not (force is None and pressure is None and overlap is None):
-        raise InputError(
-            "a load is given twice", mend="Give load alone, or one of force, pressure, overlap"
-        )
-    if load is None:
-        load = Load.only(force=force, pressure=pressure, overlap=overlap)
-    else:
-        load = load.applied.flat
+    load = _choose_load(load, force=force, pressure=pressure, overlap=overlap)
     axes = [Axis.of(name, values) for name, values in parameters.items()]
     # all lattices of a sweep have the same number of periods
     lattices = [axis.values[0] for axis in axes if axis.name == "lattice"]
@@ -193,15 +186,8 @@ def sweep(
     )
     grid = Grid(packing, axes, choices, load, request)
     if waves is not None:
-        # imported here: a sweep without waves does not need them
-        from granphon.runs.wave_records import require_waves
-
         require_arrays(choices, parameters, waves.names)
-        for case in grid.cases:
-            try:
-                require_waves(case.serving_media, waves)
-            except GranphonError as error:
-                raise type(error)(f"{case.label}: {error}") from None
+        _require_waves(grid, waves)
     return sweep_grid(
         grid,
         executor=executor,
@@ -211,6 +197,33 @@ def sweep(
         overwrite=overwrite,
         store=store,
     )
+
+
+def _choose_load(load: Load | None, **loads: ArrayLike | None) -> Load:
+    """Return the applied load: ``load``, or else the one of ``loads``, by kind, that is not None;
+    InputError if there are both.
+    """
+    if load is None:
+        return Load.only(**loads)
+    if any(values is not None for values in loads.values()):
+        raise InputError(
+            "a load is given twice", mend="Give load alone, or one of force, pressure, overlap"
+        )
+    return load.applied.flat
+
+
+def _require_waves(grid: Grid, waves: WaveSettings) -> None:
+    """Raise if the arrays of a case are known not to have the ``waves``; the error names the
+    case.
+    """
+    # imported here: a sweep without waves does not need them
+    from granphon.runs.wave_records import require_waves
+
+    for case in grid.cases:
+        try:
+            require_waves(case.serving_media, waves)
+        except GranphonError as error:
+            raise type(error)(f"{case.label}: {error}") from None
 
 
 def _read_media(media: Any, lattice: Lattice, packing: Packing | Arrangement) -> list[MediumChoice]:
@@ -330,6 +343,7 @@ def sweep_grid(
 
 
 def _incomplete_files(name: str) -> list[str]:
+    """Return the names of the files of a sweep in the file ``name`` that lacks loads."""
     path = Path(name)
     return file_names(path.with_stem(f"{path.stem}_{INCOMPLETE}"))
 

@@ -233,20 +233,20 @@ class Case:
         joined = [drop_marks(result) for result in joined]
         order = np.argsort(np.concatenate(loads))
         out: TaskResult = {"warnings": _join_notes(joined)}
-        variables = {name: value for result in joined for name, value in result.items()}
-        del variables["warnings"]
-        for name, value in variables.items():
+        examples = dict[str, Array]()
+        for result in joined:
+            examples |= result
+        del examples["warnings"]
+        for name, example in examples.items():
             # arrays of one medium in two geometries have the same variables, of which some may be
             # known in one alone
             is_in_all = all(name in result for result in joined)
             if not is_in_all and media[0].serving.chosen_automatically:
                 continue
-            rows = [
-                result[name]
-                if name in result
-                else np.full((medium.load.size, *value.shape[1:]), np.nan)
-                for result, medium in zip(joined, media, strict=True)
-            ]
+            rows = []
+            for result, medium in zip(joined, media, strict=True):
+                unknown = np.full((medium.load.size, *example.shape[1:]), np.nan)
+                rows.append(result.get(name, unknown))
             out[name] = np.concatenate(pad_alike(rows))[order]
         return out | marks
 
@@ -453,26 +453,12 @@ class MediumTask(Task):
             for check in analysis.validity.checks
             if check.failing or self.serving.chosen_automatically
         ]
-        find = partial(find_all, analysis, swept=True, observed=request.observe)
-        out = find(("state",))
-        # a floor or clamp holds the balls, which long waves move
-        packing = self.serving.packing
-        try:
-            if request.sound or (packing.repeats and not packing.is_held):
-                out |= find(("velocities",))
-                notes += warn_of_free_branches(state, analysis.velocities.velocities)
-        except MechanismError as error:
-            if request.sound:
-                raise
-            notes.append(f"velocities and moduli are left out: {error}")
-        if request.exponents:
-            out |= find(("exponent",))
-        notes += [*warn_of_missing_error(out), *analysis.failed.values()]
-        variables = {
-            name: np.asarray(value)[None] if state.is_single else np.asarray(value)
-            for name, value in out.items()
-        }
-        path = request.find_path(packing.structure)
+        numbers, notes_on_numbers = self._observe_numbers(analysis)
+        notes += notes_on_numbers
+        variables = {name: np.asarray(value) for name, value in numbers.items()}
+        if state.is_single:
+            variables = {name: values[None] for name, values in variables.items()}
+        path = request.find_path(self.serving.packing.structure)
         states = list[ContactState]()
         if request.surface is not None or path is not None:
             states = _split_loads(state)
@@ -490,6 +476,29 @@ class MediumTask(Task):
             variables |= bands
             notes += notes_on_bands
         return variables | {"warnings": _write_notes(notes)}
+
+    def _observe_numbers(self, analysis: Analysis) -> tuple[dict[str, Any], list[str]]:
+        """Return the numbers of a state at each load, with velocities and exponents if they are
+        requested and known, and notes on those that are not.
+        """
+        request = self.request
+        packing = self.serving.packing
+        find = partial(find_all, analysis, swept=True, observed=request.observe)
+        notes = list[str]()
+        out = find(("state",))
+        # a floor or clamp holds the balls, which long waves move
+        has_long_waves = packing.repeats and not packing.is_held
+        try:
+            if request.sound or has_long_waves:
+                out |= find(("velocities",))
+                notes += warn_of_free_branches(analysis.state, analysis.velocities.velocities)
+        except MechanismError as error:
+            if request.sound:
+                raise
+            notes.append(f"velocities and moduli are left out: {error}")
+        if request.exponents:
+            out |= find(("exponent",))
+        return out, [*notes, *warn_of_missing_error(out), *analysis.failed.values()]
 
     def record_networks(self, state: ContactState, whole: bool = False) -> list[SampleRecord]:
         """Return the records of the network at each load, without samples; none if no waves are
@@ -680,19 +689,21 @@ class SampleTask(MediumTask):
         try:
             loads = simulation.prescribed(self.load)
             order = sort_by_load(loads)
-            so_far = dict(begun or {})
+            earlier = dict(begun or {})  # the numbers at the loads before
             start = None
-            if so_far:
-                start = so_far.pop("rest_overlap").item(), so_far.pop("rest_balls")
-            index = order[self.done(so_far) if so_far else 0]
+            if earlier:
+                start = (earlier.pop("rest_overlap").item(), earlier.pop("rest_balls"))
+            index = order[self.done(earlier) if earlier else 0]
             sample = simulation.sample(loads[index], start)
             result = self._record([sample])
         except GranphonError as error:
             if index is not None:
                 error.load_index = index
             raise self._locate(error) from error
-        if so_far:
-            result = {name: np.concatenate([so_far[name], value]) for name, value in result.items()}
+        if earlier:
+            result = {
+                name: np.concatenate([earlier[name], value]) for name, value in result.items()
+            }
         if self.done(result) < len(order):
             equilibrium = sample.equilibrium
             return result | {
@@ -728,6 +739,9 @@ class SampleTask(MediumTask):
         return self._record(analysis.state.samples)
 
     def _record(self, samples: Sequence[Any]) -> TaskResult:
+        """Return the numbers of a sample at one or several loads that are averaged, (n_loads, ...),
+        and its balls at rest, (1, ...), if they are kept.
+        """
         request = self.request
         records = [
             SampleRecord.of(sample, request.waves, request.exponents, request.alone)
@@ -843,6 +857,7 @@ def restore_sample(simulation: DirectSimulation, result: TaskResult) -> Sample |
 
 
 def _list_kept_fields(kind: type[Equilibrium]) -> list[str]:
+    """Return the names of the arrays of an equilibrium that are kept in the result of a task."""
     # the sample is drawn again from its seed
     return [field.name for field in fields(kind) if field.name not in ("deviations", "lattice")]
 
@@ -934,6 +949,7 @@ def _join_notes(results: Iterable[TaskResult]) -> NDArray[Any]:
 
 
 def _read_note(text: bytes) -> Check | str:
+    """Decode a note, a condition over loads or a sentence, from its JSON text."""
     note = json.loads(text)
     return note if isinstance(note, str) else Check(*note)
 

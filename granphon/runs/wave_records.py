@@ -119,8 +119,6 @@ OVER_TIME = tuple(
     f"motion_{name}" for name in ("translation", "rotation", "stored", "lost", "supplied", "force")
 )
 _WITH_ERRORS = NUMBERS[:3]
-#: how the height of a narrow peak becomes known, of a mean over samples, and of one network
-_NARROW = ("give frequencies closer to each other", "give a damping or a loss_factor")
 #: least number of steps in a period of a shaker
 _PER_PERIOD = 10
 #: most of the area under the table of a drive that may fall between steps
@@ -198,14 +196,17 @@ def require_network(
     """
     settings = replace(settings, cut=()) if key == "repeat" else settings
     for serving in serving_media:
-        cells = serving.arrays[0].cells if serving.arrays else None
-        balls = serving.arrays[0].balls if serving.arrays else 0
-        state = None if balls > most else find_typical_state(serving)
-        if state is None or settings.count(balls or state.network.n_balls) > most:
+        array = next(iter(serving.arrays), None)
+        is_too_large = array is not None and array.balls > most
+        state = None if is_too_large else find_typical_state(serving)
+        if state is None:
             continue
-        network = state.network if cells is None else state.network.repeat(cells)
+        n_balls = state.network.n_balls if array is None else array.balls
+        if settings.count(n_balls) > most:
+            continue
+        network = state.network if array is None else state.network.repeat(array.cells)
         if isinstance(settings, MotionSettings) and key == "drive":
-            PreparedMotion(state if cells is None else network, settings)
+            PreparedMotion(state if array is None else network, settings)
             continue
         shaped = settings.shape(network)
         if isinstance(settings, ResponseSettings) and key in ("source", "receiver"):
@@ -225,6 +226,7 @@ def find_typical_state(serving: ServingMedium) -> Any:
 
 
 def _choose_plane(settings: ResponseSettings) -> dict[str, Any]:
+    """Return the settings of the planes of balls that are driven and heard, by their names."""
     return {name: getattr(settings, name) for name in ("direction", "polarisation", "distance")}
 
 
@@ -379,27 +381,27 @@ def _average_responses(
         peaks = _list_peaks(find_peaks(np.array(settings.frequencies), mean))
     texts = [str(record["response_note"]) for record in records]
     notes = list(dict.fromkeys(text for text in texts if text))
-    is_peak = np.isfinite(peaks[0])
+    is_peak = np.isfinite(peaks[0])  # (receivers, n)
     is_narrow = is_peak & np.isnan(peaks[1])
-    words = ("frequency", name, "quality")
+    # frequencies, heights and Q, each (receivers, n)
+    tables = dict(zip(("frequency", name, "quality"), peaks, strict=True))
     if np.any(is_peak):
-        out |= {f"peaks_{word}": table for word, table in zip(words, peaks, strict=True)}
+        out |= {f"peaks_{word}": table for word, table in tables.items()}
     if np.any(is_narrow):
-        lines = counted(
-            int(np.max(np.sum(is_narrow, axis=1))),
-            "peak of the response is",
-            "peaks of the response are",
+        n_narrow = int(np.max(np.sum(is_narrow, axis=1)))
+        lines = counted(n_narrow, "peak of the response is", "peaks of the response are")
+        mend = (
+            "give a damping or a loss_factor"
+            if is_alone
+            else "give frequencies closer to each other"
         )
         notes.append(
             f"{lines} narrower than the step of the frequencies, and the height is not known:"
-            f" {_NARROW[is_alone]}"
+            f" {mend}"
         )
     if np.any(is_peak[0]) and not np.any(is_narrow[0]):
-        highest = np.nanargmax(peaks[1, 0])
-        out |= {
-            f"peak_{word}": np.array(table[0, highest])
-            for word, table in zip(words, peaks, strict=True)
-        }
+        highest = np.nanargmax(tables[name][0])
+        out |= {f"peak_{word}": np.array(table[0, highest]) for word, table in tables.items()}
     if not is_alone:
         out[f"{name}_error"] = np.asarray(standard_error(amplitudes, axis=0))
     return out, notes
@@ -610,9 +612,8 @@ def record_motion(
         supplied,
         motion.forces.max(axis=1),
     )
-    kept = {name: np.array(float(value)) for name, value in numbers.items()} | {
-        "motion": np.array(over_time)
-    }
+    kept = {name: np.array(float(value)) for name, value in numbers.items()}
+    kept["motion"] = np.array(over_time)  # (len(OVER_TIME), n_times)
     kept["motion_note"] = np.array(" ".join(prepared.notes))
 
     def write() -> bytes:

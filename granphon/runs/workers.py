@@ -49,9 +49,11 @@ def require_packages(worker: str, wanted: Mapping[str, str]) -> None:
     installed = packages()
     for name, version in wanted.items():
         if installed[name] != version:
-            what = f"{worker} has {name} {installed[name]}, and the sweep was begun with {version}"
+            problem = (
+                f"{worker} has {name} {installed[name]}, and the sweep was begun with {version}"
+            )
             why = "Its numbers could be others"
-            raise GranphonError(what, why, "Install the same version on all machines")
+            raise GranphonError(problem, why, "Install the same version on all machines")
 
 
 def start_tracker() -> None:
@@ -76,7 +78,12 @@ def _end_with_parent() -> None:
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where signals cannot be masked
     parent: Any = multiprocessing.parent_process()
-    threading.Thread(target=lambda: (wait([parent.sentinel]), os._exit(0)), daemon=True).start()
+
+    def end() -> None:
+        wait([parent.sentinel])
+        os._exit(0)
+
+    threading.Thread(target=end, daemon=True).start()
 
 
 def _call(fn: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
@@ -94,8 +101,26 @@ def _call(fn: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
 
 
 def _kill(pool: Any) -> None:
+    """Kill the processes of a pool."""
     for process in list((pool._processes or {}).values()):
         process.kill()
+
+
+def _start_pool() -> Any:
+    """Return a pool of one process, which has been started; raises OSError or RuntimeError if no
+    process can be started.
+    """
+    pool: Any = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _end_with_parent)
+    try:
+        pool.submit(int)  # which starts the process
+    except Exception:
+        _kill(pool)
+        raise
+    # these ends of its pipes are the process's: if it is killed within a result, the rest is not
+    # waited for
+    pool._result_queue._writer.close()
+    pool._call_queue._reader.close()
+    return pool
 
 
 class Workers(Executor):
@@ -118,27 +143,19 @@ class Workers(Executor):
         Raises :class:`~granphon.base.errors.GranphonError` if a process is needed and cannot be
         started.
         """
-        pool: Any = min(self._pools, key=lambda one: len(one._pending_work_items), default=None)
-        if pool is None or (pool._pending_work_items and len(self._pools) < self._max_workers):
+        pool: Any = min(self._pools, key=lambda pool: len(pool._pending_work_items), default=None)
+        needs_process = pool is None
+        if pool is not None and pool._pending_work_items:
+            needs_process = len(self._pools) < self._max_workers
+        if needs_process:
             try:
                 with hold_back_signals():
-                    pool = ProcessPoolExecutor(
-                        1, multiprocessing.get_context("spawn"), _end_with_parent
-                    )
-                    try:
-                        pool.submit(int)  # which starts the process
-                    except Exception:
-                        _kill(pool)
-                        raise
-                    # these ends of its pipes are the process's: if it is killed within a result,
-                    # the rest is not waited for
-                    pool._result_queue._writer.close()
-                    pool._call_queue._reader.close()
+                    pool = _start_pool()
                     self._pools.append(pool)
             except (OSError, RuntimeError) as error:  # too many processes, open files or threads
                 why = getattr(error, "strerror", None) or error
-                what = f"worker process {len(self._pools) + 1} cannot be started: {why}"
-                raise GranphonError(what, mend="Take fewer --workers") from None
+                problem = f"worker process {len(self._pools) + 1} cannot be started: {why}"
+                raise GranphonError(problem, mend="Take fewer --workers") from None
         try:
             future: Future[Any] = pool.submit(_call, fn, *args, **kwargs)
         except BrokenProcessPool:  # it was killed
@@ -175,8 +192,8 @@ def require_workers(workers: int | None, scheduler: str | None) -> None:
     if scheduler is None:
         return
     if workers is not None:
-        what = "both --workers and --scheduler are given"
-        raise InputError(what, "The workers are those of the scheduler", "Leave one of them out")
+        problem = "both --workers and --scheduler are given"
+        raise InputError(problem, "The workers are those of the scheduler", "Leave one of them out")
     require_installed("A scheduler", "distributed")
 
 
@@ -209,9 +226,9 @@ def _connect(scheduler: str) -> Any:
     try:
         return Client(scheduler, timeout=_ANSWER_SECONDS, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
-        what = f"the scheduler at {scheduler} cannot be reached"
+        problem = f"the scheduler at {scheduler} cannot be reached"
         mend = "Is it running, and is the address one such as tcp://10.0.0.1:8786?"
-        raise GranphonError(what, str(error), mend) from None
+        raise GranphonError(problem, str(error), mend) from None
 
 
 def count_calls(executor: Executor) -> int:

@@ -11,7 +11,7 @@ import math
 import os
 import re
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial, reduce
@@ -756,6 +756,8 @@ def _require_one_load(value: Mapping[str, Any], of_crystal: bool) -> None:
     kinds = [kind for kind in LOAD_KINDS if kind in value]
     allowed = _ONE_LOAD_OF_CRYSTAL if of_crystal else _ONE_LOAD
     crystal_keys = [key for key in ("stress", "strain", "times", "gravity") if key in value]
+    has_side_force = "side_force" in value
+    has_side = "balls_per_side" in value
     if crystal_keys and not of_crystal:
         raise Refused(
             f"{crystal_keys[0]} of a packing, all contacts of which bear the same",
@@ -763,17 +765,18 @@ def _require_one_load(value: Mapping[str, Any], of_crystal: bool) -> None:
             "Describe the balls by the blocks balls and crystal.",
             (crystal_keys[0],),
         )
-    if not kinds and not (of_crystal and "gravity" in value):
-        found = "balls_per_side without side_force" if "balls_per_side" in value else "no load"
-        raise Refused(found, allowed)
+    has_gravity = of_crystal and "gravity" in value
+    if not kinds and not has_gravity:
+        raise Refused("balls_per_side without side_force" if has_side else "no load", allowed)
     if len(kinds) > 1:
         raise Refused(" and ".join(kinds), allowed, "Remove all but one.")
-    if "times" in value and not {"stress", "strain"} & set(kinds):
-        found = f"times with {' '.join(kinds) or 'gravity'}"
-        raise Refused(found, "times with stress or strain", path=("times",))
-    if ("side_force" in value) != ("balls_per_side" in value):
-        alone = "side_force" in value
-        raise Refused("side_force alone" if alone else f"{kinds[0]} and balls_per_side", allowed)
+    load = kinds[0] if kinds else "gravity"
+    if "times" in value and load not in ("stress", "strain"):
+        raise Refused(f"times with {load}", "times with stress or strain", path=("times",))
+    if has_side_force and not has_side:
+        raise Refused("side_force alone", allowed)
+    if has_side and not has_side_force:
+        raise Refused(f"{load} and balls_per_side", allowed)
 
 
 def _require_known(data: Any) -> None:
@@ -787,21 +790,24 @@ def _require_known(data: Any) -> None:
         value = data.get(name) if name and isinstance(data, Mapping) else data
         is_range = isinstance(value, dict) and {"from", "to", "points", "scale"} & set(value)
         if name == "load" and (isinstance(value, list) or is_range):
-            found = f"{show(value)}, without the kind of load"
+            problem = f"{show(value)}, without the kind of load"
             mend = "Write 'force:' before it, or another."
-            raise Refused(found, _ONE_LOAD, mend, ("load",))
-        for key in value if isinstance(value, Mapping) else ():
-            if key in keys:
-                continue
-            mend = ""
-            for block_name, block_keys in keys_of_blocks.items():
-                if key in block_keys:
-                    mend = f"It belongs under '{block_name}'."
-                    if not block_name:
-                        mend = "It belongs at the top level."
-                    break
-            refused = refuse_unknown_key(key, keys, mend)
+            raise Refused(problem, _ONE_LOAD, mend, ("load",))
+        if not isinstance(value, Mapping):
+            continue
+        unknown_keys = [key for key in value if key not in keys]
+        if unknown_keys:
+            key = unknown_keys[0]
+            refused = refuse_unknown_key(key, keys, _find_block(key, keys_of_blocks))
             raise refused.under(name) if name else refused
+
+
+def _find_block(key: Any, keys_of_blocks: Mapping[str, Sequence[str]]) -> str:
+    """Say to which of the blocks a key belongs; empty if it belongs to none."""
+    for name, keys in keys_of_blocks.items():
+        if key in keys:
+            return f"It belongs under '{name}'." if name else "It belongs at the top level."
+    return ""
 
 
 def _find_lattice(data: Any) -> Lattice:
@@ -891,10 +897,10 @@ class SceneSource:
                 prefix = ""
             option = getattr(error, "option", None)
             if option is not None:
-                key_path, found = self._find_option(option)
+                key_path, words = self._find_option(option)
                 # the load of a history must be one that its start bears
                 allowed = {"start": "a load that the balls bear without friction, or gas"}
-                prefix = f"found {found}; allowed: {allowed[option]}; "
+                prefix = f"found {words}; allowed: {allowed[option]}; "
             placed: GranphonError = self.document.error(key_path, f"{prefix}{error}")
             if isinstance(error, ConvergenceError):
                 # the scene is not wrong, the computation has failed
@@ -936,10 +942,10 @@ class SceneSource:
         """Place errors of the block at the key of the medium ``label``; ``allowed`` are words for
         the values of that key.
         """
-        by_default = self.document is not None and "medium" not in self.document.data
-        return self.at(
-            "medium", prefix=f"found {label!r}{', the default' * by_default}; allowed: {allowed}; "
-        )
+        words = repr(label)
+        if self.document is not None and "medium" not in self.document.data:
+            words += ", the default"
+        return self.at("medium", prefix=f"found {words}; allowed: {allowed}; ")
 
     def at_index(
         self, block: str, key: str, index: int, prefix: str = ""
@@ -954,31 +960,32 @@ class SceneSource:
         if self.document is None:
             return self.at()
         if block == "load":
-            # the values of a tensor are the factors by which it is multiplied; gravity may be the
-            # only load
-            key = "times" if key in TENSORS and "times" in self.document.data[block] else key
-            key = key if key in self.document.data[block] else "gravity"
+            keys = self.document.data[block]
+            if key in TENSORS and "times" in keys:
+                key = "times"  # factors by which the tensor is multiplied
+            elif key not in keys:
+                key = "gravity"  # the only load
         values = self.document.data[block][key]
         path: tuple[str | int, ...] = (block, key)
-        found = show(values)
+        words = show(values)
         if isinstance(values, list) and key not in TENSORS:
-            found = show(values[index])
+            words = show(values[index])
             path = (*path, index)
         elif isinstance(values, dict):
             first = values["from"]
             last = values["to"]
             points = values["points"]
             if 0 < index < points - 1:
-                found = f"value {index + 1} of {points} from {show(first)} to {show(last)}"
+                words = f"value {index + 1} of {points} from {show(first)} to {show(last)}"
             else:
-                found = show(last if index else first)
+                words = show(last if index else first)
                 path = (*path, "to" if index else "from")
         allowed = (
             "a load that the balls can carry"
             if block == "load"
             else "a value that the packing can have"
         )
-        return self.at(*path, prefix=f"found {found}; allowed: {allowed}; {prefix}")
+        return self.at(*path, prefix=f"found {words}; allowed: {allowed}; {prefix}")
 
     # -- what a scene is made of -------------------------------------------------------------------
 
@@ -994,18 +1001,7 @@ class SceneSource:
         packing = blocks["packing"].get("arrangement")
         if packing is None:
             packing = self._make_packing(blocks)
-        out: dict[str, Any] = {"packing": packing}
-        kind = next((key for key in load if key in LOAD_KINDS), "pressure")
-        with self.at("load", *[kind] * (kind in load)):
-            if kind in TENSORS:
-                out["load"] = Load(**split_tensor(load), gravity=load.get("gravity"))
-            else:
-                out["load"] = Load(
-                    kind,
-                    load.get(kind, 0.0),
-                    load.get("balls_per_side"),
-                    gravity=load.get("gravity"),
-                )
+        out: dict[str, Any] = {"packing": packing, "load": self._make_load(load)}
         if "band" in drawing or "band_labels" in drawing:
             with self.at("phonopy", "band_labels"):
                 path = drawing["band"] if "band" in drawing else BandPath.default(packing.structure)
@@ -1022,6 +1018,20 @@ class SceneSource:
         if "finite_overlap" in blocks["packing"]:
             out["finite_overlap"] = blocks["packing"]["finite_overlap"]
         return out | {"source": self.path}
+
+    def _make_load(self, values: Mapping[str, Any]) -> Load:
+        """Return the load of the block load, with errors placed at its key; gravity alone is a
+        pressure of zero.
+        """
+        kind = next((key for key in values if key in LOAD_KINDS), None)
+        path = ("load",) if kind is None else ("load", kind)
+        gravity = values.get("gravity")
+        with self.at(*path):
+            if kind is None:
+                return Load("pressure", 0.0, values.get("balls_per_side"), gravity=gravity)
+            if kind in TENSORS:
+                return Load(**split_tensor(values), gravity=gravity)
+            return Load(kind, values[kind], values.get("balls_per_side"), gravity=gravity)
 
     def _make_packing(self, blocks: Mapping[str, Any]) -> Packing:
         """Return the packing of the blocks material and packing, with errors placed at their

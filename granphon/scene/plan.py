@@ -114,11 +114,11 @@ class PlannedCase:
         the case has one load.
         """
         for serving in self.serving_media:
-            if serving.is_quick or not quick:
-                yield (
-                    self.case.name(serving),
-                    self.state if self.case.load.size == 1 else self._solve(serving, serving.load),
-                )
+            if quick and not serving.is_quick:
+                continue
+            is_alone = self.case.load.size == 1
+            state = self.state if is_alone else self._solve(serving, serving.load)
+            yield self.case.name(serving), state
 
     @cached_property
     def is_possible(self) -> bool:
@@ -144,7 +144,8 @@ class PlannedCase:
         """
         for serving in self.serving_media:
             medium = serving.medium.of(self.case.packing)
-            index = int(serving.loads[np.argmin(np.ravel(self.case.load.array)[serving.loads])])
+            sizes = np.ravel(self.case.load.array)[serving.loads]
+            index = int(serving.loads[np.argmin(sizes)])  # of the lowest load that it serves
             load = self.case.load[index]
             with self.at_load(index, f"{self.case.label}: "):
                 balls = medium.count_start(load)
@@ -160,13 +161,18 @@ class PlannedCase:
         return self.origin.at_index("load", self.written, index, prefix)
 
     def _find_state(self, index: int) -> ContactState:
+        """Return the state under the load number ``index``; InputError if double precision does not
+        hold its scales.
+        """
         serving = next(serving for serving in self.serving_media if index in serving.loads)
         state = self._solve(serving, self.case.load[index])
-        if not (0.0 < state.scales.frequency < math.inf and 0.0 < state.scales.velocity < math.inf):
-            raise InputError("the frequencies or velocities are beyond double precision")
+        for scale in (state.scales.frequency, state.scales.velocity):
+            if not 0.0 < scale < math.inf:
+                raise InputError("the frequencies or velocities are beyond double precision")
         return state
 
     def _solve(self, serving: ServingMedium, load: Load) -> ContactState:
+        """Return the state of one of the media under one or several loads."""
         with np.errstate(all="ignore"):
             # False is the default of a scene, and counts as no wish of the user
             return serving.at(load, finite_overlap=self.case.request.finite_overlap or None)
@@ -406,7 +412,8 @@ class Plan:
                     motions = {
                         change_packing(self.packing, {name: value}).ball_motions for value in values
                     }
-            changing += [name] * (name in ("friction", "lattice") or len(motions) > 1)
+            if name in ("friction", "lattice") or len(motions) > 1:
+                changing.append(name)
         return changing
 
     @contextmanager
@@ -469,6 +476,7 @@ class Plan:
         return self._plan_cases(self.case_grid)
 
     def _plan_cases(self, grid: Grid) -> tuple[PlannedCase, ...]:
+        """Return the cases of a grid, whose errors are placed in the file."""
         return tuple(PlannedCase(case, self.load.kind, self.origin) for case in grid.cases)
 
     @property
@@ -730,92 +738,128 @@ class Plan:
         """The parts of the work that may take much memory or time, each with its place in the scene
         file.
         """
-        n_few = len(self.checked_cases)
-        structure = self.packing.structure
-        seen = {"bands", "dos"} & set(self.observe)
-        arrays = [
-            (medium, one.load)
+        simulations = self._cost_simulations()
+        waves = self._cost_waves()
+        networks = self._cost_networks()
+        if not self.is_single:
+            return [simulations, *networks, waves, self._cost_states()]
+        spectra = self._cost_spectra()
+        return [simulations, *networks, *spectra, waves, *self._cost_force_constants()]
+
+    @cached_property
+    def _arrays(self) -> list[tuple[DirectSimulation, Load]]:
+        """The simulations of the checked cases, each with its loads."""
+        return [
+            (medium, serving.load)
             for case in self.checked_cases
-            for one in case.serving_media
-            for medium in one.arrays
+            for serving in case.serving_media
+            for medium in serving.arrays
         ]
 
-        def add_up(works: list[Cost]) -> Cost:
-            """Return the cost of all works of a kind, one after the other; if ends of axes alone
-            are known, of the largest.
-            """
-            if n_few < self.n_cases and works:
-                largest = max(works, key=lambda work: sum(number for number, _ in work.units))
-                return largest.times(len(works) * self.n_cases / n_few)
-            return sum(works, Cost())
+    def _add_costs(self, works: list[Cost]) -> Cost:
+        """Return the cost of all works of a kind, one after the other; if the works are those of
+        the ends of axes alone, every work of all cases counts as the largest.
+        """
+        n_checked = len(self.checked_cases)
+        if n_checked < self.n_cases and works:
+            largest = max(works, key=lambda work: sum(number for number, _ in work.units))
+            return largest.times(len(works) * self.n_cases / n_checked)
+        return sum(works, Cost())
 
-        simulated = [
-            costs.estimate(medium, load, exponents="velocities" in self.observe)
-            for medium, load in arrays
+    def _cost_simulations(self) -> CostPart:
+        """Return the part of the work that finds arrays at rest, whose cost may be zero."""
+        has_velocities = "velocities" in self.observe
+        works = [
+            costs.estimate(medium, load, exponents=has_velocities) for medium, load in self._arrays
         ]
         mend = "Take fewer balls (medium.simulation.shape), samples or loads"
-        out: list[CostPart] = [(("medium",), mend, add_up(simulated))]
+        return ("medium",), mend, self._add_costs(works)
+
+    def _cost_waves(self) -> CostPart:
+        """Return the part of the work that finds the waves in arrays; its cost is zero without
+        waves.
+        """
         total = Cost()
-        if (wanted := self.waves) is not None:
-            total = add_up(
-                [work for medium, load in arrays for work in _estimate_waves(medium, load, wanted)]
-            )
-        smaller = (
+        settings = self.waves
+        if settings is not None:
+            works = list[Cost]()
+            for medium, load in self._arrays:
+                works += _estimate_waves(medium, load, settings)
+            total = self._add_costs(works)
+        mend = (
             "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser"
             " resolution (spectrum)"
         )
-        waves = (("medium",), smaller, replace(total, parts=total.parts[:1]))
+        return ("medium",), mend, replace(total, parts=total.parts[:1])
+
+    def _cost_networks(self) -> list[CostPart]:
+        """Return the parts of the work that find motions and responses of networks, if the scene
+        observes them.
+        """
+        parts: list[CostPart] = []
         for block, estimate, mend in (
             ("motion", _estimate_motion, "a shorter motion.duration or fewer motion.frames"),
             ("response", _estimate_response, "fewer response.frequencies, or give more damping"),
         ):
-            if (wanted := self.observed_settings(block)) is not None:
-                with self.origin.at(block):
-                    works = [
-                        estimate(serving, wanted)
-                        for case in self.checked_cases
-                        for serving in case.serving_media
-                    ]
-                total = add_up([work for work in works if work is not None])
-                mend = f"Take fewer balls ({block}.repeat, {block}.cut), {mend}"
-                out.append(((block,), mend, replace(total, parts=total.parts[:1])))
+            settings = self.observed_settings(block)
+            if settings is None:
+                continue
+            with self.origin.at(block):
+                works = [
+                    estimate(serving, settings)
+                    for case in self.checked_cases
+                    for serving in case.serving_media
+                ]
+            total = self._add_costs([work for work in works if work is not None])
+            mend = f"Take fewer balls ({block}.repeat, {block}.cut), {mend}"
+            parts.append(((block,), mend, replace(total, parts=total.parts[:1])))
+        return parts
 
-        branches = structure.n_balls * self.packing.ball_motions.count
-        points = (
-            self.band_points * sum(len(path) - 1 for path in self.path.paths)
-            if "bands" in seen
-            else 0
-        )
-        if not self.is_single:
-            path: tuple[str, ...] = ("sweep",) if self.axes else ("load", self.load.kind)
-            mend = "Take fewer loads or values"
-            if points:
-                path = ("phonopy", "band_points")
-                mend += ", or points of the bands (phonopy.band_points)"
-            return [
-                *out,
-                waves,
-                (path, mend, costs.sweep_states(self.n_cases, self.load.size, points * branches)),
-            ]
-        if "bands" in seen:
-            out.append(
-                (("phonopy", "band_points"), "Take fewer points", costs.bands(points, branches))
-            )
-        if "dos" in seen:
-            out.append(
-                (
-                    ("phonopy", "mesh"),
-                    "Take a coarser mesh",
-                    costs.density_of_states(self.mesh, branches),
-                )
-            )
-        out.append(waves)
-        if seen and self.dim is not None:
-            mend = "Take a smaller supercell: bands and densities of states do not depend on it"
-            out.append(
-                (("phonopy", "dim"), mend, costs.force_constants(self.dim, structure.n_balls))
-            )
-        return out
+    @property
+    def _n_branches(self) -> int:
+        """Number of branches of the lattice."""
+        return self.packing.structure.n_balls * self.packing.ball_motions.count
+
+    @property
+    def _n_path_points(self) -> int:
+        """Number of wave vectors along the path of the bands; 0 without bands."""
+        if "bands" not in self.observe:
+            return 0
+        return self.band_points * sum(len(path) - 1 for path in self.path.paths)
+
+    def _cost_states(self) -> CostPart:
+        """Return the part of the work of a sweep that finds its states, with their bands."""
+        path: tuple[str, ...] = ("sweep",) if self.axes else ("load", self.load.kind)
+        mend = "Take fewer loads or values"
+        n_points = self._n_path_points
+        if n_points:
+            path = ("phonopy", "band_points")
+            mend += ", or points of the bands (phonopy.band_points)"
+        n_frequencies = n_points * self._n_branches
+        return path, mend, costs.sweep_states(self.n_cases, self.load.size, n_frequencies)
+
+    def _cost_spectra(self) -> list[CostPart]:
+        """Return the parts of the work that find the bands and the density of states of a single
+        state, if the scene observes them.
+        """
+        parts: list[CostPart] = []
+        if "bands" in self.observe:
+            cost = costs.bands(self._n_path_points, self._n_branches)
+            parts.append((("phonopy", "band_points"), "Take fewer points", cost))
+        if "dos" in self.observe:
+            cost = costs.density_of_states(self.mesh, self._n_branches)
+            parts.append((("phonopy", "mesh"), "Take a coarser mesh", cost))
+        return parts
+
+    def _cost_force_constants(self) -> list[CostPart]:
+        """Return the part of the work that finds the force constants of a single state in a given
+        supercell; empty without bands and density of states.
+        """
+        if self.dim is None or not {"bands", "dos"} & set(self.observe):
+            return []
+        mend = "Take a smaller supercell: bands and densities of states do not depend on it"
+        cost = costs.force_constants(self.dim, self.packing.structure.n_balls)
+        return [(("phonopy", "dim"), mend, cost)]
 
     # -- values that exclude each other, by the key in the file ------------------------------------
 
@@ -823,35 +867,49 @@ class Plan:
         """Return every reason for which an observable cannot be observed, whether or not it holds
         in this scene.
         """
-        changing = [name for name in dict(self.parameters) if name in ("lattice", "motions")]
-        branches = self.parameters_of_branches
+        held = Conflict(
+            "velocities",
+            self.packing.is_held,
+            "of balls that are held",
+            "bands, gaps, dos of these",
+            "Long waves move all balls together, which a floor or clamp holds: write"
+            " observe: [bands].",
+        )
+        first_block = next(iter(NETWORK_BLOCKS))
+        without_period = [
+            Conflict(
+                name,
+                not self.packing.repeats,
+                "of what repeats nowhere",
+                f"{', '.join(NETWORK_BLOCKS)} of these",
+                f"Waves of this kind need a period: write observe: [{first_block}].",
+            )
+            for name in ("velocities", "bands", "gaps", "dos", "surface")
+        ]
+        gaps = Conflict(
+            "gaps", not self.is_single, "of several states", "gaps of one state", "Observe bands."
+        )
+        pulse = Conflict(
+            "pulse",
+            self.pulse is None,
+            "without a frequency",
+            "pulse with a block 'pulse'",
+            "Add a block such as pulse: {frequency: 6.5 kHz}.",
+        )
         return [
-            Conflict(
-                "velocities",
-                self.packing.is_held,
-                "of balls that are held",
-                "bands, gaps, dos of these",
-                "Long waves move all balls together, which a floor or clamp holds: write"
-                " observe: [bands].",
-            ),
-            *(
-                Conflict(
-                    name,
-                    not self.packing.repeats,
-                    "of what repeats nowhere",
-                    f"{', '.join(NETWORK_BLOCKS)} of these",
-                    f"Waves of this kind need a period: write observe:"
-                    f" [{next(iter(NETWORK_BLOCKS))}].",
-                )
-                for name in ("velocities", "bands", "gaps", "dos", "surface")
-            ),
-            Conflict(
-                "gaps",
-                not self.is_single,
-                "of several states",
-                "gaps of one state",
-                "Observe bands.",
-            ),
+            held,
+            *without_period,
+            gaps,
+            *self._list_conflicts_of_surface(),
+            pulse,
+            *self._list_conflicts_of_networks(),
+            *self._list_conflicts_of_bands(),
+        ]
+
+    def _list_conflicts_of_surface(self) -> list[Conflict]:
+        """Return the reasons for which the waves of an edge cannot be observed."""
+        changing = [name for name in dict(self.parameters) if name in ("lattice", "motions")]
+        return [
             Conflict(
                 "surface",
                 self.surface is None,
@@ -873,33 +931,36 @@ class Plan:
                 "surface of one lattice",
                 "Make a scene of each.",
             ),
+        ]
+
+    def _list_conflicts_of_networks(self) -> list[Conflict]:
+        """Return the reasons for which a response or motion of networks cannot be observed."""
+        without_settings = [
             Conflict(
-                "pulse",
-                self.pulse is None,
-                "without a frequency",
-                "pulse with a block 'pulse'",
-                "Add a block such as pulse: {frequency: 6.5 kHz}.",
-            ),
-            *(
-                Conflict(
-                    name,
-                    getattr(self, name) is None,
-                    "without its settings",
-                    f"{name} with a block '{name}'",
-                    f"Add a block '{name}'.",
-                )
-                for name in NETWORK_BLOCKS
-            ),
-            *(
-                Conflict(
-                    name,
-                    len({choice.simulates for choice in self.media}) > 1,
-                    "of lattices and of arrays",
-                    f"{name} of one or the other",
-                    "Make a scene of each.",
-                )
-                for name in NETWORK_BLOCKS
-            ),
+                name,
+                getattr(self, name) is None,
+                "without its settings",
+                f"{name} with a block '{name}'",
+                f"Add a block '{name}'.",
+            )
+            for name in NETWORK_BLOCKS
+        ]
+        of_mixed_media = [
+            Conflict(
+                name,
+                len({choice.simulates for choice in self.media}) > 1,
+                "of lattices and of arrays",
+                f"{name} of one or the other",
+                "Make a scene of each.",
+            )
+            for name in NETWORK_BLOCKS
+        ]
+        return without_settings + of_mixed_media
+
+    def _list_conflicts_of_bands(self) -> list[Conflict]:
+        """Return the reasons for which bands cannot be observed."""
+        changing = self.parameters_of_branches
+        return [
             Conflict(
                 "bands",
                 self.bands is not None and any(choice.simulates for choice in self.media),
@@ -909,8 +970,8 @@ class Plan:
             ),
             Conflict(
                 "bands",
-                branches,
-                f"with a sweep over {' and '.join(branches)}",
+                changing,
+                f"with a sweep over {' and '.join(changing)}",
                 "velocities, as the branches differ in number or zone",
                 "Make a scene of each.",
             ),
@@ -921,18 +982,7 @@ class Plan:
         exclude each other.
         """
         structure = self.packing.structure
-        dim = self.dim
-        if dim is not None and not touch_once_at_most(structure.vectors, dim, structure.reach):
-            # two balls of the supercell would touch through two images
-            sizes = ((n,) * structure.periods for n in range(1, 100))
-            least = next(
-                size
-                for size in sizes
-                if touch_once_at_most(structure.vectors, size, structure.reach)
-            )
-            raise Refused(
-                rules.write_grid(dim), f"{rules.write_grid(least)} or more", path=("phonopy", "dim")
-            )
+        self._require_supercell()
         if self.finite_overlap:
             with rules.refusing(True, "false, with a simulation", "packing", "finite_overlap"):
                 no_simulation(self.media)
@@ -941,15 +991,13 @@ class Plan:
                 choice.require_for(self.packing)
         # the density of states of one state is that of its lattice; a simulation adds the density
         # of states of the array
-        names = [
-            name for name in WAVES if name in self.observe and (not self.is_single or name != "dos")
-        ]
-        arrays = (
-            f"{', '.join(names)} of {'one state, or of ' * (names == ['dos'])}arrays that a"
-            f" medium: simulation makes"
-        )
-        with rules.refusing("".join(names[:1]), arrays, "observe"):
-            require_arrays(self.media, dict(self.parameters), names)
+        waves = [name for name in WAVES if name in self.observe]
+        if self.is_single:
+            waves = [name for name in waves if name != "dos"]
+        kinds = "one state, or of arrays" if waves == ["dos"] else "arrays"
+        allowed_waves = f"{', '.join(waves)} of {kinds} that a medium: simulation makes"
+        with rules.refusing("".join(waves[:1]), allowed_waves, "observe"):
+            require_arrays(self.media, dict(self.parameters), waves)
         for conflict in self._list_conflicts():
             if conflict.name in self.observe and conflict.holds:
                 found = f"{conflict.name!r} {conflict.problem}"
@@ -959,7 +1007,7 @@ class Plan:
             allowed = "an axis across which the balls repeat"
             with rules.refusing(surface.axis, allowed, "surface", "axis"):
                 Layers.across(surface.axis, structure.vectors)
-        if "pulse" in names and len(self.directions) > 1:
+        if "pulse" in waves and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))
         if self.band is not None:
             path = partial(read_paths, periods=structure.periods)
@@ -968,8 +1016,21 @@ class Plan:
             allowed = "on the triangular lattice only, whose frame is a hexagon"
             raise Refused("a side_force", allowed, path=("load", "side_force"))
 
+    def _require_supercell(self) -> None:
+        """Raise :class:`~granphon.base.errors.Refused` if two balls of the supercell would touch
+        through two images.
+        """
+        structure = self.packing.structure
+        touch_once = partial(touch_once_at_most, structure.vectors, contact=structure.reach)
+        if self.dim is None or touch_once(self.dim):
+            return
+        sizes = ((n,) * structure.periods for n in range(1, 100))
+        least = next(size for size in sizes if touch_once(size))
+        allowed = f"{rules.write_grid(least)} or more"
+        raise Refused(rules.write_grid(self.dim), allowed, path=("phonopy", "dim"))
 
-def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) -> Iterator[Cost]:
+
+def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings) -> Iterator[Cost]:
     """Estimate memory and time of the density of states, spectral functions and pulses of a
     simulation at each load.
     """
@@ -977,31 +1038,35 @@ def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) 
     structure = medium.packing.structure
     contacts = len(structure.contacts) / structure.n_balls
     rows = contacts * (1 + bool(packing.friction) * (structure.periods - 1))
+    spectrum = settings.spectrum
+    pulse = settings.pulse
     # each point of the path becomes the nearest wave vector that the array has, of which there are
     # so many along a leg
-    points = 0 if wanted.spectrum is None else min(wanted.spectrum.points - 1, max(medium.cells))
-    waves = points * sum(len(piece) - 1 for piece in wanted.path)
+    points = 0 if spectrum is None else min(spectrum.points - 1, max(medium.cells))
+    waves = points * sum(len(piece) - 1 for piece in settings.path)
     for force in costs.find_typical_force(packing, load).tolist():
         ideal = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
         # Hz, a bound for differing balls too
         top = 1.5 * ideal.contact_lattice().top_frequency * ideal.scales.frequency
         half = 0.5 * MOMENTS  # each product gives two moments
-        products = 20.0 * half * medium.samples * wanted.dos
-        heard = 0.0
-        readings = 0.0
-        if (spectrum := wanted.spectrum) is not None:
-            if (fine := spectrum.resolution) is not None:
-                half = max(half, 0.25 * math.pi * top / fine)
+        products = 20.0 * half * medium.samples * settings.dos
+        n_heard = 0.0
+        n_readings = 0.0
+        if spectrum is not None:
+            if spectrum.resolution is not None:
+                half = max(half, 0.25 * math.pi * top / spectrum.resolution)
             products += 2.0 * half * medium.samples * waves * len(spectrum.polarisation)
-        if (pulse := wanted.pulse) is not None:
-            length = pulse.distance or 0.5 * max(medium.cells) * packing.diameter
-            lasting = pulse.cycles / pulse.frequency + 3.0 * length / ideal.scales.velocity
-            steps = math.pi * top * lasting  # a product for each half period of the top frequency
+        if pulse is not None:
+            length = pulse.distance or 0.5 * max(medium.cells) * packing.diameter  # m
+            duration = pulse.cycles / pulse.frequency + 3.0 * length / ideal.scales.velocity  # s
+            steps = math.pi * top * duration  # a product for each half period of the top frequency
             products += steps * medium.samples
-            heard = steps * medium.balls / min(medium.cells)
-            readings = READINGS * pulse.frequency * lasting * heard * medium.samples
+            n_heard = steps * medium.balls / min(medium.cells)
+            n_readings = READINGS * pulse.frequency * duration * n_heard * medium.samples
         measure = partial(_measure_product, ideal.network, medium.balls)
-        yield costs.array_waves(measure, products, medium.balls, contacts, rows, heard, readings)
+        yield costs.array_waves(
+            measure, products, medium.balls, contacts, rows, n_heard, n_readings
+        )
 
 
 def _measure_product(network: ContactNetwork, balls: int) -> float:
@@ -1010,84 +1075,84 @@ def _measure_product(network: ContactNetwork, balls: int) -> float:
     """
     from granphon.waves.operator import make_operator  # imported here: other scenes do not need it
 
-    axes = [bool(periodic) for periodic in network.pbc]
-    most = min(balls, _PRODUCT_BALLS) / network.n_balls
-    count = max(round(most ** (1.0 / max(sum(axes), 1))), 1)
-    network = network.repeat((count,) * sum(axes)) if count > 1 and any(axes) else network
+    periods = sum(bool(periodic) for periodic in network.pbc)
+    most_cells = min(balls, _PRODUCT_BALLS) / network.n_balls
+    cells = max(round(most_cells ** (1.0 / max(periods, 1))), 1)  # along each period
+    if cells > 1 and periods:
+        network = network.repeat((cells,) * periods)
     operator = make_operator(network)
-    moved = np.linspace(0.0, 1.0, operator.size)
+    displaced = np.linspace(0.0, 1.0, operator.size)
     still = np.zeros(operator.size)
-    return costs.time_once(lambda: operator.advance(moved, still)) / network.n_balls
+    return costs.time_once(lambda: operator.advance(displaced, still)) / network.n_balls
 
 
-def _estimate_response(serving: ServingMedium, wanted: ResponseSettings) -> Cost | None:
+def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Cost | None:
     """Estimate memory and time of the responses of a medium at all its loads; None if no network is
     quickly found.
 
     Raises :class:`~granphon.base.errors.ConvergenceError` for a response that would be refused.
     """
     # imported here: other scenes do not need it
-    from granphon.dynamics.damping import (
-        ContactDamping,
-    )
+    from granphon.dynamics.damping import ContactDamping
     from granphon.runs.wave_records import find_typical_state
     from granphon.waves.operator import make_operator
     from granphon.waves.response import ResponseWork
 
-    arrays = serving.arrays
-    if (state := find_typical_state(serving)) is None:
+    state = find_typical_state(serving)
+    if state is None:
         return None
-    if wanted.count(arrays[0].balls if arrays else state.network.n_balls) > QUICK_BALLS:
+    network = state.network
+    array = next(iter(serving.arrays), None)
+    if settings.count(network.n_balls if array is None else array.balls) > QUICK_BALLS:
         return None
-    network = wanted.shape(state.network.repeat(arrays[0].cells) if arrays else state.network)
-    damping = ContactDamping.of(network, wanted.damping, wanted.loss_factor)
-    work = ResponseWork(
-        make_operator(network), damping, 2.0 * math.pi * np.array(wanted.frequencies)
-    )
-    factorised, seconds = work.choose(None)
-    factors = work.factor_bytes if np.any(factorised) else 0.0
-    each = costs.response(
+    network = settings.shape(network if array is None else network.repeat(array.cells))
+    damping = ContactDamping.of(network, settings.damping, settings.loss_factor)
+    omega = 2.0 * math.pi * np.array(settings.frequencies)  # rad/s
+    work = ResponseWork(make_operator(network), damping, omega)
+    is_factorised, seconds = work.choose(None)
+    cost_of_network = costs.response(
         partial(_measure_product, state.network, network.n_balls),
         seconds / work.step,
         network.n_balls,
         network.n_contacts,
-        len(wanted.frequencies),
-        factors,
+        len(settings.frequencies),
+        work.factor_bytes if np.any(is_factorised) else 0.0,
     )
-    return each.times(serving.load.size * (arrays[0].samples if arrays else 1))
+    return cost_of_network.times(serving.load.size * (1 if array is None else array.samples))
 
 
-def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | None:
+def _estimate_motion(serving: ServingMedium, settings: MotionSettings) -> Cost | None:
     """Estimate memory and time of the motions of a medium at all its loads; None if no state of it
     is quickly found.
 
     Raises :class:`~granphon.base.errors.InputError` for more steps than are made.
     """
     # imported here: other scenes do not need it
-    from granphon.runs.wave_records import (
-        find_typical_state,
-        make_waves,
-    )
+    from granphon.runs.wave_records import find_typical_state, make_waves
     from granphon.waves.nonlinear import require_steps
 
-    if (state := find_typical_state(serving)) is None:
+    state = find_typical_state(serving)
+    if state is None:
         return None
     network = state.network
-    arrays = serving.arrays
-    cells = wanted.count(math.prod(arrays[0].cells) if arrays else 1)
-    # whose contacts are those of the whole array, but for its edges
-    few = network.repeat((3,) * sum(network.pbc)) if any(network.pbc) else network
-    step = wanted.step or make_waves(state, few, wanted).find_step(
-        max(one.impact or 0.0 for one in wanted.drive)
+    array = next(iter(serving.arrays), None)
+    n_cells = settings.count(1 if array is None else math.prod(array.cells))
+    step = settings.step  # s
+    if not step:
+        # the contacts of a few cells are those of the whole array, but for its edges
+        few_cells = network.repeat((3,) * sum(network.pbc)) if any(network.pbc) else network
+        impact = max(drive.impact or 0.0 for drive in settings.drive)
+        step = make_waves(state, few_cells, settings).find_step(impact)
+    steps_of_frame = math.ceil(settings.duration / (settings.frames - 1) / step)
+    n_steps = steps_of_frame * (settings.frames - 1)
+    require_steps(n_steps)
+    cost_of_motion = costs.motion(
+        partial(_measure_product, network, n_cells * network.n_balls),
+        n_steps,
+        n_cells * network.n_balls,
+        n_cells * network.n_contacts,
+        settings.frames,
+        bool(np.any(settings.damping)),
+        settings.scheme == "midpoint",
     )
-    each = math.ceil(wanted.duration / (wanted.frames - 1) / step)
-    require_steps(each * (wanted.frames - 1))
-    return costs.motion(
-        partial(_measure_product, network, cells * network.n_balls),
-        each * (wanted.frames - 1),
-        cells * network.n_balls,
-        cells * network.n_contacts,
-        wanted.frames,
-        bool(np.any(wanted.damping)),
-        wanted.scheme == "midpoint",
-    ).times(serving.load.size * (arrays[0].samples if arrays else 1))
+    return cost_of_motion.times(serving.load.size * (1 if array is None else array.samples))

@@ -226,44 +226,52 @@ FREQUENCIES = Kind.plain(
 # -- spreads ---------------------------------------------------------------------------------------
 
 
+#: reads a list of diameters, m
+_read_diameters = partial(each, rule=LENGTH.read, what="diameters")
+
+
+def _read_normal(value: Any) -> Normal:
+    """Read a standard deviation, or a block {std, cutoff}."""
+    if not isinstance(value, dict):
+        return Normal(WIDTH.read(value))
+    rules: dict[str, Rule] = {"std": WIDTH.read, "cutoff": partial(number, low=1e-3, high=10.0)}
+    return Normal(**block(value, rules, ("std",)))
+
+
+def _read_discrete(value: Any) -> Discrete:
+    """Read a block {diameters, fractions} of two lists of the same length."""
+    read_fractions = partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions")
+    rules: dict[str, Rule] = {"diameters": _read_diameters, "fractions": read_fractions}
+    lists = block(value, rules, ("diameters", "fractions"))
+    allowed = "one fraction for each diameter, with the sum 1"
+    with refusing(lists["fractions"], allowed, "fractions"):
+        return Discrete(**lists)
+
+
+def _read_measured(value: Any, folder: Path) -> Measured:
+    """Read the name of a table, a block {file, column}, or a block {diameters}; tables are sought
+    in ``folder``.
+    """
+    if isinstance(value, dict) and "diameters" in value:
+        return Measured(block(value, {"diameters": _read_diameters})["diameters"])
+    column = None
+    if isinstance(value, dict):
+        settings = block(value, {"file": text, "column": text}, ("file",))
+        name = settings["file"]
+        column = settings.get("column")
+    else:
+        name = text(value)
+    with refusing(name, "a table with a column of diameters"):
+        return Measured.from_csv(folder / name, column, quoted=False)
+
+
 def _read_spread(value: Any, context: Context) -> Any:
-    diameters = partial(each, rule=LENGTH.read, what="diameters")
-    fractions = partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions")
-
-    def normal(value: Any) -> Normal:
-        """Read a standard deviation, or a block {std, cutoff}."""
-        if not isinstance(value, dict):
-            return Normal(WIDTH.read(value))
-        rules: dict[str, Rule] = {"std": WIDTH.read, "cutoff": partial(number, low=1e-3, high=10.0)}
-        return Normal(**block(value, rules, ("std",)))
-
-    def discrete(value: Any) -> Discrete:
-        """Read a block {diameters, fractions} of two lists of the same length."""
-        rules: dict[str, Rule] = {"diameters": diameters, "fractions": fractions}
-        lists = block(value, rules, ("diameters", "fractions"))
-        allowed = "one fraction for each diameter, with the sum 1"
-        with refusing(lists["fractions"], allowed, "fractions"):
-            return Discrete(**lists)
-
-    def measured(value: Any) -> Measured:
-        """Read the name of a table, a block {file, column}, or a block {diameters}."""
-        if isinstance(value, dict) and "diameters" in value:
-            return Measured(block(value, {"diameters": diameters})["diameters"])
-        column = None
-        if isinstance(value, dict):
-            settings = block(value, {"file": text, "column": text}, ("file",))
-            name = settings["file"]
-            column = settings.get("column")
-        else:
-            name = text(value)
-        with refusing(name, "a table with a column of diameters"):
-            return Measured.from_csv(context.folder / name, column, quoted=False)
-
+    """Read a spread of diameters: a block of one key, the name of the distribution."""
     rules: dict[str, Rule] = {
         "uniform": lambda value: Uniform(WIDTH.read(value)),
-        "normal": normal,
-        "discrete": discrete,
-        "measured": measured,
+        "normal": _read_normal,
+        "discrete": _read_discrete,
+        "measured": partial(_read_measured, folder=context.folder),
     }
     allowed = f"exactly one of {', '.join(rules)}"
     if not isinstance(value, dict):
@@ -461,16 +469,21 @@ PARAMETERS_SWEPT = Kind(_read_parameters, _write_parameters)
 def load_kind(name: str) -> Kind:
     """Return the kind of the values of a load; the unit of a pressure depends on the lattice."""
 
+    def has_unit_of_other_lattices(value: Any) -> bool:
+        """Whether a value is such a load of a lattice of one, two or three periods."""
+        for periods in (1, 2, 3):
+            with suppress(Refused):
+                load_quantities(periods)[name].read(value)
+                return True
+        return False
+
     def read_load(value: Any, context: Context) -> float:
+        """Read one number with its unit, N, N/m, Pa or m."""
         quantity = load_quantities(context.lattice.pressed_axes)[name]
         try:
             return quantity.read(value)
         except Refused as refused:
-            for quantities in map(load_quantities, (1, 2, 3)):
-                with suppress(Refused):
-                    quantities[name].read(value)
-                    break
-            else:
+            if not has_unit_of_other_lattices(value):
                 raise
             mend = (
                 f"The pressure of the {context.lattice.name} lattice is in {quantity.unit}."
@@ -668,9 +681,11 @@ def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
             allowed = "a name without a point or a space, and not 'floor'"
             raise Refused(show(name), allowed, path=(name,))
         settings = read_inside(name, read_kind, written)
+        material_numbers = settings.pop("material")
         try:
-            out.append((kind, Ball(Material(**settings.pop("material")), **settings)))
+            out.append((kind, Ball(Material(**material_numbers), **settings)))
         except InputError as error:
+            # the message begins with the name of the quantity at fault
             key = "diameter"
             for quantity_name in ("mass", "inertia"):
                 if quantity_name in written and str(error).startswith(quantity_name):
@@ -789,16 +804,11 @@ def _read_law(value: Any) -> Any:
     if isinstance(value, dict) and len(value) == 1:
         ((name, numbers),) = value.items()
     if isinstance(name, str) and name in LAWS:
-        rules = {key: kind.rule(Context()) for key, kind in _law_numbers(name).items()}
-        arguments = read_inside(
-            name, partial(block, rules=rules, needed=tuple(rules)), numbers or {}
-        )
-        with refusing(numbers or name, f"numbers of the law {name}", name):
-            law = LAWS[name].law
-            return law(**arguments) if isinstance(law, type) else law
-    if not isinstance(value, dict) or not all(
+        return _read_single_law(name, numbers)
+    has_pairs = isinstance(value, dict) and all(
         isinstance(pair, str) and len(pair.split()) == 2 for pair in value
-    ):
+    )
+    if not has_pairs:
         allowed = (
             f"{', '.join(LAWS)}, with its numbers, or a block of pairs of kinds, as {{A B: hertz}}"
         )
@@ -806,6 +816,16 @@ def _read_law(value: Any) -> Any:
     return tuple(
         (tuple(pair.split()), read_inside(pair, _read_law, law)) for pair, law in value.items()
     )
+
+
+def _read_single_law(name: str, numbers: Any) -> Any:
+    """Return the law of a name, made of the block of its ``numbers``, which may be empty."""
+    rules = {key: kind.rule(Context()) for key, kind in _law_numbers(name).items()}
+    read_numbers = partial(block, rules=rules, needed=tuple(rules))
+    arguments = read_inside(name, read_numbers, numbers or {})
+    with refusing(numbers or name, f"numbers of the law {name}", name):
+        law = LAWS[name].law
+        return law(**arguments) if isinstance(law, type) else law
 
 
 def _write_law(law: Any) -> Any:
@@ -880,6 +900,17 @@ def tensor_kind(name: str) -> Kind:
             return number(value, -1e300, 1e300)
         return 0.0 if is_whole(value) and value == 0 else unit.read(value)
 
+    def read_matrix(rows_of_file: Sequence[Any], component: Rule) -> tuple[float, ...]:
+        """Read rows (p, p) of a symmetric matrix; return its components in Voigt order."""
+        p = len(rows_of_file)
+        read_row = partial(each, rule=component, what="numbers")
+        rows = np.array(each(list(rows_of_file), read_row, "rows"))
+        if not np.array_equal(rows, rows.T):
+            raise Refused(show(rows_of_file), "a symmetric matrix")
+        # in Voigt order a shear strain is that of the angle, xy + yx
+        shear = 2.0 if name == "strain" else 1.0
+        return tuple(float(rows[a, b]) * (shear if a != b else 1.0) for a, b in _VOIGT_PAIRS[p])
+
     def read(value: Any, context: Context) -> tuple[float, ...]:
         p = context.lattice.periods
         component = partial(read_component, unit=tensor_quantities(p)[name])
@@ -887,13 +918,7 @@ def tensor_kind(name: str) -> Kind:
         listed = list(value) if isinstance(value, list | tuple) else [value]
         has_rows = all(isinstance(row, list | tuple) and len(row) == p for row in listed)
         if p > 1 and len(listed) == p and has_rows:
-            rows = np.array(each(listed, partial(each, rule=component, what="numbers"), "rows"))
-            if not np.array_equal(rows, rows.T):
-                raise Refused(show(value), "a symmetric matrix")
-            shear = 2.0 if name == "strain" else 1.0
-            tensor = tuple(
-                float(rows[a, b]) * (shear if a != b else 1.0) for a, b in _VOIGT_PAIRS[p]
-            )
+            tensor = read_matrix(value, component)
         elif len(listed) == size:
             tensor = tuple(each(listed, component, "numbers"))
         else:

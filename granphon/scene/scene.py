@@ -391,6 +391,17 @@ def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
         names += [Path(name).with_suffix(".csv").name for name in waves]
         figures += ["sweep.png", *waves]
         return tuple(names), tuple(figures)
+    names_alone, figures_alone = _list_files_alone(scene)
+    return (*names, *names_alone), (*figures, *figures_alone)
+
+
+def _list_files_alone(scene: Scene) -> tuple[list[str], list[str]]:
+    """Return the names of the files of numbers, and names of the figures, that a run of a single
+    state writes besides those of any run.
+    """
+    observed = scene.observe
+    names: list[str] = []
+    figures: list[str] = []
     if "motion" in observed:
         names += MOTION_FILES
     if "bands" in observed:
@@ -409,9 +420,10 @@ def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
         if medium.friction_history:
             names += ["sample_balls.csv", "sample_contacts.csv"]
         waves = [stem for stem, subject in SAMPLE_WAVES.items() if subject in observed]
-        names += [f"{stem}.{ending}" for stem in waves for ending in ("json", "csv")]
+        for stem in waves:
+            names += [f"{stem}.json", f"{stem}.csv"]
         figures += ["forces.png", *(f"{stem}.png" for stem in waves)]
-    return tuple(names), tuple(figures)
+    return names, figures
 
 
 def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
@@ -560,8 +572,12 @@ class RunResult:
             out["pulse_distance"] = self.waves.pulse.distance
         if "response_phase" in self.dataset:
             out["peaks"] = self._list_peaks()
-        # the numbers that are known of waves in samples, in the network or at the edge
+        return out | self._list_wave_numbers()
+
+    def _list_wave_numbers(self) -> dict[str, float]:
+        """Return the numbers that are known of waves in samples, in the network or at the edge."""
         costs = ("pulse", "spectrum", "surface", "network")
+        out: dict[str, float] = {}
         for name, entry in CATALOGUE.items():
             if entry.cost in costs and not entry.dims and name in self.dataset:
                 number = self.dataset[name].item()
@@ -577,19 +593,21 @@ class RunResult:
         if "peaks_frequency" not in data:
             return peaks
         quantity = next(name for name in RESPONSES.values() if name in data)
-        names = {"frequency": "frequency", "height": quantity, "quality": "quality"}
-        tables = {
-            key: data[f"peaks_{name}"].values.reshape(len(peaks), -1).tolist()
-            for key, name in names.items()
-        }
+        # (receivers, peaks), nan beyond the number of peaks
+        shape = (len(peaks), -1)
+        frequencies = data["peaks_frequency"].values.reshape(shape).tolist()
+        heights = data[f"peaks_{quantity}"].values.reshape(shape).tolist()
+        qualities = data["peaks_quality"].values.reshape(shape).tolist()
         for index, receiver in enumerate(peaks):
-            rows = zip(*(table[index] for table in tables.values()), strict=True)
-            peaks[receiver] = [
-                dict(zip(names, row, strict=True)) for row in rows if np.isfinite(row[0])
-            ]
+            rows = zip(frequencies[index], heights[index], qualities[index], strict=True)
+            for frequency, height, quality in rows:
+                if np.isfinite(frequency):
+                    peak = {"frequency": frequency, "height": height, "quality": quality}
+                    peaks[receiver].append(peak)
         return peaks
 
     def _summarise_states(self) -> dict[str, Any]:
+        """Return the numbers of several states, see :meth:`summary`."""
         data = self.dataset
         dims = [*data["valid"].dims]
         if "direction" in data.dims:
@@ -603,7 +621,8 @@ class RunResult:
         if "direction" in data.coords:
             out["direction"] = json.loads(data["direction"].attrs["values"])
         elif "tensor" in data:  # some lattice is not isotropic, and its velocities are along x
-            out["direction"] = [1.0] + [0.0] * {3: 1, 6: 2}[data.sizes["voigt_row"]]
+            in_plane = data.sizes["voigt_row"] == 3
+            out["direction"] = [1.0, 0.0] if in_plane else [1.0, 0.0, 0.0]
         for name in _EXTENTS:
             if name in data and data[name].notnull().any():
                 out[name] = [float(data[name].min()), float(data[name].max())]
@@ -751,39 +770,41 @@ def write_numbers(result: Any, folder: Path, advance: Callable[[int], None]) -> 
             case "spectrum.csv":
                 result.waves.spectra.write_csv(path)
             case "sample_dos.csv" | "pulse.csv":
-                waves = result.waves.results[stem]
-                headings = [Heading(name, unit) for name, unit, _ in _COLUMNS[stem]]
-                columns = [getattr(waves, field) for _, _, field in _COLUMNS[stem]]
-                rows = np.transpose(columns).tolist()
-                path.write_text(table_text(headings, rows), encoding="utf-8")
+                _write_columns(result.waves.results[stem], stem, path)
             case "surface.json":
-                path.write_text(json.dumps(result.surface.to_dict()) + "\n", encoding="utf-8")
+                _write_json(result.surface, path)
             case "surface.csv":
                 result.surface.write_csv(path)
             case "sample_dos.json" | "spectrum.json" | "pulse.json":
-                path.write_text(
-                    json.dumps(result.waves.results[stem].to_dict()) + "\n", encoding="utf-8"
-                )
+                _write_json(result.waves.results[stem], path)
         advance(1)
 
 
+def _write_columns(waves: Any, stem: str, path: Path) -> None:
+    """Write a table of the fields of waves that :data:`_COLUMNS` lists for the ``stem`` of a
+    file.
+    """
+    headings = [Heading(name, unit) for name, unit, _ in _COLUMNS[stem]]
+    columns = [getattr(waves, field) for _, _, field in _COLUMNS[stem]]
+    rows = np.transpose(columns).tolist()
+    path.write_text(table_text(headings, rows), encoding="utf-8")
+
+
+def _write_json(result: Any, path: Path) -> None:
+    """Write a whole result as one line of JSON."""
+    path.write_text(json.dumps(result.to_dict()) + "\n", encoding="utf-8")
+
+
 def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
+    """Return the text of summary.yaml; ``used`` are the versions of packages by name."""
     scene = result.scene
     numbers = result.summary()
-    limits: dict[str, Any] = {}
-    if result.scene.is_single:
-        checks = [
-            {
-                "name": check.name,
-                "meaning": check.meaning,
-                "value": check.value,
-                "limit": check.limit,
-                "ok": bool(check.ok),
-            }
-            for check in result.validity.checks
-        ]
-        limits = {"ok": bool(result.validity.ok), "validity": checks}
-    entries = {name: result.entry(name) for name in numbers}
+    limits = _describe_limits(result.validity) if scene.is_single else {}
+    units = {}
+    for name in numbers:
+        entry = result.entry(name)
+        if entry is not None and entry.unit:
+            units[name] = entry.unit
     return dump_yaml(
         {
             "schema": SUMMARY_SCHEMA,
@@ -795,13 +816,24 @@ def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
             **limits,
             "warnings": result.warnings,
             "files": [path.name for path in result.files],
-            "units": {
-                name: entry.unit
-                for name, entry in entries.items()
-                if entry is not None and entry.unit
-            },
+            "units": units,
         }
     )
+
+
+def _describe_limits(validity: Validity) -> dict[str, Any]:
+    """Return the conditions under which the model holds as plain data."""
+    checks = [
+        {
+            "name": check.name,
+            "meaning": check.meaning,
+            "value": check.value,
+            "limit": check.limit,
+            "ok": bool(check.ok),
+        }
+        for check in validity.checks
+    ]
+    return {"ok": bool(validity.ok), "validity": checks}
 
 
 def read_summary(folder: Path) -> dict[str, Any]:

@@ -827,6 +827,11 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "6: load.times",
         "stress",
     ),
+    "gravity and the size of a frame": (
+        kinds("crystal: {lattice: chain}\nload: {gravity: 9.81 m/s^2, balls_per_side: 3}"),
+        "6: load",
+        "balls_per_side",
+    ),
     "gravity and a pressure without a floor": (
         kinds("crystal: {lattice: chain}\nload: {force: 10 N, gravity: 9.81 m/s^2}"),
         "6: load.gravity",
