@@ -457,7 +457,7 @@ class ContactLattice(LongWaves):
             elif not self.is_held:
                 tilted = self._tilt_block(block)
                 block = tilted if tilted.keeps_digits else block
-            blocks.append(block.still())
+            blocks.append(block.split_free_motions())
         return blocks
 
     def _tilt_block(self, block: Block) -> Block:

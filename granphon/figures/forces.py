@@ -29,6 +29,7 @@ from granphon.base.scales import prefixed
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, one_of
 from granphon.figures.style import BLUE, GUIDE, PAGE_WIDTH, STYLE, VERMILION, colour_kinds
+from granphon.figures.words import write_unit
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.phonopy_atoms import number_kinds
@@ -123,7 +124,8 @@ def plot_forces(
     left, bottom, right, top = edges
     means = ""
     if show == "density":
-        drawn, means = _draw_density(layer, ax, edges)
+        drawn, sides = _draw_density(layer, ax, edges)
+        means = f",\nmeans over {_write_sides(layer, sides)}"
     else:
         drawn = _draw_chains(layer, ax, edges)
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
@@ -147,12 +149,13 @@ def plot_forces(
     return ax
 
 
-def _draw_density(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> tuple[QuadMesh, str]:
-    """Draw means of the contact forces over squares between these edges, and return the map and the
-    size of the squares in words.
+def _draw_density(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> tuple[QuadMesh, list[float]]:
+    """Draw means of the contact forces over squares between these edges, the left, lower, right and
+    upper one; return the map, and the two sides of a square, the shorter first, in the unit of the
+    layer.
 
-    A contact counts half at each of its balls, so that no contact is lost at an edge of a periodic
-    array.
+    Each contact enters at both of its balls, with half its weight; the half cancels in the mean. So
+    no contact is lost at an edge of a periodic array.
     """
     left, bottom, right, top = edges
     longest = float(np.max(layer.size))
@@ -165,9 +168,16 @@ def _draw_density(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> tuple[Quad
     with np.errstate(invalid="ignore"):  # a square without a ball has the mean nan
         density = total / count
     drawn = ax.pcolormesh(*grid, density.T, cmap=FORCES, gid="density", rasterized=True)
-    length, unit = (1.0, "$d$") if layer.network is None else prefixed(longest, "m")
-    sides = sorted(f"{float(ticks[1] - ticks[0]) / length:.2g}" for ticks in grid)
-    return drawn, f",\nmeans over {' x '.join(sides)} {unit.replace('u', 'µ')}"
+    return drawn, sorted(float(ticks[1] - ticks[0]) for ticks in grid)
+
+
+def _write_sides(layer: _Map, sides: list[float]) -> str:
+    """Return the ``sides`` of the squares of a density, in the unit of the layer, in words."""
+    length = 1.0
+    unit = "$d$"
+    if layer.network is not None:
+        length, unit = prefixed(float(np.max(layer.size)), "m")
+    return f"{' x '.join(f'{side / length:.2g}' for side in sides)} {write_unit(unit)}"
 
 
 def _choose_window(layer: _Map, window: Sequence[float] | None) -> tuple[float, ...]:
@@ -507,7 +517,7 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     Bins are a quarter of the rms fluctuation wide. Raises :class:`~granphon.base.errors.InputError`
     for several loads.
     """
-    _ = state.scales  # one load only
+    state.require_single()
     forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in state.samples]
     least = min(float(np.min(forces_of_sample)) for forces_of_sample in forces)
     largest = max(float(np.max(forces_of_sample)) for forces_of_sample in forces)
@@ -543,7 +553,7 @@ def forces_figure(state: ContactState) -> Figure:
     See :func:`plot_forces` and :func:`plot_force_distribution`. Raises
     :class:`~granphon.base.errors.InputError` for several loads.
     """
-    _ = state.scales  # one load only
+    state.require_single()
     sample = state.samples[0]
     layer = _find_layer(sample)
     is_large = float(np.max(layer.size)) > _MOST_DIAMETERS

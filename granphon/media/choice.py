@@ -603,6 +603,24 @@ def even_shape(structure: Lattice, side: float) -> tuple[int, ...]:
     return tuple(max(round(side / length), 1) for length in lengths.tolist())
 
 
+def split_label(label: str) -> tuple[str, dict[str, str]]:
+    """Return the name of the medium with a :attr:`~MediumChoice.label`, and its options as they
+    stand there, by name.
+    """
+    name, _, inner = label.removesuffix(")").partition("(")
+    return name, dict(setting.split("=", 1) for setting in inner.split(", ") if "=" in setting)
+
+
+def is_exact_label(label: str) -> bool:
+    """Return whether the simulations of the medium with a ``label`` are in their exact geometry, by
+    the rule of :attr:`MediumChoice.is_exact`.
+    """
+    _, options = split_label(label)
+    if "geometry" in options:
+        return options["geometry"] == EXACT
+    return options.get("friction_history") == "true"
+
+
 def read_medium(value: Any, lattice: Lattice | None = None, written: bool = False) -> MediumChoice:
     """Read a medium given as its name or as {name: {option: value}}: a rule of
     :mod:`granphon.base.validation`.

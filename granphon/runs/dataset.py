@@ -51,7 +51,7 @@ from granphon.base.text import (
 from granphon.base.validation import find_unit_of
 from granphon.dynamics.elasticity import voigt_names
 from granphon.media.arrangement import Balls
-from granphon.media.left_out import EXACT, LATTICE
+from granphon.media.choice import is_exact_label
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
 from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, TaskResult
@@ -454,14 +454,7 @@ def list_finite_overlap(dataset: Dataset) -> list[bool]:
     """
     everywhere = bool(dataset.attrs.get("finite_overlap", 0))
     labels = np.atleast_1d(dataset["medium"].values).astype(str)
-    # a simulation has finite overlap in its exact geometry, which one with a history takes by
-    # default
-    return [
-        everywhere
-        or f"geometry={EXACT}" in label
-        or ("friction_history=true" in label and f"geometry={LATTICE}" not in label)
-        for label in labels.tolist()
-    ]
+    return [everywhere or is_exact_label(label) for label in labels.tolist()]
 
 
 def collect_identity(frame: Dataset) -> dict[str, Any]:

@@ -428,15 +428,18 @@ def _fit_peak(log: Array, n: int) -> tuple[float, float]:
     return float(n) + shift, height - 0.25 * (previous - following) * shift
 
 
-def true_width(broadened: Array, kernel: Array) -> Array:
-    """Return the widths of Lorentz curves which a kernel of the width ``kernel`` has broadened to
-    the widths ``broadened``, all in Hz.
+def find_true_width(broadened: Array, kernel_width: Array) -> Array:
+    """Return the widths L (n,) of Lorentz curves which a kernel has broadened, from ``broadened`` =
+    l L + ((1 - l)^2 L^2 + G^2)^1/2, where l = :data:`_LINEAR` and G = ``kernel_width``, all in Hz.
+
+    A curve that is not wider than the kernel has the width zero.
     """
-    broadened = np.maximum(broadened, kernel)
+    width = np.maximum(broadened, kernel_width)
+    # the positive root of (1 - 2 l) L^2 + 2 l B L = B^2 - G^2, B the broadened width
     square = (1.0 - _LINEAR) ** 2
-    a = square - _LINEAR**2
-    widths = (np.sqrt(square * broadened**2 - a * kernel**2) - _LINEAR * broadened) / a
-    return np.asarray(np.maximum(widths, 0.0))
+    leading = square - _LINEAR**2  # 1 - 2 l
+    root = np.sqrt(square * width**2 - leading * kernel_width**2)
+    return np.asarray(np.maximum((root - _LINEAR * width) / leading, 0.0))
 
 
 def find_ioffe_regel(
@@ -538,7 +541,7 @@ class SpectralFunction(Refinable):
         that is not wider than the kernel has the width zero. See :attr:`resolved`. If the line
         falls to half its height on one side only, the width is twice the half width of this side.
         """
-        return true_width(self._lines[1], self._kernel_width)
+        return find_true_width(self._lines[1], self._kernel_width)
 
     @property
     def resolved(self) -> NDArray[np.bool_]:
