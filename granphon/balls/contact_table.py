@@ -303,18 +303,12 @@ class _NearPairs:
         if np.any(self.shift[pair]):
             cells = ", ".join(map(str, self.shift[pair].tolist()))
             image = f" shifted by ({cells}) cells"
-        sides = f"{ratio:.9g} apart, where touching balls are 1 apart"
-        if self.has_radii:
-            sides = (
-                f"{self.distance[pair]:.9g} m apart, and their radii add up to"
-                f" {self.touch[pair]:.9g} m"
-            )
         is_touching = self.off <= TOUCH
         near = self.vector[is_near] / self.touch[is_near, None]
         touching = self.vector[is_touching] / self.touch[is_touching, None]
         return _NearGap(
             ratio,
-            f"Ball {self.i[pair]} and ball {self.j[pair]}{image} are {sides}",
+            f"Ball {self.i[pair]} and ball {self.j[pair]}{image} are {self._describe_gap(pair)}",
             _scale_to_touch(cell, near, touching, self.has_radii)
             or "If numbers were rounded, write them with eight digits or more",
         )
@@ -336,9 +330,14 @@ class _NearPairs:
         """Return the sentence of a message on the distance of a ``pair`` that overlaps."""
         if not self.has_radii:
             return f"Two sites are {self.ratio[pair]:.9g} apart, and touching balls are 1 apart"
+        return f"Balls {self.i[pair]} and {self.j[pair]} are {self._describe_gap(pair)}"
+
+    def _describe_gap(self, pair: int) -> str:
+        """Return the distance of a ``pair`` in words, beside that of touching balls."""
+        if not self.has_radii:
+            return f"{self.ratio[pair]:.9g} apart, where touching balls are 1 apart"
         return (
-            f"Balls {self.i[pair]} and {self.j[pair]} are {self.distance[pair]:.9g} m apart, and"
-            f" their radii add up to {self.touch[pair]:.9g} m"
+            f"{self.distance[pair]:.9g} m apart, and their radii add up to {self.touch[pair]:.9g} m"
         )
 
     def _mend_overlap(self, pair: int, near: _NearGap | None) -> str:
@@ -366,14 +365,12 @@ class _NearPairs:
             return
         ball = int(alone[0])
         words = f"ball {ball} of {self.called}" if self.has_radii else f"a ball of {self.called}"
-        why = "Touching balls are 1 apart"
-        mend = ""
+        problem = f"{words} touches no other"
         if near is not None:
-            why = near.why
-            mend = near.mend
-        elif self.has_radii:
-            why, mend = _explain_lone_ball(cell, positions, self.radii, ball)
-        raise InputError(f"{words} touches no other", why, mend)
+            raise InputError(problem, near.why, near.mend)
+        if self.has_radii:
+            raise InputError(problem, *_explain_lone_ball(cell, positions, self.radii, ball))
+        raise InputError(problem, "Touching balls are 1 apart")
 
 
 def _explain_lone_ball(cell: Array, positions: Array, radii: Array, ball: int) -> tuple[str, str]:
