@@ -345,10 +345,10 @@ class Store:
         full = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
         number = errno.ENOSPC if full else getattr(error, "errno", None)
         problem = f"{self.path} cannot be {done}: {os.strerror(number) if number else error}"
-        mend = f"Run the same command again when it can be {done}"
+        why = "What was finished before is kept"
         if number == errno.ENOSPC:
-            mend = "Free some space, and run the same command again"
-        return OutputError(problem, "What was finished before is kept", mend)
+            return OutputError(problem, why, "Free some space, and run the same command again")
+        return OutputError(problem, why, f"Run the same command again when it can be {done}")
 
     def close(self) -> None:
         """Force what has been written to the disk, and close the file; it is opened again when it

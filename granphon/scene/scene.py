@@ -702,7 +702,7 @@ def _describe_alone(
     with progress.step("force constants"):
         phonons = Phonons(state, dim=scene.dim)
         if "bands" in scene.observe:
-            _ = phonons.phonopy
+            _ = phonons.phonopy  # found within this step, and kept
     if "bands" in scene.observe:
         with progress.step("bands"):
             bands = phonons.bands(
