@@ -108,11 +108,7 @@ def plot_forces(
         raise InputError(f"{brief(sample)} has no contact forces to draw", mend=mend)
     layer = _find_layer(sample) if isinstance(sample, Sample) else _project(sample)
     network = layer.network
-    if show == "auto" and window is not None:
-        show = "window"
-    elif show == "auto":
-        is_small = float(np.max(layer.size)) <= _MOST_DIAMETERS * layer.diameter
-        show = "all" if is_small else "density"
+    show = _choose_show(layer, window) if show == "auto" else show
     edges = _choose_window(layer, window) if show == "window" else layer.edges
     if ax is None:
         height = _WINDOW_HEIGHT if show == "window" and window is None else layer.height
@@ -147,6 +143,14 @@ def plot_forces(
         else:
             name_axis(bar.xaxis, bar.get_xlim()[1], "Contact force", "N", short=True, more=means)
     return ax
+
+
+def _choose_show(layer: _Map, window: Sequence[float] | None) -> Show:
+    """Return what of the contacts is shown where that is left open."""
+    if window is not None:
+        return "window"
+    is_small = float(np.max(layer.size)) <= _MOST_DIAMETERS * layer.diameter
+    return "all" if is_small else "density"
 
 
 def _draw_density(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> tuple[QuadMesh, list[float]]:
@@ -219,15 +223,9 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
     points = float(np.min(size_of_axes / (high - low))) * layer.diameter
     if np.count_nonzero(is_inside) <= _MOST_BALLS:
         _draw_balls(layer, is_inside, ax)
-    widths = forces  # over the width of the line of the mean force
-    network = layer.network
-    if network is not None:
-        mean = float(np.mean(network.normal_force)) if network.n_contacts else 0.0
-        thinnest, widest = _WIDTHS
-        widths = np.full(len(forces), thinnest)
-        if mean > 0.0:
-            widths = np.clip(forces / mean, thinnest, widest)
-        _draw_walls(network, ax)
+    widths = _find_widths(layer.network, forces)
+    if layer.network is not None:
+        _draw_walls(layer.network, ax)
     # so many lines are pixels in files of vectors too
     is_raster = len(segments) > _MOST_VECTORS
     chains = LineCollection(list(segments), capstyle="round", gid="forces", rasterized=is_raster)
@@ -238,6 +236,19 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
         chains.set(color=_IDLE)
     ax.add_collection(chains, autolim=False)
     return chains
+
+
+def _find_widths(network: ContactNetwork | None, forces: Array) -> Array:
+    """Return the widths (n,) of the lines of contacts, over that of the mean force, from their
+    ``forces`` (n,): those of a sample are over their mean, those of a ``network`` in N.
+    """
+    if network is None:
+        return forces
+    thinnest, widest = _WIDTHS
+    mean = float(np.mean(network.normal_force)) if network.n_contacts else 0.0
+    if not mean > 0.0:
+        return np.full(len(forces), thinnest)
+    return np.clip(forces / mean, thinnest, widest)
 
 
 def _draw_balls(layer: _Map, is_drawn: NDArray[np.bool_], ax: Axes) -> None:

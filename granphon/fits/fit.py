@@ -261,7 +261,8 @@ def _judge_farthest(
     from scipy.special import ndtr, stdtr
 
     dof = problem.dof
-    # the distance of each datum from the fit of the others, over the standard error of the distance
+    # the distance of each datum from the fit of the others, over the standard error of the
+    # distance: residual/(1 - leverage)^1/2
     r = np.abs(residuals) / np.sqrt(np.maximum(1.0 - leverages, 1e-12))
     farthest = int(np.argmax(r))
     distance = float(r[farthest])
