@@ -466,23 +466,25 @@ class Block:
     def _split_free(
         self, rows: NDArray[Any], matrices: NDArray[Any] | None
     ) -> tuple[Array, NDArray[Any]]:
-        """Find frequencies and eigenvectors with the motions that cost nothing split off by LAPACK.
+        """Find frequencies (n_q, n) and eigenvectors (n_q, n, n) with the motions that cost nothing
+        split off by LAPACK.
 
         Plane rotations would take minutes to tell these motions from the softest.
         """
         if matrices is None:
             basis = lapack_svd(rows)[1]
-        else:  # a negative square, of a lattice that buckles, is not among the smallest
-            squares, basis = np.linalg.eigh(matrices)
-            basis = np.take_along_axis(basis, np.argsort(np.abs(squares), axis=1)[:, None], 2)
-        stiff = basis[:, :, self.free :]
-        if matrices is None:
-            rows = rows @ stiff
+            stiff = basis[:, :, self.free :]
+            values, right = self._decompose_all(rows @ stiff, None)
         else:
-            matrices = stiff.conj().swapaxes(1, 2) @ matrices @ stiff
-        values, right = self._decompose_all(rows, matrices)
-        right = np.concatenate([basis[:, :, : self.free], stiff @ right], axis=2)
-        return np.pad(values, ((0, 0), (self.free, 0))), right
+            squares, vectors = np.linalg.eigh(matrices)
+            # a negative square, of a lattice that buckles, is not among the smallest
+            order = np.argsort(np.abs(squares), axis=1)
+            basis = np.take_along_axis(vectors, order[:, None], 2)
+            stiff = basis[:, :, self.free :]
+            stiff_matrices = stiff.conj().swapaxes(1, 2) @ matrices @ stiff
+            values, right = self._decompose_all(rows, stiff_matrices)
+        all_vectors = np.concatenate([basis[:, :, : self.free], stiff @ right], axis=2)
+        return np.pad(values, ((0, 0), (self.free, 0))), all_vectors
 
     def _drop_small(
         self, q: Array, values: Array, right: NDArray[Any]
