@@ -1,12 +1,13 @@
-"""Estimates of the memory and time that work will need, made before it is done.
+"""Memory and time that a run will need, estimated before the work is done.
 
-Memory follows from the arrays: it was measured as Python's tracemalloc counts them, and is right
-within a factor of about two. Time follows from a small piece of the same work, which is done and
-timed on this machine when the time is first asked for: one equilibrium, or one path of loads, of at
-most a thousand balls; one product of a dynamical matrix with a vector; the eigenvalues of one
-matrix; or the writing of numbers. The rest is counting: how many balls, products, matrices and
-numbers the whole work has. So the time is right within a factor of about three, and its text says
-no more than "seconds", "minutes", "hours" or "days".
+Memory of samples is estimated in :mod:`granphon.media.sample_memory`. Memory follows from the
+arrays: it was measured as Python's tracemalloc counts them, and is right within a factor of about
+two. Time follows from a small piece of the same work, which is done and timed on this machine when
+the time is first asked for: one equilibrium, or one path of loads, of at most a thousand balls; one
+product of a dynamical matrix with a vector; the eigenvalues of one matrix; or the writing of
+numbers. The rest is counting: how many balls, products, matrices and numbers the whole work has. So
+the time is right within a factor of about three, and its text says no more than "seconds",
+"minutes", "hours" or "days".
 """
 
 from __future__ import annotations

@@ -396,12 +396,13 @@ def _fit_pole(x: Array, values: Complex, weights: Any = None) -> Any:
     rise = values[1] - values[0]
     following = values[2] - values[1]
     if weights is None:
-        ratio = rise / following
+        ratio_of_rises = rise / following
     else:
         overlap = np.sum(weights * rise * following.conj(), axis=-1)
-        ratio = overlap / np.sum(weights * np.abs(following) ** 2, axis=-1)
-    ratio = ratio * (x[2] - x[1]) / (x[1] - x[0])
-    return (x[2] - ratio * x[0]) / (1.0 - ratio)
+        ratio_of_rises = overlap / np.sum(weights * np.abs(following) ** 2, axis=-1)
+    # the ratio of the slopes is (p - x_2)/(p - x_0)
+    ratio_of_slopes = ratio_of_rises * (x[2] - x[1]) / (x[1] - x[0])
+    return (x[2] - ratio_of_slopes * x[0]) / (1.0 - ratio_of_slopes)
 
 
 def _approach_lines(
@@ -1034,20 +1035,20 @@ class _Problem:
         if self.moved:
             # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
             on_balls = -parts.pull(viscous * self.stretched)
-            start = np.concatenate([on_balls, top * spring * self.stretched])
-            scale: Any = -1.0 / top * np.ones(w.size)
+            source = np.concatenate([on_balls, top * spring * self.stretched])
+            strength: Any = -1.0 / top * np.ones(w.size)
         else:
-            start = np.concatenate([self.drives[0], np.zeros(spring.size, complex)])
-            scale = -1.0 / top * _invert(1j * omega)
+            source = np.concatenate([self.drives[0], np.zeros(spring.size, complex)])
+            strength = -1.0 / top * _invert(1j * omega)
         largest = math.sqrt(math.hypot(1.0, float(np.max(work.of_rows[0]))))
         reach = np.where(w > 0.0, (w + largest) * _invert(work.distance), np.inf)
         if work.is_strong:
             silent = np.zeros((w.size, len(self.heard)))
-            return _Space(apply, np.vdot, start, 1j * w, scale, reach, silent)
+            return _Space(apply, np.vdot, source, 1j * w, strength, reach, silent)
         # the space is that of 1 - i H times the source
-        scale = scale / (1.0 + w)
-        direct = 1j * scale[:, None] * self._listen(start)
-        start = start - 1j * apply(start)
+        scale = strength / (1.0 + w)
+        direct = 1j * scale[:, None] * self._listen(source)
+        start = source - 1j * apply(source)
         return _Space(apply, np.dot, start, 1j * w, scale, reach, direct)
 
     def _listen(self, x: NDArray[Any]) -> NDArray[Any]:
