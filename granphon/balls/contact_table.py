@@ -76,13 +76,6 @@ class ContactTable:
     arm_i: Array
     arm_j: Array
 
-    @classmethod
-    def freeze(cls, *columns: Any) -> ContactTable:
-        """Return the table of ``columns`` in the order of the attributes, which become
-        read-only.
-        """
-        return cls(*map(read_only, columns))
-
     def __len__(self) -> int:
         return len(self.i)
 
@@ -108,7 +101,16 @@ class ContactTable:
         if turn is not None:
             normal = normal @ turn.T
             vector = vector @ turn.T
-        return ContactTable.freeze(i, j, shift, normal, vector, self.arm_i[rows], self.arm_j[rows])
+        return freeze_contacts(i, j, shift, normal, vector, self.arm_i[rows], self.arm_j[rows])
+
+
+def freeze_contacts(
+    i: Index, j: Index, shift: Index, normal: Array, vector: Array, arm_i: Array, arm_j: Array
+) -> ContactTable:
+    """Return the table of contacts with these columns, (n_c,) or (n_c, d), those of
+    :class:`ContactTable`, which become read-only.
+    """
+    return ContactTable(*map(read_only, (i, j, shift, normal, vector, arm_i, arm_j)))
 
 
 def contact_frames(normal: Array) -> list[list[Array]]:
@@ -225,7 +227,7 @@ def find_contacts(
     require_joined(i, j, shift, len(positions), len(cell), pairs.called, why, mend)
     normal = pairs.vector[kept] / pairs.distance[kept][:, None]
     vector = normal if radii is None else normal * pairs.touch[kept][:, None]
-    return ContactTable.freeze(i, j, shift, normal, vector, pairs.radii[i], pairs.radii[j])
+    return freeze_contacts(i, j, shift, normal, vector, pairs.radii[i], pairs.radii[j])
 
 
 @dataclass(frozen=True, eq=False)

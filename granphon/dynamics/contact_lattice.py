@@ -17,7 +17,7 @@ from typing import Annotated, Any, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.contact_table import ContactTable
+from granphon.balls.contact_table import ContactTable, freeze_contacts
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.layers import find_axes
 from granphon.balls.motions import Motions, allowed_motions
@@ -655,7 +655,7 @@ def _tabulate_contacts(
     arm_j = np.where(is_swapped, network.arm_i[kept], network.arm_j[kept])
     axes = np.flatnonzero(network.pbc)
     shift = np.where(is_held[:, None], 0, network.shift[kept][:, axes])
-    return ContactTable.freeze(
+    return freeze_contacts(
         number[i], number[j], shift, normal, vector / length, arm_i / length, arm_j / length
     )
 

@@ -30,7 +30,7 @@ from granphon.array.atoms import (
     take_arrays,
 )
 from granphon.balls.contact_model import ContactModel
-from granphon.balls.contact_table import TOUCH, ContactTable, find_pairs
+from granphon.balls.contact_table import TOUCH, find_pairs, freeze_contacts
 from granphon.balls.lattices import BALL
 from granphon.balls.motions import (
     ALL,
@@ -931,7 +931,7 @@ class HertzMindlin(ContactCalculator):
             prestress = law.force(overlap * d) / (k * d) / distance
         diameters = 1.0 + deviations
         arms = 0.5 * self._spacing * diameters
-        table = ContactTable.freeze(
+        table = freeze_contacts(
             i,
             j,
             shift[:, :periods],
