@@ -122,6 +122,8 @@ _ROUNDING = 1e-16
 _LOST = 1e100
 #: most rounds in which a narrow line is approached: the distance from its pole falls as its square
 _ROUNDS = 12
+#: rounds after which the change of a pole must fall to a tenth from one to the next
+_FREE_ROUNDS = 3
 #: change of a pole, over its half width, at which the pole stands
 _STANDS = 1e-6
 #: difference of the poles of two receivers, over the half width, up to which they hear one line
@@ -422,7 +424,8 @@ def _approach_lines(
     with np.errstate(divide="ignore", invalid="ignore"):
         estimate = _fit_pole(x, values, heard)
     active = np.arange(len(low))
-    for _ in range(_ROUNDS):
+    last_change = np.full(len(low), np.inf)
+    for number in range(_ROUNDS):
         active = active[np.isfinite(estimate[active])]
         if not active.size:
             break
@@ -437,7 +440,10 @@ def _approach_lines(
         stands = (change <= _STANDS * renewed.imag) & is_above_rounding
         pole[active[stands]] = renewed[stands]
         estimate[active] = renewed
-        active = active[~stands]
+        # the pole of one mode converges faster than linearly; poles of several do not
+        converges = (change < 0.1 * last_change[active]) | (number < _FREE_ROUNDS)
+        last_change[active] = change
+        active = active[~stands & converges]
     return pole, x, values
 
 
