@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import io
 import os
+import warnings
 from collections.abc import Generator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -235,7 +236,13 @@ def warm_up() -> float:
         for geometry in ("lattice", "exact"):
             waves = gp.NonlinearWaves(network, geometry=geometry, friction_coefficient=0.2)
             waves.run(1e-7, velocities=velocities, frames=2)
+            waves.run(1e-7, velocities=velocities, frames=2, scheme="midpoint")
     with TemporaryDirectory() as folder:
+        sweep = Path(folder) / "sweep.nc"
+        gp.sweep(gp.Packing(steel, 8e-3), force=[1.0, 2.0]).to_netcdf(sweep, engine="h5netcdf")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # it has no digest
+            gp.load_sweep(sweep)
         (Path(folder) / "scene.yaml").write_text(_SCENE, encoding="utf-8")
         out = str(Path(folder) / "out")
         assert main(["run", str(Path(folder) / "scene.yaml"), "-o", out, "-q"]) == 0

@@ -310,6 +310,11 @@ class JKRLaw(EnergyLaw):
         return _JKR_LEAST * self.length
 
     @property
+    def least_force(self) -> float:
+        """Force at which the contact breaks, -(3/4) :attr:`force_scale`, N."""
+        return -0.75 * self.force_scale
+
+    @property
     def touch_overlap(self) -> float:
         """Overlap at which bodies that come together touch, m."""
         return 0.0
@@ -371,9 +376,10 @@ class JKRLaw(EnergyLaw):
         not bear.
         """
         forces = np.asarray(real_array("force", force))
+        require_pushing(forces, self.least_force)
         with np.errstate(over="ignore"):
             load = forces / self.force_scale
-            require_pushing(load * self.force_scale, -0.75 * self.force_scale)
+            # u^3, the larger root of 2/3 u^6 - u^3 = load/2
             cube = 0.75 * (1.0 + np.sqrt(np.maximum(1.0 + 4.0 / 3.0 * load, 0.0)))
         overlaps = self.length * np.cbrt(cube) * (cube - 1.0)
         require_finite("overlap", overlaps, "a force", forces, "N")

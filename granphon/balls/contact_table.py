@@ -101,15 +101,16 @@ class ContactTable:
         if turn is not None:
             normal = normal @ turn.T
             vector = vector @ turn.T
-        return ContactTable(
-            read_only(i),
-            read_only(j),
-            read_only(shift),
-            read_only(normal),
-            read_only(vector),
-            read_only(self.arm_i[rows]),
-            read_only(self.arm_j[rows]),
-        )
+        return freeze_contacts(i, j, shift, normal, vector, self.arm_i[rows], self.arm_j[rows])
+
+
+def freeze_contacts(
+    i: Index, j: Index, shift: Index, normal: Array, vector: Array, arm_i: Array, arm_j: Array
+) -> ContactTable:
+    """Return the table of contacts with these columns, (n_c,) or (n_c, d), those of
+    :class:`ContactTable`, which become read-only.
+    """
+    return ContactTable(*map(read_only, (i, j, shift, normal, vector, arm_i, arm_j)))
 
 
 def contact_frames(normal: Array) -> list[list[Array]]:
@@ -226,15 +227,7 @@ def find_contacts(
     require_joined(i, j, shift, len(positions), len(cell), pairs.called, why, mend)
     normal = pairs.vector[kept] / pairs.distance[kept][:, None]
     vector = normal if radii is None else normal * pairs.touch[kept][:, None]
-    return ContactTable(
-        read_only(i),
-        read_only(j),
-        read_only(shift),
-        read_only(normal),
-        read_only(vector),
-        read_only(pairs.radii[i]),
-        read_only(pairs.radii[j]),
-    )
+    return freeze_contacts(i, j, shift, normal, vector, pairs.radii[i], pairs.radii[j])
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,18 +305,12 @@ class _NearPairs:
         if np.any(self.shift[pair]):
             cells = ", ".join(map(str, self.shift[pair].tolist()))
             image = f" shifted by ({cells}) cells"
-        sides = f"{ratio:.9g} apart, where touching balls are 1 apart"
-        if self.has_radii:
-            sides = (
-                f"{self.distance[pair]:.9g} m apart, and their radii add up to"
-                f" {self.touch[pair]:.9g} m"
-            )
         is_touching = self.off <= TOUCH
         near = self.vector[is_near] / self.touch[is_near, None]
         touching = self.vector[is_touching] / self.touch[is_touching, None]
         return _NearGap(
             ratio,
-            f"Ball {self.i[pair]} and ball {self.j[pair]}{image} are {sides}",
+            f"Ball {self.i[pair]} and ball {self.j[pair]}{image} are {self._describe_gap(pair)}",
             _scale_to_touch(cell, near, touching, self.has_radii)
             or "If numbers were rounded, write them with eight digits or more",
         )
@@ -335,26 +322,42 @@ class _NearPairs:
         if not np.any(self.ratio < 1.0 - TOUCH):
             return
         pair = int(np.argmin(self.ratio))
-        least = float(self.ratio[pair])
-        distance = self.distance[pair]
-        touch = self.touch[pair]
-        why = f"Two sites are {least:.9g} apart, and touching balls are 1 apart"
-        mend = "Move the sites apart"
-        if self.has_radii:
-            why = (
-                f"Balls {self.i[pair]} and {self.j[pair]} are {distance:.9g} m apart, and"
-                f" their radii add up to {touch:.9g} m"
-            )
-        if near is not None and least >= 1.0 - NEAR:
-            mend = near.mend
-        if self.has_radii and distance <= TOUCH * touch:
-            mend = (
+        raise InputError(
+            f"balls of {self.called} overlap",
+            self._describe_overlap(pair),
+            self._mend_overlap(pair, near),
+        )
+
+    def _describe_overlap(self, pair: int) -> str:
+        """Return the sentence of a message on the distance of a ``pair`` that overlaps."""
+        if not self.has_radii:
+            return f"Two sites are {self.ratio[pair]:.9g} apart, and touching balls are 1 apart"
+        return f"Balls {self.i[pair]} and {self.j[pair]} are {self._describe_gap(pair)}"
+
+    def _describe_gap(self, pair: int) -> str:
+        """Return the distance of a ``pair`` in words, beside that of touching balls."""
+        if not self.has_radii:
+            return f"{self.ratio[pair]:.9g} apart, where touching balls are 1 apart"
+        return (
+            f"{self.distance[pair]:.9g} m apart, and their radii add up to {self.touch[pair]:.9g} m"
+        )
+
+    def _mend_overlap(self, pair: int, near: _NearGap | None) -> str:
+        """Return how the overlap of a ``pair`` is mended; ``near`` is as in
+        :meth:`require_apart`.
+        """
+        if self.has_radii and self.distance[pair] <= TOUCH * self.touch[pair]:
+            return (
                 "Give each site of the cell once; places that differ by vectors of the cell are"
                 " one site"
             )
-        elif self.has_radii and least * _LIKE < 1.0 / _UNITS["cm"]:
-            mend = "Compare the units: diameters, cell and positions are in m"
-        raise InputError(f"balls of {self.called} overlap", why, mend)
+        # diameters in mm or a finer unit are numbers a thousand times too large, or more, against
+        # positions in m
+        if self.has_radii and self.ratio[pair] * _LIKE < 1.0 / _UNITS["cm"]:
+            return "Compare the units: diameters, cell and positions are in m"
+        if near is not None and self.ratio[pair] >= 1.0 - NEAR:
+            return near.mend
+        return "Move the sites apart"
 
     def require_contacts(self, cell: Array, positions: Array, near: _NearGap | None) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if a ball touches no other."""
@@ -364,14 +367,12 @@ class _NearPairs:
             return
         ball = int(alone[0])
         words = f"ball {ball} of {self.called}" if self.has_radii else f"a ball of {self.called}"
-        why = "Touching balls are 1 apart"
-        mend = ""
+        problem = f"{words} touches no other"
         if near is not None:
-            why = near.why
-            mend = near.mend
-        elif self.has_radii:
-            why, mend = _explain_lone_ball(cell, positions, self.radii, ball)
-        raise InputError(f"{words} touches no other", why, mend)
+            raise InputError(problem, near.why, near.mend)
+        if self.has_radii:
+            raise InputError(problem, *_explain_lone_ball(cell, positions, self.radii, ball))
+        raise InputError(problem, "Touching balls are 1 apart")
 
 
 def _explain_lone_ball(cell: Array, positions: Array, radii: Array, ball: int) -> tuple[str, str]:

@@ -43,6 +43,9 @@ COUNTED_FORCE = 1e-6
 _HOLDING_STIFFNESS = 2e-3
 #: the force of such a contact over the mean, as stiffness goes as f^(1/3)
 HOLDING_FORCE = _HOLDING_STIFFNESS ** (EXPONENT / (EXPONENT - 1.0))
+#: why loads of contacts that do not adhere are refused below zero, and at zero
+NO_TENSION = "One-sided contacts carry no tension"
+NO_STIFFNESS = "Balls that only touch have no stiffness, and carry no sound"
 #: least normal number of double precision; smaller numbers have lost digits
 LEAST_NORMAL = np.finfo(float).tiny
 
@@ -179,7 +182,7 @@ def require_pushing(load: Array, least: float = 0.0) -> None:
     """
     if not np.all(load >= least):
         problem = "the force of a contact is negative"
-        why = "One-sided contacts carry no tension"
+        why = NO_TENSION
         if least != 0.0:
             problem = f"a contact is pulled by more than {-least:.6g} N"
             why = "That is what its adhesion bears"
@@ -341,7 +344,7 @@ def stretch(rest: Array, rest_root: Array, elongation: Array) -> Array:
 
 def mean_force(overlap: Array, other: Array) -> Array:
     """Return the mean of h_+^(3/2) on the straight way from one overlap to another: the change of
-    the energy over theirs.
+    (2/5) h_+^(5/2) over that of h.
     """
     root = np.sqrt(np.maximum(overlap, 0.0))
     root_after = np.sqrt(np.maximum(other, 0.0))
@@ -351,6 +354,8 @@ def mean_force(overlap: Array, other: Array) -> Array:
     # the part of the way on which the contact is closed
     closed = np.ones_like(change)
     np.divide(closed_part, change, out=closed, where=(overlap < 0.0) != (other < 0.0))
+    # the mean between r^2 and s^2 is (2/5) (s^5 - r^5)/(s^2 - r^2), without differences of near
+    # numbers: the sum of r^(4 - k) s^k over r + s
     a = root * root
     b = root_after * root_after
     powers = a * a + b * b + root * root_after * (a + b) + a * b

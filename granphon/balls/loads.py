@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.hertz import NO_STIFFNESS, NO_TENSION
 from granphon.base.errors import InputError, brief
 from granphon.base.memory import require_memory
 from granphon.base.quantities import LOAD_KINDS, TENSORS, find_load_unit
@@ -181,12 +182,12 @@ def require_compressive(name: str, values: NDArray[np.float64]) -> None:
         shown = brief(values.tolist())
         raise InputError(
             f"{name} is {shown}: tensile",
-            "One-sided contacts carry no tension",
+            NO_TENSION,
             "Give a load above zero",
         )
     if np.any(values == 0.0):
         raise InputError(
             f"{name} is zero",
-            "Balls that only touch have no stiffness, and carry no sound",
+            NO_STIFFNESS,
             "Press them",
         )

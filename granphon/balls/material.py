@@ -32,14 +32,14 @@ _TORSIONAL = 2.501132620409395
 def read_poisson_ratio(value: Any) -> float:
     """Read a Poisson ratio sigma (a rule): that of a stable isotropic solid, -1 < sigma <= 1/2."""
     ratio = real_number(value)
-    allowed = "a plain number, -1 < poisson_ratio <= 0.5"
     if -1.0 < ratio <= 0.5:
         return ratio
-    mend = "Outside it an isotropic elastic solid is not stable."
+    allowed = "a plain number, -1 < poisson_ratio <= 0.5"
     if isinstance(value, str):
-        mend = "Write it without quotes or unit."
-    elif math.isnan(ratio):
-        mend = ""
+        raise Refused(show(value), allowed, "Write it without quotes or unit.")
+    if math.isnan(ratio):
+        raise Refused(show(value), allowed)
+    mend = "Outside it an isotropic elastic solid is not stable."
     raise Refused(show(value), allowed, mend)
 
 
@@ -102,7 +102,7 @@ class Material:
 
     @property
     def transverse_velocity(self) -> float:
-        """Bulk velocity of transverse waves in the material, m/s."""
+        """Bulk velocity (G/rho)^1/2 of transverse waves in the material, m/s."""
         # the quotient may be beyond the floating range
         return math.sqrt(self.shear_modulus) / math.sqrt(self.density)
 

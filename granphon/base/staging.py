@@ -396,13 +396,14 @@ def explaining(target: Path, why: str = "It is left as it was") -> Iterator[None
     except GranphonError:
         raise
     except OSError as error:
+        problem = f"{_name(target)} cannot be written: {error.strerror or error}"
+        if os.path.isdir(target / NEW):
+            why_half = f"The files of the new result are in {NEW} there"
+            mend_half = "Any command that uses the folder moves them to their places"
+            raise OutputError(problem, why_half, mend_half) from None
         mend = "Choose another folder"
         if error.errno == errno.ENOSPC:
             mend = "Free some space, or choose another folder"
-        problem = f"{_name(target)} cannot be written: {error.strerror or error}"
-        if os.path.isdir(target / NEW):
-            why = f"The files of the new result are in {NEW} there"
-            mend = "Any command that uses the folder moves them to their places"
         raise OutputError(problem, why, mend) from None
 
 

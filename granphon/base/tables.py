@@ -44,9 +44,11 @@ class Heading:
     @classmethod
     def parse(cls, text: str) -> Self:
         """Read ``name``, ``name (unit)``, ``name [unit]``, or one with its unit at the end,
-        ``total_per_Hz`` of dos.csv.
+        ``total_per_Hz`` of dos.csv. A unit may have brackets of its own, as m/(N s).
         """
-        match = re.fullmatch(r"(.*?)\s*(?:[(\[]\s*([^()\[\]]*?)\s*[)\]])?", text.strip(), re.DOTALL)
+        unit_text = r"(?:[^()\[\]]|\([^()\[\]]*\))*?"
+        pattern = rf"(.*?)\s*(?:[(\[]\s*({unit_text})\s*[)\]])?"
+        match = re.fullmatch(pattern, text.strip(), re.DOTALL)
         if match is None:
             return cls(text, "")
         name, unit = match.groups()

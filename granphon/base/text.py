@@ -65,6 +65,8 @@ _FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
 _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 
 
+#: byte order marks of UTF-16
+_MARKS_OF_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 #: the comment line of a file with the digest of the others
 _SEAL = "# sha256 of all other lines: "
 
@@ -142,31 +144,37 @@ def decode(name: str, raw: bytes) -> str:
     For another encoding :class:`~granphon.base.errors.InputError` names the line, the byte, and a
     guess of the encoding.
     """
-    position = raw.find(b"\0")
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        position = 0
-        guess = "UTF-16"
-    elif position >= 0:
-        guess = "UTF-16" if len(raw) % 2 == 0 and raw.count(b"\0") >= len(raw) // 3 else ""
-    else:
+    if b"\0" not in raw and not raw.startswith(_MARKS_OF_UTF_16):
         try:
             return raw.decode("utf-8-sig")
         except UnicodeDecodeError as error:
             # in Latin-1 and related encodings every byte but the control characters is a letter or
             # a sign
-            position = error.start
-            guess = "" if re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw) else "Latin-1"
+            has_controls = re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw)
+            raise _explain_encoding(
+                name, raw, error.start, "" if has_controls else "Latin-1"
+            ) from None
+    if raw.startswith(_MARKS_OF_UTF_16):
+        raise _explain_encoding(name, raw, 0, "UTF-16")
+    is_wide = len(raw) % 2 == 0 and raw.count(b"\0") >= len(raw) // 3
+    raise _explain_encoding(name, raw, raw.find(b"\0"), "UTF-16" if is_wide else "")
+
+
+def _explain_encoding(name: str, raw: bytes, position: int, guess: str) -> InputError:
+    """Return the error of a file that is not in UTF-8, from the ``position`` of the first byte that
+    is foreign to it, and a ``guess`` of its encoding, which may be empty.
+    """
     line = raw.count(b"\n", 0, position) + 1
     problem = (
         f"{name}:{line} cannot be read: found the byte 0x{raw[position]:02x} where text in UTF-8 is"
         f" needed"
     )
     if not guess:
-        raise InputError(problem, "The file does not look like text", "Is this the right file?")
+        return InputError(problem, "The file does not look like text", "Is this the right file?")
     mend = (
         f"Save it as UTF-8 where it was made, or convert it: iconv -f {guess} -t UTF-8 FILE > NEW"
     )
-    raise InputError(problem, f"The file looks like {guess}", mend)
+    return InputError(problem, f"The file looks like {guess}", mend)
 
 
 # -- plain YAML ------------------------------------------------------------------------------------
@@ -308,15 +316,19 @@ class _Builder:
         if "nesting depth" in problem:
             # libyaml has a limit of its own, and reads ahead of the events
             return self._make_error(*_TOO_DEEP)
-        mend = ""
-        if self.error_line:
-            line = "".join(self.text.splitlines()[self.error_line - 1 : self.error_line])
-            indent = line[: len(line) - len(line.lstrip())]
-            if "\t" in indent:
-                mend = "Indent with spaces"
+        return self._make_error(f"broken YAML, {problem}", "YAML", self._mend(problem))
+
+    def _mend(self, problem: str) -> str:
+        """Return how text is mended in which the parser met a ``problem``; empty if that is not
+        known.
+        """
         if "mapping values are not allowed" in problem:
-            mend = "Check the indentation, and that each key has a line of its own"
-        return self._make_error(f"broken YAML, {problem}", "YAML", mend)
+            return "Check the indentation, and that each key has a line of its own"
+        if not self.error_line:
+            return ""
+        line = "".join(self.text.splitlines()[self.error_line - 1 : self.error_line])
+        indent = line[: len(line) - len(line.lstrip())]
+        return "Indent with spaces" if "\t" in indent else ""
 
     def _read_event(self) -> Any:
         """Return the next event of the parser."""
@@ -641,14 +653,19 @@ def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
     except (SchemaError, MemoryError):
         raise
     except Exception as error:
-        # numbers of the wrong kind, size or shape, and whatever they trip over
-        why = "A number, a list or a block of keys stands where another of them is needed"
-        if isinstance(error, GranphonError):
-            why = str(error)
-        elif isinstance(error, KeyError):
-            why = f"It lacks the key {show(error.args[0])}"
         problem = f"{path} is not a {kind} written by granphon"
-        raise InputError(problem, why, "Make it again, or give the right file") from None
+        mend = "Make it again, or give the right file"
+        raise InputError(problem, _explain_content(error), mend) from None
+
+
+def _explain_content(error: Exception) -> str:
+    """Return the sentence on a file whose content led to an ``error``."""
+    if isinstance(error, GranphonError):
+        return str(error)
+    if isinstance(error, KeyError):
+        return f"It lacks the key {show(error.args[0])}"
+    # numbers of the wrong kind, size or shape, and whatever they trip over
+    return "A number, a list or a block of keys stands where another of them is needed"
 
 
 def digest(data: Any) -> str:

@@ -22,6 +22,8 @@ from granphon.base.errors import GranphonError
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+#: why a worker process ends before its work is done
+LOST_WORKER = "It was killed, or ran out of memory"
 #: signals with which a terminal or a batch system stops this process
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 
@@ -60,8 +62,8 @@ def naming_lost_workers(where: str) -> Iterator[None]:
         yield
     except BrokenExecutor:
         problem = f"{where}: a worker of the executor has ended, and with it all others"
-        why = "It was killed, or ran out of memory"
-        raise GranphonError(problem, why, "Give workers more memory, or take fewer") from None
+        mend = "Give workers more memory, or take fewer"
+        raise GranphonError(problem, LOST_WORKER, mend) from None
 
 
 @contextmanager

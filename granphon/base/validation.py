@@ -259,11 +259,9 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
     allowed = f"{allowed_words} from {low} to {high}{ones}, such as {example}"
     words: Any = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, str):
-        words = value.split()
+        words = [int(w) if re.fullmatch(r"[0-9]{1,9}", w) else w for w in value.split()]
     if not isinstance(words, list | tuple) or not periods <= len(words) <= count:
         raise Refused(show(value), allowed)
-    if isinstance(value, str):
-        words = [int(w) if re.fullmatch(r"[0-9]{1,9}", w) else w for w in words]
     if not all(map(is_whole, words)):
         raise Refused(show(value), allowed)
     for place, word in enumerate(words[periods:], periods):
@@ -309,29 +307,29 @@ def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
     if carried_unit is not None and not is_si(carried_unit, unit):
         mend = "Give plain numbers, as x.to_base_units().magnitude of pint."
         raise Refused(f"numbers in {carried_unit}", f"numbers in {unit or 'SI units'}", mend)
-    why = ""
-    mend = ""
     if _is_masked(values):
-        why = "which has masked entries"
         mend = "Leave them out, as .compressed() does."
-    else:
-        try:
-            array, why = _convert(values)
-        except OverflowError:
-            array = None
-            why = "which is too large"
-        except (TypeError, ValueError):
-            # lists of different lengths, or a signalling nan among decimals
-            array = None
-        if array is not None:
-            return array
+        raise _explain_numbers(values, "which has masked entries", mend)
+    try:
+        array, why = _convert(values)
+    except OverflowError:
+        raise _explain_numbers(values, "which is too large") from None
+    except (TypeError, ValueError):
+        # lists of different lengths, or a signalling nan among decimals
+        raise _explain_numbers(values, "") from None
+    if array is None:
+        raise _explain_numbers(values, why)
+    return array
+
+
+def _explain_numbers(values: Any, why: str, mend: str = "") -> Refused:
+    """Return the refusal of ``values`` that are no real numbers; ``why`` may be empty."""
     content = brief(values)
     if why and not content.endswith("too large"):
         content += f", {why}"
-    allowed = "a real number or an array of them"
     if "too large" in content:
-        allowed = "what double precision can hold"
-    raise Refused(content, allowed, mend)
+        return Refused(content, "what double precision can hold", mend)
+    return Refused(content, "a real number or an array of them", mend)
 
 
 def _convert(values: Any) -> tuple[NDArray[np.float64] | None, str]:

@@ -72,6 +72,33 @@ class _Point(NamedTuple):
     triangle: NDArray[Any] | None = None
 
 
+def _find_lengths(waves: WaveRows) -> Array:
+    """Return the length (kinds, n_c, 1) of each row, if nothing cancelled between the two ends of a
+    contact.
+    """
+    sizes = np.abs(waves.odd) + np.abs(waves.even)
+    return np.asarray(np.linalg.norm(sizes, axis=2, keepdims=True))
+
+
+def _clear_rounding(rows: NDArray[Any], lengths: Array) -> NDArray[Any]:
+    """Return rows (kinds, n_c, n) with zero for entries that are rounding errors of rows of these
+    ``lengths`` (kinds, n_c, 1).
+    """
+    return np.where(np.abs(rows) <= _ROUNDING * lengths, 0.0, rows)
+
+
+def _turn_pushing(pushing: WaveRows, turn: NDArray[Any]) -> WaveRows:
+    """Return rows of displacements across contacts in terms of the motions that are the columns of
+    ``turn`` (n, n).
+    """
+    # static forces act on displacements, and not on balls that turn like gears
+    lengths = _find_lengths(pushing)
+    return pushing._replace(
+        odd=_clear_rounding(pushing.odd @ turn, lengths),
+        even=_clear_rounding(pushing.even @ turn, lengths),
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Block:
     """Motions of the frame, and the rows of C(q) in which they take part, that nothing joins to
@@ -88,8 +115,8 @@ class Block:
     tilt : (bent, n, p) gradients, with respect to q, of the motions that go with each of them.
     slack : part of the largest squared frequency by which others may be below zero, and are then
         zero.
-    turn : (n, n) unitary, to the motions of the frame from those of the rows, see :meth:`still`;
-        None if they are the same.
+    turn : (n, n) unitary, to the motions of the frame from those of the rows, see
+        :meth:`split_free_motions`; None if they are the same.
     """
 
     columns: NDArray[np.intp]
@@ -101,49 +128,50 @@ class Block:
     turn: NDArray[Any] | None = None
     slack: float = 0.0
 
-    def still(self) -> Block:
+    def split_free_motions(self) -> Block:
         """Return the block in terms of motions of which some deform nothing at q = 0, if the block
         has such motions besides sound.
 
         Balls that turn like gears are an example. Near Gamma the columns of their single rotations
         would cancel.
         """
-        odd = self.deforming.odd.reshape(self.n_rows, self.size)
-        even = self.deforming.even.reshape(self.n_rows, self.size)
-        inner = np.flatnonzero(np.any(even != 0.0, axis=0))
-        if inner.size < 2:  # a single column that is not zero depends on no other
+        turn, free = self._find_free_motions()
+        if not free.size:
             return self
-        size = np.abs(odd) + np.abs(even)
-        free, complement = find_dependent(even[:, inner], size[:, inner])
-        if not free.shape[1]:
-            return self
-        turn = np.eye(self.size, dtype=even.dtype)
-        turn[np.ix_(inner, inner)] = np.concatenate([free, complement], axis=1)
         odd = self.deforming.odd @ turn
         even = self.deforming.even @ turn
-        still = inner[: free.shape[1]]
         # the two ends of a contact cancel to rounding. Each end alone is rounding where a motion
         # deforms nothing at any q, such as the spin of a ball between two others. Gears whose arms
         # differ a little leave more than rounding
-        rounding = _ROUNDING * np.linalg.norm(size, axis=1).reshape(*odd.shape[:2], 1)
-        for rows in (odd, even):
-            rows[..., still] = np.where(np.abs(rows[..., still]) <= rounding, 0.0, rows[..., still])
+        lengths = _find_lengths(self.deforming)
+        odd[..., free] = _clear_rounding(odd[..., free], lengths)
+        even[..., free] = _clear_rounding(even[..., free], lengths)
         tilt = np.einsum("mn,kma->kna", turn.conj(), self.tilt) if self.bent else self.tilt
-        pushing = self.pushing
-        if pushing is not None:
-            # static forces act on displacements, and not on balls that turn like gears
-            pushed = [rows @ turn for rows in pushing[:2]]
-            lengths = sum(np.abs(rows) for rows in pushing[:2])
-            rounding = _ROUNDING * np.linalg.norm(lengths, axis=2, keepdims=True)
-            pushed = [np.where(np.abs(rows) <= rounding, 0.0, rows) for rows in pushed]
-            pushing = pushing._replace(odd=pushed[0], even=pushed[1])
         return replace(
             self,
             deforming=self.deforming._replace(odd=odd, even=even),
-            pushing=pushing,
+            pushing=None if self.pushing is None else _turn_pushing(self.pushing, turn),
             tilt=tilt,
             turn=turn,
         )
+
+    def _find_free_motions(self) -> tuple[NDArray[Any], NDArray[np.intp]]:
+        """Return a unitary matrix (n, n), whose columns are new motions in terms of the motions of
+        the rows, and the numbers (k,) of the new motions that deform nothing at q = 0.
+
+        Motions whose own columns vanish at q = 0, such as sound, stay as they are, and are not
+        among the k.
+        """
+        odd = self.deforming.odd.reshape(self.n_rows, self.size)
+        even = self.deforming.even.reshape(self.n_rows, self.size)
+        turn = np.eye(self.size, dtype=even.dtype)
+        inner = np.flatnonzero(np.any(even != 0.0, axis=0))
+        if inner.size < 2:  # a single column that is not zero depends on no other
+            return turn, inner[:0]
+        sizes = np.abs(odd) + np.abs(even)
+        free, complement = find_dependent(even[:, inner], sizes[:, inner])
+        turn[np.ix_(inner, inner)] = np.concatenate([free, complement], axis=1)
+        return turn, inner[: free.shape[1]]
 
     @property
     def size(self) -> int:
@@ -438,23 +466,25 @@ class Block:
     def _split_free(
         self, rows: NDArray[Any], matrices: NDArray[Any] | None
     ) -> tuple[Array, NDArray[Any]]:
-        """Find frequencies and eigenvectors with the motions that cost nothing split off by LAPACK.
+        """Find frequencies (n_q, n) and eigenvectors (n_q, n, n) with the motions that cost nothing
+        split off by LAPACK.
 
         Plane rotations would take minutes to tell these motions from the softest.
         """
         if matrices is None:
             basis = lapack_svd(rows)[1]
-        else:  # a negative square, of a lattice that buckles, is not among the smallest
-            squares, basis = np.linalg.eigh(matrices)
-            basis = np.take_along_axis(basis, np.argsort(np.abs(squares), axis=1)[:, None], 2)
-        stiff = basis[:, :, self.free :]
-        if matrices is None:
-            rows = rows @ stiff
+            stiff = basis[:, :, self.free :]
+            values, right = self._decompose_all(rows @ stiff, None)
         else:
-            matrices = stiff.conj().swapaxes(1, 2) @ matrices @ stiff
-        values, right = self._decompose_all(rows, matrices)
-        right = np.concatenate([basis[:, :, : self.free], stiff @ right], axis=2)
-        return np.pad(values, ((0, 0), (self.free, 0))), right
+            squares, vectors = np.linalg.eigh(matrices)
+            # a negative square, of a lattice that buckles, is not among the smallest
+            order = np.argsort(np.abs(squares), axis=1)
+            basis = np.take_along_axis(vectors, order[:, None], 2)
+            stiff = basis[:, :, self.free :]
+            stiff_matrices = stiff.conj().swapaxes(1, 2) @ matrices @ stiff
+            values, right = self._decompose_all(rows, stiff_matrices)
+        all_vectors = np.concatenate([basis[:, :, : self.free], stiff @ right], axis=2)
+        return np.pad(values, ((0, 0), (self.free, 0))), all_vectors
 
     def _drop_small(
         self, q: Array, values: Array, right: NDArray[Any]

@@ -62,11 +62,11 @@ def as_wavevectors(wavevectors: ArrayLike, periods: int) -> Array:
     return q.reshape(-1, periods)
 
 
-def require_digits(fractions: Array) -> None:
-    """Raise :class:`~granphon.base.errors.PrecisionError` for wave vectors, in reciprocal vectors,
-    too far from Gamma.
+def require_digits(components: Array) -> None:
+    """Raise :class:`~granphon.base.errors.PrecisionError` for wave vectors too far from Gamma, from
+    their ``components`` in reciprocal vectors, an array of any shape.
     """
-    farthest = float(np.max(np.abs(fractions), initial=0.0))
+    farthest = float(np.max(np.abs(components), initial=0.0))
     if farthest > _FARTHEST:
         raise PrecisionError(
             f"a wave vector is {farthest:.3g} reciprocal vectors from Gamma",
@@ -607,13 +607,14 @@ class Compatibility:
         replaced by 2^1/2 times the real part and 2^1/2 times the imaginary part of one.
         """
         waves = self._make_waves(prestress)
+        # rows of one ball in the cell are real as they are
         if self.n_balls == 1 or self._images is None:
             return waves
         _, first, image = self._images
-        paired = np.ones((len(self.contacts), 1))
-        paired[[first, image]] = np.sqrt(2.0)
-        odd = waves.odd.real * paired
-        even = waves.even.real * paired
+        factors = np.ones((len(self.contacts), 1))
+        factors[[first, image]] = np.sqrt(2.0)
+        odd = waves.odd.real * factors
+        even = waves.even.real * factors
         odd[:, image] = np.sqrt(2.0) * waves.odd.imag[:, first]
         even[:, image] = np.sqrt(2.0) * waves.even.imag[:, first]
         return WaveRows(odd, even, waves.half[self._wave_contacts])

@@ -17,14 +17,14 @@ from typing import Annotated, Any, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.contact_table import ContactTable
+from granphon.balls.contact_table import ContactTable, freeze_contacts
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.layers import find_axes
 from granphon.balls.motions import Motions, allowed_motions
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, InstabilityError
 from granphon.base.memory import require_memory
-from granphon.base.results import Result, read_only
+from granphon.base.results import Result
 from granphon.base.threads import share_out, single_products
 from granphon.base.validation import not_negative, positive, real_array
 from granphon.dynamics.blocks import Block, find_blocks
@@ -457,7 +457,7 @@ class ContactLattice(LongWaves):
             elif not self.is_held:
                 tilted = self._tilt_block(block)
                 block = tilted if tilted.keeps_digits else block
-            blocks.append(block.still())
+            blocks.append(block.split_free_motions())
         return blocks
 
     def _tilt_block(self, block: Block) -> Block:
@@ -655,14 +655,8 @@ def _tabulate_contacts(
     arm_j = np.where(is_swapped, network.arm_i[kept], network.arm_j[kept])
     axes = np.flatnonzero(network.pbc)
     shift = np.where(is_held[:, None], 0, network.shift[kept][:, axes])
-    return ContactTable(
-        read_only(number[i]),
-        read_only(number[j]),
-        read_only(shift),
-        read_only(normal),
-        read_only(vector / length),
-        read_only(arm_i / length),
-        read_only(arm_j / length),
+    return freeze_contacts(
+        number[i], number[j], shift, normal, vector / length, arm_i / length, arm_j / length
     )
 
 

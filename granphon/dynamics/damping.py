@@ -1,4 +1,4 @@
-"""Contacts that lose energy: dashpots beside their springs, and loss factors; damped modes.
+"""Damping of contacts: dashpots beside their springs, and loss factors; damped modes.
 
 In a motion exp(i omega t) a contact resists a deformation e of stiffness k by the force (k (1 + i
 eta) + i omega c) e. c is the viscosity of its dashpot, and eta the loss factor of its material,

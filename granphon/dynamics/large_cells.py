@@ -161,12 +161,12 @@ class LargeCell:
     def _compute(self, q: Array) -> tuple[Any, Any, float]:
         """Return C(q) without static forces, D(q), and a bound of its eigenvalues."""
         rows = []
-        for ends in self.kinds:
-            phase = np.exp(1j * (ends.half @ q))[:, None]
-            rows.append((ends.head.multiply(phase) - ends.tail.multiply(phase.conj())).tocsr())
+        for kind in self.kinds:
+            phase = np.exp(1j * (kind.half @ q))[:, None]
+            rows.append((kind.head.multiply(phase) - kind.tail.multiply(phase.conj())).tocsr())
         matrix = sum(
-            kind.conj().T @ kind.multiply(ends.signs[:, None])
-            for kind, ends in zip(rows, self.kinds, strict=True)
+            rows_of_kind.conj().T @ rows_of_kind.multiply(ends.signs[:, None])
+            for rows_of_kind, ends in zip(rows, self.kinds, strict=True)
         )
         matrix = (matrix.real if self.is_real else matrix).tocsr()
         return rows[0], matrix, float(abs(matrix).sum(axis=1).max())

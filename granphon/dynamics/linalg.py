@@ -296,6 +296,7 @@ def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
     active &= np.minimum(alpha, beta) > _NO_COLUMN**2
     if not np.any(active):
         return False
+    # the tangent t of the angle is the smaller root of t^2 + 2 zeta t = 1
     safe = np.where(active, size, 1.0)
     zeta = np.where(active, 0.5 * (beta - alpha) / safe, 0.0)
     tangent = np.where(zeta >= 0.0, 1.0, -1.0) / (np.abs(zeta) + np.hypot(1.0, zeta))

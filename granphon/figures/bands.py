@@ -179,14 +179,25 @@ def _draw_zone_on_line(ax: Axes, half: float) -> Array:
     return outline
 
 
+def _find_way_off(corner: Array, ends: Array, middle: Array, periods: int) -> Array:
+    """Return the direction (2,) from a ``corner`` (2,) of a path to its name: away from the
+    segments with the ``ends`` (n, 2, 2), or from the ``middle`` (2,) of the zone.
+    """
+    if periods == 1:
+        return np.array([0.0, -1.0])
+    away = _find_free_direction(corner, ends) if periods == 3 else corner - middle
+    if np.linalg.norm(away) > 1e-9:
+        return away
+    middle_of_path: Array = ends.reshape(-1, 2).mean(axis=0)
+    return middle - middle_of_path
+
+
 def _name_corners_of_zone(
     ax: Axes, labels: Sequence[str], ends: Array, outline: Array, periods: int
 ) -> None:
     """Draw a dot and a name at each corner of a path, whose segments have the ``ends`` (n, 2, 2) on
     the paper.
     """
-    middle = outline.mean(axis=0)
-    middle_of_path = ends.reshape(-1, 2).mean(axis=0)
     names = {}
     for segment in range(len(ends)):
         # at a jump "K|M" a segment ends at K, and the next one starts at M
@@ -196,14 +207,7 @@ def _name_corners_of_zone(
         ax.plot(*corner, "o", color="black", markersize=2.2, zorder=2.6)
         if name.startswith("("):
             continue
-        if periods == 3:
-            away = _find_free_direction(corner, ends)
-        elif periods == 1:
-            away = np.array([0.0, -1.0])
-        else:
-            away = corner - middle
-        if np.linalg.norm(away) <= 1e-9:
-            away = middle - middle_of_path
+        away = _find_way_off(corner, ends, outline.mean(axis=0), periods)
         x, y = (7.0 * away / max(float(np.linalg.norm(away)), 1e-9)).tolist()
         ax.annotate(
             name,

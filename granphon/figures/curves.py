@@ -273,6 +273,20 @@ def make_looks(count: int) -> list[Look]:
     ]
 
 
+def _choose_styles(curve: Curve, look: Look) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the styles of a curve where the medium is valid, and elsewhere."""
+    common: dict[str, Any] = {"color": look.colour, "markersize": _SIZE}
+    if curve.as_points and not curve.served:
+        line = {"linestyle": "-", "linewidth": 0.6} if curve.path else {"linestyle": "none"}
+        points = common | {"marker": look.marker}
+        return points | {"linestyle": "none"}, points | line | _HOLLOW
+    # a line is thinner below marks, so that the marks are seen
+    solid = common | {"marker": "", "linewidth": 0.8 if curve.served else look.width}
+    if look.dashes:
+        solid |= {"dashes": look.dashes}
+    return solid, common | {"marker": ""} | _OUTSIDE
+
+
 def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
     """Draw a curve: solid where the medium is valid, thin and dashed elsewhere; points of a
     simulation, with bars of their errors.
@@ -293,21 +307,10 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
             gid=f"{gid}-errors",
         )
     valid_y = np.where(curve.valid, curve.y, np.nan)
-    is_points = curve.as_points and not curve.served
-    common: dict[str, Any] = {"color": look.colour, "markersize": _SIZE}
-    if is_points:
-        line = {"linestyle": "-", "linewidth": 0.6} if curve.path else {"linestyle": "none"}
-        solid = common | {"marker": look.marker, "linestyle": "none"}
-        thin = common | {"marker": look.marker} | line | _HOLLOW
-    else:
-        # a line is thinner below marks, so that the marks are seen
-        width = 0.8 if curve.served else look.width
-        solid = common | {"marker": "", "linewidth": width}
-        thin = common | {"marker": ""} | _OUTSIDE
-    if look.dashes and not is_points:
+    solid, thin = _choose_styles(curve, look)
+    if "dashes" in solid:
         # a thin line below would be seen through the gaps of the dashes: only stretches outside
         # the range are thin, with the points at their ends
-        solid |= {"dashes": look.dashes}
         is_outside = ~curve.valid
         is_outside[1:] |= ~curve.valid[:-1]
         is_outside[:-1] |= ~curve.valid[1:]
@@ -1138,10 +1141,10 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
     if spectra:
         problem = f"{_join_names(spectra, 'holds', 'hold')} {spectra[0].words} and no velocities"
         other_run = next((run for run in runs if run.quantities), None)
-        why = "There is nothing over a load"
+        why_apart = "There is nothing over a load"
         if other_run:
-            why = f"{other_run.name} is {other_run.words}: they cannot share an axis"
-        raise InputError(problem, why, "Draw them in figures of their own")
+            why_apart = f"{other_run.name} is {other_run.words}: they cannot share an axis"
+        raise InputError(problem, why_apart, "Draw them in figures of their own")
     common = [name for name in runs[0].quantities if all(name in run.quantities for run in runs)]
     load = _choose_load(runs, common, x)
     if y is None:

@@ -29,6 +29,7 @@ from granphon.base.scales import prefixed
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, one_of
 from granphon.figures.style import BLUE, GUIDE, PAGE_WIDTH, STYLE, VERMILION, colour_kinds
+from granphon.figures.words import write_unit
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.phonopy_atoms import number_kinds
@@ -107,11 +108,7 @@ def plot_forces(
         raise InputError(f"{brief(sample)} has no contact forces to draw", mend=mend)
     layer = _find_layer(sample) if isinstance(sample, Sample) else _project(sample)
     network = layer.network
-    if show == "auto" and window is not None:
-        show = "window"
-    elif show == "auto":
-        is_small = float(np.max(layer.size)) <= _MOST_DIAMETERS * layer.diameter
-        show = "all" if is_small else "density"
+    show = _choose_show(layer, window) if show == "auto" else show
     edges = _choose_window(layer, window) if show == "window" else layer.edges
     if ax is None:
         height = _WINDOW_HEIGHT if show == "window" and window is None else layer.height
@@ -123,7 +120,8 @@ def plot_forces(
     left, bottom, right, top = edges
     means = ""
     if show == "density":
-        drawn, means = _draw_density(layer, ax, edges)
+        drawn, sides = _draw_density(layer, ax, edges)
+        means = f",\nmeans over {_write_sides(layer, sides)}"
     else:
         drawn = _draw_chains(layer, ax, edges)
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
@@ -147,12 +145,21 @@ def plot_forces(
     return ax
 
 
-def _draw_density(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> tuple[QuadMesh, str]:
-    """Draw means of the contact forces over squares between these edges, and return the map and the
-    size of the squares in words.
+def _choose_show(layer: _Map, window: Sequence[float] | None) -> Show:
+    """Return what of the contacts is shown where that is left open."""
+    if window is not None:
+        return "window"
+    is_small = float(np.max(layer.size)) <= _MOST_DIAMETERS * layer.diameter
+    return "all" if is_small else "density"
 
-    A contact counts half at each of its balls, so that no contact is lost at an edge of a periodic
-    array.
+
+def _draw_density(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> tuple[QuadMesh, list[float]]:
+    """Draw means of the contact forces over squares between these edges, the left, lower, right and
+    upper one; return the map, and the two sides of a square, the shorter first, in the unit of the
+    layer.
+
+    Each contact enters at both of its balls, with half its weight; the half cancels in the mean. So
+    no contact is lost at an edge of a periodic array.
     """
     left, bottom, right, top = edges
     longest = float(np.max(layer.size))
@@ -165,9 +172,16 @@ def _draw_density(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> tuple[Quad
     with np.errstate(invalid="ignore"):  # a square without a ball has the mean nan
         density = total / count
     drawn = ax.pcolormesh(*grid, density.T, cmap=FORCES, gid="density", rasterized=True)
-    length, unit = (1.0, "$d$") if layer.network is None else prefixed(longest, "m")
-    sides = sorted(f"{float(ticks[1] - ticks[0]) / length:.2g}" for ticks in grid)
-    return drawn, f",\nmeans over {' x '.join(sides)} {unit.replace('u', 'µ')}"
+    return drawn, sorted(float(ticks[1] - ticks[0]) for ticks in grid)
+
+
+def _write_sides(layer: _Map, sides: list[float]) -> str:
+    """Return the ``sides`` of the squares of a density, in the unit of the layer, in words."""
+    length = 1.0
+    unit = "$d$"
+    if layer.network is not None:
+        length, unit = prefixed(float(np.max(layer.size)), "m")
+    return f"{' x '.join(f'{side / length:.2g}' for side in sides)} {write_unit(unit)}"
 
 
 def _choose_window(layer: _Map, window: Sequence[float] | None) -> tuple[float, ...]:
@@ -209,15 +223,9 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
     points = float(np.min(size_of_axes / (high - low))) * layer.diameter
     if np.count_nonzero(is_inside) <= _MOST_BALLS:
         _draw_balls(layer, is_inside, ax)
-    widths = forces  # over the width of the line of the mean force
-    network = layer.network
-    if network is not None:
-        mean = float(np.mean(network.normal_force)) if network.n_contacts else 0.0
-        thinnest, widest = _WIDTHS
-        widths = np.full(len(forces), thinnest)
-        if mean > 0.0:
-            widths = np.clip(forces / mean, thinnest, widest)
-        _draw_walls(network, ax)
+    widths = _find_widths(layer.network, forces)
+    if layer.network is not None:
+        _draw_walls(layer.network, ax)
     # so many lines are pixels in files of vectors too
     is_raster = len(segments) > _MOST_VECTORS
     chains = LineCollection(list(segments), capstyle="round", gid="forces", rasterized=is_raster)
@@ -228,6 +236,19 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
         chains.set(color=_IDLE)
     ax.add_collection(chains, autolim=False)
     return chains
+
+
+def _find_widths(network: ContactNetwork | None, forces: Array) -> Array:
+    """Return the widths (n,) of the lines of contacts, over that of the mean force, from their
+    ``forces`` (n,): those of a sample are over their mean, those of a ``network`` in N.
+    """
+    if network is None:
+        return forces
+    thinnest, widest = _WIDTHS
+    mean = float(np.mean(network.normal_force)) if network.n_contacts else 0.0
+    if not mean > 0.0:
+        return np.full(len(forces), thinnest)
+    return np.clip(forces / mean, thinnest, widest)
 
 
 def _draw_balls(layer: _Map, is_drawn: NDArray[np.bool_], ax: Axes) -> None:
@@ -507,7 +528,7 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     Bins are a quarter of the rms fluctuation wide. Raises :class:`~granphon.base.errors.InputError`
     for several loads.
     """
-    _ = state.scales  # one load only
+    state.require_single()
     forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in state.samples]
     least = min(float(np.min(forces_of_sample)) for forces_of_sample in forces)
     largest = max(float(np.max(forces_of_sample)) for forces_of_sample in forces)
@@ -543,7 +564,7 @@ def forces_figure(state: ContactState) -> Figure:
     See :func:`plot_forces` and :func:`plot_force_distribution`. Raises
     :class:`~granphon.base.errors.InputError` for several loads.
     """
-    _ = state.scales  # one load only
+    state.require_single()
     sample = state.samples[0]
     layer = _find_layer(sample)
     is_large = float(np.max(layer.size)) > _MOST_DIAMETERS

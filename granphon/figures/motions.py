@@ -65,16 +65,16 @@ def plot_motion(
     if show == "forces":
         coordinates = contact_positions
         values = motion.forces - motion.forces[0]
-        unit = "N"
+        si_unit = "N"
         quantity = "Change of force"
     else:
         coordinates = ball_positions
         values = motion.velocities[:, is_ball, along]
-        unit = "m/s"
+        si_unit = "m/s"
         quantity = f"Velocity along {'xyz'[along]}"
     positions, means = _average_layers(layers, coordinates, values)
     most = max(float(np.abs(means).max()), _TINY)
-    scale, unit = prefixed(most, unit)
+    scale, unit = prefixed(most, si_unit)
     seconds, unit_of_time = prefixed(float(motion.times[-1]), "s")
     metre, unit_of_length = prefixed(_RADII * radius, "m")
     drawn = ax.pcolormesh(

@@ -108,11 +108,10 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) ->
         without LaTeX, an unknown format or backend. No file is left at ``path``.
     OSError : the file cannot be written.
     """
-    mend = "look at the labels, and at the settings of matplotlib (matplotlibrc)"
+    places = "at the labels, and at the settings of matplotlib (matplotlibrc)"
+    mend = f"Look {places}"
     if options.get("backend"):  # the backend may be missing, or lack a package
-        mend = f"Leave --backend (backend) out or give another, or {mend}"
-    else:
-        mend = mend.capitalize()
+        mend = f"Leave --backend (backend) out or give another, or look {places}"
     with _explain_failure(Path(path), mend) as target:
         figure.savefig(target, **options)
 

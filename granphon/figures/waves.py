@@ -70,6 +70,8 @@ _ROWS = 600
 _BEYOND_BANDS = 1.08
 #: a line below this part of the highest peak is not drawn
 _LEAST_LINE = 1e-3
+#: a line counts as resolved if its width is resolved in this part of the samples
+_RESOLVED = 0.5
 #: number of receivers up to which each receiver has a colour and an entry of the legend
 _FEW = len(COLOURS)
 #: greatest number of maps, and of receivers of several states
@@ -465,7 +467,7 @@ def _draw_line_frequencies(
     x = take("path_distance") / take("path_corners")[-1]
     peak = take("line_frequency", number) / unit.hertz
     width = take("line_width", number) / unit.hertz
-    is_resolved = take("line_resolved", number) >= 0.5
+    is_resolved = take("line_resolved", number) >= _RESOLVED
     half_width = np.where(is_resolved, 0.5 * width, 0.0)
     style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "color": colour}
     dots, *_ = ax.errorbar(x, peak, half_width, elinewidth=0.8, zorder=3, **style)
@@ -487,7 +489,8 @@ def _draw_attenuation(
     ``take`` and ``number`` are as in :func:`_draw_line_frequencies`.
     """
     attenuation = take("attenuation", number)
-    is_drawn = (take("line_resolved", number) >= 0.5) & (attenuation > 0.0)
+    is_resolved = take("line_resolved", number) >= _RESOLVED
+    is_drawn = is_resolved & (attenuation > 0.0)  # the axis is logarithmic
     frequencies = (take("line_frequency", number) / unit.hertz)[is_drawn]
     bars = None
     if has_errors:

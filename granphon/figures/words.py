@@ -9,7 +9,7 @@ from typing import Any
 from granphon.balls.packing import Packing
 from granphon.base.quantities import load_quantities
 from granphon.base.scales import write_quantity
-from granphon.media.choice import find_medium
+from granphon.media.choice import find_medium, split_label
 from granphon.media.simulation import DEFAULT_SHAPES
 
 #: a space at which no line ends
@@ -47,27 +47,36 @@ def describe_medium(label: str, periods: int = 2, balls: int = 1) -> str:
 
     ``periods`` is the number of periods of the lattice, ``balls`` the number of balls in its cell.
     """
-    name, _, inner = label.removesuffix(")").partition("(")
+    name, options = split_label(label)
     try:
         words = [str(find_medium(name).words)]
     except KeyError:
         return label
-    options = dict(setting.split("=", 1) for setting in inner.split(", ") if "=" in setting)
     if name == "simulation":
         default_shape = " ".join(map(str, DEFAULT_SHAPES[periods]))
         shape = options.pop("shape", default_shape).replace(" ", " x ")
         samples = int(options.pop("samples", 1))
         several = f"{samples} samples" if samples > 1 else "a sample"
         words.append(f"{several} of {shape} {'balls' if balls == 1 else 'cells'}")
-    for option, value in options.items():
-        if option == "tolerance":
-            value = f"{100.0 * float(value):g} %"
-        if option == "start" and value != "gas":
-            value = _describe_start(value, periods)
-        template = _OPTIONS.get(f"{option}={value}") or _OPTIONS.get(option)
-        template = template or option.replace("_", " ") + " {}"
-        words.append(template.format(value))
+    words += [_describe_option(option, value, periods) for option, value in options.items()]
     return ", ".join(words)
+
+
+def _describe_option(option: str, value: str, periods: int) -> str:
+    """Return an option of a medium in words, from its name and its ``value`` in a label."""
+    if f"{option}={value}" in _OPTIONS:
+        return _OPTIONS[f"{option}={value}"]
+    default_template = option.replace("_", " ") + " {}"
+    return _OPTIONS.get(option, default_template).format(_write_setting(option, value, periods))
+
+
+def _write_setting(option: str, value: str, periods: int) -> str:
+    """Return the ``value`` of an option in a label as it stands in words."""
+    if option == "tolerance":
+        return f"{100.0 * float(value):g} %"
+    if option == "start":
+        return _describe_start(value, periods)
+    return value
 
 
 def _describe_start(value: str, periods: int) -> str:

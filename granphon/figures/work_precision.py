@@ -172,6 +172,15 @@ def _label_points(ax: Axes, points: Sequence[MeasuredPoint], slowest: float, col
         )
 
 
+def _explain_no_errors(ran: Sequence[MeasuredPoint]) -> str:
+    """Return in words why none of the points that were run has an error."""
+    if not ran:
+        return "nothing was run"
+    if any(not point.failure for point in ran):
+        return "no error above rounding"
+    return "run, but without a reference"
+
+
 def _draw_floor(ax: Axes, points: Sequence[MeasuredPoint]) -> None:
     """Draw the floor of rounding, or a note below it; or say why no point has an error."""
     style: dict[str, Any] = {"xycoords": "axes fraction", "color": "0.4"}
@@ -181,10 +190,7 @@ def _draw_floor(ax: Axes, points: Sequence[MeasuredPoint]) -> None:
     ran = [point for point in points if point.ran]
     if not any(point.error > 0.0 for point in ran):
         ax.set_ylim(*_ERRORS)
-        words = "run, but without a reference" if ran else "nothing was run"
-        if any(not point.failure for point in ran):
-            words = "no error above rounding"
-        ax.annotate(words, (0.5, 0.5), ha="center", **style)
+        ax.annotate(_explain_no_errors(ran), (0.5, 0.5), ha="center", **style)
     elif floor > _LEAST_FLOOR * min(errors):
         ax.axhline(floor, color="0.4", lw=0.8, ls=":", zorder=0)
         ax.annotate(

@@ -70,6 +70,10 @@ _LONGEST_WAVE = 1000.0
 _LEAST_RATIO = 0.03
 #: the same where the Young modulus is fitted too, which may itself be far off
 _LEAST_RATIO_OF_MODULUS = 1e-6
+#: relative changes at which the search for a minimum ends, and the most evaluations of the model
+#: that it takes
+_TOLERANCES: dict[str, Any] = {"ftol": 1e-12, "xtol": 1e-11, "gtol": 1e-14}
+_MOST_EVALUATIONS = 100
 #: parameters whose effects differ by less than this part cannot be told apart
 SAME_EFFECT = 1e-6
 #: number of times that samples are simulated at the parameters found last, where they do not serve
@@ -257,7 +261,8 @@ def _judge_farthest(
     from scipy.special import ndtr, stdtr
 
     dof = problem.dof
-    # the distance of each datum from the fit of the others, over the standard error of the distance
+    # the distance of each datum from the fit of the others, over the standard error of the
+    # distance: residual/(1 - leverage)^1/2
     r = np.abs(residuals) / np.sqrt(np.maximum(1.0 - leverages, 1e-12))
     farthest = int(np.argmax(r))
     distance = float(r[farthest])
@@ -437,27 +442,37 @@ def _explain_no_effect(model: VelocityModel) -> InputError:
 
 
 def _descend(problem: FitProblem, start: Array) -> Array:
-    """Find the minimum of the sum of squares that is reached from the logarithms ``start``."""
+    """Return the logarithms (p,) of the parameters at the minimum of the sum of squares that is
+    reached from ``start`` (p,).
+
+    A search that ends at the greatest number of evaluations is accepted: whether its end is a
+    minimum is found where the standard errors are (:func:`_find_covariance`).
+    """
     from scipy.optimize import least_squares
 
     # scipy asks for residuals and derivatives one after the other: both are found at once
     @lru_cache(maxsize=2)
-    def system(move: tuple[float, ...]) -> tuple[Array, Array]:
+    def evaluate(move: tuple[float, ...]) -> tuple[Array, Array]:
+        """Return the residuals (n,), and the derivatives (n, p) of the model over sigma."""
         return problem(start + np.array(move))
 
     def residuals(move: Array) -> Array:
+        """Return the residuals (n,) at a ``move`` (p,) from the start."""
         try:
-            return system(tuple(move.tolist()))[0]
-        except InputError:  # an infinite residual makes the trust region shrink
-            if not any(move):
+            return evaluate(tuple(move.tolist()))[0]
+        except InputError:
+            if not any(move):  # there is no trust region yet: the start itself is refused
                 raise
+            # an infinite residual makes the trust region shrink
             return np.full(problem.velocity.shape, np.inf)
 
     def jacobian(move: Array) -> Array:
-        return -system(tuple(move.tolist()))[1]
+        """Return the derivatives (n, p) of the residuals at a ``move`` (p,) from the start."""
+        # a residual is measured less fitted: it falls where the model rises
+        return -evaluate(tuple(move.tolist()))[1]
 
     minimum = least_squares(
-        residuals, np.zeros(start.shape), jacobian, ftol=1e-12, xtol=1e-11, gtol=1e-14, max_nfev=100
+        residuals, np.zeros(start.shape), jacobian, **_TOLERANCES, max_nfev=_MOST_EVALUATIONS
     )
     return np.asarray(start + minimum.x)
 

@@ -164,14 +164,10 @@ class Measurements(Result):
         force = source.read_force(load, {"side_force": frame, "pressure": pressed}.get(load))
         if distance is not None:
             _require_no_second_distance(source, measured)
-        if measured == "velocity":
-            velocity = source.column("velocity")
-        elif measured == "cutoff" and carried is not None:
+        if measured == "cutoff" and carried is not None:
             velocity = carried(force, source.column("cutoff"))
-        elif distance is None:
-            velocity = source.column("distance") / source.column("time")
         else:
-            velocity = positive("distance", distance, "m") / source.column("time")
+            velocity = source.read_velocity(measured, distance)
         sigma = None if error is None else source.read_sigma(error, velocity)
         frequency = None if pulse is None else source.column("frequency")
         try:
@@ -228,6 +224,16 @@ class _SourceColumns:
     def column(self, kind: str) -> Array:
         """Return the values of a column, (n,), SI."""
         return self.table.column(self.heading(kind), self.quantities[kind], _explain_column(kind))
+
+    def read_velocity(self, kind: str, distance: float | None) -> Array:
+        """Return the velocities (n,), m/s, from the column of this ``kind``: velocities, or times
+        for a ``distance``, m, by default that of a column.
+        """
+        if kind == "velocity":
+            return self.column("velocity")
+        if distance is None:
+            return self.column("distance") / self.column("time")
+        return positive("distance", distance, "m") / self.column("time")
 
     def require(self, kinds: Sequence[str]) -> None:
         """Raise InputError, which names all of them, if columns of these kinds are missing or have

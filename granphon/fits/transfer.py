@@ -608,16 +608,20 @@ class _Comparison:
     def list_starts(self) -> list[Array]:
         """Return the scaled parameters (p,) from which minima are sought, the best first."""
         ratios = [1.0]
-        count = 1
         if {"stiffness", "load"} & set(self.names):
-            tried = _STIFFER.tolist()
-            misfits = sorted((self.find_start(_BROAD, ratio)[0], ratio) for ratio in tried)
-            ratios = [ratio for _, ratio in misfits[:_FOLLOWED]]
-            count = _FOLLOWED
+            ratios = self._find_best_ratios()
         losses = _LOSSES.tolist() if np.any(self.is_loss) else [0.0]
         starts = [self.find_start(loss, ratio) for ratio in ratios for loss in losses]
         starts.sort(key=lambda misfit_and_parameters: misfit_and_parameters[0])
-        return [parameters for _, parameters in starts[:count]]
+        return [parameters for _, parameters in starts[: len(ratios)]]
+
+    def _find_best_ratios(self) -> list[float]:
+        """Return the ratios of stiffness, to that of the network as it is, at which broad lines fit
+        best, the best first.
+        """
+        tried = _STIFFER.tolist()
+        misfits = sorted((self.find_start(_BROAD, ratio)[0], ratio) for ratio in tried)
+        return [ratio for _, ratio in misfits[:_FOLLOWED]]
 
     def find_best(self) -> Any:
         """Return scipy's result of least squares at the lowest minimum: ``x`` (p,) scaled,

@@ -155,15 +155,18 @@ class Arrangement:
         """The crystal."""
         if self.given is not None:
             return self.given
-        crystal = self._make_cell()
-        if any(ball.spread for ball in crystal.kinds):
-            if self.cut or self.replace or self.remove:
-                problem = "a crystal is cut or has defects, and a kind of its balls has a spread"
-                why = "Layers would repeat one sample"
-                raise InputError(problem, why, "Leave one of them out, or use gp.Crystal")
-            return crystal.sample(self.repeat or None, self.seed)
-        if self.repeat:
-            crystal = crystal.repeat(self.repeat)
+        cell = self._make_cell()
+        if not any(ball.spread for ball in cell.kinds):
+            return self._cut(cell.repeat(self.repeat) if self.repeat else cell)
+        if self.cut or self.replace or self.remove:
+            problem = "a crystal is cut or has defects, and a kind of its balls has a spread"
+            why = "Layers would repeat one sample"
+            raise InputError(problem, why, "Leave one of them out, or use gp.Crystal")
+        return cell.sample(self.repeat or None, self.seed)
+
+    def _cut(self, whole: Crystal) -> Crystal:
+        """Return the crystal that is cut from a ``whole`` one, with its defects."""
+        crystal = whole
         for axis, layers, edges in self.cut:
             crystal = crystal.cut(list(axis) if isinstance(axis, tuple) else axis, layers, edges)
         for index, name in self.replace:

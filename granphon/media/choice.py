@@ -603,6 +603,36 @@ def even_shape(structure: Lattice, side: float) -> tuple[int, ...]:
     return tuple(max(round(side / length), 1) for length in lengths.tolist())
 
 
+def split_label(label: str) -> tuple[str, dict[str, str]]:
+    """Return the name of the medium with a :attr:`~MediumChoice.label`, and its options as they
+    stand there, by name.
+    """
+    name, _, inner = label.removesuffix(")").partition("(")
+    return name, dict(setting.split("=", 1) for setting in inner.split(", ") if "=" in setting)
+
+
+def is_exact_label(label: str) -> bool:
+    """Return whether the simulations of the medium with a ``label`` are in their exact geometry, by
+    the rule of :attr:`MediumChoice.is_exact`.
+    """
+    _, options = split_label(label)
+    if "geometry" in options:
+        return options["geometry"] == EXACT
+    return options.get("friction_history") == "true"
+
+
+def _split_medium(value: Any) -> tuple[Any, Any]:
+    """Return the name of a medium and its options, None without these, from a value that names
+    it.
+    """
+    if isinstance(value, MediumChoice):
+        return value.name, dict(value.options)
+    if isinstance(value, Mapping) and len(value) == 1:
+        name, options = next(iter(value.items()))
+        return name, options
+    return value, None
+
+
 def read_medium(value: Any, lattice: Lattice | None = None, written: bool = False) -> MediumChoice:
     """Read a medium given as its name or as {name: {option: value}}: a rule of
     :mod:`granphon.base.validation`.
@@ -610,17 +640,10 @@ def read_medium(value: Any, lattice: Lattice | None = None, written: bool = Fals
     With a ``lattice``, the shape of a sample has one length for each of its periods. What is
     ``written`` in a file has units; otherwise plain numbers are in SI.
     """
-    options: Any = None
-    if isinstance(value, MediumChoice):
-        name = value.name
-        options = dict(value.options)
-        written = False
-    elif isinstance(value, Mapping) and len(value) == 1:
-        name, options = next(iter(value.items()))
-    else:
-        name = value
+    name, options = _split_medium(value)
     _read_name(name)
-    rule = partial(_read_options, name, lattice=lattice, written=written)
+    has_units = written and not isinstance(value, MediumChoice)
+    rule = partial(_read_options, name, lattice=lattice, written=has_units)
     read_options = {} if options is None else read_inside(name, rule, options)
     if lattice is not None and read_options.get("shape") == DEFAULT_SHAPES[lattice.periods]:
         del read_options["shape"]

@@ -1,12 +1,13 @@
-"""Estimates of the memory and time that work will need, made before it is done.
+"""Memory and time that a run will need, estimated before the work is done.
 
-Memory follows from the arrays: it was measured as Python's tracemalloc counts them, and is right
-within a factor of about two. Time follows from a small piece of the same work, which is done and
-timed on this machine when the time is first asked for: one equilibrium, or one path of loads, of at
-most a thousand balls; one product of a dynamical matrix with a vector; the eigenvalues of one
-matrix; or the writing of numbers. The rest is counting: how many balls, products, matrices and
-numbers the whole work has. So the time is right within a factor of about three, and its text says
-no more than "seconds", "minutes", "hours" or "days".
+Memory of samples is estimated in :mod:`granphon.media.sample_memory`. Memory follows from the
+arrays: it was measured as Python's tracemalloc counts them, and is right within a factor of about
+two. Time follows from a small piece of the same work, which is done and timed on this machine when
+the time is first asked for: one equilibrium, or one path of loads, of at most a thousand balls; one
+product of a dynamical matrix with a vector; the eigenvalues of one matrix; or the writing of
+numbers. The rest is counting: how many balls, products, matrices and numbers the whole work has. So
+the time is right within a factor of about three, and its text says no more than "seconds",
+"minutes", "hours" or "days".
 """
 
 from __future__ import annotations
@@ -41,9 +42,11 @@ _SLOWEST_UNIT = 0.1
 _WORDS = ((60.0, "seconds"), (3600.0, "minutes"), (2 * 86400.0, "hours"), (math.inf, "days"))
 #: time for which a small piece of work is repeated, s; the shortest repetition counts
 _REPEATED_SECONDS = 0.05
-#: most balls of the small array, most loads of its path, and size of the small matrix
+#: most balls of the small array, those of one with a history of friction and most loads of its path,
+#: as few loads lie so far apart that each takes several steps; and size of the small matrix
 _SMALL_BALLS = 1000
-_SMALL_LOADS = 4
+_SMALL_LOADED_BALLS = 300
+_SMALL_LOADS = 12
 _SMALL_MATRIX = 500
 #: number of balls of an array that takes twice as long as its balls alone, since arrays of few
 #: balls are slow: counted between 16^2 and 1024^2
@@ -56,6 +59,9 @@ _STEP_PRODUCTS = 2.0
 _FRAME_PRODUCTS = 50.0
 _DAMPED_STEP = 1.6
 _IMPLICIT_STEP = 8.0
+#: time of a response over that of its products: sums of a Krylov space take as long as half of
+#: them, and narrow lines, if there are any, are solved again up to six times
+_RESPONSE_PRODUCTS = 5.0
 #: rows of a contact whose product takes as long as a reading of a ball of a pulse
 _READING_ROWS = 2.0
 #: memory of Python and the libraries that the run of a scene loads, and one with a motion, which
@@ -212,7 +218,8 @@ def _measure_ball(simulation: DirectSimulation, load: Load) -> float:
     256^2 balls and in fcc from 10^3 to 24^3, from f* = 0.005 to 1.
     """
     balls = simulation.balls
-    scale = min(1.0, _SMALL_BALLS / balls) ** (1.0 / len(simulation.cells))
+    most_balls = _SMALL_LOADED_BALLS if simulation.history.is_loaded else _SMALL_BALLS
+    scale = min(1.0, most_balls / balls) ** (1.0 / len(simulation.cells))
     shape = tuple(min(cells, max(round(cells * scale), 4)) for cells in simulation.cells)
     small = simulation
     if shape != simulation.cells or simulation.samples > 1:
@@ -425,7 +432,7 @@ def response(
     """
     number = f"{frequencies:,} {'frequency' if frequencies == 1 else 'frequencies'}"
     what = f"response of {balls:,} balls at {number}"
-    units = Units(products * balls, measure)
+    units = Units(_RESPONSE_PRODUCTS * products * balls, measure)
     return Cost(_CONTACT_BYTES * contacts + factors, units=(units,), parts=(what,))
 
 

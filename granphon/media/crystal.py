@@ -41,6 +41,7 @@ from granphon.balls.contact_table import (
     repeat_contacts,
     require_joined,
 )
+from granphon.balls.hertz import NO_STIFFNESS, NO_TENSION
 from granphon.balls.lattices import LATTICES, Lattice, find_structure
 from granphon.balls.layers import Layers, find_faces, read_edges
 from granphon.balls.motions import Motions, allowed_motions, select_motions
@@ -1043,12 +1044,11 @@ class Crystal(Result):
         adhere = self._springs.adhere
         if np.any(values < 0.0) and not adhere:
             problem = f"pressure is {brief(values.tolist())}: tensile"
-            why = "One-sided contacts carry no tension"
-            raise InputError(problem, why, "Give a pressure above zero")
+            raise InputError(problem, NO_TENSION, "Give a pressure above zero")
         loads = list(zip(values.ravel().tolist(), fields, strict=True))
         if not adhere and any(value == 0.0 and field is None for value, field in loads):
-            why = "Balls that only touch have no stiffness, and carry no sound"
-            raise InputError("pressure is zero", why, "Press them, or give gravity and a floor")
+            mend = "Press them, or give gravity and a floor"
+            raise InputError("pressure is zero", NO_STIFFNESS, mend)
         pushes = (
             self._push_hydrostatic(value, field, f"a pressure of {value:g}")
             for value, field in loads
@@ -1325,7 +1325,7 @@ class Crystal(Result):
         self._require_pressable()
         if np.any(goals <= 0.0):
             sign = "zero" if np.any(goals == 0.0) else f"{brief(goals.tolist())}: tensile"
-            why = "One-sided contacts carry no tension"
+            why = NO_TENSION
             mend = f"Give {kind} above zero"
             if self._springs.adhere:
                 why = "A mean of contacts that adhere has no one pressure there"
@@ -1405,12 +1405,10 @@ class Crystal(Result):
             f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any"
             f" pressure"
         )
-        why = f"At a pressure of {pressure:.4g} it is {mean:.4g}"
-        mend = ""
-        if field is not None:
-            why += ", as gravity presses more"
-            mend = "Give a larger one"
-        raise InputError(problem, why, mend)
+        mean_found = f"At a pressure of {pressure:.4g} it is {mean:.4g}"
+        if field is None:
+            raise InputError(problem, mean_found)
+        raise InputError(problem, f"{mean_found}, as gravity presses more", "Give a larger one")
 
     def _estimate_pressure(self, kind: str, goal: float) -> float:
         """Return the pressure at which contacts of equal forces have the mean force (N) or overlap
@@ -1611,13 +1609,14 @@ class _MeanContacts(NamedTuple):
         if differ:  # loose balls leave more: the mean is small against its terms
             ratio = float(np.mean(np.abs(self.overlap)) / np.abs(np.mean(self.overlap)))
             rounding = 10.0 * _SAMPLED * max(1.0, ratio)
-        if adhere:  # the mean may be small against its terms, attraction and repulsion
-            if kind == "force":
-                terms = np.abs(self.stiffness * self.overlap)
-            else:
-                terms = np.abs(self.force / np.where(self.counts, self.stiffness, np.inf))
-            rounding *= max(1.0, float(np.mean(terms[self.counts])) / goal)
-        return rounding
+        if not adhere:
+            return rounding
+        # the mean may be small against its terms, attraction and repulsion
+        if kind == "force":
+            terms = np.abs(self.stiffness * self.overlap)
+        else:
+            terms = np.abs(self.force / np.where(self.counts, self.stiffness, np.inf))
+        return rounding * max(1.0, float(np.mean(terms[self.counts])) / goal)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -159,12 +159,8 @@ class Check(Result):
         # the spread and the constants of a ball do not depend on the load
         several = loads > 1 and self.name not in ("spread", *BALL_LIMITS)
         bound = "up to " if several and failing > 1 else ""
-        sentence = self._write_sentence(worst, bound)
-        if several and failing < loads:
-            sentence = f"at {failing} of {loads} loads {sentence}"
-        elif several:
-            share = "both" if loads == 2 else f"all {loads}"
-            sentence = f"at {share} loads {sentence}"
+        place = _write_share(failing, loads) if several else ""
+        sentence = f"{place}{self._write_sentence(worst, bound)}"
         return f"{sentence[0].upper()}{sentence[1:]}: {self.reason}."
 
     def _write_sentence(self, worst: float, bound: str) -> str:
@@ -206,3 +202,10 @@ def check_limit(name: str, value: Any, more: str = "") -> Check:
         return Check(name, f"{quantity} in {unit}", value, limit, WRONG_UNIT + more, at_least)
     condition = _LIMITS[name]
     return Check(name, condition.quantity, value, condition.value, condition.reason + more)
+
+
+def _write_share(failing: int, loads: int) -> str:
+    """Return in words at how many of several ``loads`` a condition fails."""
+    if failing < loads:
+        return f"at {failing} of {loads} loads "
+    return "at both loads " if loads == 2 else f"at all {loads} loads "

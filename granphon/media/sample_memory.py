@@ -1,4 +1,4 @@
-"""Memory of simulated samples, estimated before they are made.
+"""Memory of simulated samples, estimated before they are made; that of a run is in ``media.cost``.
 
 The memory follows from the arrays; bytes for each ball were measured as Python's tracemalloc counts
 them.

@@ -1041,15 +1041,12 @@ class DirectSimulation(Medium[SimulatedState]):
         n = packing.structure.n_balls
         shape = (*self.cells, n) if n > 1 else self.cells
         if packing.spread is None:
-            diameters = np.zeros(shape)
-        elif self.diameters is not None:
-            diameters = self.diameters
-        else:
+            return np.zeros((n, *self.cells) if n > 1 else self.cells)
+        diameters = self.diameters
+        if diameters is None:
             diameters = packing.spread.sample(shape, self.seed + index)
         if n > 1:  # the balls of a cell come in front of the cells
             diameters = np.ascontiguousarray(np.moveaxis(diameters, -1, 0))
-        if packing.spread is None:
-            return diameters
         # the mean is subtracted twice, so that what remains of it is zero to the rounding of the
         # deviations, not of the diameters
         differences = diameters - np.mean(diameters)

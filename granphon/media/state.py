@@ -139,6 +139,10 @@ class State(ABC):
         loads.
         """
 
+    @abstractmethod
+    def require_single(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for a state at several loads."""
+
     @property
     @abstractmethod
     def unit_length(self) -> float:
@@ -547,6 +551,11 @@ class ContactState(State, Result):
 
         Raises :class:`~granphon.base.errors.InputError` for several loads.
         """
+        self.require_single()
+        return Units(self.packing.diameter, self.normal_stiffness, self.packing.mass)
+
+    def require_single(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for a state at several loads."""
         if not self.is_single:
             problem = f"the state holds {int(np.size(self.force))} loads"
             mend = (
@@ -554,7 +563,6 @@ class ContactState(State, Result):
                 " state[0]"
             )
             raise InputError(problem, "Atoms, force constants and phonons belong to one", mend)
-        return Units(self.packing.diameter, self.normal_stiffness, self.packing.mass)
 
     @property
     def samples(self) -> tuple[Sample, ...]:
@@ -590,7 +598,7 @@ class ContactState(State, Result):
         """
         packing = self.packing
         if not self.has_one_lattice:
-            _ = self.scales  # raises InputError
+            self.require_single()
         if not self.finite_overlap and packing.torsion != MINDLIN:
             return ideal_lattice(packing)
         spacing = 1.0
@@ -846,8 +854,13 @@ class NetworkState(State):
         """Return the lattice at the only load; :class:`~granphon.base.errors.InputError` for
         several loads.
         """
-        _ = self.network
+        self.require_single()
         return self.reference_lattice
+
+    def require_single(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for a state at several loads."""
+        # the source of the networks says how to take one of its loads
+        given_network(self.source)
 
     @property
     def has_one_lattice(self) -> bool:
@@ -982,8 +995,8 @@ def given_state(state: Any) -> ContactState:
     """Return ``state``, the argument of a public function; raises :class:`InputError` if it is not
     a ContactState.
     """
-    if isinstance(state, NetworkState) and not state.is_single:
-        _ = state.network  # raises the error of several loads
+    if isinstance(state, NetworkState):
+        state.require_single()
     if not isinstance(state, ContactState):
         refuse_unpressed(state)
         why = ""

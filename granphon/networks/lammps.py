@@ -272,14 +272,18 @@ def _read_frame(path: str | os.PathLike[str], step: int | None, kind: str) -> _F
         fault = f"{path} is read at the time step {step}, and cannot be read to its end: {cut}"
         warnings.warn(message(fault), StoppedEarlyWarning, stacklevel=4)
     if last is None:
-        steps = sorted({*steps})
-        shown = "none"
-        if len(steps) == 1:
-            shown = f"{steps[0]} alone"
-        elif steps:
-            shown = f"{steps[0]} to {steps[-1]}, {len(steps)} in all"
-        raise InputError(f"{path} has no time step {brief(step)}", f"It has {shown}")
+        has = f"It has {_describe_steps(sorted({*steps}))}"
+        raise InputError(f"{path} has no time step {brief(step)}", has)
     return last
+
+
+def _describe_steps(steps: list[int]) -> str:
+    """Return ascending time steps in words."""
+    if not steps:
+        return "none"
+    if len(steps) == 1:
+        return f"{steps[0]} alone"
+    return f"{steps[0]} to {steps[-1]}, {len(steps)} in all"
 
 
 def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:

@@ -202,7 +202,7 @@ def _pad(vectors: Array) -> Array:
 
 def _describe_motions(structure: Lattice, motions: Motions) -> dict[str, Any]:
     """Return the axes of a set of motions, and the statements for each choice of the kinds of
-    stiffness.
+    stiffness: whether balls rotate, the free branches, their warnings and the mechanism.
     """
     statements = {}
     for eta, torsion, bending in itertools.product((0.0, 1.0), repeat=3):
@@ -215,5 +215,6 @@ def _describe_motions(structure: Lattice, motions: Motions) -> dict[str, Any]:
             "warnings": list(lattice.free_branch_warnings),
             "mechanism": lattice.mechanism,
         }
-    # the last lattice resists all deformations
-    return _describe_axes(lattice, motions) | {"statements": statements}
+    # a lattice that resists all deformations
+    stiff = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=motions)
+    return _describe_axes(stiff, motions) | {"statements": statements}

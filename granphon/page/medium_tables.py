@@ -153,18 +153,24 @@ _SIMULATION_NOTE = (
 )
 
 
+def _find_least_root(packing: Packing, choice: MediumChoice) -> float:
+    """Return the least eta^1/2 of the table: zero, unless the lattice is a mechanism there."""
+    try:
+        _find_xi(packing, choice, 0.0)
+    except MechanismError:
+        least_root = _LEAST_FRICTION**0.5
+        _find_xi(packing, choice, least_root**2)  # raises what the medium refuses at any eta
+        return float(least_root)
+    return 0.0
+
+
 def _choose_friction(
     packing: Packing, choice: MediumChoice, most: float
 ) -> tuple[list[float], str]:
     """Return the nodes of eta^1/2, and a note on what the table leaves out."""
     if choice.name == "afa":
         return [0.0], ""
-    least_root = 0.0
-    try:
-        _find_xi(packing, choice, least_root)
-    except MechanismError:
-        least_root = _LEAST_FRICTION**0.5
-        _find_xi(packing, choice, least_root**2)
+    least_root = _find_least_root(packing, choice)
     count = _FRICTION_NODES[packing.structure.periods]
     nodes = 0.5 * (1.0 - np.cos(np.pi * np.arange(count) / (count - 1)))
     roots = least_root + (most**0.5 - least_root) * nodes

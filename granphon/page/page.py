@@ -60,6 +60,8 @@ _MOST_BRANCHES = 100
 #: packing's
 _MOST_ROLLING = 0.2
 _MORE_ROLLING = 2.0
+#: the slider of eta goes to equal stiffness at least
+_MOST_SLIP = 1.0
 #: relative difference of sizes or masses from which balls of a kind have only a mean
 _SAME = 1e-9
 
@@ -274,7 +276,7 @@ def describe_page(
         "limits": {
             "force": [limits.least_force, limits.most_force],
             "width": limits.width if structure.periods > 1 else 0.0,
-            "eta": limits.friction,
+            "eta": limits.slip,
             "rolling": limits.rolling,
         },
         "direction": _choose_direction(direction, structure.periods),
@@ -300,14 +302,14 @@ class _Limits(NamedTuple):
     ----------
     least_force, most_force : of a contact, N.
     width : largest width of the distribution of diameters, m.
-    friction : largest eta.
+    slip : largest eta.
     rolling : largest torsion and bending, over k d^2.
     """
 
     least_force: float
     most_force: float
     width: float
-    friction: float
+    slip: float
     rolling: float
 
     @classmethod
@@ -316,13 +318,19 @@ class _Limits(NamedTuple):
         first of which has a ``torsion`` over k d^2.
         """
         law = packing.law
-        most_force = max(float(law.force(_MOST_OVERLAP * packing.diameter)), max(forces))
-        most_force = min(_ABOVE * max(forces), most_force)
-        width = float(law.overlap(forces[0] / _LEAST_REDUCED))
-        width = min(max(width, _WIDENING * packing.width), _MOST_WIDTH * packing.diameter)
+        # both at least as large as in the scene
+        force_of_overlap = max(float(law.force(_MOST_OVERLAP * packing.diameter)), max(forces))
+        width_of_disorder = max(
+            float(law.overlap(forces[0] / _LEAST_REDUCED)), _WIDENING * packing.width
+        )
         rolling = max(_MOST_ROLLING, _MORE_ROLLING * packing.bending, _MORE_ROLLING * torsion)
-        friction = max(1.0, packing.mindlin_ratio)
-        return cls(_BELOW * min(forces), most_force, width, friction, rolling)
+        return cls(
+            least_force=_BELOW * min(forces),
+            most_force=min(_ABOVE * max(forces), force_of_overlap),
+            width=min(width_of_disorder, _MOST_WIDTH * packing.diameter),
+            slip=max(_MOST_SLIP, packing.mindlin_ratio),
+            rolling=rolling,
+        )
 
 
 def _choose_media(
@@ -368,7 +376,7 @@ def _tabulate_media(
     least_reduced = limits.least_force / float(packing.law.force(limits.width))
     tables = []
     for medium in dict.fromkeys(media):
-        table = tabulate_medium(packing, medium, least_reduced, limits.friction, limits.rolling)
+        table = tabulate_medium(packing, medium, least_reduced, limits.slip, limits.rolling)
         if table["refusal"] and packing.spread_matters:  # the page would not show the packing
             raise MechanismError(table["refusal"])
         tables.append(table)

@@ -30,7 +30,7 @@ from granphon.array.atoms import (
     take_arrays,
 )
 from granphon.balls.contact_model import ContactModel
-from granphon.balls.contact_table import TOUCH, ContactTable, find_pairs
+from granphon.balls.contact_table import TOUCH, find_pairs, freeze_contacts
 from granphon.balls.lattices import BALL
 from granphon.balls.motions import (
     ALL,
@@ -45,7 +45,6 @@ from granphon.balls.packing import MINDLIN
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.memory import require_memory
-from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.validation import is_one_of, one_of
 from granphon.dynamics.compatibility import GYRATION
@@ -737,10 +736,10 @@ class HertzMindlin(ContactCalculator):
         """
         distance = np.linalg.norm(vector, axis=1)
         if self._free:
-            near = np.abs(distance - self._spacing) < _CATCH
+            is_near = np.abs(distance - self._spacing) < _CATCH
             if at_sites:
-                near &= distance < self._midway
-            return vector / distance[:, None], near
+                is_near &= distance < self._midway
+            return vector / distance[:, None], is_near
         nearest = np.argmax(vector @ self._directions.T, axis=1)
         normal = self._directions[nearest]
         near = np.linalg.norm(vector - self._spacing * normal, axis=1) < _CATCH
@@ -932,14 +931,14 @@ class HertzMindlin(ContactCalculator):
             prestress = law.force(overlap * d) / (k * d) / distance
         diameters = 1.0 + deviations
         arms = 0.5 * self._spacing * diameters
-        table = ContactTable(
-            read_only(i),
-            read_only(j),
-            read_only(shift[:, :periods]),
-            read_only(axis[:, :width]),
-            read_only(vector[:, :width]),
-            read_only(arms[i]),
-            read_only(arms[j]),
+        table = freeze_contacts(
+            i,
+            j,
+            shift[:, :periods],
+            axis[:, :width],
+            vector[:, :width],
+            arms[i],
+            arms[j],
         )
         stiffness, torsion = self._find_springs(law, overlap)
         lattice = ContactLattice(

@@ -51,7 +51,7 @@ from granphon.base.text import (
 from granphon.base.validation import find_unit_of
 from granphon.dynamics.elasticity import voigt_names
 from granphon.media.arrangement import Balls
-from granphon.media.left_out import EXACT, LATTICE
+from granphon.media.choice import is_exact_label
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
 from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, TaskResult
@@ -310,6 +310,17 @@ def _frame_waves(waves: WaveSettings) -> tuple[dict[str, Any], dict[str, Any]]:
     return variables, coordinates
 
 
+def _name_unit_of_path(finite: Sequence[bool]) -> str:
+    """Return the unit of distances along a path in words; ``finite`` is as in
+    :func:`_frame_bands`.
+    """
+    # words, as programs that parse units read "1/d" as once a day, and the spacing a differs from
+    # load to load
+    if all(finite):
+        return "1/a"
+    return "1/d, or 1/a of media with finite overlap" if any(finite) else "1/d"
+
+
 def _frame_bands(grid: Grid, finite: Sequence[bool]) -> dict[str, Any]:
     """Return the variables of the path of the bands, empty without bands; ``finite`` says of each
     medium whether its states have finite overlap.
@@ -332,14 +343,9 @@ def _frame_bands(grid: Grid, finite: Sequence[bool]) -> dict[str, Any]:
     # side by side
     steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
     distances = np.cumsum(steps).reshape(steps.shape)
-    # put in words: programs that parse units read "1/d" as once a day, and the spacing a differs
-    # from load to load
-    unit = "1/d"
-    if all(finite):
-        unit = "1/a"
-    elif any(finite):
-        unit = "1/d, or 1/a of media with finite overlap"
-    distance_words = f"distance along the path in units of {unit}, without 2 pi"
+    distance_words = (
+        f"distance along the path in units of {_name_unit_of_path(finite)}, without 2 pi"
+    )
     fraction_words = "fractions of the reciprocal cell"
     return {
         "qpoints": (
@@ -454,14 +460,7 @@ def list_finite_overlap(dataset: Dataset) -> list[bool]:
     """
     everywhere = bool(dataset.attrs.get("finite_overlap", 0))
     labels = np.atleast_1d(dataset["medium"].values).astype(str)
-    # a simulation has finite overlap in its exact geometry, which one with a history takes by
-    # default
-    return [
-        everywhere
-        or f"geometry={EXACT}" in label
-        or ("friction_history=true" in label and f"geometry={LATTICE}" not in label)
-        for label in labels.tolist()
-    ]
+    return [everywhere or is_exact_label(label) for label in labels.tolist()]
 
 
 def collect_identity(frame: Dataset) -> dict[str, Any]:
@@ -731,27 +730,27 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
     _write_rows(dataset, path.with_suffix(".csv"), dims, [*direction, *columns])
 
 
+def _digest_values(values: Array) -> tuple[str, Any]:
+    """Return the type of values, and texts as they are or a digest of numbers; neither the byte
+    order nor the stored length of texts counts.
+    """
+    if values.dtype.kind in "OUT":
+        return "text", values.astype(str).tolist()
+    ordered = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+    kind = f"{values.dtype.kind}{values.dtype.itemsize}"
+    return kind, hashlib.sha256(ordered.data).hexdigest()
+
+
 def _digest_numbers(dataset: Dataset) -> str:
     """Digest of names, dimensions, types, numbers and attributes; it does not depend on how they
     are stored.
     """
     variables = dict[str, list[Any]]()
     for name, variable in dataset.variables.items():
-        # neither the byte order nor the stored length of texts counts
-        values = variable.values
-        content: Any
-        if values.dtype.kind in "OUT":
-            kind = "text"
-            content = values.astype(str).tolist()
-        else:
-            ordered = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-            kind = f"{values.dtype.kind}{values.dtype.itemsize}"
-            content = hashlib.sha256(ordered.data).hexdigest()
         variables[str(name)] = [
             list(variable.dims),
             list(variable.shape),
-            kind,
-            content,
+            *_digest_values(variable.values),
             variable.attrs,
         ]
     # two are those in which other programs log what they did, which changes no number
@@ -895,28 +894,29 @@ def _find_fault(name: str, values: Array, may_lack: bool) -> str:
     if values.dtype.kind not in "iuf":
         return "which are no numbers"
     entry = CATALOGUE[name]
-    if may_lack and (entry.cost == "velocities" or name == "pressure"):
-        values = values[~np.isnan(values)]
     is_error = entry.sampled or name == "exponent_error"
-    good = np.isfinite(values)
-    allowed = "finite"
-    if name in _MAY_BE_INFINITE:
-        good |= values == np.inf
-    if name in _ABOVE_ZERO:
-        good = good & (values > 0.0)
-        allowed = "above zero"
-    elif name in _ZERO_OR_ABOVE or is_error:
-        good = good & (values >= 0.0)
-        allowed = "zero or above"
-    if name in _VELOCITIES:
-        good = good & (values < LIGHT_VELOCITY)
-        allowed = f"{allowed}, and below the velocity of light"
     # standard errors, waves and registered observables are nan where they are not known
-    if is_error or entry.cost in _WAVE_COSTS or CATALOGUE.is_added(name):
-        good |= np.isnan(values)
-    if np.all(good):
+    is_nan_of_kind = is_error or entry.cost in _WAVE_COSTS or CATALOGUE.is_added(name)
+    is_nan_of_sweep = may_lack and (entry.cost == "velocities" or name == "pressure")
+    is_bad = np.isinf(values)
+    if name in _MAY_BE_INFINITE:
+        is_bad = values == -np.inf
+    if not (is_nan_of_kind or is_nan_of_sweep):
+        is_bad |= np.isnan(values)
+    bounds = "finite"
+    if name in _ABOVE_ZERO:
+        is_bad |= values <= 0.0
+        bounds = "above zero"
+    elif name in _ZERO_OR_ABOVE or is_error:
+        is_bad |= values < 0.0
+        bounds = "zero or above"
+    top = ""
+    if name in _VELOCITIES:
+        is_bad |= values >= LIGHT_VELOCITY
+        top = ", and below the velocity of light"
+    if not np.any(is_bad):
         return ""
-    return f"of which one is {values[~good].flat[0]:g}; allowed: {allowed}"
+    return f"of which one is {values[is_bad].flat[0]:g}; allowed: {bounds}{top}"
 
 
 def _explain_unreadable(path: str | os.PathLike[str], why: str) -> InputError:

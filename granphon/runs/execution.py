@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 from granphon.base.errors import GranphonError, OutputError
 from granphon.base.progress import Progress, Step, silent
 from granphon.base.registry import list_added
-from granphon.base.threads import naming_lost_workers
+from granphon.base.threads import LOST_WORKER, naming_lost_workers
 from granphon.runs.store import Store, TaskResult, decode, encode
 from granphon.runs.workers import (
     InProcess,
@@ -298,8 +298,7 @@ class _Work:
                 "Give workers more memory, or take fewer --workers; run the same command"
                 " again to continue"
             )
-            why = "It was killed, or ran out of memory"
-            raise GranphonError(problem, why, mend) from None
+            raise GranphonError(problem, LOST_WORKER, mend) from None
 
     def _count_step(self, index: int, result: Result) -> None:
         """Count a step of a task whose result is kept, and put the task back if it has more

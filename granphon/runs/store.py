@@ -167,22 +167,12 @@ class Store:
         """Return the error of a store of other work: identity of the work that is ``kept``, and of
         the work that has ``claimed`` the store.
         """
-        if claimed is None:
-            why = "This work has no parts that are kept, and its result would stand beside it"
-        elif not kept:
-            why = "The file does not say which work it belongs to"
-        else:
-            differences = list(_find_differences(kept, claimed, ""))
-            named = differences[:_MOST_NAMED]
-            if len(differences) > _MOST_NAMED:
-                named.append(f"and {len(differences) - _MOST_NAMED} more")
-            why = f"They differ: {'; '.join(named)}"
         mend = (
             "Repeat that command, use --force (force=True, overwrite=True), or choose another"
             " folder"
         )
         problem = f"{self.path} holds the finished part of other work"
-        return FileExistsInRunError(problem, why, mend)
+        return FileExistsInRunError(problem, _explain_difference(kept, claimed), mend)
 
     @property
     def names(self) -> list[str]:
@@ -345,10 +335,10 @@ class Store:
         full = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
         number = errno.ENOSPC if full else getattr(error, "errno", None)
         problem = f"{self.path} cannot be {done}: {os.strerror(number) if number else error}"
-        mend = f"Run the same command again when it can be {done}"
+        why = "What was finished before is kept"
         if number == errno.ENOSPC:
-            mend = "Free some space, and run the same command again"
-        return OutputError(problem, "What was finished before is kept", mend)
+            return OutputError(problem, why, "Free some space, and run the same command again")
+        return OutputError(problem, why, f"Run the same command again when it can be {done}")
 
     def close(self) -> None:
         """Force what has been written to the disk, and close the file; it is opened again when it
@@ -423,6 +413,21 @@ def _write_entries(base: sqlite3.Connection, entries: Mapping[str, bytes]) -> No
 def _is_empty(base: sqlite3.Connection) -> bool:
     """Whether a data base has no table."""
     return not base.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchall()
+
+
+def _explain_difference(kept: Any, claimed: Any) -> str:
+    """Return how the work that has ``claimed`` a store differs from that of which a part is
+    ``kept``, a sentence, from the identity of each.
+    """
+    if claimed is None:
+        return "This work has no parts that are kept, and its result would stand beside it"
+    if not kept:
+        return "The file does not say which work it belongs to"
+    differences = list(_find_differences(kept, claimed, ""))
+    named = differences[:_MOST_NAMED]
+    if len(differences) > _MOST_NAMED:
+        named.append(f"and {len(differences) - _MOST_NAMED} more")
+    return f"They differ: {'; '.join(named)}"
 
 
 def _find_differences(kept: Any, claimed: Any, where: str) -> Iterator[str]:

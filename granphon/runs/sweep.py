@@ -270,26 +270,40 @@ def _read_waves(
 ) -> WaveSettings | None:
     """Read the settings of waves in samples; None without waves."""
     density = require("dos", truth, dos)
-    path: BandPath | None = None
-    if spectrum is not None:
-        path = BandPath.default(lattice)
-    if spectrum is not None and not isinstance(spectrum, SpectrumSettings):
-        rules = wave_rules("spectrum", read=False) | {
-            "path": partial(BandPath.read, structure=lattice)
-        }
-        settings = require("spectrum", partial(block, rules=rules), spectrum)
-        path = settings.pop("path", path)
-        spectrum = SpectrumSettings(**settings)
-    if pulse is not None and not isinstance(pulse, PulseSettings):
-        read_pulse = partial(block, rules=wave_rules("pulse", read=False), needed=("frequency",))
-        pulse = PulseSettings(**require("pulse", read_pulse, pulse))
-    if pulse is not None and directions and isinstance(directions[0], tuple):
+    spectrum_settings, corners = _read_spectrum(spectrum, lattice)
+    pulse_settings = _read_pulse(pulse)
+    if pulse_settings is not None and directions and isinstance(directions[0], tuple):
         raise InputError("a pulse is asked for in several directions", mend="Give one direction")
-    if not density and spectrum is None and pulse is None:
+    if not density and spectrum_settings is None and pulse_settings is None:
         return None
-    corners = ((), ()) if path is None else (path.paths, path.names)
-    pulse_direction = None if pulse is None else directions
-    return WaveSettings(density, spectrum, *corners, pulse, pulse_direction)
+    pulse_direction = None if pulse_settings is None else directions
+    return WaveSettings(density, spectrum_settings, *corners, pulse_settings, pulse_direction)
+
+
+def _read_spectrum(
+    spectrum: SpectrumSettings | Mapping[str, Any] | None, lattice: Lattice
+) -> tuple[SpectrumSettings | None, tuple[Any, Any]]:
+    """Read the settings of spectral functions, None without these, and the points and the names of
+    their path.
+    """
+    if spectrum is None:
+        return None, ((), ())
+    default = BandPath.default(lattice)
+    if isinstance(spectrum, SpectrumSettings):
+        return spectrum, (default.paths, default.names)
+    rule_of_path = partial(BandPath.read, structure=lattice)
+    rules = wave_rules("spectrum", read=False) | {"path": rule_of_path}
+    settings = require("spectrum", partial(block, rules=rules), spectrum)
+    path = settings.pop("path", default)
+    return SpectrumSettings(**settings), (path.paths, path.names)
+
+
+def _read_pulse(pulse: PulseSettings | Mapping[str, Any] | None) -> PulseSettings | None:
+    """Read the settings of a pulse; None without a pulse."""
+    if pulse is None or isinstance(pulse, PulseSettings):
+        return pulse
+    rule = partial(block, rules=wave_rules("pulse", read=False), needed=("frequency",))
+    return PulseSettings(**require("pulse", rule, pulse))
 
 
 def sweep_grid(

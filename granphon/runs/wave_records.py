@@ -780,37 +780,41 @@ def average_waves(
     if settings.dos:
         out |= _average_densities([record["dos"] for record in records])
     if settings.spectrum is not None:
-        spectra, texts = _average_spectra(records, settings.spectrum)
+        spectra, notes_on_spectra = _average_spectra(records, settings.spectrum)
         out |= spectra
-        notes += texts
+        notes += notes_on_spectra
     if settings.pulse is not None:
-        pulses, texts = _average_pulse_numbers(records)
+        pulses, notes_on_pulses = _average_pulse_numbers(records)
         out |= pulses
-        notes += texts
+        notes += notes_on_pulses
     for block in settings.of_networks:
         _, average = RECORDS[block.block]
-        means, texts = average(records, block)
+        means, notes_on_block = average(records, block)
         out |= means
-        notes += texts
+        notes += notes_on_block
     return out, notes
+
+
+def _interpolate_densities(table: Array, points: Array) -> Array:
+    """Return the rows of a ``table`` below that of its frequencies, at the frequencies ``points``
+    (n_f,), Hz; zero above the last frequency of the table.
+    """
+    from scipy.interpolate import CubicSpline
+
+    if np.array_equal(table[0], points):
+        return table[1:]
+    spline = CubicSpline(table[0], table[1:], axis=1)
+    return np.where(points <= table[0, -1], np.maximum(spline(points), 0.0), 0.0)
 
 
 def _average_densities(tables: Sequence[Array]) -> dict[str, Array]:
     """Return the mean of densities of states: each of the ``tables`` has, of one sample, rows of
     frequencies, translational and rotational density and their error.
     """
-    from scipy.interpolate import CubicSpline
-
     # at the points of the sample whose frequencies reach highest, where the densities of the other
     # samples are interpolated
     points = max((table[0] for table in tables), key=lambda frequencies: float(frequencies[-1]))
-    densities = []
-    for table in tables:
-        rows = table[1:]
-        if not np.array_equal(table[0], points):
-            spline = CubicSpline(table[0], rows, axis=1)
-            rows = np.where(points <= table[0, -1], np.maximum(spline(points), 0.0), 0.0)
-        densities.append(rows)
+    densities = [_interpolate_densities(table, points) for table in tables]
     translational, rotational, error = np.mean(densities, axis=0)
     if len(tables) > 1:
         totals = [rows[0] + rows[1] for rows in densities]

@@ -5,7 +5,9 @@ Each is a pool of the standard library with one process, so that nothing is shar
 one that is killed, at any moment, takes the work of no other with it, nor a lock for which others
 would wait.
 
-A scheduler of dask on other machines is one more executor, that of its client.
+A scheduler of dask on other machines is one more executor, that of its client. Processors are
+counted, and errors of killed workers are worded, in :mod:`granphon.base.threads`, as media need
+both.
 """
 
 from __future__ import annotations

@@ -826,6 +826,12 @@ def _find_lattice(data: Any) -> Lattice:
 # -- the file of a scene ---------------------------------------------------------------------------
 
 
+#: what is allowed of the motions of balls, and of the stiffnesses that resist some of them
+_ALLOWED_OF_MOTIONS = {
+    "motions": "motions of this lattice",
+    "torsion": "up to 1e6, and 0 where no motion is resisted by it",
+    "bending": "up to 1e6, and 0 where no motion is resisted by it",
+}
 #: ordinary values of the quantities of which the scales of a ball are made, Pa, kg/m^3 and m
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 #: the blocks of a scene file about waves, with their classes
@@ -836,6 +842,34 @@ _WAVES: dict[str, Any] = {
     "pulse": PulseSettings,
     **NETWORK_BLOCKS,
 }
+
+
+def _find_key_of_values(keys: Mapping[str, Any], key: str) -> str:
+    """Return the key of the block load, whose ``keys`` are written, that holds the values of the
+    load ``key``.
+    """
+    if key in TENSORS and "times" in keys:
+        return "times"  # factors by which the tensor is multiplied
+    return key if key in keys else "gravity"  # which is then the only load
+
+
+def _find_place_of_value(values: Any, index: int, is_list: bool) -> tuple[str, tuple[Any, ...]]:
+    """Return the value number ``index`` of ``values`` in words, and the last keys of its place: one
+    value is at the key itself, that of a list at its index.
+
+    Of a range, the place is "from" for the first value and "to" for the last; a value between them
+    has no key of its own.
+    """
+    if is_list:
+        return show(values[index]), (index,)
+    if not isinstance(values, dict):
+        return show(values), ()
+    first = values["from"]
+    last = values["to"]
+    points = values["points"]
+    if 0 < index < points - 1:
+        return f"value {index + 1} of {points} from {show(first)} to {show(last)}", ()
+    return (show(last), ("to",)) if index else (show(first), ("from",))
 
 
 @dataclass(frozen=True)
@@ -890,23 +924,30 @@ class SceneSource:
         except (GranphonError, ArithmeticError) as error:
             if self.document is None:
                 raise
-            key_path = path or getattr(error, "path", ())
-            block_of_error = getattr(error, "block", None)
-            if block_of_error is not None:  # the error knows better
-                key_path = block_of_error
-                prefix = ""
-            option = getattr(error, "option", None)
-            if option is not None:
-                key_path, words = self._find_option(option)
-                # the load of a history must be one that its start bears
-                allowed = {"start": "a load that the balls bear without friction, or gas"}
-                prefix = f"found {words}; allowed: {allowed[option]}; "
-            placed: GranphonError = self.document.error(key_path, f"{prefix}{error}")
+            key_path, words = self._find_place_of_error(error, path, prefix)
+            placed: GranphonError = self.document.error(key_path, f"{words}{error}")
             if isinstance(error, ConvergenceError):
                 # the scene is not wrong, the computation has failed
                 placed = ConvergenceError(str(placed))
             placed.reached = getattr(error, "reached", None)
             raise placed from None
+
+    def _find_place_of_error(
+        self, error: Exception, path: tuple[str | int, ...], prefix: str
+    ) -> tuple[tuple[Any, ...], str]:
+        """Return the path of the key at which an error is placed, and the words before its text:
+        ``path`` and ``prefix``, unless the error knows better.
+        """
+        option = getattr(error, "option", None)
+        if option is not None:
+            option_path, words = self._find_option(option)
+            # the load of a history must be one that its start bears
+            allowed = {"start": "a load that the balls bear without friction, or gas"}
+            return option_path, f"found {words}; allowed: {allowed[option]}; "
+        block_of_error = getattr(error, "block", None)
+        if block_of_error is not None:
+            return block_of_error, ""
+        return path or getattr(error, "path", ()), prefix
 
     def _find_option(self, option: str) -> tuple[tuple[Any, ...], str]:
         """Return the path of the one key of a medium that has the name ``option``, and its value in
@@ -959,33 +1000,16 @@ class SceneSource:
         """
         if self.document is None:
             return self.at()
+        allowed = "a value that the packing can have"
+        written_key = key
         if block == "load":
-            keys = self.document.data[block]
-            if key in TENSORS and "times" in keys:
-                key = "times"  # factors by which the tensor is multiplied
-            elif key not in keys:
-                key = "gravity"  # the only load
-        values = self.document.data[block][key]
-        path: tuple[str | int, ...] = (block, key)
-        words = show(values)
-        if isinstance(values, list) and key not in TENSORS:
-            words = show(values[index])
-            path = (*path, index)
-        elif isinstance(values, dict):
-            first = values["from"]
-            last = values["to"]
-            points = values["points"]
-            if 0 < index < points - 1:
-                words = f"value {index + 1} of {points} from {show(first)} to {show(last)}"
-            else:
-                words = show(last if index else first)
-                path = (*path, "to" if index else "from")
-        allowed = (
-            "a load that the balls can carry"
-            if block == "load"
-            else "a value that the packing can have"
-        )
-        return self.at(*path, prefix=f"found {words}; allowed: {allowed}; {prefix}")
+            allowed = "a load that the balls can carry"
+            written_key = _find_key_of_values(self.document.data[block], key)
+        values = self.document.data[block][written_key]
+        is_list = isinstance(values, list) and written_key not in TENSORS
+        words, place = _find_place_of_value(values, index, is_list)
+        prefix_of_value = f"found {words}; allowed: {allowed}; {prefix}"
+        return self.at(block, written_key, *place, prefix=prefix_of_value)
 
     # -- what a scene is made of -------------------------------------------------------------------
 
@@ -1053,25 +1077,37 @@ class SceneSource:
         with self.at(block_name, key, prefix=refusal):
             names = [name for name in ("diameter", "lattice", "friction") if name in values]
             material = Material(**blocks["material"])
-            packing = Packing(material, **{name: values[name] for name in names})
+            plain = Packing(material, **{name: values[name] for name in names})
         # the motions that balls may have, and the stiffnesses that resist them, depend on the
         # dimension of the lattices of a sweep
         lattices = dict(blocks.get("sweep", ())).get("lattice", ())
-        if choose_lattice(packing.structure, lattices) != packing.structure:
-            packing = replace(packing, lattice=lattices[0])
-        for name in ("motions", "torsion", "bending"):
-            if name not in values:
-                continue
-            allowed = "up to 1e6, and 0 where no motion is resisted by it"
-            if name == "motions":
-                allowed = "motions of this lattice"
-            refusal = f"found {show(data['packing'][name])}; allowed: {allowed}; "
-            with self.at("packing", name, prefix=refusal):
-                packing = replace(packing, **{name: values[name]})
-        if "spread" in values:
-            ((kind, value),) = data["packing"]["spread"].items()
-            allowed = "diameters about the packing's, all above zero"
-            refusal = f"found {show(value)}; allowed: {allowed}; "
-            with self.at("packing", "spread", kind, prefix=refusal):
-                packing = replace(packing, spread=values["spread"])
+        if choose_lattice(plain.structure, lattices) != plain.structure:
+            plain = replace(plain, lattice=lattices[0])
+        return self._add_spread(self._add_stiffnesses(plain, values), values)
+
+    def _add_stiffnesses(self, plain: Packing, values: Mapping[str, Any]) -> Packing:
+        """Return the ``plain`` packing with the motions and stiffnesses among the ``values`` of the
+        block packing.
+        """
+        assert self.document is not None
+        packing = plain
+        for name, allowed in _ALLOWED_OF_MOTIONS.items():
+            if name in values:
+                written = show(self.document.data["packing"][name])
+                prefix = f"found {written}; allowed: {allowed}; "
+                with self.at("packing", name, prefix=prefix):
+                    packing = replace(packing, **{name: values[name]})
         return packing
+
+    def _add_spread(self, equal: Packing, values: Mapping[str, Any]) -> Packing:
+        """Return the packing of ``equal`` balls with the spread among the ``values`` of the block
+        packing, if there is one.
+        """
+        assert self.document is not None
+        if "spread" not in values:
+            return equal
+        ((kind, value),) = self.document.data["packing"]["spread"].items()
+        allowed = "diameters about the packing's, all above zero"
+        refusal = f"found {show(value)}; allowed: {allowed}; "
+        with self.at("packing", "spread", kind, prefix=refusal):
+            return replace(equal, spread=values["spread"])

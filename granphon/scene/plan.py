@@ -544,15 +544,18 @@ class Plan:
                 with self.origin.at_index("sweep", axis.name, index):
                     change_packing(self.packing, {axis.name: value})
 
+    @property
+    def _path_of_lattice(self) -> tuple[str, ...]:
+        """The keys of a scene file at which the lattice stands."""
+        if "lattice" in dict(self.parameters):
+            return ("sweep", "lattice")
+        return ("crystal",) if self.packing.kind_names else ("packing", "lattice")
+
     def _require_case(self, planned: PlannedCase, most_balls: float) -> float:
         """Raise if a case cannot be carried out; return, of the ``most_balls`` whose start may be
         found, the number that remains.
         """
-        path: tuple[str, ...] = ("packing", "lattice")
-        if self.packing.kind_names:
-            path = ("crystal",)
-        if "lattice" in dict(self.parameters):
-            path = ("sweep", "lattice")
+        path = self._path_of_lattice
         case = planned.case
         lattice = case.packing.structure.name
         refusal = (

@@ -289,10 +289,9 @@ def _find_results(source: Path) -> dict[str, Path]:
     missing that a run wrote.
     """
     if not source.is_dir():
-        problem = f"there is no folder {source}"
-        if os.path.lexists(source):
-            problem = f"{source} is no folder"
-        raise MissingFileError(problem, mend="Give the folder of a run")
+        is_file = os.path.lexists(source)
+        problem_of_folder = f"{source} is no folder" if is_file else f"there is no folder {source}"
+        raise MissingFileError(problem_of_folder, mend="Give the folder of a run")
     # whatever has the name is read, and a folder or a link to nothing is then an error
     files = {name: source / name for name in DRAWN if os.path.lexists(source / name)}
     written = set(read_written_files(source))

@@ -572,17 +572,19 @@ class RunResult:
             out["pulse_distance"] = self.waves.pulse.distance
         if "response_phase" in self.dataset:
             out["peaks"] = self._list_peaks()
-        return out | self._list_wave_numbers()
+        return out | self._collect_wave_values()
 
-    def _list_wave_numbers(self) -> dict[str, float]:
-        """Return the numbers that are known of waves in samples, in the network or at the edge."""
+    def _collect_wave_values(self) -> dict[str, float]:
+        """Return the observables of waves that are one number, by name, in SI; those that are not
+        finite are left out.
+        """
         costs = ("pulse", "spectrum", "surface", "network")
         out: dict[str, float] = {}
         for name, entry in CATALOGUE.items():
             if entry.cost in costs and not entry.dims and name in self.dataset:
-                number = self.dataset[name].item()
-                if np.isfinite(number):
-                    out[name] = number
+                value = self.dataset[name].item()
+                if np.isfinite(value):
+                    out[name] = value
         return out
 
     def _list_peaks(self) -> dict[str, list[dict[str, float]]]:
@@ -700,7 +702,7 @@ def _describe_alone(
     with progress.step("force constants"):
         phonons = Phonons(state, dim=scene.dim)
         if "bands" in scene.observe:
-            _ = phonons.phonopy
+            _ = phonons.phonopy  # found within this step, and kept
     if "bands" in scene.observe:
         with progress.step("bands"):
             bands = phonons.bands(

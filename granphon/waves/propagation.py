@@ -142,6 +142,7 @@ class _Exponentials:
     @classmethod
     def of(cls, omega: Array, damping: float) -> _Exponentials:
         """For angular frequencies ``omega`` (count,) and the time tau of the damping, s."""
+        # the rates s of exp(s t) are the roots of s^2 + damping omega^2 s + omega^2 = 0
         decay = 0.5 * damping * omega**2
         squared = omega**2 - decay**2
         squared = np.where(np.abs(squared) < _CRITICAL * omega**2, _CRITICAL * omega**2, squared)

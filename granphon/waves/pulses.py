@@ -472,6 +472,19 @@ def find_envelope(signals: Array) -> Array:
     return np.asarray(np.abs(analytic)[..., :count])
 
 
+def _explain_unknown_time(signal: Array, shift: float, is_held: bool) -> str:
+    """Return why a ``signal`` (n_t,) has no time of flight; empty if it has one.
+
+    ``shift`` is the time in steps of the record, and ``is_held`` whether the record holds the whole
+    signal, which is not so of nan: the burst or the signal has no maximum.
+    """
+    if not np.any(signal):
+        return "the signal is zero"
+    if not is_held:
+        return _SHORT
+    return _EARLY if shift <= _AT_ONCE else ""
+
+
 def find_arrivals(
     times: Array, signals: Array, sent: Array, duration: float, method: str, threshold: float
 ) -> tuple[Array, list[str]]:
@@ -502,17 +515,10 @@ def find_arrivals(
         envelopes = find_envelope(np.vstack([sent, signals]))
         readings = np.array([_read(envelope, method, threshold) for envelope in envelopes])
         shifts = readings[1:] - readings[0]
-    reasons = []
-    for signal, shift in zip(signals, shifts, strict=True):
-        reason = ""
-        if not np.any(signal):
-            reason = "the signal is zero"
-        elif not step * shift + duration <= times[-1] + step:
-            # true of nan: the burst or the signal has no maximum
-            reason = _SHORT
-        elif shift <= _AT_ONCE:
-            reason = _EARLY
-        reasons.append(reason)
+    reasons = [
+        _explain_unknown_time(signal, shift, step * shift + duration <= times[-1] + step)
+        for signal, shift in zip(signals, shifts, strict=True)
+    ]
     is_unknown = [bool(reason) for reason in reasons]
     return np.where(is_unknown, np.nan, step * shifts), reasons
 

@@ -122,6 +122,8 @@ _ROUNDING = 1e-16
 _LOST = 1e100
 #: most rounds in which a narrow line is approached: the distance from its pole falls as its square
 _ROUNDS = 12
+#: rounds after which the change of a pole must fall to a tenth from one to the next
+_FREE_ROUNDS = 3
 #: change of a pole, over its half width, at which the pole stands
 _STANDS = 1e-6
 #: difference of the poles of two receivers, over the half width, up to which they hear one line
@@ -396,12 +398,13 @@ def _fit_pole(x: Array, values: Complex, weights: Any = None) -> Any:
     rise = values[1] - values[0]
     following = values[2] - values[1]
     if weights is None:
-        ratio = rise / following
+        ratio_of_rises = rise / following
     else:
         overlap = np.sum(weights * rise * following.conj(), axis=-1)
-        ratio = overlap / np.sum(weights * np.abs(following) ** 2, axis=-1)
-    ratio = ratio * (x[2] - x[1]) / (x[1] - x[0])
-    return (x[2] - ratio * x[0]) / (1.0 - ratio)
+        ratio_of_rises = overlap / np.sum(weights * np.abs(following) ** 2, axis=-1)
+    # the ratio of the slopes is (p - x_2)/(p - x_0)
+    ratio_of_slopes = ratio_of_rises * (x[2] - x[1]) / (x[1] - x[0])
+    return (x[2] - ratio_of_slopes * x[0]) / (1.0 - ratio_of_slopes)
 
 
 def _approach_lines(
@@ -421,7 +424,8 @@ def _approach_lines(
     with np.errstate(divide="ignore", invalid="ignore"):
         estimate = _fit_pole(x, values, heard)
     active = np.arange(len(low))
-    for _ in range(_ROUNDS):
+    last_change = np.full(len(low), np.inf)
+    for number in range(_ROUNDS):
         active = active[np.isfinite(estimate[active])]
         if not active.size:
             break
@@ -436,7 +440,10 @@ def _approach_lines(
         stands = (change <= _STANDS * renewed.imag) & is_above_rounding
         pole[active[stands]] = renewed[stands]
         estimate[active] = renewed
-        active = active[~stands]
+        # the pole of one mode converges faster than linearly; poles of several do not
+        converges = (change < 0.1 * last_change[active]) | (number < _FREE_ROUNDS)
+        last_change[active] = change
+        active = active[~stands & converges]
     return pole, x, values
 
 
@@ -1034,20 +1041,20 @@ class _Problem:
         if self.moved:
             # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
             on_balls = -parts.pull(viscous * self.stretched)
-            start = np.concatenate([on_balls, top * spring * self.stretched])
-            scale: Any = -1.0 / top * np.ones(w.size)
+            source = np.concatenate([on_balls, top * spring * self.stretched])
+            strength: Any = -1.0 / top * np.ones(w.size)
         else:
-            start = np.concatenate([self.drives[0], np.zeros(spring.size, complex)])
-            scale = -1.0 / top * _invert(1j * omega)
+            source = np.concatenate([self.drives[0], np.zeros(spring.size, complex)])
+            strength = -1.0 / top * _invert(1j * omega)
         largest = math.sqrt(math.hypot(1.0, float(np.max(work.of_rows[0]))))
         reach = np.where(w > 0.0, (w + largest) * _invert(work.distance), np.inf)
         if work.is_strong:
             silent = np.zeros((w.size, len(self.heard)))
-            return _Space(apply, np.vdot, start, 1j * w, scale, reach, silent)
+            return _Space(apply, np.vdot, source, 1j * w, strength, reach, silent)
         # the space is that of 1 - i H times the source
-        scale = scale / (1.0 + w)
-        direct = 1j * scale[:, None] * self._listen(start)
-        start = start - 1j * apply(start)
+        scale = strength / (1.0 + w)
+        direct = 1j * scale[:, None] * self._listen(source)
+        start = source - 1j * apply(source)
         return _Space(apply, np.dot, start, 1j * w, scale, reach, direct)
 
     def _listen(self, x: NDArray[Any]) -> NDArray[Any]:

@@ -660,16 +660,18 @@ def read_direction(value: Any) -> tuple[float, ...]:
     return numbers
 
 
+def _list_words(value: Any) -> Any:
+    """Return the entries of a text, with whole numbers as such, or of a list; else one entry."""
+    if isinstance(value, str):
+        return [int(word) if word.isdecimal() else word for word in value.split()]
+    return value if isinstance(value, list | tuple) else [value]
+
+
 def _read_balls(value: Any) -> tuple[int, ...] | str:
     """Read the word of a face, or numbers of balls, each once."""
     if isinstance(value, str) and not value[:1].isdecimal():
         return choice(value, FACES)
-    numbers = value
-    if isinstance(value, str):
-        numbers = [int(word) if word.isdecimal() else word for word in value.split()]
-    elif not isinstance(value, list | tuple):
-        numbers = [value]
-    balls = each(numbers, partial(whole, low=0, high=100_000_000), "numbers of balls")
+    balls = each(_list_words(value), partial(whole, low=0, high=100_000_000), "numbers of balls")
     if len(set(balls)) < len(balls):
         raise Refused(show(value), "each ball once")
     return balls

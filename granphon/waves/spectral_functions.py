@@ -246,21 +246,8 @@ def find_polarisations(
     turns = name == "rotational"
     axes = motions.rotations if turns else motions.translations
     free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move
-    requested = None
-    if direction is not None:
-        requested = read_vector("direction", direction, operator.network.dimension)
-    if turns:
-        directions = free if requested is None else (requested @ free.T) @ free
-    elif np.any(q):
-        directions = _find_directions(operator.network, q, name, free, requested)
-        if requested is not None and np.linalg.norm(directions) < _ACROSS:
-            raise InputError(f"the direction {brief(direction)} of a transverse wave is along q")
-    elif requested is None:
-        raise _explain_still(operator.network, name)
-    else:
-        directions = requested
     # directions (b, 3) as rows (b, motions) of unit length
-    directions = np.atleast_2d(directions)
+    directions = np.atleast_2d(_choose_directions(operator.network, q, name, free, direction))
     held = np.delete(directions, axes, axis=1)
     if not len(directions) or not axes or np.max(np.abs(held), initial=0.0) > _ACROSS:
         raise InputError(
@@ -273,6 +260,29 @@ def find_polarisations(
     rows = np.zeros((len(directions), motions.count))
     rows[:, motions.turning if turns else motions.translating] = units[:, list(axes)]
     return rows
+
+
+def _choose_directions(
+    network: ContactNetwork, q: Array, name: str, free: Array, direction: ArrayLike | None
+) -> Array:
+    """Return the directions (3,) or (b, 3) in which balls move, or about which they turn, in a wave
+    of the polarisation ``name`` and a wave vector ``q`` (d,).
+
+    ``free`` (a, 3) are those that balls can have; ``direction`` (d,) is the one that is asked for.
+    """
+    requested = None
+    if direction is not None:
+        requested = read_vector("direction", direction, network.dimension)
+    if name == "rotational":
+        return free if requested is None else np.asarray((requested @ free.T) @ free)
+    if not np.any(q):
+        if requested is None:
+            raise _explain_still(network, name)
+        return requested
+    directions = _find_directions(network, q, name, free, requested)
+    if requested is not None and np.linalg.norm(directions) < _ACROSS:
+        raise InputError(f"the direction {brief(direction)} of a transverse wave is along q")
+    return directions
 
 
 def _find_directions(
@@ -428,15 +438,18 @@ def _fit_peak(log: Array, n: int) -> tuple[float, float]:
     return float(n) + shift, height - 0.25 * (previous - following) * shift
 
 
-def true_width(broadened: Array, kernel: Array) -> Array:
-    """Return the widths of Lorentz curves which a kernel of the width ``kernel`` has broadened to
-    the widths ``broadened``, all in Hz.
+def find_true_width(broadened: Array, kernel_width: Array) -> Array:
+    """Return the widths L (n,) of Lorentz curves which a kernel has broadened, from ``broadened`` =
+    l L + ((1 - l)^2 L^2 + G^2)^1/2, where l = :data:`_LINEAR` and G = ``kernel_width``, all in Hz.
+
+    A curve that is not wider than the kernel has the width zero.
     """
-    broadened = np.maximum(broadened, kernel)
+    width = np.maximum(broadened, kernel_width)
+    # the positive root of (1 - 2 l) L^2 + 2 l B L = B^2 - G^2, B the broadened width
     square = (1.0 - _LINEAR) ** 2
-    a = square - _LINEAR**2
-    widths = (np.sqrt(square * broadened**2 - a * kernel**2) - _LINEAR * broadened) / a
-    return np.asarray(np.maximum(widths, 0.0))
+    leading = square - _LINEAR**2  # 1 - 2 l
+    root = np.sqrt(square * width**2 - leading * kernel_width**2)
+    return np.asarray(np.maximum((root - _LINEAR * width) / leading, 0.0))
 
 
 def find_ioffe_regel(
@@ -538,7 +551,7 @@ class SpectralFunction(Refinable):
         that is not wider than the kernel has the width zero. See :attr:`resolved`. If the line
         falls to half its height on one side only, the width is twice the half width of this side.
         """
-        return true_width(self._lines[1], self._kernel_width)
+        return find_true_width(self._lines[1], self._kernel_width)
 
     @property
     def resolved(self) -> NDArray[np.bool_]:

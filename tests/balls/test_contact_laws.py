@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import get_args
 
 import mpmath
 import numpy as np
@@ -15,8 +16,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
+from granphon.balls import contact_laws
 from granphon.balls.ball import RIGID_PLANE, ContactConstants
 from granphon.balls.contact_laws import check_law, law_between
+from granphon.balls.contact_model import PlainLaw
 from granphon.base.errors import InputError
 
 STEEL = gp.Material(193e9, 0.30, 8000.0)
@@ -121,6 +124,11 @@ LAWS = {
     "stiff jkr": gp.JKR(1e-9).between(S, A),
     "table": gp.TabulatedLaw(TABLE, 1e10 * TABLE**1.5 * (1.0 + 0.2 * np.sin(np.log(TABLE)))),
 }
+
+
+def test_every_law_of_scenes_can_be_stored():
+    """A class that is missing in the union is lost by networks, and refused by ``from_dict``."""
+    assert {named.law for named in contact_laws.LAWS.values()} == set(get_args(PlainLaw))
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -37,6 +37,8 @@ def table(tmp_path, text):
         ("size / lot A (µm)", "size / lot A", "µm"),
         ("v (mean) (m/s)", "v (mean)", "m/s"),
         ("f()", "f", ""),
+        ("mobility (m/(N s))", "mobility", "m/(N s)"),
+        ("impedance [kg/(m^2 s)]", "impedance", "kg/(m^2 s)"),
         ("", "", ""),
         ("(N)", "", "N"),
         ("frequency_Hz", "frequency_Hz", "Hz"),

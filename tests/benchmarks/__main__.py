@@ -21,6 +21,7 @@ import bench_ordered
 import bench_pulses
 import bench_simulation
 import bench_sweeps
+import bench_times
 import bench_waves
 from side_by_side import command_line
 
@@ -39,7 +40,11 @@ PARTS |= (
     | bench_waves.PARTS
     | bench_sweeps.PARTS
 )
-PARTS |= bench_friction.PARTS | bench_motion.PARTS
+PARTS |= bench_friction.PARTS | bench_motion.PARTS | bench_times.PARTS
 
 if __name__ == "__main__":
-    sys.exit(command_line("Benchmarks of granphon", PARTS, bench_simulation.HUGE_PARTS))
+    sys.exit(
+        command_line(
+            "Benchmarks of granphon", PARTS, bench_simulation.HUGE_PARTS | bench_times.HUGE_PARTS
+        )
+    )

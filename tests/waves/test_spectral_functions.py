@@ -23,9 +23,9 @@ from granphon.waves.spectral_functions import (
     PeriodicCell,
     SpectralFunction,
     find_lines,
+    find_true_width,
     fold_wavevectors,
     nearest_wavevectors,
-    true_width,
 )
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -624,7 +624,7 @@ def test_width_of_a_line_is_found_without_that_of_the_kernel(width, accuracy):
     ((peak,), seen), (_, own) = find_lines(kernel, density), find_lines(kernel, kernel.line([9e3]))
     assert peak == pytest.approx(9e3, abs=0.05 * kernel.resolution)
     assert own[0] == pytest.approx(2.355 * kernel.resolution * math.sqrt(1 - 0.3**2), rel=0.03)
-    assert true_width(seen, own)[0] == pytest.approx(width, rel=accuracy)
+    assert find_true_width(seen, own)[0] == pytest.approx(width, rel=accuracy)
 
 
 def of_lines(peaks, widths, moments=300):
