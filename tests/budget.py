@@ -234,7 +234,9 @@ def warm_up() -> float:
         velocities = np.zeros((network.n_balls, 3))
         velocities[0, 0] = 0.01
         for geometry in ("lattice", "exact"):
-            waves = gp.NonlinearWaves(network, geometry=geometry, friction_coefficient=0.2)
+            waves = gp.NonlinearWaves(
+                network, geometry=geometry, friction_coefficient=0.2, damping=1e-6
+            )
             waves.run(1e-7, velocities=velocities, frames=2)
             waves.run(1e-7, velocities=velocities, frames=2, scheme="midpoint")
     with TemporaryDirectory() as folder:

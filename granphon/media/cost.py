@@ -42,8 +42,8 @@ _SLOWEST_UNIT = 0.1
 _WORDS = ((60.0, "seconds"), (3600.0, "minutes"), (2 * 86400.0, "hours"), (math.inf, "days"))
 #: time for which a small piece of work is repeated, s; the shortest repetition counts
 _REPEATED_SECONDS = 0.05
-#: most balls of the small array, those of one with a history of friction and most loads of its path,
-#: as few loads lie so far apart that each takes several steps; and size of the small matrix
+#: most balls of the small array, most balls of one with a history of friction, most loads of its
+#: path (few loads lie so far apart that each takes several steps), and size of the small matrix
 _SMALL_BALLS = 1000
 _SMALL_LOADED_BALLS = 300
 _SMALL_LOADS = 12
