@@ -42,6 +42,8 @@ _SLOWEST_UNIT = 0.1
 _WORDS = ((60.0, "seconds"), (3600.0, "minutes"), (2 * 86400.0, "hours"), (math.inf, "days"))
 #: time for which a small piece of work is repeated, s; the shortest repetition counts
 _REPEATED_SECONDS = 0.05
+#: the same of a small array, whose first equilibrium in a process pays for imports, too
+_ARRAY_SECONDS = 0.3
 #: most balls of the small array, most balls of one with a history of friction, most loads of its
 #: path (few loads lie so far apart that each takes several steps), and size of the small matrix
 _SMALL_BALLS = 1000
@@ -61,7 +63,7 @@ _DAMPED_STEP = 1.6
 _IMPLICIT_STEP = 8.0
 #: time of a response over that of its products: sums of a Krylov space take as long as half of
 #: them, and narrow lines, if there are any, are solved again up to six times
-_RESPONSE_PRODUCTS = 5.0
+_RESPONSE_PRODUCTS = 6.0
 #: rows of a contact whose product takes as long as a reading of a ball of a pulse
 _READING_ROWS = 2.0
 #: memory of Python and the libraries that the run of a scene loads, and one with a motion, which
@@ -196,12 +198,14 @@ def _write_digits(value: float) -> str:
 # -- what is timed ---------------------------------------------------------------------------------
 
 
-def time_once(work: Callable[[], object]) -> float:
-    """Return the processor's time of a small piece of work, s, the shortest of some repetitions."""
+def time_once(work: Callable[[], object], repeated_seconds: float = _REPEATED_SECONDS) -> float:
+    """Return the processor's time of a small piece of work, s, the shortest of the repetitions that
+    ``repeated_seconds`` have room for.
+    """
     shortest = math.inf
     begin = process_time()
     before = begin
-    while before - begin < _REPEATED_SECONDS:
+    while before - begin < repeated_seconds:
         work()
         shortest = min(shortest, process_time() - before)
         before = process_time()
@@ -241,13 +245,17 @@ def _time_array(simulation: DirectSimulation, load: Load) -> tuple[float, float]
         numbers = np.unique(np.linspace(0, load.size - 1, _SMALL_LOADS).astype(int)).tolist()
     if not simulation.ordered:
         numbers = np.argsort(load.array, axis=None)[numbers].tolist()
-    begin = process_time()
     growth = 0.5
-    with suppress(GranphonError):  # a load that the array does not bear takes as long as its search
-        state = simulation.at(load.flat[numbers])
-        _ = state.elastic_tensor
-        growth = 1.0 - float(np.mean(state.contact_fraction))
-    seconds = (process_time() - begin) / len(numbers)
+
+    def solve() -> None:
+        """Find the states of the small array, and the fraction of their contacts that are open."""
+        nonlocal growth
+        with suppress(GranphonError):  # a load that no array bears takes as long as its search
+            state = simulation.at(load.flat[numbers])
+            _ = state.elastic_tensor
+            growth = 1.0 - float(np.mean(state.contact_fraction))
+
+    seconds = time_once(solve, _ARRAY_SECONDS) / len(numbers)
     return seconds, max(growth, _LOADED_GROWTH) if loaded else growth
 
 
