@@ -40,6 +40,9 @@ _UNITS = {"cm": 1e2, "mm": 1e3, "um": 1e6}
 #: distance of the nearest balls, over the sum of their radii, times or over this factor of a unit,
 #: that looks like the unit
 _LIKE = 2.0
+#: distance over that of touching balls, below which diameters look like mm or a finer unit: half of
+#: 1/100, so that cm are not taken for mm
+_LOOKS_LIKE_MM = 1.0 / 200.0
 #: a unit normal with a larger component along z is too near to z for z x n; its tangents are made
 #: from x instead
 _UPRIGHT = 0.9
@@ -224,7 +227,7 @@ def find_contacts(
     shift = pairs.shift[kept]
     why = "" if near is None else near.why
     mend = "" if near is None else near.mend
-    require_joined(i, j, shift, len(positions), len(cell), pairs.called, why, mend)
+    require_joined(i, j, shift, len(positions), len(cell), pairs.called, why=why, mend=mend)
     normal = pairs.vector[kept] / pairs.distance[kept][:, None]
     vector = normal if radii is None else normal * pairs.touch[kept][:, None]
     return freeze_contacts(i, j, shift, normal, vector, pairs.radii[i], pairs.radii[j])
@@ -351,9 +354,7 @@ class _NearPairs:
                 "Give each site of the cell once; places that differ by vectors of the cell are"
                 " one site"
             )
-        # diameters in mm or a finer unit are numbers a thousand times too large, or more, against
-        # positions in m
-        if self.has_radii and self.ratio[pair] * _LIKE < 1.0 / _UNITS["cm"]:
+        if self.has_radii and self.ratio[pair] < _LOOKS_LIKE_MM:
             return "Compare the units: diameters, cell and positions are in m"
         if near is not None and self.ratio[pair] >= 1.0 - NEAR:
             return near.mend
@@ -536,7 +537,8 @@ def require_joined(
     n: int,
     periods: int,
     called: str,
-    said: str = "",
+    *,
+    why: str = "",
     mend: str = "",
     held: Any = None,
 ) -> None:
@@ -544,8 +546,8 @@ def require_joined(
     their images.
 
     ``i``, ``j`` are (n_c,), ``shift`` is (n_c, periods) cells. Balls that are ``held`` (n,) are one
-    body, along all periods. The message names what is ``called``, and gives as the reason what is
-    ``said``.
+    body, along all periods. The message names what is ``called``, and says ``why`` and how to
+    ``mend`` that.
     """
     if held is not None and np.any(held):
         i, j, shift, n = _merge_held(i, j, shift, held, periods)
@@ -557,11 +559,11 @@ def require_joined(
         return
     if is_whole:
         words = f"{count} {_PIECES[periods]}"
-    else:
-        names = ", ".join(_PIECES[rank] for rank in sorted(ranks))
-        words = f"{names}, {count} {'in each cell' if periods else 'of them'}"
+    else:  # a network without periods is whole: its pieces are clusters, whatever their number
+        kinds = ", ".join(_PIECES[rank] for rank in sorted(ranks))
+        words = f"{kinds}, {count} in each cell"
     problem = f"{called} falls into pieces that do not touch: {words}"
-    raise InputError(problem, said, mend or "Move them together, or give one of them alone")
+    raise InputError(problem, why, mend or "Move them together, or give one of them alone")
 
 
 def _merge_held(

@@ -153,7 +153,8 @@ class Lattice:
         if registered is None:
             return
         has_same_cell = _are_close(self.vectors, registered.vectors)
-        if has_same_cell and _are_close(self.positions, registered.positions):
+        has_same_sites = _are_close(self.positions, registered.positions)
+        if has_same_cell and has_same_sites:
             return
         raise InputError(
             f"the lattice {self.name!r} has a cell or sites of its own",

@@ -15,7 +15,7 @@ import re
 from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
 from decimal import Decimal
 from numbers import Real
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
 from unicodedata import normalize
 
 import numpy as np
@@ -28,6 +28,8 @@ from granphon.base.text import closest, show
 Rule = Callable[[Any], Any]
 Value = TypeVar("Value")
 Options = ParamSpec("Options")
+#: bound of numbers from below; empty for any sign
+Low = Literal["", "above zero", "zero or above"]
 #: highest frequency, Hz, far above that of any contact: its powers stay within the range of floats
 HIGHEST_FREQUENCY = 1e30
 #: the deepest nesting of lists: NumPy's arrays have no more dimensions
@@ -350,10 +352,8 @@ def _convert(values: Any) -> tuple[NDArray[np.float64] | None, str]:
     return None, ""
 
 
-def finite_numbers(values: Any, unit: str = "", low: str = "") -> NDArray[np.float64]:
-    """One or more finite numbers in an SI ``unit``; ``low`` is "above zero", "zero or above", or
-    empty for any sign.
-    """
+def finite_numbers(values: Any, unit: str = "", low: Low = "") -> NDArray[np.float64]:
+    """One or more finite numbers in an SI ``unit``, of any sign if ``low`` is empty."""
     array = real_numbers(values, unit)
     is_allowed = np.isfinite(array)
     if low == "above zero":
@@ -381,7 +381,7 @@ def indices(values: Any, count: int, what: str = "balls") -> NDArray[np.intp]:
 
 
 def frequencies(
-    values: Any, low: str = "zero or above", in_order: bool = True
+    values: Any, low: Low = "zero or above", in_order: bool = True
 ) -> NDArray[np.float64]:
     """Frequencies (n,), Hz, of which none is above :data:`HIGHEST_FREQUENCY`; ``in_order``: each
     above the one before.
@@ -410,7 +410,7 @@ def number_list(values: Any) -> tuple[float, ...]:
     return tuple(array.tolist())
 
 
-def finite_number_list(values: Any, unit: str = "", low: str = "") -> tuple[float, ...]:
+def finite_number_list(values: Any, unit: str = "", low: Low = "") -> tuple[float, ...]:
     """One finite number or a list of them, as plain floats; see :func:`finite_numbers`."""
     return number_list(finite_numbers(values, unit, low))
 

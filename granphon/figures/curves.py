@@ -32,6 +32,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from granphon.balls.hertz import FREQUENCY_EXPONENT
 from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import force_of_frame
 from granphon.balls.packing import Packing
@@ -728,8 +729,9 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
     :func:`granphon.local_exponent`.
     """
     plot_sweep(dataset, ax, "exponent", x, legend=False)
+    # an exponent is a slope of logarithms already, and may be zero or below
     ax.set_yscale("linear")
-    for value, name in ((1.0 / 6.0, "1/6"), (0.25, "1/4")):
+    for value, name in ((FREQUENCY_EXPONENT, "1/6"), (0.25, "1/4")):
         ax.axhline(value, color=GUIDE, linewidth=0.6, zorder=0.5)
         _write_beside(ax, name, value, color="0.4")
     ax.margins(y=0.16)

@@ -433,19 +433,22 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
     count = dataset.sizes["polarisation"]
     unit = HertzPrefix.for_top(float(np.nanmax(dataset["line_frequency"].values)))
     labels = [str(label) for label in dataset["labels_of_path"].values]
+    has_errors = "attenuation_error" in dataset
+    _, take = states[0]
+    corners = take("path_corners")
+    # the same in all states: paths of balls of several diameters differ in length alone
+    corners = corners / corners[-1]
     with styled_figure(0.4 + 4.2 * count) as figure:
         ratios = [1.2, 1.0] * count
         panels = figure.subplots(2 * count, 1, squeeze=False, height_ratios=ratios)[:, 0]
         for number, name in enumerate(dataset["polarisation"].values.tolist()):
             above, below = panels[2 * number : 2 * number + 2]
-            corners = np.zeros(0)
-            frequencies = [np.zeros(0)]
             for colour, take in states:
-                # paths of balls of several diameters differ in length alone
-                corners = take("path_corners") / take("path_corners")[-1]
                 _draw_line_frequencies(above, take, number, colour, unit)
-                has_errors = "attenuation_error" in dataset
-                frequencies.append(_draw_attenuation(below, take, number, colour, unit, has_errors))
+            frequencies = [
+                _draw_attenuation(below, take, number, colour, unit, has_errors)
+                for colour, take in states
+            ]
             name_corners(above, corners, labels)
             above.set(ylabel=f"Frequency, {name} ({print_hertz(unit)})", ylim=(0.0, None))
             _scale_attenuation(below, np.concatenate(frequencies))

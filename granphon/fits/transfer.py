@@ -27,7 +27,7 @@ from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result
 from granphon.base.tables import Table
 from granphon.base.text import list_names, suggest
-from granphon.base.validation import finite_list, texts
+from granphon.base.validation import Low, finite_list, texts
 from granphon.dynamics.damping import ContactDamping
 from granphon.fits.fit import LARGE_ERROR, SAME_EFFECT, Fitted, WidthFit, judge_residuals
 from granphon.fits.velocity_model import require_fitted
@@ -96,8 +96,8 @@ class TransferFunction(Result):
             values: Any = getattr(self, name)
             if values is None:
                 continue
-            allowed = "" if name == "phase" else "above zero"
-            numbers = np.array(finite_list(name, values, self.units.get(name, ""), allowed))
+            low: Low = "" if name == "phase" else "above zero"
+            numbers = np.array(finite_list(name, values, self.units.get(name, ""), low))
             if numbers.shape != np.shape(self.frequencies):
                 fault = (
                     f"there are {numbers.size} numbers of {name}, and {np.size(self.frequencies)}"

@@ -141,27 +141,60 @@ def find_error(
     if rows is None or explain_uncovered(packing, truth) is not None:
         return np.full(load.shape, np.inf)
     axis = "overlap" if load.kind == "overlap" else "force"
-    at_rest = "slip" if packing.mindlin_ratio else "none"
-    friction = truth.shear_response if truth.is_loaded else at_rest
-    shape = packing.spread.shape if packing.spread else None
-    is_normal = isinstance(shape, NormalShape) and 2.0 <= shape.cutoff <= 6.0
-    # errors of listed diameters peak where the contacts between two of the diameters open
-    diameters = "smooth" if is_normal or isinstance(shape, UniformShape) else "listed"
     loads = np.array(rows["loads"][axis])
-    errors = np.array(rows["errors"][friction][diameters][axis][medium])
+    errors = _find_row(rows, medium, packing, axis, truth)
     reduced = np.maximum(reduce_load(packing, load), 0.0)
-    power = 1.0 if friction == "partial_slip" else 2.0
+    power = 1.0 if _find_response(packing, truth) == "partial_slip" else 2.0
     with np.errstate(over="ignore", divide="ignore"):
-        error = np.exp(np.interp(np.log(reduced), np.log(loads), np.log(errors)))
-        # the overlap over that at the greatest load of the table, by the law of equal balls
-        if axis == "overlap":
-            growth = (reduced - 0.5) / (loads[-1] - 0.5)
-        else:
-            growth = np.asarray(overlap_of(reduced / loads[-1]))
-        error = error / np.maximum(growth, 1.0) ** power
+        error = _interpolate(reduced, loads, errors)
+        error = error / _fall_above_table(reduced, loads[-1], axis) ** power
     if medium == SIMULATION:
         error = error * (DEVIATIONS / math.sqrt(balls))
     return np.asarray(np.where(reduced >= loads[0], error, np.inf))
+
+
+def _find_response(packing: Packing, truth: FrictionHistory) -> str:
+    """Return the key of the table for the friction of the arrays: their response to sound, or of
+    arrays at rest whether contacts resist slip.
+    """
+    if truth.is_loaded:
+        return truth.shear_response
+    return "slip" if packing.mindlin_ratio else "none"
+
+
+def _find_row(
+    rows: Mapping[str, Any], medium: str, packing: Packing, axis: str, truth: FrictionHistory
+) -> Array:
+    """Return the errors (n,) of a medium at the loads of the table for an ``axis``, "force" or
+    "overlap".
+    """
+    shape = packing.spread.shape if packing.spread else None
+    is_uniform = isinstance(shape, UniformShape)
+    is_normal = isinstance(shape, NormalShape) and 2.0 <= shape.cutoff <= 6.0
+    # anything else takes the row of listed diameters, whose errors are larger: they peak where the
+    # contacts between two of the diameters open
+    is_smooth = is_uniform or is_normal
+    response_key = _find_response(packing, truth)
+    diameters = "smooth" if is_smooth else "listed"
+    return np.array(rows["errors"][response_key][diameters][axis][medium])
+
+
+def _interpolate(reduced: Array, loads: Array, errors: Array) -> Array:
+    """Return the errors at ``reduced`` loads, linear in logarithms between those at ``loads``
+    (n,).
+    """
+    return np.exp(np.interp(np.log(reduced), np.log(loads), np.log(errors)))
+
+
+def _fall_above_table(reduced: Array, greatest: float, axis: str) -> Array:
+    """Return the overlap at ``reduced`` loads over that at the ``greatest`` load of the table, by
+    the law of equal balls; 1 within the table.
+    """
+    if axis == "overlap":
+        growth = (reduced - 0.5) / (greatest - 0.5)
+    else:
+        growth = np.asarray(overlap_of(reduced / greatest))
+    return np.maximum(growth, 1.0)
 
 
 def find_least_load(packing: Packing, load: Load, truth: FrictionHistory = REST) -> float:

@@ -85,19 +85,20 @@ def estimate_open_contacts(packing: Packing, load: Load) -> Array:
     """Return the approximate fraction of open contacts (n,) at each value of an applied load,
     rather too many than too few.
 
-    It is known on the triangular lattice, in fcc and in hcp; on another lattice it is 1 where
-    contacts are open on those.
+    The fraction is known on the triangular lattice, in fcc and in hcp, from f* = 0.003 on. At lower
+    loads it is 1, and on another lattice it is 1 where contacts are open on those.
     """
     structure = packing.structure
-    with np.errstate(over="ignore"):
-        # of a load beyond the floating range, at which no contact is open
+    # a load may be beyond the floating range, where no contact is open; a load that no array bears
+    # is refused elsewhere
+    with np.errstate(all="ignore"):
         force = estimate_reduced_force(packing, load)
+        log_force = np.log(force)
     if structure.periods not in _OPEN_CONTACTS or not packing.spread_matters:
         return np.zeros_like(force)
-    with np.errstate(all="ignore"):  # a load that no array bears is refused elsewhere
-        fraction: Array = np.interp(
-            np.log(force), np.log(_OPEN_FORCES), _OPEN_CONTACTS[structure.periods]
-        )
+    fraction: Array = np.interp(
+        log_force, np.log(_OPEN_FORCES), _OPEN_CONTACTS[structure.periods], left=1.0
+    )
     if structure.name in ("triangular", "fcc", "hcp") and LATTICES[structure.name] == structure:
         return fraction
     return np.where(fraction > 0.0, 1.0, 0.0)

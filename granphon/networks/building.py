@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -320,7 +320,7 @@ class Source:
             "radii": balls.radii,
             "masses": masses,
             "inertias": inertias,
-            **self._list_contact_fields(pairs, force, stiffness, shear),
+            **self._make_contact_fields(pairs, force, stiffness, shear),
             "motions": next(iter(allowed_motions(dimension))) if motions is None else motions,
             "dimension": dimension,
             "prestress": prestress,
@@ -345,11 +345,12 @@ class Source:
             )
         return np.asarray(material.density * (4.0 / 3.0 * math.pi) * balls.radii**3)
 
-    def _list_contact_fields(
+    def _make_contact_fields(
         self, pairs: _Pairs, force: Array, stiffness: Array, shear: Array
     ) -> dict[str, Any]:
-        """Return all fields of the contacts of the network, (n_c,) or (n_c, 3); without contacts
-        that are open.
+        """Return the fields of the contacts of the network, (n_c,) or (n_c, 3).
+
+        Where stiffnesses follow from Hertz's law, contacts without force are open and left out.
         """
         contacts = self.contacts
         fields: dict[str, Any] = {
@@ -368,10 +369,7 @@ class Source:
             fields[name] = default if values is None else values
         if contacts.tangential_force is not None:
             fields["tangential_force"] = contacts.tangential_force
-        if contacts.normal_stiffness is not None:
-            return fields
-        # without force a Hertz contact has no stiffness: it is open
-        return {name: values[force > 0.0] for name, values in fields.items()}
+        return fields if contacts.normal_stiffness is not None else _leave_out(fields, force <= 0.0)
 
     def _require_range(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for positions, radii, vectors and shifts
@@ -747,6 +745,11 @@ def _count_digits(sizes: Array) -> int:
 def _first(values: Array, bad: Flags) -> float:
     """Return the value (n_c,) of the first contact that is ``bad``; nan if none is."""
     return float(values[np.argmax(bad)]) if np.any(bad) else math.nan
+
+
+def _leave_out(fields: Mapping[str, Any], is_open: Flags) -> dict[str, Any]:
+    """Return the fields of the contacts but those that are open, (n_c,)."""
+    return {name: values[~is_open] for name, values in fields.items()}
 
 
 def _round_steps(steps: Array) -> Index:

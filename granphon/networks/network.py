@@ -795,9 +795,9 @@ class ContactNetwork(Result):
             len(is_still),
             p,
             "the cut network",
-            why,
-            mend,
-            is_still,
+            why=why,
+            mend=mend,
+            held=is_still,
         )
 
     def _find_spread(self) -> float:

@@ -106,10 +106,10 @@ def _find_band_path(vectors: ArrayLike, pbc: Sequence[bool]) -> Any:
     with needing("A path through the zone"):
         from ase.cell import Cell
 
-    periods = np.asarray(vectors)
+    vectors = np.asarray(vectors)
     cell = np.eye(3)
-    p = len(periods)
-    cell[:p, :p] = periods[:, :p]
+    p = len(vectors)
+    cell[:p, :p] = vectors[:, :p]
     # a cluster, which repeats nowhere, has the zone of the cell that it was put into
     repeats = pbc if any(pbc) else (True,) * p
     return Cell(cell).bandpath(npoints=0, pbc=(*repeats, *(False,) * (3 - p)))

@@ -74,6 +74,8 @@ _MESH_POINTS = 4096
 _MESH_NUMBERS = 2**26
 #: largest standard deviation of a smeared density of states, over the top frequency
 _WIDEST = 1e6
+#: standard deviations above the top frequency at which a smeared density of states ends
+_TAIL = 5.0
 #: mesh on which gaps are sought, for one, two and three periods
 _GAP_MESHES = ((256,), (48, 48), (16, 16, 16))
 #: width of a gap, over the top frequency, up to which branches touch
@@ -623,34 +625,25 @@ class Phonons:
         chosen_method = one_of("method", method, ("tetrahedron", "smearing"))
         count = whole_number("points", points, 12, LARGEST_COUNT)
         self._require_memory_of_dos(numbers, count)
-        grid = self._make_mesh(numbers)
-        q = self.lattice.wavevectors(grid.qpoints)
-        values, rotation = self._find_rotation(q)
-        shares = np.stack([1.0 - rotation, rotation])  # (2, n_q, n_branches)
         top = self.lattice.top_frequency
         if top == 0.0:
             raise InputError(
                 "every branch vanishes", "The motions deform no contact", "Use friction or bending"
             )
-        if chosen_method == "tetrahedron":
-            if sigma is not None:
-                raise InputError(
-                    "sigma is for the smearing method only", mend="Give method='smearing'"
-                )
+        width = self._read_smearing(chosen_method, sigma, top, count)
+        grid = self._make_mesh(numbers)
+        q = self.lattice.wavevectors(grid.qpoints)
+        frequencies, rotation = self._find_modes_on(q)
+        shares = np.stack([1.0 - rotation, rotation])  # (2, n_q, n_branches)
+        if width is None:
             omega = np.linspace(0.0, 1.02 * top, count)
-            density = self._interpolate_density(grid, omega, values, shares)
+            density = self._interpolate_density(grid, omega, frequencies, shares)
         else:
-            width = self._read_width(sigma, top, count)
-            omega = np.linspace(0.0, top + 5.0 * width, count)
-            if width < omega[1]:
-                raise InputError(
-                    f"sigma = {sigma!r} Hz is below the spacing of {count} points",
-                    mend="Raise sigma, or take more points",
-                )
+            omega = np.linspace(0.0, top + _TAIL * width, count)
             norm = np.prod(numbers) * np.sqrt(2.0 * np.pi) * width
-            density = _smear(omega, values, shares * grid.weights[:, None] / norm, width)
+            density = _smear(omega, frequencies, shares * grid.weights[:, None] / norm, width)
         density = density / (len(self.atoms) * self.scales.frequency)
-        warnings = self._find_warnings(q, values)
+        warnings = self._find_warnings(q, frequencies)
         hertz = omega * self.scales.frequency
         translational, rotational = density
         return DensityOfStates(hertz, translational, rotational, chosen_method, numbers, warnings)
@@ -679,7 +672,7 @@ class Phonons:
             f"densities of states at {count:,} points", _DENSITY_BYTES * count, "Give fewer points"
         )
 
-    def _find_rotation(self, q: Array) -> tuple[Array, Array]:
+    def _find_modes_on(self, q: Array) -> tuple[Array, Array]:
         """Return frequencies, (k/M)^1/2, and the fractions of the kinetic energy that are rotation,
         both (n_q, n_branches), at wave vectors (n_q, p), 1/d.
         """
@@ -710,10 +703,19 @@ class Phonons:
         integrated[:, 0] = 0.0  # modes at zero belong to the first interval
         return np.diff(integrated, axis=1) / np.diff(edges)
 
-    def _read_width(self, sigma: float | None, top: float, count: int) -> float:
+    def _read_smearing(
+        self, method: str, sigma: float | None, top: float, count: int
+    ) -> float | None:
         """Return the standard deviation of the Gaussians of a density of states, (k/M)^1/2, from
         ``sigma``, Hz; by default the width that ``count`` frequencies up to the ``top`` resolve.
+        None for tetrahedra, which take no ``sigma``.
         """
+        if method == "tetrahedron":
+            if sigma is not None:
+                raise InputError(
+                    "sigma is for the smearing method only", mend="Give method='smearing'"
+                )
+            return None
         if sigma is None:
             return max(0.01, 1.0 / (count - 7)) * top
         width = positive("sigma", sigma, "Hz") / self.scales.frequency
@@ -722,6 +724,11 @@ class Phonons:
                 f"sigma = {brief(sigma)} Hz is more than {_WIDEST:.0e} times the top frequency",
                 "Nothing would be left of the density of states",
                 "Lower sigma",
+            )
+        if width < (top + _TAIL * width) / (count - 1):
+            raise InputError(
+                f"sigma = {sigma!r} Hz is below the spacing of {count} points",
+                mend="Raise sigma, or take more points",
             )
         return width
 
@@ -897,11 +904,11 @@ class Phonons:
         A file of granphon is replaced; if another is there, as one of phonopy's own,
         :class:`~granphon.base.errors.FileExistsInRunError` is raised.
         """
-        bridge = self.phonopy
-        top = self.lattice.top_frequency * self.scales.frequency
-        from granphon.phonons.phonopy_bridge import write_phonopy  # by now it can be imported
+        bridge = self.phonopy  # raises first if phonopy is not installed: the import below is safe
+        from granphon.phonons.phonopy_bridge import write_phonopy
 
         lattice = self.lattice
+        top = lattice.top_frequency * self.scales.frequency
         kinds = self.state.kinds
         write_phonopy(bridge, path, self.scales, top, lattice.motions, self._periods, kinds)
 

@@ -58,16 +58,17 @@ def require_packages(worker: str, wanted: Mapping[str, str]) -> None:
             raise GranphonError(problem, why, "Install the same version on all machines")
 
 
-def start_tracker() -> None:
-    """Start Python's process that removes the semaphores of pools after a kill of this one, without
-    its warning.
+def _start_resource_tracker() -> None:
+    """Start multiprocessing's resource tracker with its warning about leaked semaphores off.
 
-    If this process has started it before, the warning stays; it is harmless, as they are removed.
+    The tracker removes the semaphores of pools if this process is killed. A tracker that runs
+    already keeps its warning.
     """
     if os.name == "posix":
         from multiprocessing import resource_tracker
 
-        sys.warnoptions.append("ignore:resource_tracker")  # with which that process is started
+        # the tracker is spawned with these options
+        sys.warnoptions.append("ignore:resource_tracker")
         try:
             resource_tracker.ensure_running()
         finally:
@@ -137,7 +138,7 @@ class Workers(Executor):
     def __init__(self, most: int) -> None:
         self._max_workers = most
         self._pools = list[Any]()
-        start_tracker()
+        _start_resource_tracker()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Give ``fn`` to the worker with the fewest calls, and return the future of its result.

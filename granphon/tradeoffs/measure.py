@@ -85,6 +85,9 @@ _MOST_DRAWS = 100
 #: a reference can judge a point if the error of the point is at least this many times that of the
 #: reference
 BETTER = 100.0
+#: number of openings of a distribution up to which solving the effective medium takes no noticeable
+#: time
+_FEW_OPENINGS = 40
 #: least number of timed runs of a point
 LEAST_RUNS = 5
 #: local fields of the effective medium
@@ -358,12 +361,20 @@ class MediaStudy:
                 values[numbers] = observe(state)
         return values[:, self._columns]
 
+    @property
+    def has_few_openings(self) -> bool:
+        """Whether the distribution has so few openings that solving the effective medium takes no
+        noticeable time.
+        """
+        shape = cast("Spread", self.packing.spread).shape
+        return shape.openings.size <= _FEW_OPENINGS
+
     @cached_property
     def solving(self) -> float:
-        """Predicted time of solving the effective medium, s; zero up to 40 openings."""
-        shape: Any = cast("Spread", self.packing.spread).shape
-        if shape.openings.size <= 40:  # which takes no noticeable time
+        """Predicted time of solving the effective medium, s; zero for few openings."""
+        if self.has_few_openings:
             return 0.0
+        shape: Any = cast("Spread", self.packing.spread).shape
         # a short list is timed to predict the time of the long one
         even_steps = np.linspace(0, len(shape.positions) - 1, 20)
         x = np.array(shape.positions)[np.unique(even_steps.astype(int))]
@@ -379,7 +390,7 @@ class MediaStudy:
         and width act on them.
         """
         state: ContactState = AveragedForce(self.packing).at(self.load)
-        if not self.solving:
+        if self.has_few_openings:
             with suppress(GranphonError):  # the loads may be below those of the effective medium
                 state = EffectiveMedium(self.packing).at(self.load)
         by_force = np.asarray(local_exponent(state))
@@ -390,7 +401,8 @@ class MediaStudy:
             by_width = (EXPONENT - 1.0) / 2.0 - by_load
         else:
             by_load = by_force
-            by_width = EXPONENT * (by_force - FREQUENCY_EXPONENT)
+            by_width = EXPONENT * (FREQUENCY_EXPONENT - by_force)
+        # 1.0 is the factor of the rounding of the velocity itself
         return float(1.0 + np.max(np.abs(by_load) + np.abs(by_width)))
 
     def make_points(self) -> list[Point]:

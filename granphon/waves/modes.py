@@ -513,7 +513,7 @@ class _FilterSearch:
                     return modes, is_complete
                 starts += vectors
             basis = _join(basis, fresh)
-            modes = _solve(problem, window, basis)
+            modes = _find_ritz_modes(problem, window, basis)
             vectors = _fresh(starts)
 
     def _find_ends(self, window: _Window, modes: _FoundModes) -> tuple[float, float] | None:
@@ -612,34 +612,45 @@ def _draw(problem: Problem, random: np.random.Generator, count: int, power: int)
     return np.asarray(operator.matrix @ vectors) / problem.top**2
 
 
-def _solve(problem: Problem, window: _Window, basis: Array) -> _FoundModes:
-    """Return the modes of the window in the space of ``basis``: Ritz vectors whose residuals are
-    small.
+def _find_ritz_modes(problem: Problem, window: _Window, basis: Array) -> _FoundModes:
+    """Return the modes of the window in the space of ``basis`` (size, n): Ritz vectors whose
+    residuals are small.
     """
     matrix = problem.operator.matrix
-    top = problem.top
     columns = range(0, basis.shape[1], _COLUMNS)
-    pressed = np.hstack(
+    projected = np.hstack(
         [basis.T @ (matrix @ basis[:, column : column + _COLUMNS]) for column in columns]
     )
-    squares, turned = np.linalg.eigh(0.5 * (pressed + pressed.T))
-    low, high = window.middle(1.0)
+    squares, coefficients = np.linalg.eigh(0.5 * (projected + projected.T))
     omega = find_roots(problem.operator, squares)
-    inside = (omega <= top * math.cos(low / 2.0)) & (omega >= top * (math.cos(high / 2.0) - ZERO))
-    omega = omega[inside]
-    turned = turned[:, inside]
+    low, high = window.middle(1.0)  # in phi, with which frequencies fall
+    highest = problem.top * math.cos(low / 2.0)
+    # modes that cost no energy are at zero, where this cosine is above zero by rounding; no mode is
+    # at the top, which is a bound with a margin
+    lowest = problem.top * (math.cos(high / 2.0) - ZERO)
+    is_inside = (omega <= highest) & (omega >= lowest)
+    return _keep_converged(problem, basis, coefficients[:, is_inside], omega[is_inside])
+
+
+def _keep_converged(
+    problem: Problem, basis: Array, coefficients: Array, omega: Array
+) -> _FoundModes:
+    """Return the Ritz vectors whose residuals are small, of those with ``coefficients`` (n, m) in
+    the ``basis`` (size, n) and frequencies ``omega`` (m,), rad/s.
+
+    Blocks of vectors are made and checked one after the other, which saves memory.
+    """
+    matrix = problem.operator.matrix
     vectors = [basis[:, :0]]
-    residuals = [omega[:0]]
+    residuals = np.empty(omega.size)
     for column in range(0, omega.size, _COLUMNS):
         block = slice(column, column + _COLUMNS)
-        ritz_vectors = basis @ turned[:, block]
+        ritz_vectors = basis @ coefficients[:, block]
         differences = matrix @ ritz_vectors - omega[block] ** 2 * ritz_vectors
-        residual = np.linalg.norm(differences, axis=0) / top**2
-        vectors.append(ritz_vectors[:, residual <= RESIDUAL])
-        residuals.append(residual)
-    all_residuals = np.concatenate(residuals)
-    is_mode = all_residuals <= RESIDUAL
-    return _FoundModes(omega[is_mode], np.hstack(vectors), all_residuals[is_mode])
+        residuals[block] = np.linalg.norm(differences, axis=0) / problem.top**2
+        vectors.append(ritz_vectors[:, residuals[block] <= RESIDUAL])
+    is_mode = residuals <= RESIDUAL
+    return _FoundModes(omega[is_mode], np.hstack(vectors), residuals[is_mode])
 
 
 def _missing(

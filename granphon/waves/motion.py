@@ -117,6 +117,7 @@ class Motion(Result):
             )
         _require_forward(frames)
         values, about = read_records(path, _ABOUT, frames)
+        # a file that lacks times is damaged, which is found below
         if not len(values.get("times", [0])):
             raise InputError(
                 f"frames is {brief(frames)}, and the file has none of them", mend="Give others"
@@ -126,6 +127,7 @@ class Motion(Result):
             values = {
                 name: array for name, array in values.items() if not name.startswith(_OF_NETWORK)
             }
+            # a file of a motion without contacts that came about has no such array
             met: Any = values.pop("met", np.zeros((0, 2))).astype(np.intp)
             motion = cls(**values, network=network, met=met, step=float(about["step"]))
             motion._check()

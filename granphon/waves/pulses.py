@@ -34,6 +34,7 @@ from granphon.base.results import Result, read_only
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.validation import (
+    Low,
     finite_array,
     index_array,
     not_negative,
@@ -1149,7 +1150,9 @@ def _list_readings(burst: ToneBurst, duration: float) -> Array:
 
 
 def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
-    """Return the balls that are pushed."""
+    """Return the balls that are pushed: those given, the first plane along the direction, or its
+    ball of lowest index.
+    """
     moving = course.network.moving
     if not isinstance(source, str):
         sources = index_array("source", source, course.network.n_balls)
@@ -1164,8 +1167,7 @@ def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
         raise InputError(
             f"source is {brief(source)}", mend="Use plane, ball, or the index of a ball"
         )
-    # the first balls behind the beginning: the last balls of the period before may be as near to
-    # the beginning
+    # not the place 0: on a closed course the last plane may be as near to it as the first
     plane = course.find_plane(float(np.min(course.places[moving])), "source")
     return plane if source == "plane" else plane[:1]
 
@@ -1418,11 +1420,11 @@ def _require_reached(operator: WaveOperator, hertz: float) -> None:
         raise _explain_unreachable(hertz, f"{math.sqrt(top) / (2.0 * math.pi):.6g} Hz")
 
 
-def _read_list(name: str, value: ArrayLike, unit: str, span: str) -> Array:
+def _read_list(name: str, value: ArrayLike, unit: str, low: Low) -> Array:
     """Return numbers (n,), which may be none."""
     if not real_array(name, value).size:
         return np.zeros(0)
-    return finite_array(name, value, unit, span).ravel()
+    return finite_array(name, value, unit, low).ravel()
 
 
 def read_vector(name: str, value: Any, dimension: int) -> Array:

@@ -135,6 +135,15 @@ def test_contacts_are_expected_to_be_open_rather_too_often_than_too_seldom(seed)
     assert np.all(expected <= opened + 0.06)
 
 
+def test_below_the_known_loads_open_contacts_are_not_expected_to_be_too_few():
+    loads = np.array([1e-4, 3e-4]) * unit(REAL)
+    state = gp.DirectSimulation(REAL, (16, 16), geometry=LATTICE).at_force(loads)
+    known = float(estimate_open_contacts(REAL, Load("force", 0.003 * unit(REAL)))[0])
+    opened = 1.0 - state.contact_fraction
+    assert np.all(opened > known)
+    assert np.all(estimate_open_contacts(REAL, Load("force", loads)) >= opened)
+
+
 SCENE = """
 material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}
 packing: {diameter: 0.5 mm, spread: {uniform: 4 um}}

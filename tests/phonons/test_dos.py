@@ -317,13 +317,18 @@ BAD_DENSITIES = {
         "whose third number is 2; allowed: two whole numbers",
     ),
     "nothing of the mesh": ({"mesh": (0, 8)}, "allowed: two whole numbers from 1 to"),
+    "sigma below the spacing": (
+        {"method": "smearing", "sigma": 1.0, "points": 50},
+        "below the spacing of 50 points",
+    ),
     "half a mesh": ({"mesh": (8,)}, "allowed: two whole numbers from 1 to"),
 }
 
 
 @pytest.mark.parametrize("case", BAD_DENSITIES)
-def test_densities_that_cannot_be(rough, case):
+def test_densities_that_cannot_be_are_refused_before_any_mode_is_found(rough, case, monkeypatch):
     options, words = BAD_DENSITIES[case]
+    monkeypatch.setattr(type(rough), "_find_modes_on", lambda *_: pytest.fail("modes were found"))
     with pytest.raises(InputError, match=words):
         rough.dos(**{"mesh": (4, 4), **options})
 

@@ -703,6 +703,20 @@ def test_the_condition_bounds_what_small_changes_of_load_and_width_do(rough, ste
         assert_allclose(one.condition, 1.0 + by_load + by_width, rtol=1e-3)
 
 
+def test_the_condition_does_not_depend_on_how_fast_the_machine_is(steel, monkeypatch):
+    """With many diameters it is that of the averaged force, though no time passes."""
+    diameters = 7.999e-3 + 2e-6 * np.linspace(0.0, 1.0, 9) ** 2  # of 45 openings
+    spread = gp.Discrete(tuple(diameters.tolist()), (1.0 / 9.0,) * 9)
+    study = media(gp.Packing(steel, spread.mean, spread))
+    expected = study.condition
+    still = WorkCounter()
+    still.now = lambda: 0.0
+    monkeypatch.setattr(tradeoffs, "EffectiveMedium", lambda packing: pytest.fail("was solved"))
+    again = replace(study, stopwatch=still)
+    assert again.solving == 0.0
+    assert again.condition == expected
+
+
 # -- references keep the time ----------------------------------------------------------------------
 
 

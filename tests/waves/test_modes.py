@@ -424,7 +424,7 @@ def test_filters_leave_out_many_modes_without_energy(filters):
 def test_filters_miss_no_mode(filters, disordered):
     """Where one mode is forgotten, what fresh vectors have left over shows it."""
     waves, exact, _ = disordered
-    plain, lost, counted = mode_finder._solve, np.argmin(np.abs(exact - 12.3e3)), []
+    plain, lost, counted = mode_finder._find_ritz_modes, np.argmin(np.abs(exact - 12.3e3)), []
 
     def forgetful(*arguments):
         found = plain(*arguments)
@@ -437,7 +437,7 @@ def test_filters_miss_no_mode(filters, disordered):
         return counted[-1]
 
     missing = mode_finder._missing
-    filters(_solve=forgetful, _missing=count)
+    filters(_find_ritz_modes=forgetful, _missing=count)
     modes = waves.modes(5, 12.3e3)
     assert 0.1 < counted[0] < 5.0
     assert counted[1] < 1e-6
