@@ -29,7 +29,7 @@ def _describe(packing: str, load: str, *more: str) -> str:
 
 #: scenes by what they do, the quickest first
 SCENES = {
-    "one array": _describe("", "18.4 N", "medium: {simulation: {shape: 128 128}}"),
+    "one array": _describe("", "18.4 N", "medium: {simulation: {shape: 384 384}}"),
     "an array at low load": _describe("", "0.5 N", "medium: {simulation: {shape: 96 96}}"),
     "a sweep of arrays": _describe(
         "",
@@ -105,7 +105,7 @@ def compare(what: str, text: str) -> Row:
 
 
 def times(_: int) -> list[Row]:
-    compare("imports", SCENES["one array"].replace("128 128", "8 8"))
+    compare("imports", SCENES["one array"].replace("384 384", "8 8"))
     return [compare(what, text) for what, text in SCENES.items()]
 
 

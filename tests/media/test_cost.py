@@ -117,6 +117,7 @@ def taking(seconds, **values):
 @pytest.fixture
 def clock(monkeypatch):
     """A clock that goes on by a second for each ball in each equilibrium, and by nothing else."""
+    cost._pay_for_imports()
     time = [0.0]
     solve = gp.DirectSimulation.at
 
