@@ -31,7 +31,7 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Flags
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
 from granphon.base.validation import real_array
@@ -141,7 +141,7 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     return ax
 
 
-def _find_reciprocal_of_periods(bands: Bands, repeats: Array) -> Array:
+def _find_reciprocal_of_periods(bands: Bands, repeats: Flags) -> Array:
     """Return the reciprocal vectors (p, p) of the p vectors along which the cell ``repeats``, as
     rows in units of 2 pi/d; where not all vectors repeat, in Cartesian axes of those that do.
     """
