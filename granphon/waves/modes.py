@@ -29,7 +29,7 @@ from typing import Annotated, Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.sparse_matrices import LARGEST_FACTORS
+from granphon.array.sparse_matrices import LARGEST_FACTORS, share_places
 from granphon.base.arrays import Array, Complex
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
@@ -142,17 +142,27 @@ class Problem:
         """Return D on all motions that some spring holds."""
         return cls(operator, np.flatnonzero(np.diff(operator.matrix.indptr) > 0))
 
-    def shifted(self, value: float) -> Any:
-        """Return D - ``value``, sparse."""
+    @cached_property
+    def _entries(self) -> list[Any]:
+        """A matrix (live, live) with the places of D and of its diagonal, and the entries of D and
+        of 1 there.
+        """
         from scipy.sparse import eye_array
 
         held = self.operator.matrix[self.live][:, self.live] if self.loose else self.operator.matrix
-        return (held - value * eye_array(self.live.size)).tocsc()
+        return share_places([held, eye_array(self.live.size)])
+
+    def shifted(self, value: float) -> Any:
+        """Return D - ``value``, sparse; the places of its entries are those of any other value."""
+        places, elastic, ones = self._entries
+        matrix = places.copy()
+        matrix.data = elastic - value * ones
+        return matrix
 
     @cached_property
     def _analysis(self) -> Analysis:
         """The order of elimination of D less any value."""
-        return Analysis(self.shifted(-(self.top**2)))
+        return Analysis(self._entries[0])
 
     def factors(self, value: float) -> Factors:
         """Return the factors of D - ``value``."""

@@ -314,6 +314,16 @@ def test_tension_raises_frequencies(method, friction):
     assert mean == pytest.approx(np.sum(bands) / 64, rel=1e-4)
 
 
+def test_modes_are_counted_below_an_entry_of_the_diagonal():
+    """D less the value has no diagonal there, and the places of its entries stay."""
+    operator = gp.Waves(ideal("chain", (40,), 0.0)[0]).operator
+    squares = np.linalg.eigvalsh(operator.matrix.toarray())
+    value = float(operator.matrix.diagonal()[0])
+    near = np.isclose(squares, value, rtol=1e-6)
+    count = mode_finder.Problem.of(operator).count_below(value)
+    assert np.sum(squares[~near] < value) <= count <= np.sum((squares < value) | near)
+
+
 # -- networks too large to be factorised -----------------------------------------------------------
 
 
