@@ -36,7 +36,7 @@ class Factors(Protocol):
         """Number of eigenvalues of A below zero, where A is real and symmetric."""
 
 
-class Analysis:
+class Elimination:
     """The order of elimination of symmetric matrices that have entries at the same places as a
     ``matrix``.
 
@@ -73,11 +73,11 @@ def factorise(matrix: Any, symmetric: bool = True, approximate: bool = False) ->
     """Return the factors of a sparse ``matrix``, the places of whose entries are symmetric.
 
     ``symmetric`` says whether the entries are, too: A = A^T, also where they are complex.
-    ``approximate`` factors are in single precision, see :class:`Analysis`. Raises RuntimeError if
-    the matrix is singular.
+    ``approximate`` factors are in single precision, see :class:`Elimination`. Raises RuntimeError
+    if the matrix is singular.
     """
     if symmetric:
-        return Analysis(matrix, approximate).factorise(matrix)
+        return Elimination(matrix, approximate).factorise(matrix)
     return _LUFactors(matrix, _PIVOT, approximate)
 
 

@@ -37,7 +37,7 @@ from granphon.base.text import counted
 from granphon.base.threads import single_products
 from granphon.base.validation import not_negative, whole_number
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
-from granphon.dynamics.factors import Analysis, Factors, factorise
+from granphon.dynamics.factors import Elimination, Factors, factorise
 from granphon.dynamics.linalg import find_nearest, lanczos_converges
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import network_warnings
@@ -160,15 +160,15 @@ class Problem:
         return matrix
 
     @cached_property
-    def _analysis(self) -> Analysis:
+    def _elimination(self) -> Elimination:
         """The order of elimination of D less any value."""
-        return Analysis(self._entries[0])
+        return Elimination(self._entries[0])
 
     def factors(self, value: float) -> Factors:
         """Return the factors of D - ``value``."""
         for nudge in (0.0, 1e-9, -1e-7):
             try:
-                return self._analysis.factorise(self.shifted(value + nudge * self.top**2))
+                return self._elimination.factorise(self.shifted(value + nudge * self.top**2))
             except RuntimeError:  # exactly singular: the value is an eigenvalue
                 continue
         raise ConvergenceError("the matrix of the network cannot be factorised")

@@ -62,7 +62,7 @@ from granphon.base.text import counted
 from granphon.base.threads import single_products
 from granphon.base.validation import index_array, one_of, positive
 from granphon.dynamics.damping import ContactDamping
-from granphon.dynamics.factors import Analysis
+from granphon.dynamics.factors import Elimination
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import Course, read_push, read_vector, require_moves
@@ -1078,7 +1078,7 @@ class _Problem:
         x = np.zeros(drive.size, matrix.dtype)
         signals = np.zeros(len(self.heard), complex)
         try:
-            factors = equations.analysis.factorise(matrix)
+            factors = equations.elimination.factorise(matrix)
             for solution in range(_SOLUTIONS):
                 change = factors.solve(drive - matrix @ x)
                 x += change
@@ -1189,7 +1189,7 @@ class _Equations:
 
     Attributes
     ----------
-    analysis : the order of elimination of Z.
+    elimination : the order of elimination of Z.
     top_square : top^2, (rad/s)^2.
     """
 
@@ -1206,7 +1206,7 @@ class _Equations:
         matrices += [operator.weigh(weights_of_powers[power]) for power in self._powers]
         reduced = [matrix / self.top_square for matrix in matrices]
         self._matrix, self._ones, self._elastic, *self._lossy = share_places([unit, *reduced])
-        self.analysis = Analysis(self._matrix)
+        self.elimination = Elimination(self._matrix)
         self._drives = [drive / self.top_square for drive in problem.drives]
 
     def at(self, w: float) -> tuple[Any, NDArray[Any]]:

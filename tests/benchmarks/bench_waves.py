@@ -8,7 +8,9 @@ installed (its kpm, on the same matrix, with the same numbers of moments and of 
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -241,4 +243,35 @@ def modes(repeats: int) -> list[Row]:
     ]
 
 
-PARTS: dict[str, Part] = {"waves": waves, "modes": modes}
+def factors(repeats: int) -> list[Row]:
+    """Factors of D + s, real and damped, by a kept order of elimination and with the order found
+    anew, over those of SuperLU.
+    """
+    from scipy.sparse import eye_array
+    from scipy.sparse.linalg import splu
+
+    from granphon.dynamics.factors import Elimination, factorise
+
+    operator = array(64).operator
+    unit = eye_array(operator.size)
+    rows = []
+    for what, loss in (("", 0.0), (", damped", 0.01j)):
+        matrix = ((1.0 + loss) * operator.matrix / operator.top**2 - 0.01 * unit).tocsc()
+        elimination = Elimination(matrix)
+        superlu = partial(
+            splu, matrix, "MMD_AT_PLUS_A", 1e-5 if loss else 0.0, options={"SymmetricMode": True}
+        )
+        seconds = alternate(
+            max(3, repeats // 3),
+            time.process_time,
+            kept=partial(elimination.factorise, matrix),
+            anew=partial(factorise, matrix),
+            superlu=superlu,
+        )
+        of = f"Factors of 64 x 64 balls{what}, over SuperLU"
+        rows.append(Row(of, seconds["anew"] / seconds["superlu"], bound=0.8))
+        rows.append(Row(f"{of}, order kept", seconds["kept"] / seconds["superlu"], bound=0.6))
+    return rows
+
+
+PARTS: dict[str, Part] = {"waves": waves, "modes": modes, "factors": factors}

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.sparse import csc_array, eye_array
 
 import granphon as gp
-from granphon.dynamics.factors import Analysis, _LDLFactors, _LUFactors, factorise
+from granphon.dynamics.factors import Elimination, _LDLFactors, _LUFactors, factorise
 
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
 HERTZ = UNITS.angular_frequency / (2.0 * np.pi)
@@ -67,18 +67,18 @@ def test_a_matrix_that_is_not_symmetric_is_solved():
 def test_eigenvalues_below_zero_are_counted(seed):
     matrix = make(seed=seed)
     values = np.linalg.eigvalsh(matrix.toarray())
-    analysis = Analysis(matrix)
+    elimination = Elimination(matrix)
     for shift in (values[0] - 0.1, *(0.5 * (values[:-1] + values[1:]))[::7], values[-1] + 0.1):
-        factors = analysis.factorise(matrix - shift * eye_array(60))
+        factors = elimination.factorise(matrix - shift * eye_array(60))
         assert factors.n_below == np.count_nonzero(values < shift)
 
 
-def test_one_analysis_is_for_all_matrices_with_entries_at_its_places():
+def test_one_order_of_elimination_is_for_all_matrices_with_entries_at_its_places():
     matrix = make()
-    analysis = Analysis(matrix)
+    elimination = Elimination(matrix)
     for factor in (1.0, -2.0, 3.0 + 1.0j):
         other = (factor * matrix).tocsc()
-        found = analysis.factorise(other).solve(np.ones(60, other.dtype))
+        found = elimination.factorise(other).solve(np.ones(60, other.dtype))
         assert_allclose(other @ found, np.ones(60), rtol=1e-9)
 
 
