@@ -388,23 +388,29 @@ class ContactNetwork(Result):
         """The ball that is farthest from balance, the sum of the static forces on it, N, and that
         sum over the mean force of a contact.
         """
-        push, across = self.static_forces
-        forces = np.linalg.norm(self.unbalanced[0], axis=1)
-        mean = np.mean(np.hypot(push, np.linalg.norm(across, axis=1)))
-        worst = int(np.argmax(forces))
-        ratio = float(forces[worst] / mean) if forces[worst] else 0.0
-        return worst, float(forces[worst]), ratio
+        return self._find_farthest(self.unbalanced[0])
 
-    def describe_imbalance(self) -> str:
-        """Return in words which ball is farthest from balance, and by what force; empty if forces
-        are zero.
+    def _find_farthest(self, pull: Array) -> tuple[int, float, float]:
+        """Return the ball under the largest of the forces ``pull`` (n, 3), N, that force, N, and
+        the force over the mean force of a contact.
         """
-        worst, force, ratio = self.imbalance
-        ball = worst if self.labels is None else int(self.labels[worst])
+        push, across = self.static_forces
+        mean = np.mean(np.hypot(push, np.linalg.norm(across, axis=1)))
+        forces = np.linalg.norm(pull, axis=1)
+        ball = int(np.argmax(forces))
+        force = float(forces[ball])
+        return ball, force, float(force / mean) if force else 0.0
+
+    def describe_imbalance(self, imbalance: tuple[int, float, float] | None = None) -> str:
+        """Return in words which ball is farthest from balance, and by what force; empty if forces
+        are zero. ``imbalance`` is :attr:`imbalance`, or the same of other forces.
+        """
+        ball, force, ratio = self.imbalance if imbalance is None else imbalance
         if not force:
             return ""
+        number = ball if self.labels is None else int(self.labels[ball])
         return (
-            f"The static forces on ball {ball} add up to {force:.3g} N, {ratio:.2g} of the mean"
+            f"The static forces on ball {number} add up to {force:.3g} N, {ratio:.2g} of the mean"
             f" contact force"
         )
 
@@ -444,13 +450,12 @@ class ContactNetwork(Result):
             mass = np.where(self.moving, self.masses, 0.0)
             acceleration = mass @ pull / (mass @ mass)
             pull = pull - mass[:, None] * acceleration
-        _, worst_force, worst_ratio = self.imbalance
-        ratio = worst_ratio / worst_force * np.max(np.linalg.norm(pull, axis=1))
-        if ratio < _MOVING:
+        farthest = self._find_farthest(pull)
+        if farthest[2] < _MOVING:
             return
         raise InputError(
             "the balls of the network still move, and static forces act on them (prestress)",
-            self.describe_imbalance(),
+            self.describe_imbalance(farthest),
             "Bring it to rest, to 1e-4 of the mean force, give its tangential_force if it has"
             " friction, or leave the static forces out (prestress=False)",
         )
