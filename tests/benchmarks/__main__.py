@@ -41,6 +41,7 @@ PARTS |= (
     | bench_sweeps.PARTS
 )
 PARTS |= bench_friction.PARTS | bench_motion.PARTS | bench_times.PARTS
+PARTS |= {"factors": bench_waves.factors}
 
 if __name__ == "__main__":
     sys.exit(

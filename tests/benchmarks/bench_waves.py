@@ -274,4 +274,4 @@ def factors(repeats: int) -> list[Row]:
     return rows
 
 
-PARTS: dict[str, Part] = {"waves": waves, "modes": modes, "factors": factors}
+PARTS: dict[str, Part] = {"waves": waves, "modes": modes}
