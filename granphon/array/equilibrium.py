@@ -28,6 +28,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from granphon.array.contact_lists import Springs, list_on_lattice
 from granphon.array.geometry import (
     ADDED_STIFFNESS,
     ExactGeometry,
@@ -38,15 +39,17 @@ from granphon.array.geometry import (
 )
 from granphon.array.interior import approach
 from granphon.array.krylov import solve_for_motion
-from granphon.array.linear_response import find_linear_response
+from granphon.array.linear_response import choose_solution, find_linear_response
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
+from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.base.results import Result
-from granphon.dynamics.elasticity import voigt_pairs
+from granphon.contacts.contact_list import ContactList
+from granphon.statics.response import find_elastic_tensor
 
 #: largest residual force on a ball, over the mean contact force (or over the rms difference of
 #: contact forces, if that is less)
@@ -82,9 +85,6 @@ CARRIED_FORCE = 10.0
 #: relative error of the linear response: that of the stiffness is its square, that of its slope of
 #: the same order
 _RESPONSE = 1e-8
-#: the same of elastic constants, where it enters squared, over the part of an affine strain's
-#: energy that is stored
-_ELASTIC = 1e-7
 #: fraction of a given load by which rounding may miss it
 _LOAD_ROUNDING = 1e-15
 #: force left on a ball that the rounding of displacements explains, in units of it times the
@@ -248,8 +248,13 @@ class Equilibrium(Result):
         computed anew at each call.
         """
         stiffness = self.stiffnesses
+        tension = stiffness - _find_uniform_part(stiffness)
         (balls,) = find_linear_response(
-            self.stencils, stiffness, [stiffness - _find_uniform_part(stiffness)], _RESPONSE
+            self.stencils,
+            stiffness,
+            [self.stencils.forces(tension)],
+            _RESPONSE,
+            dot(tension, tension) / float(np.mean(stiffness)) ** 2,
         )
         return np.asarray(1.0 - self.stencils.operator.deform(balls))
 
@@ -288,44 +293,29 @@ class Equilibrium(Result):
         linear response enters squared. Raises :class:`~granphon.base.errors.ConvergenceError` if
         the response is not found.
         """
-        own = self.stencils
+        contacts = self.list_contacts(shear, torsion, bending)
+        solve = None if self.ratio else choose_solution(contacts, self.stencils)
+        return find_elastic_tensor(contacts, solve)
+
+    def list_contacts(
+        self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0
+    ) -> ContactList:
+        """Return the contacts with their springs; see :meth:`find_elasticity`. Those that carry no
+        load have none.
+        """
         normal = self.stiffnesses
-        # the array has one ratio for all contacts, on which its preconditioner is built: the mean,
-        # weighted by stiffness
-        slip, twist = (np.asarray(ratio, float) for ratio in (shear, torsion))
-        eta, mean = (
-            float(np.sum(ratio * normal) / np.sum(normal)) if ratio.ndim else float(ratio)
-            for ratio in (slip, twist)
-        )
-        if not eta:
+        slip = np.asarray(shear, float) * normal
+        if not np.any(slip):
             # only shear turns balls that are strained: without it twist and roll store nothing
-            mean = bending = 0.0
-        stencils = Stencils(own.shape, eta, own.workers, self.lattice, mean, bending)
-        stiffness = stencils.weights(normal, slip=slip, twist=twist)
-        n = stencils.n_contacts
-        p = len(own.shape)
-        gradients = stencils.strains()
-        unit = np.array(
-            [0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(p)]
-        )
-        affine = unit[(..., *(None,) * p)]
-        # tensions that are the same in all contacts of a kind are in balance if all balls are
-        # equivalent
-        even = _find_uniform_part(normal) if stencils.n_balls == 1 else 0.0
-        means = stencils.weights(np.full((n, *(1,) * p), even))
-        motions = find_linear_response(
-            stencils, stiffness, ((stiffness - means) * one for one in affine), _ELASTIC
-        )
-        own.forget()  # many samples may be kept, each with a large Green's function
-        tensor = np.zeros((len(affine), len(affine)))
-        for a, motion in enumerate(motions):
-            tension = stiffness * (affine[a] - stencils.operator.deform(motion))
-            for b, other in enumerate(motions[: a + 1]):
-                # found again for each pair: all together would take much memory
-                tensor[a, b] = tensor[b, a] = dot(
-                    tension, affine[b] - stencils.operator.deform(other)
-                )
-        return tensor / (self.lattice.measure * np.prod(stencils.shape))
+            torsion = bending = 0.0
+        motions = self.select_motions(slip, torsion, bending)
+        springs = Springs.of(normal, slip, np.asarray(torsion) * normal, bending * normal)
+        return list_on_lattice(self.stencils.shape, self.lattice, motions, springs)
+
+    def select_motions(self, shear: ArrayLike, torsion: ArrayLike, bending: float) -> Motions:
+        """Return the motions of balls that some contact resists."""
+        among = next(iter(allowed_motions(self.lattice.periods).values()))
+        return select_motions(shear, torsion, bending, among)
 
 
 def _find_uniform_part(stiffness: Array) -> float:

@@ -30,11 +30,12 @@ from granphon.array.geometry import ExactGeometry, ExactPlace, ReducedLoad, find
 from granphon.array.history import LoadingHistory
 from granphon.array.sample import STEP, Sample, find_density, turn_frames
 from granphon.array.stencils import Stencils
-from granphon.array.true_equilibrium import find_exact_elasticity
+from granphon.array.true_equilibrium import list_exact_contacts
 from granphon.balls.hertz import reduce_by_slip
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import read_only
+from granphon.contacts.contact_list import ContactList
 from granphon.networks.network import ContactNetwork
 
 if TYPE_CHECKING:
@@ -201,14 +202,18 @@ class PressedEquilibrium(Equilibrium):
 
         Other arguments, units and errors are those of
         :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`. In the true geometry it is
-        that of :func:`~granphon.array.linear_response.find_elastic_tensor`, under the forces that
+        that of :func:`~granphon.statics.response.find_elastic_tensor`, under the forces that
         act.
         """
+        return super().find_elasticity(shear, torsion, bending)
+
+    def list_contacts(
+        self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0
+    ) -> ContactList:
+        """Return the contacts with their springs, in the true geometry with the forces that act."""
         if not self.ratio:
-            return super().find_elasticity(shear, torsion, bending)
-        own = np.asarray(shear, float)
-        parts = (self.shears, self.rotations)
-        return find_exact_elasticity(self, self.mindlin_ratio, own, torsion, bending, *parts)
+            return super().list_contacts(shear, torsion, bending)
+        return list_exact_contacts(self, np.asarray(shear, float), torsion, bending, self.shears)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

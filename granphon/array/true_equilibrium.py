@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.array.cages import Cages
+from granphon.array.contact_lists import Springs, list_in_true_directions
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, equilibrate
 from granphon.array.geometry import (
     ADDED_STIFFNESS,
@@ -38,14 +39,15 @@ from granphon.array.geometry import (
 )
 from granphon.array.interior import CLOSE, approach
 from granphon.array.krylov import conjugate_gradients
-from granphon.array.linear_response import find_elastic_tensor, find_motions
 from granphon.array.preconditioners import MOST_BALLS, Preconditioners
 from granphon.array.sparse_matrices import compose_hessian
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls import hertz
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
+from granphon.contacts.contact_list import ContactList
 from granphon.dynamics.factors import factorise
+from granphon.statics.response import LinearResponse
 
 #: force left on a ball over W/d times the mean force, at most: loose balls carry forces of about
 #: that
@@ -154,7 +156,13 @@ class TrueEquilibrium(Equilibrium):
         acting = self._act_at_rest()
         still = np.zeros_like(self.balls)
         pull, _ = self.place.respond(Motion(still, 1.0), acting)
-        find = find_motions(self.place, acting, self.stencils, self.stiffnesses)
+        stencils = self.stencils
+        response = LinearResponse(self.list_contacts())
+
+        def find(forces: Array) -> Array:
+            motions = response.find_motions(stencils.scatter_forces(forces)[..., None])
+            return stencils.gather_motions(motions[..., 0])
+
         return find, self.place.geometry.split(Motion(find(-pull), 1.0))[0]
 
     def response(self) -> Array:
@@ -248,60 +256,49 @@ class TrueEquilibrium(Equilibrium):
         factors = factorise(matrix + diags_array(float(np.mean(stiffness)) * held.ravel()))
         return factors.n_below == 0
 
-    def find_elasticity(
-        self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0
-    ) -> Array:
-        """Return the (n, n) elastic tensor with springs at every contact that carries load,
-        ``shear`` (eta) being a number.
-
-        Prestress is included; see :meth:`granphon.array.equilibrium.Equilibrium.find_elasticity`
-        and
-        :func:`~granphon.array.linear_response.find_elastic_tensor`.
+    def list_contacts(
+        self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0
+    ) -> ContactList:
+        """Return the contacts with their springs and the forces that act, so that elastic constants
+        include prestress; those that carry no load have none.
         """
-        if not shear:
-            # only shear turns balls that are strained: without it twist and roll store nothing
-            return find_elastic_tensor(
-                self.place, self._act_at_rest(), self.stencils, self.stiffnesses
-            )
-        eta = float(np.asarray(shear))
-        return find_exact_elasticity(self, eta, eta, torsion, bending)
+        if np.any(shear):
+            return list_exact_contacts(self, np.asarray(shear, float), torsion, bending)
+        # only shear turns balls that are strained: without it twist and roll store nothing
+        normal = self.stiffnesses
+        still = np.zeros(())
+        acting = self._act_at_rest().forces
+        return list_in_true_directions(
+            self.place,
+            self.stencils.motions,
+            Springs.of(normal, still, still, still),
+            np.abs(acting),
+            acting < 0.0,
+        )
 
 
-def find_exact_elasticity(
+def list_exact_contacts(
     state: Equilibrium,
-    eta: float,
-    shear: float | Array,
+    shear: Array,
     torsion: ArrayLike,
     bending: float,
     shears: Array | None = None,
-    rotations: Array | None = None,
-) -> Array:
-    """Return the elastic tensor of a state at rest in the true geometry, under the forces that act.
+) -> ContactList:
+    """Return the contacts of a state at rest in the true geometry, with the forces that act.
 
-    Contacts have the mean ratio ``eta`` of the shear stiffness, and their own ``shear``; ``shears``
-    are their tangential forces, and ``rotations`` those of the balls, if there are any. Other
-    arguments are those of
-    :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`.
+    ``shear``, ``torsion`` and ``bending`` are those of
+    :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`; ``shears`` are tangential
+    forces, if there are any.
     """
     normal = state.stiffnesses
-    own = state.stencils
     carries = normal > 0.0
-    twist = np.broadcast_to(np.asarray(torsion, float), normal.shape)
-    mean = float(np.sum(twist * normal) / np.sum(normal))
-    stencils = Stencils(own.shape, eta, own.workers, state.lattice, mean, bending)
-    geometry = ExactGeometry(stencils, state.deviations, state.ratio)
-    place = geometry.place(stencils.spread(state.balls, rotations), state.overlap)
-    tangential = (
-        np.zeros((len(stencils.shape) - 1, *normal.shape)) if shears is None else carries * shears
+    return list_in_true_directions(
+        state.place,
+        state.select_motions(1.0, torsion, bending),
+        Springs.of(normal, shear * normal, np.asarray(torsion) * normal, bending * normal),
+        carries * state.forces,
+        shears=None if shears is None else carries * shears,
     )
-
-    def law(loss: Array, slip: Array) -> tuple[Array, Array]:
-        return normal * loss, shear * normal * slip
-
-    acting = ActingForces(
-        law, carries * state.forces, tangential, (twist * normal, bending * normal)
-    )
-    return find_elastic_tensor(place, acting, stencils, stencils.weights(normal, slip=shear))
 
 
 _STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))

@@ -146,7 +146,8 @@ def test_linear_response_where_half_of_the_contacts_are_open(eta):
     assert np.mean(normal > 0.0) < 0.6
     stiffness = stencils.weights(normal)
     tensions = [stiffness * a for a in np.random.default_rng(0).normal(size=(2, *stiffness.shape))]
-    found = find_linear_response(stencils, stiffness, tensions, 1e-7)
+    forces = [stencils.forces(tension) for tension in tensions]
+    found = find_linear_response(stencils, stiffness, forces, 1e-7, float(stiffness.size))
     explicit = Explicit((12, 11), eta)
     c = explicit.dense()
     k = stiffness.ravel()
@@ -166,9 +167,10 @@ def test_linear_response_is_the_same_where_single_precision_does_not_serve(monke
     stencils = Stencils((12, 11), ETA)
     stiffness = stencils.weights(state.stiffnesses)
     tension = stiffness * np.random.default_rng(0).normal(size=stiffness.shape)
-    found = find_linear_response(stencils, stiffness, [tension], 1e-8)[0]
+    given = [stencils.forces(tension)], 1e-8, float(stiffness.size)
+    found = find_linear_response(stencils, stiffness, *given)[0]
     monkeypatch.setattr(linear_response, "_STALLED", 0.0)
-    double = find_linear_response(stencils, stiffness, [tension], 1e-8)[0]
+    double = find_linear_response(stencils, stiffness, *given)[0]
     assert not np.array_equal(double, found)
     one, other = (stencils.deformations(Motion(motion, 0.0)) for motion in (found, double))
     assert np.sum(stiffness * (one - other) ** 2) <= 1e-14 * np.sum(stiffness * one**2)

@@ -16,7 +16,7 @@ import yaml
 from scipy.integrate import simpson
 
 import granphon as gp
-from granphon.array import linear_response, true_equilibrium
+from granphon.array import true_equilibrium
 from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ActingForces, ExactGeometry, LatticeGeometry, ReducedLoad
 from granphon.array.history import LoadingHistory
@@ -32,6 +32,7 @@ from granphon.media.left_out import estimate_shear_deficit
 from granphon.media.loading import find_equilibria, find_equilibrium
 from granphon.media.simulation import SampleLaw, SimulatedState
 from granphon.observables.catalogue import CATALOGUE
+from granphon.statics import response
 from tests.array.test_equilibrium import balls
 from tests.array.test_friction_history import Dense, history, ramp
 
@@ -1048,13 +1049,15 @@ def test_a_start_may_be_a_pressure_in_the_exact_geometry():
 
 
 def respond_densely(monkeypatch):
-    """Let least squares find the responses that GMRES finds."""
+    """Let least squares find the responses that factors and GMRES find."""
 
-    def solve(apply, precondition, right, floor, most):
-        matrix = np.array([apply(one) for one in np.eye(right.size)]).T
-        return np.linalg.lstsq(matrix, right, rcond=1e-12)[0], True
+    def follow(self, forces, for_motions):
+        right = forces.reshape(-1, forces.shape[-1])
+        dense = self._tangent.matrix.toarray()
+        motions = np.linalg.lstsq(dense, right, rcond=1e-12)[0]
+        return motions.reshape(forces.shape), np.zeros_like(forces)
 
-    monkeypatch.setattr(linear_response, "_solve_by_gmres", solve)
+    monkeypatch.setattr(response.LinearResponse, "_follow", follow)
 
 
 @pytest.mark.parametrize(
@@ -1099,11 +1102,9 @@ def test_where_rows_of_balls_roll_the_response_is_found_by_factors(monkeypatch):
     simulation = gp.DirectSimulation(packing, (4, 4, 4), **options)
     (sample,) = simulation.at_force(0.08 * packing.law.coefficient * packing.width**1.5).samples
     at_once = sample.respond("slide").elastic_tensor
-    # as in a larger array: iterations without factors would be twenty thousand
-    monkeypatch.setattr(linear_response, "_MOST_AT_ONCE", (0, 0))
-    monkeypatch.setattr(linear_response, "_MOST_ITERATIONS", 600)
-    without = sample.respond("slide").elastic_tensor
-    np.testing.assert_allclose(without, at_once, rtol=0.0, atol=1e-9 * np.max(at_once))
+    respond_densely(monkeypatch)
+    densely = sample.respond("slide").elastic_tensor
+    np.testing.assert_allclose(densely, at_once, rtol=0.0, atol=1e-9 * np.max(at_once))
     assert 0.0 < at_once[3, 3] < 0.9 * sample.elastic_tensor[3, 3]
 
 
@@ -1114,7 +1115,7 @@ def test_iterations_find_the_response_that_factors_find(monkeypatch, lattice, sh
     )
     sample = gp.DirectSimulation(packing, shape, geometry="exact").at_force(8.0).sample
     factorised = sample.elastic_tensor
-    monkeypatch.setattr(linear_response, "_MOST_AT_ONCE", (0, 0))
+    monkeypatch.setattr(response, "MOST_BALLS", {2: 0, 3: 0})
     iterated = dataclasses.replace(sample).elastic_tensor
     np.testing.assert_allclose(iterated, factorised, rtol=0.0, atol=1e-12 * np.max(factorised))
     assert not np.array_equal(iterated, factorised)

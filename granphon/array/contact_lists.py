@@ -1,0 +1,182 @@
+"""Contacts of an array at rest as a list, in the directions of the lattice or in the true ones.
+
+Lengths are over the diameter d, and stiffnesses in the unit of the equilibrium's, c W^(1/2): forces
+of the equilibrium, in c W^(3/2), are multiplied by W/d. Ball b of cell c has the number b cells +
+c, and the contact of a kind that starts in cell c the number kind cells + c.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.geometry import ExactPlace
+from granphon.array.stencils import number_cells
+from granphon.balls.lattices import Lattice
+from granphon.balls.motions import Motions
+from granphon.base.arrays import Array
+from granphon.contacts.contact_list import ContactList
+
+#: balls of an array, at most, whose ends and directions are kept: 200 bytes a contact
+_KEPT_BALLS = 2**13
+
+
+class Springs(NamedTuple):
+    """Stiffnesses (n_c, L1, ..., Lp) of contacts against elongation, slip, twist and roll."""
+
+    normal: Array
+    shear: Array
+    torsion: Array
+    bending: Array
+
+    @classmethod
+    def of(cls, normal: Array, *rotating: Array) -> Springs:
+        """Take stiffnesses of all contacts, or numbers for all."""
+        return cls(normal, *(np.broadcast_to(each, normal.shape) for each in rotating))
+
+
+def list_on_lattice(
+    shape: tuple[int, ...], lattice: Lattice, motions: Motions, springs: Springs
+) -> ContactList:
+    """Return the contacts of an array of ``shape`` (L1, ..., Lp) cells that keep the directions of
+    the lattice.
+    """
+    grid = _find_grid(shape, lattice)
+    normal, shear, torsion, bending = (np.ravel(stiffness) for stiffness in springs)
+    return ContactList(
+        n_balls=lattice.n_balls * math.prod(shape),
+        motions=motions,
+        i=grid.i,
+        j=grid.j,
+        vector=grid.vector,
+        normal=grid.normal,
+        arm_i=grid.arm_i,
+        arm_j=grid.arm_j,
+        normal_stiffness=normal,
+        shear_stiffness=shear,
+        torsion_stiffness=torsion,
+        bending_stiffness=bending,
+        normal_force=np.zeros(normal.size),
+        measure=float(lattice.measure) * math.prod(shape),
+        dimension=lattice.periods,
+        grid=shape,
+    )
+
+
+def list_in_true_directions(
+    place: ExactPlace,
+    motions: Motions,
+    springs: Springs,
+    forces: Array,
+    leaning: NDArray[np.bool_] | None = None,
+    shears: Array | None = None,
+) -> ContactList:
+    """Return the contacts of an array in its true geometry, with the forces that act.
+
+    Parameters
+    ----------
+    place : configuration of the balls.
+    motions : of each ball.
+    springs : stiffnesses.
+    forces : (n_c, L1, ..., Lp) normal forces.
+    leaning : (n_c, L1, ..., Lp) whether they hold balls that go aside; None if none does.
+    shears : (n_s, n_c, L1, ..., Lp) tangential forces; None without friction.
+    """
+    geometry = place.geometry
+    lattice = geometry.stencils.lattice
+    shape = geometry.stencils.shape
+    p = lattice.periods
+    cells = math.prod(shape)
+    grid = _find_grid(shape, lattice)
+    axes = geometry.axes()
+
+    def turn(components: tuple[Any, ...]) -> Array:
+        """Return (contacts, 3) vectors along x, y, z, of components in the frames of the
+        lattice.
+        """
+        parts = [np.broadcast_to(part, forces.shape) for part in components[:p]]
+        frames = np.stack(parts, axis=-1).reshape(len(axes), cells, p)
+        return _pad((frames @ axes).reshape(-1, p))
+
+    eps = geometry.ratio
+    normal, shear, torsion, bending = (np.ravel(stiffness) for stiffness in springs)
+    none = np.zeros((0, 3))
+    tangential = none
+    if shears is not None and np.any(shears):
+        tangential = np.zeros((normal.size, 3))
+        for force, tangent in zip(shears, place.tangents, strict=False):
+            tangential += eps * np.ravel(force)[:, None] * turn(tangent)
+    return ContactList(
+        n_balls=lattice.n_balls * cells,
+        motions=motions,
+        i=grid.i,
+        j=grid.j,
+        vector=turn(place.vector),
+        normal=turn(place.normal),
+        arm_i=np.ravel(0.5 * place.size - geometry.uneven),
+        arm_j=np.ravel(0.5 * place.size + geometry.uneven),
+        normal_stiffness=normal,
+        shear_stiffness=shear,
+        torsion_stiffness=torsion,
+        bending_stiffness=bending,
+        normal_force=eps * np.ravel(forces),
+        leaning=np.zeros(0, bool) if leaning is None else np.ravel(leaning),
+        tangential_force=tangential,
+        origin=grid.normal if tangential.size else none,
+        measure=float(lattice.measure) * cells * (1.0 - eps * place.overlap) ** p,
+        dimension=p,
+        grid=shape,
+    )
+
+
+class _Grid(NamedTuple):
+    """What lists of the arrays of one shape share; see
+    :class:`~granphon.contacts.contact_list.ContactList`.
+    """
+
+    i: NDArray[np.int64]
+    j: NDArray[np.int64]
+    vector: Array
+    normal: Array
+    arm_i: Array
+    arm_j: Array
+
+
+def _find_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
+    """Return the ends of the contacts of an array, and what they have on its lattice; those of
+    small arrays are kept.
+    """
+    small = math.prod(shape) * lattice.n_balls <= _KEPT_BALLS
+    return _keep_grid(shape, lattice) if small else _keep_grid.__wrapped__(shape, lattice)
+
+
+@lru_cache(maxsize=8)
+def _keep_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
+    table = lattice.contacts
+    p = lattice.periods
+    cells = math.prod(shape)
+    shifts = [tuple(steps) for steps in table.shift.tolist()]
+    i = cells * table.i[:, None] + np.arange(cells)
+    j = cells * table.j[:, None] + number_cells(shape, shifts)
+    grid = _Grid(
+        np.ravel(i).astype(np.int64),
+        np.ravel(j).astype(np.int64),
+        _pad(np.repeat(table.vector[:, :p], cells, axis=0)),
+        _pad(np.repeat(table.normal[:, :p], cells, axis=0)),
+        np.repeat(table.arm_i, cells),
+        np.repeat(table.arm_j, cells),
+    )
+    for values in grid:
+        values.flags.writeable = False
+    return grid
+
+
+def _pad(vectors: Array) -> Array:
+    """Return vectors (n, 3) of those (n, p) along the first axes."""
+    padded = np.zeros((len(vectors), 3))
+    padded[:, : vectors.shape[1]] = vectors
+    return padded

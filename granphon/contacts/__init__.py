@@ -1,0 +1,1 @@
+"""Contacts of balls as one list, and the compiled loops over it."""

@@ -1,0 +1,175 @@
+"""A list of the contacts of balls at rest: who touches whom, where, how stiff each contact is, and
+what static forces it bears.
+
+The list is all that loops over contacts, and what stands on them, know of balls: of an array in the
+directions of its lattice or in its true ones, of a network. It holds no law; stiffnesses are
+derivatives at rest. Units are those of whoever makes the list: a length, a stiffness, and force =
+stiffness x length; rotations are in rad where displacements are in the unit of length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.balls.motions import Motions
+from granphon.base.arrays import Array
+from granphon.contacts.loops import Columns
+from granphon.networks.network import ContactNetwork
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactList:
+    """The contacts of balls at rest.
+
+    Attributes
+    ----------
+    n_balls : number of balls n.
+    motions : what each ball can do, m motions.
+    i, j : (n_c,) numbers of the two balls of each contact.
+    vector : (n_c, 3) from the centre of ball i to that of ball j, which may be an image.
+    normal : (n_c, 3) unit vector across the contact, from ball i to ball j.
+    arm_i, arm_j : (n_c,) distances from the centres to the contact.
+    normal_stiffness : (n_c,) force over elongation; zero where balls are apart.
+    shear_stiffness : (n_c,) force over slip.
+    torsion_stiffness, bending_stiffness : (n_c,) torque over twist and over roll.
+    normal_force : (n_c,) static force along the normal, above zero where balls are pressed
+        together; zeros where static forces do not act on small motions.
+    tangential_force : (n_c, 3) static force of ball i on ball j across the normal; (0, 3) without.
+    origin : (n_c, 3) normals from which tangents, and the tangential force with them, are carried
+        with the balls; (0, 3) if the force does not turn about the normal.
+    leaning : (n_c,) whether the static force along the normal holds the balls against going aside,
+        and does not push them there; (0,) if none does.
+    grid : numbers of cells (L1, ..., Lp) of a list that is a grid: ball b of cell c has the number
+        b cells + c, and the contact of a kind that starts in cell c the number kind cells + c;
+        empty of other lists.
+    measure : length, area or volume of the cell.
+    dimension : 1, 2 or 3, the number p of axes that strains of the cell have.
+    """
+
+    n_balls: int
+    motions: Motions
+    i: NDArray[np.int64]
+    j: NDArray[np.int64]
+    vector: Array
+    normal: Array
+    arm_i: Array
+    arm_j: Array
+    normal_stiffness: Array
+    shear_stiffness: Array
+    torsion_stiffness: Array
+    bending_stiffness: Array
+    normal_force: Array
+    measure: float
+    dimension: int
+    tangential_force: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    origin: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    leaning: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+    grid: tuple[int, ...] = ()
+
+    @classmethod
+    def from_network(cls, network: ContactNetwork) -> Self:
+        """Return the contacts of a network in SI units, with its static forces if it has
+        prestress.
+        """
+        periods = np.flatnonzero(network.pbc)
+        cell = network.cell
+        vector = network.positions[network.j] - network.positions[network.i]
+        vector = vector + network.shift @ cell
+        count = len(network.i)
+        static = network.prestress
+        force = network.normal_force if static else np.zeros(count)
+        across = network.tangential_force if static else None
+        edges = cell[np.ix_(periods, periods)]
+        return cls(
+            n_balls=network.n_balls,
+            motions=network.ball_motions,
+            i=_whole(network.i),
+            j=_whole(network.j),
+            vector=_reals(vector, count, 3),
+            normal=_reals(network.normal, count, 3),
+            arm_i=_reals(network.arm_i, count),
+            arm_j=_reals(network.arm_j, count),
+            normal_stiffness=_reals(network.normal_stiffness, count),
+            shear_stiffness=_reals(network.shear_stiffness, count),
+            torsion_stiffness=_reals(network.torsion_stiffness, count),
+            bending_stiffness=_reals(network.bending_stiffness, count),
+            normal_force=_reals(force, count),
+            tangential_force=np.zeros((0, 3)) if across is None else _reals(across, count, 3),
+            measure=float(abs(np.linalg.det(edges))),
+            dimension=len(periods),
+        )
+
+    @property
+    def n_contacts(self) -> int:
+        """Number n_c of contacts."""
+        return len(self.i)
+
+    @cached_property
+    def distance(self) -> Array:
+        """(n_c,) distances of the centres."""
+        return np.sqrt(np.einsum("ca,ca->c", self.vector, self.vector))
+
+    @cached_property
+    def side_stiffness(self) -> Array:
+        """(n_c,) stiffness of displacements across the normal by the static force along it: -f/r,
+        and f/r of contacts that lean.
+        """
+        pushing = -self.normal_force / self.distance
+        return np.where(self.leaning, -pushing, pushing) if self.leaning.size else pushing
+
+    @property
+    def has_tangential_force(self) -> bool:
+        """Whether static forces act across normals: the tangent is then not symmetric."""
+        return bool(np.any(self.tangential_force))
+
+    @cached_property
+    def axes(self) -> NDArray[np.int64]:
+        """(m,) axes of the motions of a ball: 0 to 2 of displacements, 3 to 5 of rotations."""
+        turning = [3 + axis for axis in self.motions.rotations]
+        return np.array([*self.motions.translations, *turning], np.int64)
+
+    @property
+    def columns(self) -> Columns:
+        """What loops read."""
+        static = self.has_tangential_force
+        none = np.zeros((0, 3))
+        return Columns(
+            self.i,
+            self.j,
+            self.vector,
+            self.normal,
+            self.arm_i,
+            self.arm_j,
+            self.distance,
+            self.normal_stiffness,
+            self.shear_stiffness,
+            self.torsion_stiffness,
+            self.bending_stiffness,
+            self.side_stiffness,
+            self.tangential_force if static else none,
+            self.origin if static else none,
+        )
+
+    def find_stress(self) -> Array:
+        """Return the (p, p) Cauchy stress of the static forces, below zero where balls are pressed
+        together.
+        """
+        force = -self.normal_force[:, None] * self.normal
+        if len(self.tangential_force):
+            force = force + self.tangential_force
+        p = self.dimension
+        return np.asarray(np.einsum("ca,cb->ab", force[:, :p], self.vector[:, :p]) / self.measure)
+
+
+def _whole(values: ArrayLike) -> NDArray[np.int64]:
+    return np.ascontiguousarray(values, np.int64)
+
+
+def _reals(values: ArrayLike, *shape: int) -> Array:
+    """Return numbers, one for each contact or one for all, as loops read them."""
+    return np.ascontiguousarray(np.broadcast_to(np.asarray(values, float), shape))

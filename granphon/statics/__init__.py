@@ -1,0 +1,1 @@
+"""Balls at rest: their linear response."""

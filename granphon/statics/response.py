@@ -1,0 +1,278 @@
+"""The linear response of balls at rest: their small motions under small forces or a strain of the
+cell, and elastic tensors.
+
+Under a unit strain E the forces B on balls are to vanish again once the balls have moved by u:
+A u = -B, and the second derivative of the energy is S + B'u, with the matrices of
+:mod:`granphon.contacts.tangent`. A is factorised, with a weak spring to the ground at each motion:
+motions that cost nothing, of a ball that nothing holds, of balls that turn against each other like
+gears, of the whole, would otherwise have no bound. What the springs bear is then given to the balls
+again until it is nothing (iterative refinement), so that no spring is left in the result. The
+inertia of the factors says whether the balls are at a minimum. Where static forces act across
+normals A is not symmetric; its symmetric part is factorised, of which the rest is a small part, and
+GMRES does what is left.
+
+Of a list that is a grid nearly all contacts of which are closed, conjugate gradients preconditioned
+in Fourier space take less time (:mod:`granphon.statics.grid_iteration`); of a large grid factors
+would take too much, and its owner may know a shorter way to solve the equations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from granphon.base.arrays import Array
+from granphon.base.errors import ConvergenceError
+from granphon.contacts.contact_list import ContactList
+from granphon.contacts.tangent import Tangent, find_tangent, unit_strains
+from granphon.dynamics.elasticity import find_stress_part
+from granphon.dynamics.factors import Factors, factorise
+from granphon.statics.grid_iteration import GridPreconditioner, iterate
+
+#: motions u (n, m, k) of balls under forces f (n, m, k), and the forces f - A u that these leave;
+#: the tangent has no A
+Solve = Callable[[Tangent, Array], tuple[Array, Array]]
+#: stiffness of the springs to the ground over the mean one of contacts, where factors allow it: far
+#: above rounding, so that motions that cost nothing do not count as unstable, and far below what
+#: holds a ball that is pushed aside, W/d of the others
+_LEAST_SPRING = 1e-10
+#: the same, at most, and by how much it is raised where the factors are singular all the same
+_STRONGEST_SPRING = 1e-6
+_RAISED = 100.0
+#: part of the energy of the response that springs may bear, of which the error of an elastic tensor
+#: is about the square
+_BORNE = 1e-7
+#: the same, where motions are asked for
+_BORNE_OF_MOTIONS = 1e-11
+#: rounds of refinement, at most
+_ROUNDS = 20
+#: error of an iteration in the norm of the energy; that of an elastic tensor is its square
+_REDUCTION = 3e-6
+#: the same, where motions are asked for
+_REDUCTION_OF_MOTIONS = 1e-10
+#: part of the contacts that carry, from which conjugate gradients take less time than factors: they
+#: take 14 iterations with all, 20 with nine tenths, 70 with two thirds (triangular, 24 x 24 balls)
+NEARLY_ALL = 0.8
+#: iterations after which a grid that can be factorised is
+_PATIENCE = 60
+#: iterations of a grid that cannot, at most
+_MOST_ITERATIONS = 60_000
+#: largest number of balls on a line, in a plane, in space whose matrix is factorised: the memory of
+#: factors grows faster than it, to about 1 GB
+MOST_BALLS = {1: 2**20, 2: 2**16, 3: 2**12}
+#: relative residual of equations that are not symmetric
+_RESIDUAL = 1e-11
+#: rounding of a unit strain's forces, over the mean stiffness
+_NOISE = 1e-14
+#: vectors that GMRES keeps, and cycles of it, at most
+_KEPT = 60
+_CYCLES = 40
+
+
+class LinearResponse:
+    """Small motions of balls at rest.
+
+    ``strains`` (s, 3, 3) are the unit strains of the cell, by default those in Voigt order.
+    ``solve`` finds motions where factors would take too much. Raises
+    :class:`~granphon.base.errors.ConvergenceError` if the balls are not at a minimum of the energy.
+    """
+
+    def __init__(
+        self, contacts: ContactList, strains: Array | None = None, solve: Solve | None = None
+    ) -> None:
+        units = unit_strains(contacts.dimension) if strains is None else strains
+        self._contacts = contacts
+        self._symmetric = not contacts.has_tangential_force
+        self._solve = solve
+        self._tangent = find_tangent(contacts, units, with_matrix=solve is None)
+
+    def find_motions(self, forces: Array) -> Array:
+        """Return the motions (n, m, k) of balls under small forces (n, m, k), which are in balance
+        but for rounding.
+        """
+        return self._follow(forces, True)[0]
+
+    @property
+    def motions(self) -> Array:
+        """(n, m, s) motions of balls under the unit strains, beside those of the strain itself;
+        computed anew at each call.
+        """
+        return self._follow(-self._tangent.ahead, True)[0]
+
+    @property
+    def stiffness(self) -> Array:
+        """(s, s) second derivatives of the energy by the strains, once the balls have moved."""
+        tangent = self._tangent
+        motions, forces = self._follow(-tangent.ahead, False)
+        found = tangent.corner + np.einsum("nmt,nms->ts", tangent.back, motions)
+        # the error of the motions then enters squared, if the tangent is symmetric
+        found -= np.einsum("nmt,nms->ts", motions, forces)
+        return np.asarray(0.5 * (found + found.T))
+
+    def _follow(self, forces: Array, for_motions: bool) -> tuple[Array, Array]:
+        """Return the motions under ``forces``, and the forces that these leave."""
+        if self._solve is not None:
+            return self._solve(self._tangent, forces)
+        shape = forces.shape
+        right = forces.reshape(-1, shape[-1])
+        motions = self._iterate(right, for_motions) if self._may_iterate else None
+        if motions is None and self._symmetric:
+            motions = self._refine(right, for_motions)
+        elif motions is None:
+            motions = self._solve_by_gmres(right)
+        remaining = right - self._tangent.matrix @ motions
+        return motions.reshape(shape), remaining.reshape(shape)
+
+    # -- iterations --------------------------------------------------------------------------------
+
+    @property
+    def _may_factorise(self) -> bool:
+        return self._contacts.n_balls <= MOST_BALLS[self._contacts.dimension]
+
+    @property
+    def _may_iterate(self) -> bool:
+        contacts = self._contacts
+        if not contacts.grid or not self._symmetric:
+            return False
+        closed = float(np.mean(contacts.normal_stiffness > 0.0))
+        return closed >= NEARLY_ALL or not self._may_factorise
+
+    @cached_property
+    def _preconditioner(self) -> GridPreconditioner:
+        return GridPreconditioner(self._contacts, self._tangent)
+
+    def _iterate(self, right: Array, for_motions: bool) -> Array | None:
+        """Return the motions that conjugate gradients find; None if factors are to be tried."""
+        reduction = _REDUCTION_OF_MOTIONS if for_motions else _REDUCTION
+        most = _PATIENCE if self._may_factorise else _MOST_ITERATIONS
+        floor = _NOISE**2 * self._level * right.size
+        found = iterate(self._tangent, self._preconditioner, right, reduction, most, floor)
+        motions, arrived, stable = found
+        if arrived:
+            return motions
+        if not self._may_factorise:
+            raise explain_failure(stable)
+        return None
+
+    # -- factors -----------------------------------------------------------------------------------
+
+    @cached_property
+    def _level(self) -> float:
+        """Mean normal stiffness of contacts; one if there is none."""
+        stiffness = self._contacts.normal_stiffness
+        mean = float(np.mean(stiffness)) if stiffness.size else 0.0
+        return mean if 0.0 < mean < math.inf else 1.0
+
+    def _hold(self, spring: float) -> Any:
+        """Return A with springs to the ground, of ``spring`` times the mean stiffness."""
+        contacts = self._contacts
+        pattern = self._tangent.pattern
+        assert pattern is not None
+        diagonal = self._tangent.data[pattern.diagonal].reshape(contacts.n_balls, -1)
+        # a spring against a rotation is a torque
+        turns = contacts.axes >= 3
+        unit = self._level * np.where(turns, float(np.mean(contacts.distance)) ** 2, 1.0)
+        held = np.where(diagonal == 0.0, 1.0, spring) * unit
+        # nothing resists a motion of the whole: one ball keeps its place
+        held[np.argmax(diagonal[:, 0])] += np.where(turns, 0.0, unit)
+        data = self._tangent.data.copy()
+        data[pattern.diagonal] += held.ravel()
+        return pattern.make_matrix(data)
+
+    @cached_property
+    def _held(self) -> tuple[Any, Factors]:
+        """A with springs to the ground, and the factors of its symmetric part."""
+        pattern = self._tangent.pattern
+        assert pattern is not None
+        spring = _LEAST_SPRING
+        while True:
+            matrix = self._hold(spring)
+            even = matrix if self._symmetric else (0.5 * (matrix + matrix.T)).tocsc()
+            try:
+                factors = pattern.analysis.factorise(even) if self._symmetric else factorise(even)
+            except RuntimeError:  # singular to the last digit
+                if spring >= _STRONGEST_SPRING:
+                    raise explain_failure(True) from None
+                spring *= _RAISED
+                continue
+            if self._symmetric and factors.n_below:
+                raise explain_failure(False)
+            return matrix, factors
+
+    def _refine(self, right: Array, for_motions: bool) -> Array:
+        """Return the motions that factors find, without what springs bear."""
+        borne = _BORNE_OF_MOTIONS if for_motions else _BORNE
+        matrix = self._tangent.matrix
+        _, factors = self._held
+        motions = factors.solve(right)
+        energy = float(np.sum(motions * right))
+        for _ in range(_ROUNDS):
+            remaining = right - matrix @ motions
+            if abs(float(np.sum(motions * remaining))) <= borne * energy:
+                break
+            motions = motions + factors.solve(remaining)
+        return motions
+
+    def _solve_by_gmres(self, right: Array) -> Array:
+        """Return the motions where A is not symmetric."""
+        from scipy.sparse.linalg import LinearOperator, gmres
+
+        if self._may_factorise:
+            matrix, factors = self._held
+            invert = factors.solve
+        else:
+            matrix = self._hold(_LEAST_SPRING)
+            preconditioner = self._preconditioner
+
+            def invert(vector: Array) -> Array:
+                return np.ravel(preconditioner(vector.reshape(-1, 1)))
+
+        size = len(right)
+        inverse = LinearOperator((size, size), matvec=invert, dtype=np.float64)
+        motions = np.empty_like(right)
+        # where balls hardly differ, what a strain leaves is rounding of the forces that it makes
+        floor = _NOISE * self._level * math.sqrt(size)
+        for column, forces in enumerate(right.T):
+            motions[:, column], failed = gmres(
+                matrix,
+                forces,
+                rtol=_RESIDUAL,
+                atol=floor,
+                restart=min(_KEPT, size),
+                maxiter=_CYCLES,
+                M=inverse,
+            )
+            if failed:
+                raise explain_failure(True)
+        return motions
+
+
+def find_elastic_tensor(contacts: ContactList, solve: Solve | None = None) -> Array:
+    """Return the (s, s) elastic tensor of balls at rest in a cell, in Voigt order, in the unit of
+    stiffness over that of length to the power p - 2.
+
+    Under a small uniform strain each ball moves and turns until it is in balance again; the energy
+    that the contacts then store is the elastic energy. With static forces it is the change of the
+    Cauchy stress with strain, as
+    :meth:`granphon.dynamics.contact_lattice.ContactLattice.elastic_tensor` has it, of which the
+    symmetric part is kept. Errors and ``solve`` are those of :class:`LinearResponse`.
+    """
+    stiffness = LinearResponse(contacts, solve=solve).stiffness / contacts.measure
+    tensor = stiffness + find_stress_part(contacts.find_stress())
+    return np.asarray(0.5 * (tensor + tensor.T))
+
+
+def explain_failure(stable: bool) -> ConvergenceError:
+    """Return the error of a response that is not found, of balls that are at a minimum of the
+    energy or not.
+    """
+    why = (
+        ""
+        if stable
+        else "The forces push balls aside more than the contacts hold them: it is not stable"
+    )
+    return ConvergenceError("the linear response of the sample is not found", why, "Raise the load")
