@@ -37,7 +37,7 @@ leaves the contacts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -550,8 +550,8 @@ class ExactPlace:
         return self.geometry.frame.couple(self.tabulate_stiffness(stiffness, forces))
 
     def tabulate_stiffness(self, stiffness: Array, forces: Array) -> Array:
-        """Return what :meth:`tabulate` yields without tangential forces and rotations: (p, p, n_c,
-        L1, ..., Lp).
+        """Return (p, p, n_c, L1, ..., Lp) what :meth:`resist` does for a unit of each deformation,
+        without tangential forces and rotations.
         """
         n = np.array(self.normal[: self.geometry.dimension])
         aside = self.geometry.ratio * forces / self.size
@@ -559,16 +559,6 @@ class ExactPlace:
         for a in range(len(n)):
             table[a, a] -= aside
         return np.asarray(table)
-
-    def tabulate(self, acting: ActingForces) -> Iterator[Array]:
-        """Yield what :meth:`resist` does, for a unit of each of the m deformations of frames: (m,
-        n_c, L1, ..., Lp).
-        """
-        m = self.geometry.frame.n_rows // len(self.size)
-        for at in range(m):
-            rows = np.zeros((m, *self.size.shape))
-            rows[at] = 1.0
-            yield self.resist(rows, acting)[0]
 
     def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
         """Return :meth:`respond` with the ``tangent`` of the law of friction, for motions in single

@@ -50,8 +50,10 @@ _BORNE = 1e-7
 _BORNE_OF_MOTIONS = 1e-11
 #: rounds of refinement, at most
 _ROUNDS = 20
+#: part of the forces that a round of refinement has left, from which it comes no nearer
+_STALLED = 0.5
 #: error of an iteration in the norm of the energy; that of an elastic tensor is its square
-_REDUCTION = 3e-6
+_REDUCTION = 1e-6
 #: the same, where motions are asked for
 _REDUCTION_OF_MOTIONS = 1e-10
 #: part of the contacts that carry, from which conjugate gradients take less time than factors: they
@@ -64,8 +66,8 @@ _MOST_ITERATIONS = 60_000
 #: largest number of balls on a line, in a plane, in space whose matrix is factorised: the memory of
 #: factors grows faster than it, to about 1 GB
 MOST_BALLS = {1: 2**20, 2: 2**16, 3: 2**12}
-#: relative residual of equations that are not symmetric
-_RESIDUAL = 1e-11
+#: relative residual of equations that are not symmetric, in a round
+_RESIDUAL = 1e-8
 #: rounding of a unit strain's forces, over the mean stiffness
 _NOISE = 1e-14
 #: vectors that GMRES keeps, and cycles of it, at most
@@ -120,10 +122,8 @@ class LinearResponse:
         shape = forces.shape
         right = forces.reshape(-1, shape[-1])
         motions = self._iterate(right, for_motions) if self._may_iterate else None
-        if motions is None and self._symmetric:
-            motions = self._refine(right, for_motions)
-        elif motions is None:
-            motions = self._solve_by_gmres(right)
+        if motions is None:
+            motions = self._solve_held(right, for_motions)
         remaining = right - self._tangent.matrix @ motions
         return motions.reshape(shape), remaining.reshape(shape)
 
@@ -203,22 +203,28 @@ class LinearResponse:
                 raise explain_failure(False)
             return matrix, factors
 
-    def _refine(self, right: Array, for_motions: bool) -> Array:
+    def _solve_held(self, right: Array, for_motions: bool) -> Array:
         """Return the motions that factors find, without what springs bear."""
-        borne = _BORNE_OF_MOTIONS if for_motions else _BORNE
+        borne = _BORNE_OF_MOTIONS if for_motions or not self._symmetric else _BORNE
         matrix = self._tangent.matrix
-        _, factors = self._held
-        motions = factors.solve(right)
-        energy = float(np.sum(motions * right))
+        solve = self._held[1].solve if self._symmetric else self._solve_by_gmres
+        motions = solve(right)
+        remaining = right - matrix @ motions
+        energy = abs(float(np.sum(motions * right)))
         for _ in range(_ROUNDS):
-            remaining = right - matrix @ motions
             if abs(float(np.sum(motions * remaining))) <= borne * energy:
                 break
-            motions = motions + factors.solve(remaining)
+            better = motions + solve(remaining)
+            left = right - matrix @ better
+            # forces along motions that cost nothing, as balls not quite at rest leave, stay
+            if np.linalg.norm(left) > _STALLED * np.linalg.norm(remaining):
+                break
+            motions = better
+            remaining = left
         return motions
 
     def _solve_by_gmres(self, right: Array) -> Array:
-        """Return the motions where A is not symmetric."""
+        """Return the motions of balls that springs hold to the ground, where A is not symmetric."""
         from scipy.sparse.linalg import LinearOperator, gmres
 
         if self._may_factorise:
@@ -233,9 +239,9 @@ class LinearResponse:
 
         size = len(right)
         inverse = LinearOperator((size, size), matvec=invert, dtype=np.float64)
-        motions = np.empty_like(right)
         # where balls hardly differ, what a strain leaves is rounding of the forces that it makes
         floor = _NOISE * self._level * math.sqrt(size)
+        motions = np.empty_like(right)
         for column, forces in enumerate(right.T):
             motions[:, column], failed = gmres(
                 matrix,
