@@ -72,7 +72,7 @@ def list_in_true_directions(
     motions: Motions,
     springs: Springs,
     forces: Array,
-    leaning: NDArray[np.bool_] | None = None,
+    leaning: NDArray[np.bool_],
     shears: Array | None = None,
 ) -> ContactList:
     """Return the contacts of an array in its true geometry, with the forces that act.
@@ -83,7 +83,7 @@ def list_in_true_directions(
     motions : of each ball.
     springs : stiffnesses.
     forces : (n_c, L1, ..., Lp) normal forces.
-    leaning : (n_c, L1, ..., Lp) whether they hold balls that go aside; None if none does.
+    leaning : (n_c, L1, ..., Lp) whether they hold balls that go aside.
     shears : (n_s, n_c, L1, ..., Lp) tangential forces; None without friction.
     """
     geometry = place.geometry
@@ -124,7 +124,7 @@ def list_in_true_directions(
         torsion_stiffness=torsion,
         bending_stiffness=bending,
         normal_force=eps * np.ravel(forces),
-        leaning=np.zeros(0, bool) if leaning is None else np.ravel(leaning),
+        leaning=np.ravel(leaning) if np.any(leaning) else np.zeros(0, bool),
         tangential_force=tangential,
         origin=grid.normal if tangential.size else none,
         measure=float(lattice.measure) * cells * (1.0 - eps * place.overlap) ** p,

@@ -39,7 +39,11 @@ from granphon.array.geometry import (
 )
 from granphon.array.interior import approach
 from granphon.array.krylov import solve_for_motion
-from granphon.array.linear_response import choose_solution, find_linear_response
+from granphon.array.linear_response import (
+    find_linear_response,
+    find_tensor_on_grid,
+    takes_less_time,
+)
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls import hertz
@@ -293,9 +297,25 @@ class Equilibrium(Result):
         linear response enters squared. Raises :class:`~granphon.base.errors.ConvergenceError` if
         the response is not found.
         """
-        contacts = self.list_contacts(shear, torsion, bending)
-        solve = None if self.ratio else choose_solution(contacts, self.stencils)
-        return find_elastic_tensor(contacts, solve)
+        if not self.ratio and takes_less_time(self.stiffnesses, self.lattice):
+            return self._find_tensor_on_grid(shear, torsion, bending)
+        return find_elastic_tensor(self.list_contacts(shear, torsion, bending))
+
+    def _find_tensor_on_grid(self, shear: ArrayLike, torsion: ArrayLike, bending: float) -> Array:
+        own = self.stencils
+        normal = self.stiffnesses
+        # the grid has one ratio for all contacts, on which its preconditioner is built: the mean,
+        # weighted by stiffness
+        slip, twist = (np.asarray(ratio, float) for ratio in (shear, torsion))
+        total = float(np.sum(normal))
+        eta, mean = (float(np.sum(ratio * normal)) / total for ratio in (slip, twist))
+        if not eta:
+            # only shear turns balls that are strained: without it twist and roll store nothing
+            mean = bending = 0.0
+        stencils = Stencils(own.shape, eta, own.workers, self.lattice, mean, bending)
+        tensor = find_tensor_on_grid(stencils, stencils.weights(normal, slip=slip, twist=twist))
+        own.forget()  # many samples may be kept, each with a large Green's function
+        return tensor
 
     def list_contacts(
         self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0

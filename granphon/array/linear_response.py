@@ -19,11 +19,11 @@ import numpy as np
 from granphon.array.krylov import Single, conjugate_gradients
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Stencils, dot
+from granphon.balls.lattices import Lattice
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
-from granphon.contacts.contact_list import ContactList
-from granphon.contacts.tangent import Tangent
-from granphon.statics.response import MOST_BALLS, NEARLY_ALL, Solve
+from granphon.dynamics.elasticity import voigt_pairs
+from granphon.statics.response import MOST_BALLS, NEARLY_ALL
 
 #: largest number of iterations for a linear response
 _MOST_ITERATIONS = 60_000
@@ -37,57 +37,46 @@ _NOISE = 1e-14
 _ELASTIC = 1e-7
 #: number of balls from which the shifts of a grid take less time than its list, if nearly all
 #: contacts are closed: twice as long at 24 x 24 balls, two thirds at 64 x 64
-_FEWEST = 1500
+_FEWEST = 1000
 
 
-def choose_solution(contacts: ContactList, stencils: Stencils) -> Solve | None:
-    """Return what finds motions on the grid for a list in the directions of a lattice; None where
-    the list itself takes less time.
+def takes_less_time(stiffness: Array, lattice: Lattice) -> bool:
+    """Return whether an elastic tensor takes less time on the grid than by a list of contacts.
 
-    The ``stencils`` are those of the array, of contacts without slips.
+    ``stiffness`` (n_c, L1, ..., Lp) is that of the contacts, zero where balls are apart.
     """
-    normal = contacts.normal_stiffness
-    few = contacts.n_balls <= MOST_BALLS[contacts.dimension]
-    if few and (contacts.n_balls < _FEWEST or float(np.mean(normal > 0.0)) < NEARLY_ALL):
-        return None
-    total = float(np.sum(normal))
-    sheared = Stencils(
-        stencils.shape,
-        float(np.sum(contacts.shear_stiffness)) / total,
-        stencils.workers,
-        stencils.lattice,
-        float(np.sum(contacts.torsion_stiffness)) / total,
-        float(np.sum(contacts.bending_stiffness)) / total,
-    )
-    by_contact = (stencils.n_contacts, *stencils.shape)
-    ratios = {
-        name: np.divide(stiffness, normal, out=np.zeros_like(normal), where=normal > 0.0)
-        for name, stiffness in (
-            ("slip", contacts.shear_stiffness),
-            ("twist", contacts.torsion_stiffness),
-        )
-    }
-    springs = sheared.weights(
-        normal.reshape(by_contact),
-        **{name: ratio.reshape(by_contact) for name, ratio in ratios.items()},
-    )
+    balls = lattice.n_balls * math.prod(stiffness.shape[1:])
+    closed = float(np.mean(stiffness > 0.0))
+    return balls > MOST_BALLS[lattice.periods] or (balls >= _FEWEST and closed >= NEARLY_ALL)
 
-    def solve(tangent: Tangent, forces: Array) -> tuple[Array, Array]:
-        # what a unit strain stores where no ball moves is the sum of squares of tensions over
-        # stiffnesses
-        tensions = float(np.trace(tangent.corner)) / (len(tangent.corner) * float(np.mean(normal)))
-        fields = [sheared.gather_forces(force) for force in np.moveaxis(forces, -1, 0)]
-        found = find_linear_response(sheared, springs, fields, _ELASTIC, tensions)
-        motions = [sheared.scatter_motions(motion) for motion in found]
-        left = [
-            sheared.scatter_forces(
-                field - sheared.forces(springs * sheared.operator.deform(motion))
-            )
-            for field, motion in zip(fields, found, strict=True)
-        ]
-        return np.stack(motions, axis=-1), np.stack(left, axis=-1)
 
-    return solve
+def find_tensor_on_grid(stencils: Stencils, springs: Array) -> Array:
+    """Return the (n, n) elastic tensor of an array in Voigt order, per d^p of its cells.
+
+    ``springs`` (rows, L1, ..., Lp) are the stiffnesses of all deformations of the ``stencils``.
+    """
+    p = len(stencils.shape)
+    gradients = stencils.strains()
+    unit = np.array([0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(p)])
+    affine = unit[(..., *(None,) * p)]
+    mean = float(np.mean(springs[: stencils.n_contacts]))
+    motions = [
+        find_linear_response(
+            stencils,
+            springs,
+            [stencils.forces(springs * strain)],
+            _ELASTIC,
+            float(np.sum(springs**2 * strain**2)) / mean**2,
+        )[0]
+        for strain in affine
+    ]
+    tensor = np.zeros((len(affine), len(affine)))
+    for a, motion in enumerate(motions):
+        tension = springs * (affine[a] - stencils.operator.deform(motion))
+        for b, other in enumerate(motions[: a + 1]):
+            # found again for each pair: all together would take much memory
+            tensor[a, b] = tensor[b, a] = dot(tension, affine[b] - stencils.operator.deform(other))
+    return tensor / (stencils.lattice.measure * math.prod(stencils.shape))
 
 
 def find_linear_response(

@@ -213,7 +213,9 @@ class PressedEquilibrium(Equilibrium):
         """Return the contacts with their springs, in the true geometry with the forces that act."""
         if not self.ratio:
             return super().list_contacts(shear, torsion, bending)
-        return list_exact_contacts(self, np.asarray(shear, float), torsion, bending, self.shears)
+        forces = self.forces * (self.stiffnesses > 0.0)
+        ratio = np.asarray(shear, float)
+        return list_exact_contacts(self, forces, ratio, torsion, bending, shears=self.shears)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -307,37 +307,23 @@ class Stencils:
         moved -= np.mean(moved, axis=(0, *range(2, moved.ndim)), keepdims=True)
         return fields.reshape(balls.shape)
 
-    def gather_forces(self, forces: Array) -> Array:
-        """Return forces (fields, L1, ..., Lp) in the coordinates of motions, from those of balls
-        one after the other, (balls, motions) along the axes of space.
+    def list_forces(self, forces: Array) -> Array:
+        """Return forces (balls, motions) along the axes of space on balls one after the other, from
+        those (fields, L1, ..., Lp) in the coordinates of motions.
         """
-        return self._gather(np.linalg.inv(self.basis.T), forces)
+        values = forces.reshape(self.n_balls, self.motions.count, -1).copy()
+        moved = self.motions.translating
+        values[:, moved] = np.einsum("ak,bac->bkc", self.basis, values[:, moved])
+        return values.swapaxes(1, 2).reshape(-1, self.motions.count)
 
     def gather_motions(self, motions: Array) -> Array:
-        """Return motions (fields, L1, ..., Lp), the inverse of :meth:`scatter_motions`."""
-        return self._gather(self.basis, motions)
-
-    def scatter_forces(self, forces: Array) -> Array:
-        """Return forces (balls, motions), the inverse of :meth:`gather_forces`."""
-        return self._scatter(self.basis.T, forces)
-
-    def scatter_motions(self, balls: Array) -> Array:
-        """Return motions (balls, motions) along the axes of space of balls one after the other,
-        from those in the coordinates of motions.
+        """Return motions (fields, L1, ..., Lp) in their coordinates, from those (balls, motions)
+        along the axes of space of balls one after the other.
         """
-        return self._scatter(np.linalg.inv(self.basis), balls)
-
-    def _gather(self, matrix: Array, by_ball: Array) -> Array:
-        values = by_ball.reshape(self.n_balls, -1, self.motions.count).swapaxes(1, 2).copy()
+        values = motions.reshape(self.n_balls, -1, self.motions.count).swapaxes(1, 2).copy()
         moved = self.motions.translating
-        values[:, moved] = np.einsum("ka,bac->bkc", matrix, values[:, moved])
+        values[:, moved] = np.einsum("ka,bac->bkc", self.basis, values[:, moved])
         return values.reshape(self.n_fields, *self.shape)
-
-    def _scatter(self, matrix: Array, fields: Array) -> Array:
-        values = fields.reshape(self.n_balls, self.motions.count, -1).copy()
-        moved = self.motions.translating
-        values[:, moved] = np.einsum("ka,bac->bkc", matrix, values[:, moved])
-        return values.swapaxes(1, 2).reshape(-1, self.motions.count)
 
     def _turn(self, matrix: Array, fields: Array) -> Array:
         """Apply a (p, p) matrix to the displacements, or to the forces against them, of each

@@ -131,16 +131,26 @@ class TrueEquilibrium(Equilibrium):
         )
         return ActingForces(lambda loss, slip: (stiffness * loss, slip), carried)
 
-    def _act_at_rest(self) -> ActingForces:
+    def _act_at_rest(self, shear: Array | None = None) -> ActingForces:
         """Return what :meth:`_act` does where the energy is known to be least.
 
         A ball nearly in line with two others may lean on a third with less than can be told from
-        the residual. It is at rest all the same: what pushes it aside then holds it.
+        the residual. It is at rest all the same: what pushes it aside then holds it. Contacts that
+        resist slip with ``shear`` times their stiffness hold balls themselves, and light ones need
+        not.
         """
         acting = self._act()
         stencils = self.stencils
+        stiffness = self.stiffnesses
         axes = self.place.geometry.axes()
-        table = self.place.tabulate_stiffness(self.stiffnesses, acting.forces)
+        if shear is not None:
+            acting = acting._replace(forces=np.abs(acting.forces))
+        table = self.place.tabulate_stiffness(stiffness, acting.forces)
+        if shear is not None:
+            normal = np.array(self.place.normal[: len(table)])
+            table -= shear * stiffness * normal[:, None] * normal
+            for axis in range(len(table)):
+                table[axis, axis] += shear * stiffness
         blocks = [
             [stencils.around(one) for one in row]
             for row in np.einsum("nka,kln...,nlb->abn...", axes, table, axes)
@@ -160,7 +170,7 @@ class TrueEquilibrium(Equilibrium):
         response = LinearResponse(self.list_contacts())
 
         def find(forces: Array) -> Array:
-            motions = response.find_motions(stencils.scatter_forces(forces)[..., None])
+            motions = response.find_motions(stencils.list_forces(forces)[..., None])
             return stencils.gather_motions(motions[..., 0])
 
         return find, self.place.geometry.split(Motion(find(-pull), 1.0))[0]
@@ -262,42 +272,40 @@ class TrueEquilibrium(Equilibrium):
         """Return the contacts with their springs and the forces that act, so that elastic constants
         include prestress; those that carry no load have none.
         """
-        if np.any(shear):
-            return list_exact_contacts(self, np.asarray(shear, float), torsion, bending)
-        # only shear turns balls that are strained: without it twist and roll store nothing
-        normal = self.stiffnesses
-        still = np.zeros(())
-        acting = self._act_at_rest().forces
-        return list_in_true_directions(
-            self.place,
-            self.stencils.motions,
-            Springs.of(normal, still, still, still),
-            np.abs(acting),
-            acting < 0.0,
-        )
+        ratio = np.asarray(shear, float)
+        turns = bool(np.any(ratio))
+        if not turns:
+            # only shear turns balls that are strained: without it twist and roll store nothing
+            torsion = bending = 0.0
+        forces = self._act_at_rest(ratio if turns else None).forces
+        return list_exact_contacts(self, forces, ratio, torsion, bending, turns)
 
 
 def list_exact_contacts(
     state: Equilibrium,
+    forces: Array,
     shear: Array,
     torsion: ArrayLike,
     bending: float,
+    turns: bool = True,
     shears: Array | None = None,
 ) -> ContactList:
     """Return the contacts of a state at rest in the true geometry, with the forces that act.
 
-    ``shear``, ``torsion`` and ``bending`` are those of
-    :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`; ``shears`` are tangential
-    forces, if there are any.
+    ``forces`` (n_c, L1, ..., Lp) are normal, below zero where they hold balls that go aside, and
+    ``shears`` tangential, if there are any. ``shear``, ``torsion`` and ``bending`` are those of
+    :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`; ``turns`` says whether balls
+    rotate.
     """
     normal = state.stiffnesses
-    carries = normal > 0.0
+    springs = Springs.of(normal, shear * normal, np.asarray(torsion) * normal, bending * normal)
     return list_in_true_directions(
         state.place,
-        state.select_motions(1.0, torsion, bending),
-        Springs.of(normal, shear * normal, np.asarray(torsion) * normal, bending * normal),
-        carries * state.forces,
-        shears=None if shears is None else carries * shears,
+        state.select_motions(float(turns), torsion, bending),
+        springs,
+        np.abs(forces),
+        forces < 0.0,
+        None if shears is None else (normal > 0.0) * shears,
     )
 
 

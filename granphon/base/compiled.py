@@ -3,13 +3,15 @@ they are first called.
 
 What it compiles is kept beside the module, as Python's own bytecode is, or in the user's cache
 where that cannot be written. Nothing depends on what is kept: where it is damaged or cannot be
-written, loops are compiled in each process. Without Numba they are loops of Python, which give the
-same numbers, hundreds of times slower.
+written, loops are compiled in each process. The first loop that a process compiles says so on
+stderr, as it may take some ten seconds; one that is read says nothing. Without Numba they are loops
+of Python, which give the same numbers, hundreds of times slower.
 """
 
 from __future__ import annotations
 
 import os
+import sys
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
@@ -29,9 +31,7 @@ _SLOW = "The same takes hundreds of times longer"
 #: what is said where loops are not compiled; empty where they are
 UNCOMPILED = ""
 if njit is None:
-    UNCOMPILED = message(
-        "numba is not installed", _SLOW, 'Install it: pip install "granphon[scenes]"'
-    )
+    UNCOMPILED = message("numba is not installed", _SLOW, "Install it: pip install numba")
 elif config.DISABLE_JIT:
     UNCOMPILED = message("numba compiles nothing, as NUMBA_DISABLE_JIT is set", _SLOW, "Unset it")
 
@@ -66,6 +66,13 @@ def compiled(loop: _Loop) -> _Loop:
             return compile_for(signature)
 
     made.compile = compile_whole
+    compile_anew = made._compiler.compile
+
+    def compile_aloud(arguments: Any, returned: Any) -> Any:
+        _say()
+        return compile_anew(arguments, returned)
+
+    made._compiler.compile = compile_aloud
     return cast("_Loop", made)
 
 
@@ -89,6 +96,19 @@ def _end_no_run(cache: Any) -> None:
 
     cache.load_overload = attempt(cache.load_overload)
     cache.save_overload = attempt(cache.save_overload)
+
+
+#: what is said on stderr when a loop is compiled
+COMPILING = "granphon: loops are compiled, once on this machine; this may take some ten seconds"
+#: whether this process has said so
+_told: list[str] = []
+
+
+def _say() -> None:
+    """Say on stderr that loops are compiled, once in a process."""
+    if not _told:
+        _told.append(COMPILING)
+        print(COMPILING, file=sys.stderr, flush=True)
 
 
 #: what this process has said about the cache

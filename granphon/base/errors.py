@@ -29,7 +29,6 @@ EXTRAS = {
         "h5netcdf",
         "h5py",
         "threadpoolctl",
-        "numba",
     ),
     "distributed": ("distributed", "dask"),
 }

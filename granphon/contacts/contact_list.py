@@ -112,7 +112,7 @@ class ContactList:
     @cached_property
     def distance(self) -> Array:
         """(n_c,) distances of the centres."""
-        return np.sqrt(np.einsum("ca,ca->c", self.vector, self.vector))
+        return np.asarray(np.sqrt(np.einsum("ca,ca->c", self.vector, self.vector)))
 
     @cached_property
     def side_stiffness(self) -> Array:
@@ -120,7 +120,9 @@ class ContactList:
         and f/r of contacts that lean.
         """
         pushing = -self.normal_force / self.distance
-        return np.where(self.leaning, -pushing, pushing) if self.leaning.size else pushing
+        return np.asarray(
+            np.where(self.leaning, -pushing, pushing) if self.leaning.size else pushing
+        )
 
     @property
     def has_tangential_force(self) -> bool:

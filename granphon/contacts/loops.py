@@ -268,8 +268,7 @@ def fill_tangent(
     axes : (m,) axes of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
     strains : (s, 3, 3) unit strains, symmetric.
     places : (n_c, 4, 2) where the blocks of motions (i, i), (i, j), (j, i) and (j, j) of each
-        contact begin in ``data``, and how far apart two columns of the block are; (0, 4, 2) if the
-        matrix is not asked for.
+        contact begin in ``data``, and how far apart two columns of the block are.
     data : entries of the matrix, (m, m) for each two balls that touch.
     ahead : (n, m, s) forces on balls against unit strains.
     back : (n, m, s) forces on strains against unit motions of balls.
@@ -286,7 +285,6 @@ def fill_tangent(
     frame = np.zeros((3, 3))
     work = np.zeros((8, 3))
     static = len(columns.tangential_force) > 0
-    filled = len(places) > 0
     vector = columns.vector
     for contact in range(len(columns.i)):
         for strain in range(s):
@@ -320,12 +318,11 @@ def fill_tangent(
         for line in range(s):
             for strain in range(s):
                 corner[line, strain] += block[2 * m + line, 2 * m + strain]
-        if filled:
-            for pair in range(4):
-                first = places[contact, pair, 0]
-                apart = places[contact, pair, 1]
-                down = (pair // 2) * m
-                along = (pair % 2) * m
-                for column in range(m):
-                    for line in range(m):
-                        data[first + column * apart + line] += block[down + line, along + column]
+        for pair in range(4):
+            first = places[contact, pair, 0]
+            apart = places[contact, pair, 1]
+            down = (pair // 2) * m
+            along = (pair % 2) * m
+            for column in range(m):
+                for line in range(m):
+                    data[first + column * apart + line] += block[down + line, along + column]

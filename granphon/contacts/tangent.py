@@ -115,14 +115,14 @@ class Tangent:
 
     Attributes
     ----------
-    pattern : where the entries of A stand; None where A was not asked for.
+    pattern : where the entries of A stand.
     data : entries of A.
     ahead : (n, m, s) B, forces on balls against unit strains.
     back : (n, m, s) B' transposed, forces on strains against unit motions.
     corner : (s, s) S, forces on strains against unit strains.
     """
 
-    pattern: Pattern | None
+    pattern: Pattern
     data: Array
     ahead: Array
     back: Array
@@ -131,7 +131,6 @@ class Tangent:
     @cached_property
     def matrix(self) -> Any:
         """A, a sparse matrix (n m, n m) in columns; motions of a ball follow each other."""
-        assert self.pattern is not None
         return self.pattern.make_matrix(self.data)
 
 
@@ -145,17 +144,15 @@ def unit_strains(dimension: int) -> Array:
     return strains
 
 
-def find_tangent(contacts: ContactList, strains: Array, with_matrix: bool = True) -> Tangent:
-    """Return the tangent of a list under unit ``strains`` (s, 3, 3), symmetric; without A where it
-    is not asked for.
-    """
-    pattern = find_pattern(contacts) if with_matrix else None
+def find_tangent(contacts: ContactList, strains: Array) -> Tangent:
+    """Return the tangent of a list under unit ``strains`` (s, 3, 3), symmetric."""
+    pattern = find_pattern(contacts)
     s = len(strains)
     n_motions = len(contacts.axes)
-    data = np.zeros(pattern.n_entries if pattern else 0)
+    data = np.zeros(pattern.n_entries)
     ahead = np.zeros((contacts.n_balls, n_motions, s))
     back = np.zeros_like(ahead)
     corner = np.zeros((s, s))
-    places = pattern.places if pattern else np.zeros((0, 4, 2), np.int64)
-    fill_tangent(contacts.columns, contacts.axes, strains, places, data, ahead, back, corner)
+    columns = contacts.columns
+    fill_tangent(columns, contacts.axes, strains, pattern.places, data, ahead, back, corner)
     return Tangent(pattern, data, ahead, back, corner)

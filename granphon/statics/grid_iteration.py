@@ -48,7 +48,6 @@ class GridPreconditioner:
         self._n_motions = len(contacts.axes)
         self._green = _find_green(contacts)
         pattern = tangent.pattern
-        assert pattern is not None
         blocks = tangent.data[pattern.by_ball]
         least = _HOLDING * float(np.mean(contacts.normal_stiffness))
         alone = np.linalg.inv(blocks + least * np.eye(self._n_motions))

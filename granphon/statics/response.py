@@ -12,14 +12,13 @@ normals A is not symmetric; its symmetric part is factorised, of which the rest 
 GMRES does what is left.
 
 Of a list that is a grid nearly all contacts of which are closed, conjugate gradients preconditioned
-in Fourier space take less time (:mod:`granphon.statics.grid_iteration`); of a large grid factors
-would take too much, and its owner may know a shorter way to solve the equations.
+in Fourier space take less time (:mod:`granphon.statics.grid_iteration`), and of one that is too
+large for factors they take less memory.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -28,14 +27,11 @@ import numpy as np
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.contacts.contact_list import ContactList
-from granphon.contacts.tangent import Tangent, find_tangent, unit_strains
+from granphon.contacts.tangent import find_tangent, unit_strains
 from granphon.dynamics.elasticity import find_stress_part
 from granphon.dynamics.factors import Factors, factorise
 from granphon.statics.grid_iteration import GridPreconditioner, iterate
 
-#: motions u (n, m, k) of balls under forces f (n, m, k), and the forces f - A u that these leave;
-#: the tangent has no A
-Solve = Callable[[Tangent, Array], tuple[Array, Array]]
 #: stiffness of the springs to the ground over the mean one of contacts, where factors allow it: far
 #: above rounding, so that motions that cost nothing do not count as unstable, and far below what
 #: holds a ball that is pushed aside, W/d of the others
@@ -78,19 +74,15 @@ _CYCLES = 40
 class LinearResponse:
     """Small motions of balls at rest.
 
-    ``strains`` (s, 3, 3) are the unit strains of the cell, by default those in Voigt order.
-    ``solve`` finds motions where factors would take too much. Raises
+    ``strains`` (s, 3, 3) are the unit strains of the cell, by default those in Voigt order. Raises
     :class:`~granphon.base.errors.ConvergenceError` if the balls are not at a minimum of the energy.
     """
 
-    def __init__(
-        self, contacts: ContactList, strains: Array | None = None, solve: Solve | None = None
-    ) -> None:
+    def __init__(self, contacts: ContactList, strains: Array | None = None) -> None:
         units = unit_strains(contacts.dimension) if strains is None else strains
         self._contacts = contacts
         self._symmetric = not contacts.has_tangential_force
-        self._solve = solve
-        self._tangent = find_tangent(contacts, units, with_matrix=solve is None)
+        self._tangent = find_tangent(contacts, units)
 
     def find_motions(self, forces: Array) -> Array:
         """Return the motions (n, m, k) of balls under small forces (n, m, k), which are in balance
@@ -117,8 +109,6 @@ class LinearResponse:
 
     def _follow(self, forces: Array, for_motions: bool) -> tuple[Array, Array]:
         """Return the motions under ``forces``, and the forces that these leave."""
-        if self._solve is not None:
-            return self._solve(self._tangent, forces)
         shape = forces.shape
         right = forces.reshape(-1, shape[-1])
         motions = self._iterate(right, for_motions) if self._may_iterate else None
@@ -171,7 +161,6 @@ class LinearResponse:
         """Return A with springs to the ground, of ``spring`` times the mean stiffness."""
         contacts = self._contacts
         pattern = self._tangent.pattern
-        assert pattern is not None
         diagonal = self._tangent.data[pattern.diagonal].reshape(contacts.n_balls, -1)
         # a spring against a rotation is a torque
         turns = contacts.axes >= 3
@@ -187,7 +176,6 @@ class LinearResponse:
     def _held(self) -> tuple[Any, Factors]:
         """A with springs to the ground, and the factors of its symmetric part."""
         pattern = self._tangent.pattern
-        assert pattern is not None
         spring = _LEAST_SPRING
         while True:
             matrix = self._hold(spring)
@@ -257,7 +245,7 @@ class LinearResponse:
         return motions
 
 
-def find_elastic_tensor(contacts: ContactList, solve: Solve | None = None) -> Array:
+def find_elastic_tensor(contacts: ContactList) -> Array:
     """Return the (s, s) elastic tensor of balls at rest in a cell, in Voigt order, in the unit of
     stiffness over that of length to the power p - 2.
 
@@ -265,9 +253,9 @@ def find_elastic_tensor(contacts: ContactList, solve: Solve | None = None) -> Ar
     that the contacts then store is the elastic energy. With static forces it is the change of the
     Cauchy stress with strain, as
     :meth:`granphon.dynamics.contact_lattice.ContactLattice.elastic_tensor` has it, of which the
-    symmetric part is kept. Errors and ``solve`` are those of :class:`LinearResponse`.
+    symmetric part is kept. Errors are those of :class:`LinearResponse`.
     """
-    stiffness = LinearResponse(contacts, solve=solve).stiffness / contacts.measure
+    stiffness = LinearResponse(contacts).stiffness / contacts.measure
     tensor = stiffness + find_stress_part(contacts.find_stress())
     return np.asarray(0.5 * (tensor + tensor.T))
 
