@@ -109,7 +109,7 @@ def list_in_true_directions(
     if shears is not None and np.any(shears):
         tangential = np.zeros((normal.size, 3))
         for force, tangent in zip(shears, place.tangents, strict=False):
-            tangential += eps * np.ravel(force)[:, None] * turn(tangent)
+            tangential -= eps * np.ravel(force)[:, None] * turn(tangent)
     return ContactList(
         n_balls=lattice.n_balls * cells,
         motions=motions,

@@ -163,7 +163,7 @@ class ContactList:
         """
         force = -self.normal_force[:, None] * self.normal
         if len(self.tangential_force):
-            force = force + self.tangential_force
+            force = force - self.tangential_force
         p = self.dimension
         return np.asarray(np.einsum("ca,cb->ab", force[:, :p], self.vector[:, :p]) / self.measure)
 

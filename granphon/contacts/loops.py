@@ -15,8 +15,8 @@ tangent is the sum of the squares of rows times their stiffness. A static force 
 with which ball i acts on ball j, turns with n, and about n as it is carried:
 
     dn = (1 - nn) v/r,    turn = n x dn + spin n
-    force against u_j     turn x T,                            against u_i the opposite
-    torque against phi_j  -(arm_j turn x (n x T) + (e/2) n x T),    against phi_i with arm_i
+    force on ball j   turn x T,                                   on ball i the opposite
+    torque on ball j  -(arm_j turn x (n x T) + (e/2) n x T),      on ball i with arm_i
 
 where e is the elongation. This part has no potential, and is not symmetric.
 """
@@ -196,14 +196,15 @@ def _add_static_turn(
     work: Array,
     block: Array,
 ) -> None:
-    """Add to a ``block`` what the static force across the normal does as it turns; ``work`` (8, 3)
+    """Add to a ``block`` what the static force across the normal does as it turns; ``work`` (9, 3)
     is overwritten.
     """
     m = len(axes)
     normal = columns.normal[contact]
-    force = columns.tangential_force[contact]
     distance = columns.distance[contact]
-    beside, moved, turned, tilt, turn, push, torque, spare = work
+    force, beside, moved, turned, tilt, turn, push, torque, spare = work
+    for axis in range(3):
+        force[axis] = -columns.tangential_force[contact, axis]  # as the tangent resists
     _cross(normal, force, beside)
     for column in range(block.shape[1]):
         # v, and the sum of the rotations
@@ -283,7 +284,7 @@ def fill_tangent(
     block = np.zeros((size, size))
     strained = np.zeros((s, 3))
     frame = np.zeros((3, 3))
-    work = np.zeros((8, 3))
+    work = np.zeros((9, 3))
     static = len(columns.tangential_force) > 0
     vector = columns.vector
     for contact in range(len(columns.i)):

@@ -1,0 +1,166 @@
+"""The linear response of lists of contacts: closed forms, dense twins, and what does not change
+it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import granphon as gp
+from granphon.array.equilibrium import equilibrate
+from granphon.array.geometry import ReducedLoad
+from granphon.array.stencils import Stencils
+from granphon.balls.lattices import CHAIN, FCC, HCP, TRIANGULAR
+from granphon.base.errors import ConvergenceError
+from granphon.contacts.contact_list import ContactList
+from granphon.contacts.tangent import find_tangent, unit_strains
+from granphon.dynamics.elasticity import take_voigt
+from granphon.statics import response as module
+from granphon.statics.response import LinearResponse, find_elastic_tensor
+from tests.contacts.test_tangent import random_list
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+
+
+def rest(lattice, side, overlap=0.2, seed=0):
+    cells = (side,) * lattice.periods
+    shape = cells if lattice.n_balls == 1 else (lattice.n_balls, *cells)
+    x = np.random.default_rng(seed).uniform(-0.5, 0.5, shape)
+    stencils = Stencils(cells, lattice=lattice)
+    return equilibrate(x - np.mean(x), ReducedLoad(overlap=overlap), stencils)
+
+
+def solve_densely(contacts):
+    """Second derivatives of the energy by strains, by least squares."""
+    tangent = find_tangent(contacts, unit_strains(contacts.dimension))
+    size = contacts.n_balls * contacts.motions.count
+    ahead = tangent.ahead.reshape(size, -1)
+    motions = np.linalg.lstsq(tangent.matrix.toarray(), -ahead, rcond=1e-11)[0]
+    found = tangent.corner + tangent.back.reshape(size, -1).T @ motions
+    return 0.5 * (found + found.T)
+
+
+def test_equal_balls_follow_a_uniform_strain():
+    """Triangular lattice, springs k along bonds and eta k across, area sqrt(3)/2 of a ball."""
+    eta = 0.7
+    state = equilibrate(np.zeros((6, 5)), ReducedLoad(overlap=0.3))
+    k = state.stiffness
+    c = 0.75 / math.sqrt(3.0) * k
+    expected = [
+        [c * (3.0 + eta), c * (1.0 - eta), 0.0],
+        [c * (1.0 - eta), c * (3.0 + eta), 0.0],
+        [0.0, 0.0, c * (1.0 + eta)],
+    ]
+    contacts = state.list_contacts(eta)
+    np.testing.assert_allclose(find_elastic_tensor(contacts), expected, rtol=0.0, atol=1e-13 * k)
+    np.testing.assert_allclose(LinearResponse(contacts).motions, 0.0, rtol=0.0, atol=1e-7)
+
+
+def test_springs_of_a_chain_are_in_series():
+    state = rest(CHAIN, 20)
+    expected = 1.0 / np.mean(1.0 / state.stiffnesses)
+    found = find_elastic_tensor(state.list_contacts())
+    np.testing.assert_allclose(found, [[expected]], rtol=1e-13)
+
+
+@pytest.mark.parametrize("tangential", [False, True])
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_factors_find_what_least_squares_find(dimension, tangential):
+    contacts = random_list(dimension, 5, tangential=tangential, spins=tangential, n_balls=12)
+    found = LinearResponse(contacts).stiffness
+    expected = solve_densely(contacts)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 * np.max(expected))
+
+
+@pytest.mark.parametrize("lattice", [TRIANGULAR, FCC, HCP])
+def test_iterations_find_what_factors_find(monkeypatch, lattice):
+    side = 8 if lattice is TRIANGULAR else 3
+    contacts = rest(lattice, side).list_contacts(0.8, 0.1, 0.05)
+    iterated = LinearResponse(contacts)
+    monkeypatch.setattr(module, "NEARLY_ALL", 2.0)
+    factorised = LinearResponse(contacts)
+    expected = factorised.stiffness
+    np.testing.assert_allclose(
+        iterated.stiffness, expected, rtol=0.0, atol=1e-11 * np.max(expected)
+    )
+    motions = factorised.motions
+    gone = iterated.motions - motions
+    still = gone - np.mean(gone, axis=0) * (contacts.axes < 3)[:, None]
+    np.testing.assert_allclose(still, 0.0, rtol=0.0, atol=1e-7 * np.max(np.abs(motions)))
+
+
+@given(st.sampled_from([2, 3]), st.integers(0, 2**16))
+def test_nothing_depends_on_the_frame_or_on_the_numbers_of_balls(dimension, seed):
+    generator = np.random.default_rng(seed)
+    contacts = random_list(dimension, seed, n_balls=7)
+    by = Rotation.random(random_state=seed) if dimension == 3 else Rotation.from_euler("z", seed)
+    turned = replace(contacts, vector=by.apply(contacts.vector), normal=by.apply(contacts.normal))
+    plain = expand(find_elastic_tensor(contacts), dimension)
+    R = by.as_matrix()[:dimension, :dimension]
+    expected = take_voigt(np.einsum("ia,jb,kc,ld,abcd->ijkl", R, R, R, R, plain))
+    size = np.max(np.abs(expected))
+    np.testing.assert_allclose(find_elastic_tensor(turned), expected, rtol=0.0, atol=1e-10 * size)
+    order = generator.permutation(contacts.n_balls)
+    numbered = replace(contacts, i=order[contacts.i], j=order[contacts.j])
+    np.testing.assert_allclose(
+        find_elastic_tensor(numbered),
+        find_elastic_tensor(contacts),
+        rtol=0.0,
+        atol=1e-10 * size,
+    )
+
+
+def expand(tensor, dimension):
+    """c_ijkl of a tensor in Voigt order."""
+    pairs = unit_strains(dimension)[:, :dimension, :dimension] > 0.0
+    number = np.argmax(pairs, axis=0)
+    return tensor[number[:, :, None, None], number[None, None]]
+
+
+@given(st.sampled_from([1, 2, 3]), st.integers(0, 2**16))
+def test_the_tensor_is_symmetric_and_positive_and_below_that_of_an_affine_strain(dimension, seed):
+    contacts = random_list(dimension, seed)
+    found = LinearResponse(contacts).stiffness
+    affine = find_tangent(contacts, unit_strains(dimension)).corner
+    np.testing.assert_array_equal(found, found.T)
+    assert np.linalg.eigvalsh(found)[0] > -1e-12 * np.max(affine)
+    assert np.linalg.eigvalsh(affine - found)[0] > -1e-12 * np.max(affine)
+
+
+def test_a_ball_that_nothing_holds_changes_nothing():
+    contacts = random_list(3, 1)
+    more = replace(contacts, n_balls=contacts.n_balls + 1)
+    found = LinearResponse(more)
+    np.testing.assert_allclose(
+        found.stiffness, LinearResponse(contacts).stiffness, rtol=0.0, atol=1e-12
+    )
+    np.testing.assert_array_equal(found.motions[-1], 0.0)
+
+
+def test_balls_that_are_pushed_aside_are_no_solid():
+    contacts = replace(random_list(2, 1), shear_stiffness=np.zeros(18))
+    pressed = replace(contacts, normal_force=np.full(18, 10.0))
+    with pytest.raises(ConvergenceError, match="not stable"):
+        _ = LinearResponse(pressed).stiffness
+
+
+@pytest.mark.parametrize("geometry", ["lattice", "exact"])
+@pytest.mark.parametrize("friction_history", [False, True])
+def test_a_network_has_the_moduli_of_long_waves(geometry, friction_history):
+    packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-5))
+    options = {"friction_history": True, "friction_coefficient": 0.3} if friction_history else {}
+    sample = (
+        gp.DirectSimulation(packing, (5, 6), geometry=geometry, **options).at_force(20.0).sample
+    )
+    network = sample.network
+    expected = gp.moduli(network).tensor  # of a layer one diameter thick
+    expected = 0.5 * (expected + expected.T)
+    found = find_elastic_tensor(ContactList.from_network(network)) / 8e-3
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-10 * np.max(expected))
