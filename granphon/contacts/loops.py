@@ -305,8 +305,11 @@ def fill_tangent(
         for row in range(count):
             for line in range(size):
                 force = stiffness[row] * rows[row, line]
-                for column in range(size):
+                for column in range(line + 1):
                     block[line, column] += force * rows[row, column]
+        for line in range(size):
+            for column in range(line):
+                block[column, line] = block[line, column]
         if static:
             _add_static_turn(columns, contact, axes, strained, work, block)
         for end in range(2):

@@ -58,15 +58,19 @@ class GridPreconditioner:
         from scipy import fft  # imported here: media that are not simulated do not need it
 
         columns = forces.shape[-1]
-        axes = tuple(range(1, 1 + len(self._shape)))
         single = forces.astype(np.float32)
-        by_cell = single.reshape(self._in_cell, *self._shape, self._n_motions, columns)
-        waves = np.moveaxis(fft.rfftn(by_cell, axes=axes), 0, -3)
-        by_wave = np.ascontiguousarray(waves).reshape(len(self._green), -1, columns)
+        # the axes of cells first: one transform for all motions, and for all right sides
+        axes = tuple(range(len(self._shape)))
+        by_cell = single.reshape(self._in_cell, *self._shape, -1)
+        if self._in_cell > 1:
+            by_cell = np.moveaxis(by_cell, 0, -2)
+        waves = fft.rfftn(by_cell.reshape(*self._shape, -1), axes=axes)
+        by_wave = waves.reshape(len(self._green), -1, columns)
         moved = np.empty_like(by_wave)
         _multiply_waves(self._green, by_wave, moved)
-        waves = np.moveaxis(moved.reshape(waves.shape), -3, 0)
-        motions = fft.irfftn(waves, self._shape, axes=axes, overwrite_x=True)
+        motions = fft.irfftn(moved.reshape(waves.shape), self._shape, axes=axes, overwrite_x=True)
+        if self._in_cell > 1:
+            motions = np.moveaxis(motions.reshape(*self._shape, self._in_cell, -1), -2, 0)
         by_ball = np.ascontiguousarray(motions).reshape(-1, self._n_motions, columns)
         _add_alone(self._alone, single.reshape(by_ball.shape), by_ball)
         return by_ball.reshape(forces.shape)
@@ -196,20 +200,30 @@ def iterate(
     for count in range(most + 1):
         better = precondition(remaining)
         last = products
-        products = np.einsum("nk,nk->k", remaining, better)
+        products = _multiply_columns(remaining, better)
         total = float(np.sum(products))
         aim = reduction**2 * total if count == 0 else aim
         if total <= max(aim, floor):
             return motions, True, True
         _turn(way, better, np.divide(products, last, out=np.zeros_like(last), where=last > 0.0))
         change = matrix @ way
-        curvatures = np.einsum("nk,nk->k", way, change)
+        curvatures = _multiply_columns(way, change)
         if np.any(curvatures < 0.0):
             return motions, False, False
         moving = curvatures > 0.0
         lengths = np.divide(products, curvatures, out=np.zeros_like(last), where=moving)
         _advance(motions, remaining, way, change, lengths)
     return motions, False, True
+
+
+@compiled
+def _multiply_columns(one: Values, other: Values) -> Array:
+    """Return the sums (k,) of products of the entries of each column."""
+    sums = np.zeros(one.shape[1])
+    for line in range(one.shape[0]):
+        for column in range(one.shape[1]):
+            sums[column] += one[line, column] * other[line, column]
+    return sums
 
 
 @compiled

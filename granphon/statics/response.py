@@ -49,9 +49,9 @@ _ROUNDS = 20
 #: part of the forces that a round of refinement has left, from which it comes no nearer
 _STALLED = 0.5
 #: error of an iteration in the norm of the energy; that of an elastic tensor is its square
-_REDUCTION = 1e-6
-#: the same, where motions are asked for
-_REDUCTION_OF_MOTIONS = 1e-10
+_REDUCTION = 3e-6
+#: the same, where motions are asked for, or no factors can be
+_REDUCTION_OF_MOTIONS = 1e-9
 #: part of the contacts that carry, from which conjugate gradients take less time than factors: they
 #: take 14 iterations with all, 20 with nine tenths, 70 with two thirds (triangular, 24 x 24 balls)
 NEARLY_ALL = 0.8
@@ -137,7 +137,8 @@ class LinearResponse:
 
     def _iterate(self, right: Array, for_motions: bool) -> Array | None:
         """Return the motions that conjugate gradients find; None if factors are to be tried."""
-        reduction = _REDUCTION_OF_MOTIONS if for_motions else _REDUCTION
+        fine = for_motions or not self._may_factorise
+        reduction = _REDUCTION_OF_MOTIONS if fine else _REDUCTION
         most = _PATIENCE if self._may_factorise else _MOST_ITERATIONS
         floor = _NOISE**2 * self._level * right.size
         found = iterate(self._tangent, self._preconditioner, right, reduction, most, floor)
