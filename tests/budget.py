@@ -46,7 +46,7 @@ GUARDS: Mapping[str, str] = {
     "tests/runs/test_run.py::test_workers_end_with_the_command_and_what_they_have_finished_is_kept": (
         "workers of a command that is killed"
     ),
-    "tests/test_light.py::test_the_core_gives_the_same_numbers_on_numpy_and_scipy_alone": (
+    "tests/test_light.py::test_the_core_gives_the_same_numbers_on_numpy_scipy_and_numba_alone": (
         "the core without any other package"
     ),
     "tests/test_light.py::test_what_needs_an_absent_package_says_which_and_how_to_install_it": (

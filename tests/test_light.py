@@ -1,4 +1,4 @@
-"""The core runs on numpy and scipy; what needs another package says which, and how to install
+"""The core runs on numpy, scipy and numba; what needs another package says which, and how to install
 it.
 """
 
@@ -16,7 +16,7 @@ from granphon.base.errors import EXTRAS
 from tests.conftest import only
 from tests.warm import Warm
 
-#: the packages beyond numpy and scipy, each of which may be absent
+#: the packages beyond numpy, scipy and numba, each of which may be absent
 KNOWN = ["ase", "phonopy", "spglib", *EXTRAS["scenes"], "distributed"]
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))[
     "project"
@@ -165,7 +165,7 @@ def imported(requirement):
     return {"PyYAML": "yaml"}.get(name, name)
 
 
-def test_the_core_gives_the_same_numbers_on_numpy_and_scipy_alone(run):
+def test_the_core_gives_the_same_numbers_on_numpy_scipy_and_numba_alone(run):
     others = {"ase", "phonopy", "spglib", "pandas", *EXTRAS["scenes"], *EXTRAS["distributed"]}
     assert run(others, GIVEN, CORE) == run(set(), GIVEN, CORE)
 

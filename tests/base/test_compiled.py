@@ -61,6 +61,19 @@ def test_what_is_cut_is_compiled_and_kept_anew(kept, monkeypatch, ending, left):
     assert call() == 2
 
 
+def test_the_first_loop_that_is_compiled_says_so_and_one_that_is_read_does_not(
+    kept, monkeypatch, capsys
+):
+    monkeypatch.setattr(module, "_told", [])
+    assert call() == 2
+    assert capsys.readouterr().err == ""
+    for file in kept.rglob("*.nb?"):
+        file.unlink()
+    loops = [compiled(halve), compiled(halve)]
+    assert [loop(3) for loop in loops] == [1.5, 1.5]
+    assert capsys.readouterr().err == module.COMPILING + "\n"
+
+
 @contextmanager
 def full_disk(part):
     """Writing to files whose name has this part finds no space."""

@@ -20,6 +20,7 @@ import bench_motion
 import bench_ordered
 import bench_pulses
 import bench_simulation
+import bench_statics
 import bench_sweeps
 import bench_times
 import bench_waves
@@ -29,6 +30,7 @@ from side_by_side import command_line
 PARTS = (
     bench_simulation.PARTS
     | bench_arrays.PARTS
+    | bench_statics.PARTS
     | bench_ordered.PARTS
     | bench_crystals.PARTS
     | bench_calculator.PARTS
