@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
-from granphon.contacts.loops import Columns
+from granphon.contacts.columns import Columns
 from granphon.networks.network import ContactNetwork
 
 

@@ -24,52 +24,17 @@ where e is the elongation. This part has no potential, and is not symmetric.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
+from granphon.contacts.columns import Columns
 
 #: kinds of deformation of a contact, with their components: 1 elongation, 2 slips, 1 twist, 2 rolls
 #: and 2 pushes
 N_ROWS = 8
-
-
-class Columns(NamedTuple):
-    """What loops read of a list of n_c contacts.
-
-    Attributes
-    ----------
-    i, j : (n_c,) numbers of the two balls.
-    vector : (n_c, 3) from the centre of ball i to that of ball j.
-    normal : (n_c, 3) its direction, a unit vector.
-    arm_i, arm_j : (n_c,) distances from the centres to the contact.
-    distance : (n_c,) of the centres.
-    normal_stiffness, shear_stiffness : (n_c,) force over elongation and over slip.
-    torsion_stiffness, bending_stiffness : (n_c,) torque over twist and over roll.
-    side_stiffness : (n_c,) force over push by the static force along the normal, -f/r.
-    tangential_force : (n_c, 3) static force of ball i on ball j across the normal; (0, 3) without.
-    origin : (n_c, 3) normals from which tangents were turned with the balls, on the shortest way
-        from direction to direction, and with the mean rotation of both about the origin; (0, 3) if
-        T does not turn about n.
-    """
-
-    i: NDArray[np.int64]
-    j: NDArray[np.int64]
-    vector: Array
-    normal: Array
-    arm_i: Array
-    arm_j: Array
-    distance: Array
-    normal_stiffness: Array
-    shear_stiffness: Array
-    torsion_stiffness: Array
-    bending_stiffness: Array
-    side_stiffness: Array
-    tangential_force: Array
-    origin: Array
 
 
 @compiled

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from granphon.base.arrays import Array
 from granphon.contacts.contact_list import ContactList
-from granphon.contacts.loops import fill_tangent
 from granphon.dynamics.elasticity import voigt_pairs
 from granphon.dynamics.factors import Analysis
 
@@ -146,6 +145,8 @@ def unit_strains(dimension: int) -> Array:
 
 def find_tangent(contacts: ContactList, strains: Array) -> Tangent:
     """Return the tangent of a list under unit ``strains`` (s, 3, 3), symmetric."""
+    from granphon.contacts.loops import fill_tangent  # imported here: averages need no Numba
+
     pattern = find_pattern(contacts)
     s = len(strains)
     n_motions = len(contacts.axes)

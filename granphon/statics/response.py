@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,7 +30,9 @@ from granphon.contacts.contact_list import ContactList
 from granphon.contacts.tangent import find_tangent, unit_strains
 from granphon.dynamics.elasticity import find_stress_part
 from granphon.dynamics.factors import Factors, factorise
-from granphon.statics.grid_iteration import GridPreconditioner, iterate
+
+if TYPE_CHECKING:
+    from granphon.statics.grid_iteration import GridPreconditioner
 
 #: stiffness of the springs to the ground over the mean one of contacts, where factors allow it: far
 #: above rounding, so that motions that cost nothing do not count as unstable, and far below what
@@ -133,10 +135,14 @@ class LinearResponse:
 
     @cached_property
     def _preconditioner(self) -> GridPreconditioner:
+        from granphon.statics.grid_iteration import GridPreconditioner  # averages need no Numba
+
         return GridPreconditioner(self._contacts, self._tangent)
 
     def _iterate(self, right: Array, for_motions: bool) -> Array | None:
         """Return the motions that conjugate gradients find; None if factors are to be tried."""
+        from granphon.statics.grid_iteration import iterate  # averages need no Numba
+
         fine = for_motions or not self._may_factorise
         reduction = _REDUCTION_OF_MOTIONS if fine else _REDUCTION
         most = _PATIENCE if self._may_factorise else _MOST_ITERATIONS
