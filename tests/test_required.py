@@ -138,7 +138,11 @@ ASKED: dict[str, tuple[dict[str, int], set[str], set[str]]] = {
         PHONOPY | WAVES,
         {*BANDS, "sample.extxyz"},
     ),
-    "sweep of simulations": ({"equilibria": 18, "linear responses": 18}, WAVES, SWEEP),
+    "sweep of simulations": (
+        {"equilibria": 18, "linear responses": 18},
+        WAVES | {"numba", "scipy.linalg"},
+        SWEEP,
+    ),
 }
 FIGURES = {
     "bands": {"bands.png"},

@@ -12,12 +12,12 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.geometry import ExactPlace
 from granphon.array.stencils import number_cells
 from granphon.balls.lattices import Lattice
-from granphon.balls.motions import Motions
+from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.contacts.contact_list import ContactList
 
@@ -37,6 +37,14 @@ class Springs(NamedTuple):
     def of(cls, normal: Array, *rotating: Array) -> Springs:
         """Take stiffnesses of all contacts, or numbers for all."""
         return cls(normal, *(np.broadcast_to(each, normal.shape) for each in rotating))
+
+
+def select_resisted(
+    lattice: Lattice, shear: ArrayLike, torsion: ArrayLike, bending: float
+) -> Motions:
+    """Return the motions of balls on a lattice that some contact resists, by its stiffnesses."""
+    among = next(iter(allowed_motions(lattice.periods).values()))
+    return select_motions(shear, torsion, bending, among)
 
 
 def list_on_lattice(

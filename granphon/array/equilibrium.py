@@ -28,7 +28,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.array.contact_lists import Springs, list_on_lattice
+from granphon.array.contact_lists import Springs, list_on_lattice, select_resisted
 from granphon.array.geometry import (
     ADDED_STIFFNESS,
     ExactGeometry,
@@ -48,7 +48,6 @@ from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
-from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.base.results import Result
@@ -299,7 +298,7 @@ class Equilibrium(Result):
         """
         if not self.ratio and takes_less_time(self.stiffnesses, self.lattice):
             return self._find_tensor_on_grid(shear, torsion, bending)
-        return find_elastic_tensor(self.list_contacts(shear, torsion, bending))
+        return find_elastic_tensor(self._list_contacts(shear, torsion, bending))
 
     def _find_tensor_on_grid(self, shear: ArrayLike, torsion: ArrayLike, bending: float) -> Array:
         own = self.stencils
@@ -317,7 +316,7 @@ class Equilibrium(Result):
         own.forget()  # many samples may be kept, each with a large Green's function
         return tensor
 
-    def list_contacts(
+    def _list_contacts(
         self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0
     ) -> ContactList:
         """Return the contacts with their springs; see :meth:`find_elasticity`. Those that carry no
@@ -328,14 +327,9 @@ class Equilibrium(Result):
         if not np.any(slip):
             # only shear turns balls that are strained: without it twist and roll store nothing
             torsion = bending = 0.0
-        motions = self.select_motions(slip, torsion, bending)
+        motions = select_resisted(self.lattice, slip, torsion, bending)
         springs = Springs.of(normal, slip, np.asarray(torsion) * normal, bending * normal)
         return list_on_lattice(self.stencils.shape, self.lattice, motions, springs)
-
-    def select_motions(self, shear: ArrayLike, torsion: ArrayLike, bending: float) -> Motions:
-        """Return the motions of balls that some contact resists."""
-        among = next(iter(allowed_motions(self.lattice.periods).values()))
-        return select_motions(shear, torsion, bending, among)
 
 
 def _find_uniform_part(stiffness: Array) -> float:

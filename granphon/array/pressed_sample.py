@@ -207,12 +207,12 @@ class PressedEquilibrium(Equilibrium):
         """
         return super().find_elasticity(shear, torsion, bending)
 
-    def list_contacts(
+    def _list_contacts(
         self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0
     ) -> ContactList:
         """Return the contacts with their springs, in the true geometry with the forces that act."""
         if not self.ratio:
-            return super().list_contacts(shear, torsion, bending)
+            return super()._list_contacts(shear, torsion, bending)
         forces = self.forces * (self.stiffnesses > 0.0)
         ratio = np.asarray(shear, float)
         return list_exact_contacts(self, forces, ratio, torsion, bending, shears=self.shears)

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.array.cages import Cages
-from granphon.array.contact_lists import Springs, list_in_true_directions
+from granphon.array.contact_lists import Springs, list_in_true_directions, select_resisted
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, equilibrate
 from granphon.array.geometry import (
     ADDED_STIFFNESS,
@@ -170,7 +170,7 @@ class TrueEquilibrium(Equilibrium):
         still = np.zeros_like(self.balls)
         pull, _ = self.place.respond(Motion(still, 1.0), acting)
         stencils = self.stencils
-        response = LinearResponse(self.list_contacts())
+        response = LinearResponse(self._list_contacts())
 
         def find(forces: Array) -> Array:
             motions = response.find_motions(stencils.list_forces(forces)[..., None])
@@ -269,7 +269,7 @@ class TrueEquilibrium(Equilibrium):
         factors = factorise(matrix + diags_array(float(np.mean(stiffness)) * held.ravel()))
         return factors.n_below == 0
 
-    def list_contacts(
+    def _list_contacts(
         self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0
     ) -> ContactList:
         """Return the contacts with their springs and the forces that act, so that elastic constants
@@ -304,7 +304,7 @@ def list_exact_contacts(
     springs = Springs.of(normal, shear * normal, np.asarray(torsion) * normal, bending * normal)
     return list_in_true_directions(
         state.place,
-        state.select_motions(float(turns), torsion, bending),
+        select_resisted(state.lattice, float(turns), torsion, bending),
         springs,
         np.abs(forces),
         forces < 0.0,

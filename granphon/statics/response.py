@@ -76,8 +76,13 @@ _CYCLES = 40
 class LinearResponse:
     """Small motions of balls at rest.
 
-    ``strains`` (s, 3, 3) are the unit strains of the cell, by default those in Voigt order. Raises
-    :class:`~granphon.base.errors.ConvergenceError` if the balls are not at a minimum of the energy.
+    Parameters
+    ----------
+    contacts : the list.
+    strains : (s, 3, 3) unit strains of the cell, by default those in Voigt order.
+
+    What is asked of it raises :class:`~granphon.base.errors.ConvergenceError` if the balls are not
+    at a minimum of the energy.
     """
 
     def __init__(self, contacts: ContactList, strains: Array | None = None) -> None:

@@ -39,7 +39,7 @@ def tensors(repeats: int) -> list[Row]:
             load = ReducedLoad(overlap=spacing - 0.5)
             limit = equilibrate(x, load, stencils)
             exact = equilibrate_exactly(x, load, RATIO, stencils, start=limit)
-            matrix = find_tangent(limit.list_contacts(ETA), unit_strains(lattice.periods)).matrix
+            matrix = find_tangent(limit._list_contacts(ETA), unit_strains(lattice.periods)).matrix
             held = matrix + 1e-8 * eye_array(matrix.shape[0], format="csc")
             seconds = alternate(
                 repeats,

@@ -58,7 +58,7 @@ def test_equal_balls_follow_a_uniform_strain():
         [c * (1.0 - eta), c * (3.0 + eta), 0.0],
         [0.0, 0.0, c * (1.0 + eta)],
     ]
-    contacts = state.list_contacts(eta)
+    contacts = state._list_contacts(eta)
     np.testing.assert_allclose(find_elastic_tensor(contacts), expected, rtol=0.0, atol=1e-13 * k)
     np.testing.assert_allclose(LinearResponse(contacts).motions, 0.0, rtol=0.0, atol=1e-7)
 
@@ -66,7 +66,7 @@ def test_equal_balls_follow_a_uniform_strain():
 def test_springs_of_a_chain_are_in_series():
     state = rest(CHAIN, 20)
     expected = 1.0 / np.mean(1.0 / state.stiffnesses)
-    found = find_elastic_tensor(state.list_contacts())
+    found = find_elastic_tensor(state._list_contacts())
     np.testing.assert_allclose(found, [[expected]], rtol=1e-13)
 
 
@@ -82,7 +82,7 @@ def test_factors_find_what_least_squares_find(dimension, tangential):
 @pytest.mark.parametrize("lattice", [TRIANGULAR, FCC, HCP])
 def test_iterations_find_what_factors_find(monkeypatch, lattice):
     side = 8 if lattice is TRIANGULAR else 3
-    contacts = rest(lattice, side).list_contacts(0.8, 0.1, 0.05)
+    contacts = rest(lattice, side)._list_contacts(0.8, 0.1, 0.05)
     iterated = LinearResponse(contacts)
     monkeypatch.setattr(module, "NEARLY_ALL", 2.0)
     factorised = LinearResponse(contacts)
