@@ -40,6 +40,7 @@ from granphon.array.geometry import (
 from granphon.array.interior import approach
 from granphon.array.krylov import solve_for_motion
 from granphon.array.linear_response import (
+    FEWEST,
     find_linear_response,
     find_tensor_on_grid,
     takes_less_time,
@@ -296,13 +297,16 @@ class Equilibrium(Result):
         linear response enters squared. Raises :class:`~granphon.base.errors.ConvergenceError` if
         the response is not found.
         """
-        if not self.ratio and takes_less_time(self.stiffnesses, self.lattice):
-            return self._find_tensor_on_grid(shear, torsion, bending)
+        if not self.ratio and self.deviations.size >= FEWEST:
+            normal = self.stiffnesses
+            if takes_less_time(normal, self.lattice):
+                return self._find_tensor_on_grid(normal, shear, torsion, bending)
         return find_elastic_tensor(self._list_contacts(shear, torsion, bending))
 
-    def _find_tensor_on_grid(self, shear: ArrayLike, torsion: ArrayLike, bending: float) -> Array:
+    def _find_tensor_on_grid(
+        self, normal: Array, shear: ArrayLike, torsion: ArrayLike, bending: float
+    ) -> Array:
         own = self.stencils
-        normal = self.stiffnesses
         # the grid has one ratio for all contacts, on which its preconditioner is built: the mean,
         # weighted by stiffness
         slip, twist = (np.asarray(ratio, float) for ratio in (shear, torsion))

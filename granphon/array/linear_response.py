@@ -37,7 +37,7 @@ _NOISE = 1e-14
 _ELASTIC = 1e-7
 #: number of balls from which the shifts of a grid take less time than its list, if nearly all
 #: contacts are closed: twice as long at 24 x 24 balls, two thirds at 64 x 64
-_FEWEST = 1000
+FEWEST = 1000
 
 
 def takes_less_time(stiffness: Array, lattice: Lattice) -> bool:
@@ -47,7 +47,7 @@ def takes_less_time(stiffness: Array, lattice: Lattice) -> bool:
     """
     balls = lattice.n_balls * math.prod(stiffness.shape[1:])
     closed = float(np.mean(stiffness > 0.0))
-    return balls > MOST_BALLS[lattice.periods] or (balls >= _FEWEST and closed >= NEARLY_ALL)
+    return balls > MOST_BALLS[lattice.periods] or (balls >= FEWEST and closed >= NEARLY_ALL)
 
 
 def find_tensor_on_grid(stencils: Stencils, springs: Array) -> Array:
