@@ -36,7 +36,7 @@ _NOISE = 1e-14
 #: relative error of the motions under a strain, which enters elastic constants squared
 _ELASTIC = 1e-7
 #: number of balls from which the shifts of a grid take less time than its list, if nearly all
-#: contacts are closed: twice as long at 24 x 24 balls, two thirds at 64 x 64
+#: contacts are closed: half as long again at 24 x 24 balls, two thirds at 64 x 64
 FEWEST = 1000
 
 

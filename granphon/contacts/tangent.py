@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from granphon.base.arrays import Array
 from granphon.contacts.contact_list import ContactList
 from granphon.dynamics.elasticity import voigt_pairs
-from granphon.dynamics.factors import Analysis
+from granphon.dynamics.factors import Elimination
 
 #: patterns that are kept, and the balls of a list, at most, whose pattern is: it takes 2 kB a ball,
 #: and to find it about as long as to factorise
@@ -87,9 +87,9 @@ class Pattern:
         return matrix
 
     @cached_property
-    def analysis(self) -> Analysis:
+    def elimination(self) -> Elimination:
         """The order of elimination of symmetric matrices with these places."""
-        return Analysis(self.make_matrix(np.ones(self.n_entries)))
+        return Elimination(self.make_matrix(np.ones(self.n_entries)))
 
 
 _patterns: OrderedDict[tuple[bytes, bytes, int, int], Pattern] = OrderedDict()
