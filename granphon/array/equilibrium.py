@@ -39,12 +39,7 @@ from granphon.array.geometry import (
 )
 from granphon.array.interior import approach
 from granphon.array.krylov import solve_for_motion
-from granphon.array.linear_response import (
-    FEWEST,
-    find_linear_response,
-    find_tensor_on_grid,
-    takes_less_time,
-)
+from granphon.array.linear_response import find_linear_response, find_tensor_on_grid
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls import hertz
@@ -53,7 +48,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.base.results import Result
 from granphon.contacts.contact_list import ContactList
-from granphon.statics.response import find_elastic_tensor
+from granphon.statics.response import MOST_BALLS, find_elastic_tensor
 
 #: largest residual force on a ball, over the mean contact force (or over the rms difference of
 #: contact forces, if that is less)
@@ -297,15 +292,13 @@ class Equilibrium(Result):
         linear response enters squared. Raises :class:`~granphon.base.errors.ConvergenceError` if
         the response is not found.
         """
-        if not self.ratio and self.deviations.size >= FEWEST:
-            normal = self.stiffnesses
-            if takes_less_time(normal, self.lattice):
-                return self._find_tensor_on_grid(normal, shear, torsion, bending)
+        if not self.ratio and self.deviations.size > MOST_BALLS[self.lattice.periods]:
+            return self._find_tensor_on_grid(shear, torsion, bending)
         return find_elastic_tensor(self._list_contacts(shear, torsion, bending))
 
-    def _find_tensor_on_grid(
-        self, normal: Array, shear: ArrayLike, torsion: ArrayLike, bending: float
-    ) -> Array:
+    def _find_tensor_on_grid(self, shear: ArrayLike, torsion: ArrayLike, bending: float) -> Array:
+        """Return the tensor without a list, which takes much memory."""
+        normal = self.stiffnesses
         own = self.stencils
         # the grid has one ratio for all contacts, on which its preconditioner is built: the mean,
         # weighted by stiffness

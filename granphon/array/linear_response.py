@@ -2,11 +2,10 @@
 conjugate gradients on the grid.
 
 They solve C^T K C u = f with the shifts and the Green's function of
-:mod:`granphon.array.stencils`, where an array is too large for factors, and where nearly all
-contacts of a large one are closed, which takes few iterations. In single precision an iteration
-takes half of the time; what its solution leaves is found in double precision, and solved for again.
-Where that does not come nearer, as close to the rigidity threshold, the iteration itself goes on in
-double precision.
+:mod:`granphon.array.stencils`, which take less memory than a list of contacts. In single precision
+an iteration takes half of the time; what its solution leaves is found in double precision, and
+solved for again. Where that does not come nearer, as close to the rigidity threshold, the iteration
+itself goes on in double precision.
 """
 
 from __future__ import annotations
@@ -19,11 +18,9 @@ import numpy as np
 from granphon.array.krylov import Single, conjugate_gradients
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Stencils, dot
-from granphon.balls.lattices import Lattice
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.elasticity import voigt_pairs
-from granphon.statics.response import MOST_BALLS, NEARLY_ALL
 
 #: largest number of iterations for a linear response
 _MOST_ITERATIONS = 60_000
@@ -35,19 +32,6 @@ _STALLED = 1e-2
 _NOISE = 1e-14
 #: relative error of the motions under a strain, which enters elastic constants squared
 _ELASTIC = 1e-7
-#: number of balls from which the shifts of a grid take less time than its list, if nearly all
-#: contacts are closed: half as long again at 24 x 24 balls, two thirds at 64 x 64
-FEWEST = 1000
-
-
-def takes_less_time(stiffness: Array, lattice: Lattice) -> bool:
-    """Return whether an elastic tensor takes less time on the grid than by a list of contacts.
-
-    ``stiffness`` (n_c, L1, ..., Lp) is that of the contacts, zero where balls are apart.
-    """
-    balls = lattice.n_balls * math.prod(stiffness.shape[1:])
-    closed = float(np.mean(stiffness > 0.0))
-    return balls > MOST_BALLS[lattice.periods] or (balls >= FEWEST and closed >= NEARLY_ALL)
 
 
 def find_tensor_on_grid(stencils: Stencils, springs: Array) -> Array:

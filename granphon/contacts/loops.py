@@ -1,4 +1,4 @@
-"""Loops over the contacts of a list, compiled: the entries of its tangent.
+"""Loops over the contacts of a list, compiled: the blocks of its tangent.
 
 A small motion of two balls that touch, under a small uniform strain E of the cell, moves their
 contact by v = u_j - u_i + E w, where w joins the centres. The contact resists, with a stiffness
@@ -10,20 +10,24 @@ each,
     roll        (1 - nn)(phi_j - phi_i)
     push        (1 - nn) v, which the static force along n resists with the stiffness -f/r
 
-Each is a row of coefficients of the motions of ball i, those of ball j, and the strains. The
-tangent is the sum of the squares of rows times their stiffness. A static force T across the normal,
-with which ball i acts on ball j, turns with n, and about n as it is carried:
+The tangent is the second derivative of the sum of half of the squares of these times their
+stiffness: of two displacements a matrix of nn and 1 - nn; of a displacement and a rotation that of
+phi x n, times an arm; of two rotations one of nn and 1 - nn again.
+
+A static force T across the normal, with which ball i acts on ball j, turns with n, and about n as
+it is carried:
 
     dn = (1 - nn) v/r,    turn = n x dn + spin n
     force on ball j   turn x T,                                   on ball i the opposite
     torque on ball j  -(arm_j turn x (n x T) + (e/2) n x T),      on ball i with arm_i
 
 where e is the elongation. This part has no potential, and is not symmetric.
+
+Blocks (m, m) of the m motions of two balls lie so that those of all contacts, or of all balls, of
+one entry follow each other: what multiplies them goes through memory in order.
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,116 +36,118 @@ from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 from granphon.contacts.columns import Columns
 
-#: kinds of deformation of a contact, with their components: 1 elongation, 2 slips, 1 twist, 2 rolls
-#: and 2 pushes
-N_ROWS = 8
+
+@compiled
+def _set_turning(normal: Array, turning: Array) -> None:
+    """Set ``turning`` (3, 3) to the matrix that takes phi to phi x n; its diagonal is zero."""
+    for axis in range(3):
+        following = (axis + 1) % 3
+        turning[axis, following] = normal[(axis + 2) % 3]
+        turning[following, axis] = -normal[(axis + 2) % 3]
 
 
 @compiled
-def _set_frame(normals: Array, contact: int, frame: Array) -> None:
-    """Set ``frame`` (3, 3) to the rows n, t and b = n x t; of a normal in the plane of x and y, b
-    is along z.
-    """
-    x = normals[contact, 0]
-    y = normals[contact, 1]
-    z = normals[contact, 2]
-    along_z = math.sqrt(x * x + y * y)
-    along_x = math.sqrt(y * y + z * z)
-    t = (-y / along_z, x / along_z, 0.0) if along_z > 0.5 else (0.0, z / along_x, -y / along_x)
-    frame[0, 0] = x
-    frame[0, 1] = y
-    frame[0, 2] = z
-    frame[1, 0] = t[0]
-    frame[1, 1] = t[1]
-    frame[1, 2] = t[2]
-    frame[2, 0] = y * t[2] - z * t[1]
-    frame[2, 1] = z * t[0] - x * t[2]
-    frame[2, 2] = x * t[1] - y * t[0]
-
-
-@compiled
-def _set_row(
-    rows: Array,
-    row: int,
-    frame: Array,
-    move: int,
-    moves: float,
-    turn: int,
-    turn_i: float,
-    turn_j: float,
+def fill_tangent(
+    columns: Columns,
     axes: NDArray[np.int64],
-    strained: Array,
-) -> int:
-    """Set a row: ``moves`` times the component of v along the line ``move`` of the frame, and those
-    of turn_i phi_i + turn_j phi_j along the line ``turn``.
+    strains: Array,
+    diagonal: Array,
+    forward: Array,
+    ahead: Array,
+    corner: Array,
+) -> None:
+    """Add the tangents of all contacts, but for static forces across normals, to zeros.
 
-    ``strained`` (s, 3) is E w of each strain; ``axes`` are those of the motions of a ball, of
-    rotations with 3 added. Returns the number of the next row: the same, if nothing takes part.
+    Parameters
+    ----------
+    columns : the contacts.
+    axes : (m,) axes of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
+    strains : (s, 3, 3) unit strains, symmetric.
+    diagonal : (m, m, n) forces on each ball against motions of the same ball.
+    forward : (m, m, n_c) forces on ball i of each contact against motions of ball j; the block of
+        ball j and i is its transpose.
+    ahead : (n, m, s) forces on balls against unit strains; those on strains against unit motions
+        are the same.
+    corner : (s, s) forces on strains against unit strains.
     """
     m = len(axes)
-    size = 0.0
-    for motion in range(m):
-        axis = axes[motion]
-        if axis < 3:
-            part_j = moves * frame[move, axis]
-            part_i = -part_j
-        else:
-            part_i = turn_i * frame[turn, axis - 3]
-            part_j = turn_j * frame[turn, axis - 3]
-        rows[row, motion] = part_i
-        rows[row, m + motion] = part_j
-        size += part_i * part_i + part_j * part_j
-    for strain in range(strained.shape[0]):
-        part = moves * (
-            frame[move, 0] * strained[strain, 0]
-            + frame[move, 1] * strained[strain, 1]
-            + frame[move, 2] * strained[strain, 2]
-        )
-        rows[row, 2 * m + strain] = part
-        size += part * part
-    return row + 1 if size > 0.0 else row
-
-
-@compiled
-def _set_rows(
-    columns: Columns,
-    contact: int,
-    axes: NDArray[np.int64],
-    strained: Array,
-    frame: Array,
-    rows: Array,
-    stiffness: Array,
-) -> int:
-    """Set the rows of a contact and their stiffnesses; return their number."""
-    arm_i = columns.arm_i[contact]
-    arm_j = columns.arm_j[contact]
-    count = 0
-    stiff = columns.normal_stiffness[contact]
-    if stiff != 0.0:
-        stiffness[count] = stiff
-        count = _set_row(rows, count, frame, 0, 1.0, 0, 0.0, 0.0, axes, strained)
-    stiff = columns.shear_stiffness[contact]
-    if stiff != 0.0:
-        # (phi x n).t = phi.b, and (phi x n).b = -phi.t
-        stiffness[count] = stiff
-        count = _set_row(rows, count, frame, 1, 1.0, 2, -arm_i, -arm_j, axes, strained)
-        stiffness[count] = stiff
-        count = _set_row(rows, count, frame, 2, 1.0, 1, arm_i, arm_j, axes, strained)
-    stiff = columns.torsion_stiffness[contact]
-    if stiff != 0.0:
-        stiffness[count] = stiff
-        count = _set_row(rows, count, frame, 0, 0.0, 0, -1.0, 1.0, axes, strained)
-    stiff = columns.bending_stiffness[contact]
-    if stiff != 0.0:
-        for tangent in range(1, 3):
-            stiffness[count] = stiff
-            count = _set_row(rows, count, frame, 0, 0.0, tangent, -1.0, 1.0, axes, strained)
-    stiff = columns.side_stiffness[contact]
-    if stiff != 0.0:
-        for tangent in range(1, 3):
-            stiffness[count] = stiff
-            count = _set_row(rows, count, frame, tangent, 1.0, 0, 0.0, 0.0, axes, strained)
-    return count
+    s = len(strains)
+    turning = np.zeros((3, 3))
+    strained = np.zeros((s, 3))
+    pull = np.zeros((s, 3))
+    for contact in range(len(columns.i)):
+        i = columns.i[contact]
+        j = columns.j[contact]
+        arm_i = columns.arm_i[contact]
+        arm_j = columns.arm_j[contact]
+        normal = columns.normal[contact]
+        slip = columns.shear_stiffness[contact]
+        torsion = columns.torsion_stiffness[contact]
+        bending = columns.bending_stiffness[contact]
+        # of displacements: across (1 - nn) + k nn
+        across = slip + columns.side_stiffness[contact]
+        along = columns.normal_stiffness[contact] - across
+        if across == 0.0 and along == 0.0 and torsion == 0.0 and bending == 0.0:
+            continue
+        _set_turning(normal, turning)
+        for line in range(m):
+            row = axes[line]
+            for column in range(m):
+                axis = axes[column]
+                if row < 3 and axis < 3:
+                    near = along * normal[row] * normal[axis]
+                    if row == axis:
+                        near += across
+                    far = near
+                    between = -near
+                elif row < 3:
+                    cross = slip * turning[row, axis - 3]
+                    near = arm_i * cross
+                    far = -arm_j * cross
+                    between = arm_j * cross
+                elif axis < 3:
+                    cross = slip * turning[axis, row - 3]
+                    near = arm_i * cross
+                    far = -arm_j * cross
+                    between = -arm_i * cross
+                else:
+                    parallel = normal[row - 3] * normal[axis - 3]
+                    beside = -parallel
+                    if row == axis:
+                        beside += 1.0
+                    roll = torsion * parallel + bending * beside
+                    near = arm_i * arm_i * slip * beside + roll
+                    far = arm_j * arm_j * slip * beside + roll
+                    between = arm_i * arm_j * slip * beside - roll
+                diagonal[line, column, i] += near
+                diagonal[line, column, j] += far
+                forward[line, column, contact] = between
+        for strain in range(s):
+            elongation = 0.0
+            for axis in range(3):
+                strained[strain, axis] = 0.0
+                for a in range(3):
+                    strained[strain, axis] += strains[strain, axis, a] * columns.vector[contact, a]
+                elongation += strained[strain, axis] * normal[axis]
+            for axis in range(3):
+                pull[strain, axis] = (
+                    along * elongation * normal[axis] + across * strained[strain, axis]
+                )
+            for motion in range(m):
+                axis = axes[motion]
+                if axis < 3:
+                    ahead[i, motion, strain] -= pull[strain, axis]
+                    ahead[j, motion, strain] += pull[strain, axis]
+                else:
+                    slipped = 0.0
+                    for a in range(3):
+                        slipped += strained[strain, a] * turning[a, axis - 3]
+                    ahead[i, motion, strain] -= arm_i * slip * slipped
+                    ahead[j, motion, strain] -= arm_j * slip * slipped
+        for one in range(s):
+            for another in range(s):
+                for axis in range(3):
+                    corner[one, another] += strained[one, axis] * pull[another, axis]
 
 
 @compiled
@@ -216,82 +222,76 @@ def _add_static_turn(
 
 
 @compiled
-def fill_tangent(
+def add_static_turn(
     columns: Columns,
     axes: NDArray[np.int64],
     strains: Array,
-    places: NDArray[np.int64],
-    data: Array,
+    diagonal: Array,
+    forward: Array,
+    backward: Array,
     ahead: Array,
     back: Array,
     corner: Array,
 ) -> None:
-    """Add the tangents of all contacts to the entries of a matrix, and to those of the strains.
+    """Add what static forces across normals do as they turn.
 
-    Parameters
-    ----------
-    columns : the contacts.
-    axes : (m,) axes of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
-    strains : (s, 3, 3) unit strains, symmetric.
-    places : (n_c, 4, 2) where the blocks of motions (i, i), (i, j), (j, i) and (j, j) of each
-        contact begin in ``data``, and how far apart two columns of the block are.
-    data : entries of the matrix, (m, m) for each two balls that touch.
-    ahead : (n, m, s) forces on balls against unit strains.
-    back : (n, m, s) forces on strains against unit motions of balls.
-    corner : (s, s) forces on strains against unit strains.
+    ``backward`` (m, m, n_c) are, of each motion of ball i of a contact, the forces on ball j, and
+    ``back`` (n, m, s) forces on strains against unit motions of balls; see :func:`fill_tangent` for
+    the others.
     """
     m = len(axes)
     s = len(strains)
-    size = 2 * m + s
-    # a row more than a contact has: one to which nothing takes part is written over
-    rows = np.zeros((N_ROWS + 1, size))
-    stiffness = np.zeros(N_ROWS + 1)
-    block = np.zeros((size, size))
+    block = np.zeros((2 * m + s, 2 * m + s))
     strained = np.zeros((s, 3))
-    frame = np.zeros((3, 3))
     work = np.zeros((9, 3))
-    static = len(columns.tangential_force) > 0
-    vector = columns.vector
     for contact in range(len(columns.i)):
+        i = columns.i[contact]
+        j = columns.j[contact]
+        strained[:] = 0.0
         for strain in range(s):
             for axis in range(3):
-                strained[strain, axis] = (
-                    strains[strain, axis, 0] * vector[contact, 0]
-                    + strains[strain, axis, 1] * vector[contact, 1]
-                    + strains[strain, axis, 2] * vector[contact, 2]
-                )
-        _set_frame(columns.normal, contact, frame)
-        count = _set_rows(columns, contact, axes, strained, frame, rows, stiffness)
-        if count == 0:
-            continue
-        for line in range(size):
-            for column in range(size):
-                block[line, column] = 0.0
-        for row in range(count):
-            for line in range(size):
-                force = stiffness[row] * rows[row, line]
-                for column in range(line + 1):
-                    block[line, column] += force * rows[row, column]
-        for line in range(size):
-            for column in range(line):
-                block[column, line] = block[line, column]
-        if static:
-            _add_static_turn(columns, contact, axes, strained, work, block)
-        for end in range(2):
-            ball = columns.i[contact] if end == 0 else columns.j[contact]
-            for motion in range(m):
-                line = end * m + motion
-                for strain in range(s):
-                    ahead[ball, motion, strain] += block[line, 2 * m + strain]
-                    back[ball, motion, strain] += block[2 * m + strain, line]
-        for line in range(s):
-            for strain in range(s):
-                corner[line, strain] += block[2 * m + line, 2 * m + strain]
-        for pair in range(4):
-            first = places[contact, pair, 0]
-            apart = places[contact, pair, 1]
-            down = (pair // 2) * m
-            along = (pair % 2) * m
+                for a in range(3):
+                    strained[strain, axis] += strains[strain, axis, a] * columns.vector[contact, a]
+        block[:] = 0.0
+        _add_static_turn(columns, contact, axes, strained, work, block)
+        for line in range(m):
             for column in range(m):
-                for line in range(m):
-                    data[first + column * apart + line] += block[down + line, along + column]
+                diagonal[line, column, i] += block[line, column]
+                diagonal[line, column, j] += block[m + line, m + column]
+                forward[line, column, contact] += block[line, m + column]
+                backward[column, line, contact] += block[m + line, column]
+            for strain in range(s):
+                ahead[i, line, strain] += block[line, 2 * m + strain]
+                ahead[j, line, strain] += block[m + line, 2 * m + strain]
+                back[i, line, strain] += block[2 * m + strain, line]
+                back[j, line, strain] += block[2 * m + strain, m + line]
+        for one in range(s):
+            for another in range(s):
+                corner[one, another] += block[2 * m + one, 2 * m + another]
+
+
+@compiled
+def fill_entries(
+    diagonal: Array,
+    forward: Array,
+    backward: Array,
+    by_ball: NDArray[np.int64],
+    by_contact: NDArray[np.int64],
+    data: Array,
+) -> None:
+    """Add blocks to the entries ``data`` of a sparse matrix in columns, zeros.
+
+    ``by_ball`` (n, 2) and ``by_contact`` (n_c, 2, 2) are where the block of each ball, and those of
+    (i, j) and (j, i) of each contact, begin, and how far apart two columns of the block are.
+    """
+    m = len(diagonal)
+    for column in range(m):
+        for line in range(m):
+            for ball in range(len(by_ball)):
+                place = by_ball[ball, 0] + column * by_ball[ball, 1] + line
+                data[place] += diagonal[line, column, ball]
+            for contact in range(len(by_contact)):
+                place = by_contact[contact, 0, 0] + column * by_contact[contact, 0, 1] + line
+                data[place] += forward[line, column, contact]
+                place = by_contact[contact, 1, 0] + column * by_contact[contact, 1, 1] + line
+                data[place] += backward[column, line, contact]

@@ -41,11 +41,10 @@ class Pattern:
     def __init__(
         self, i: NDArray[np.int64], j: NDArray[np.int64], n_balls: int, n_motions: int
     ) -> None:
-        self._n_motions = n_motions
         balls = np.arange(n_balls)
-        # the blocks (i, i), (i, j), (j, i), (j, j) of each contact, and those of the diagonal
-        lines = np.concatenate([i, i, j, j, balls])
-        columns = np.concatenate([i, j, i, j, balls])
+        # the blocks of the diagonal, and (i, j) and (j, i) of each contact
+        lines = np.concatenate([balls, i, j])
+        columns = np.concatenate([balls, j, i])
         blocks, numbers = np.unique(columns * n_balls + lines, return_inverse=True)
         line = blocks % n_balls
         column = blocks // n_balls
@@ -57,16 +56,13 @@ class Pattern:
         apart = heights[column] * n_motions
         motions = np.arange(n_motions)
         entries = first[:, None, None] + apart[:, None, None] * motions[:, None] + motions
+        places = np.stack([first, apart], axis=1)[numbers]
+        #: (n, 2) where the block of each ball begins, and how far apart its columns are
+        self.by_ball = places[:n_balls]
+        #: (n_c, 2, 2) the same of the blocks (i, j) and (j, i) of each contact
+        self.by_contact = np.ascontiguousarray(places[n_balls:].reshape(2, -1, 2).swapaxes(0, 1))
         #: (n m,) places of the diagonal
-        self.diagonal = np.ravel(
-            first[numbers[4 * i.size :], None] + (apart[numbers[4 * i.size :], None] + 1) * motions
-        )
-        #: (n, m, m) places of the block of each ball, columns first
-        self.by_ball = entries[numbers[4 * i.size :]]
-        #: (n_c, 4, 2) where the blocks of each contact begin, and how far apart their columns are
-        self.places = np.ascontiguousarray(
-            np.stack([first, apart], axis=1)[numbers[: 4 * i.size].reshape(4, -1).T]
-        )
+        self.diagonal = np.ravel(self.by_ball[:, :1] + (self.by_ball[:, 1:] + 1) * motions)
         self._indices = np.empty(entries.size, np.int32)
         self._indices[entries] = (n_motions * line[:, None, None] + motions).astype(np.int32)
         widths = np.repeat(heights * n_motions, n_motions)
@@ -114,18 +110,39 @@ class Tangent:
 
     Attributes
     ----------
-    pattern : where the entries of A stand.
-    data : entries of A.
+    contacts : the list.
+    diagonal : (m, m, n) blocks of A: forces on each ball against motions of the same ball.
+    forward : (m, m, n_c) the same on ball i of each contact against motions of ball j.
+    backward : (m, m, n_c) of each motion of ball i the forces on ball j; ``forward`` itself where A
+        is symmetric.
     ahead : (n, m, s) B, forces on balls against unit strains.
     back : (n, m, s) B' transposed, forces on strains against unit motions.
     corner : (s, s) S, forces on strains against unit strains.
     """
 
-    pattern: Pattern
-    data: Array
+    contacts: ContactList
+    diagonal: Array
+    forward: Array
+    backward: Array
     ahead: Array
     back: Array
     corner: Array
+
+    @cached_property
+    def pattern(self) -> Pattern:
+        """Where the entries of A stand."""
+        return find_pattern(self.contacts)
+
+    @cached_property
+    def data(self) -> Array:
+        """Entries of A."""
+        from granphon.contacts.loops import fill_entries  # imported here: averages need no Numba
+
+        pattern = self.pattern
+        data = np.zeros(pattern.n_entries)
+        blocks = (self.diagonal, self.forward, self.backward)
+        fill_entries(*blocks, pattern.by_ball, pattern.by_contact, data)
+        return data
 
     @cached_property
     def matrix(self) -> Any:
@@ -145,15 +162,22 @@ def unit_strains(dimension: int) -> Array:
 
 def find_tangent(contacts: ContactList, strains: Array) -> Tangent:
     """Return the tangent of a list under unit ``strains`` (s, 3, 3), symmetric."""
-    from granphon.contacts.loops import fill_tangent  # imported here: averages need no Numba
+    from granphon.contacts import loops  # imported here: averages need no Numba
 
-    pattern = find_pattern(contacts)
     s = len(strains)
-    n_motions = len(contacts.axes)
-    data = np.zeros(pattern.n_entries)
-    ahead = np.zeros((contacts.n_balls, n_motions, s))
-    back = np.zeros_like(ahead)
+    axes = contacts.axes
+    m = len(axes)
+    diagonal = np.zeros((m, m, contacts.n_balls))
+    forward = np.zeros((m, m, contacts.n_contacts))
+    backward = forward
+    ahead = np.zeros((contacts.n_balls, m, s))
+    back = ahead
     corner = np.zeros((s, s))
     columns = contacts.columns
-    fill_tangent(columns, contacts.axes, strains, pattern.places, data, ahead, back, corner)
-    return Tangent(pattern, data, ahead, back, corner)
+    loops.fill_tangent(columns, axes, strains, diagonal, forward, ahead, corner)
+    if contacts.has_tangential_force:
+        backward = forward.copy()
+        back = ahead.copy()
+        blocks = (diagonal, forward, backward)
+        loops.add_static_turn(columns, axes, strains, *blocks, ahead, back, corner)
+    return Tangent(contacts, diagonal, forward, backward, ahead, back, corner)

@@ -1,21 +1,24 @@
 """Conjugate gradients for the linear response of a list that is a grid, preconditioned in Fourier
 space.
 
-Where nearly all contacts of an array are closed, its matrix is near that of equal contacts, whose
+Where most contacts of an array are closed, its matrix is near that of equal contacts, whose
 inverse, the Green's function of the lattice, is a product in Fourier space. It carries forces
-across the array; each ball alone takes account of contacts that differ. Some ten iterations for all
-right sides at once then take less time than factors. The preconditioner is in single precision.
+across the array. Each ball alone, before and after, takes account of contacts that differ. Some ten
+iterations for all right sides at once then take less time than factors.
+
+Motions and forces are arrays (f, k, cells) here, of f motions of the balls of a cell and k right
+sides: loops and Fourier transforms go through cells that follow each other in memory. The blocks of
+the tangent are multiplied as they are; no sparse matrix is made.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
@@ -27,63 +30,147 @@ Values = NDArray[Any]
 #: stiffness, over the mean, that the preconditioner adds to each motion: motions that cost nothing,
 #: such as that of the whole, have no inverse
 _HOLDING = 1e-5
+#: part of the way to its balance that each ball moves before and after Green's function. The energy
+#: of a contact is at most twice that of its two balls moving one at a time: with less than the
+#: whole way the preconditioner is positive definite
+_DAMPED = 0.8
 #: decimals of the mean stiffnesses, over the mean of all, and of the mean directions of a kind of
 #: contact: Green's function need not be exact, and samples of a packing share one
 _DIGITS = 2
 #: balls of a grid, at most, whose Green's function is kept
 _KEPT_BALLS = 2**13
+#: contacts of a kind that are multiplied at a time, so that they stay in the processor's cache
+_CACHED = 256
 
 
-class GridPreconditioner:
-    """Approximate inverse of the tangent of a list that is a grid, in single precision.
+class GridIteration:
+    """Small motions of the balls of a list that is a grid, under forces.
 
-    It sums the motions under Green's function of equal contacts, the means over each kind, and
-    those of each ball alone while its neighbours are held. It is symmetric and positive definite.
+    Parameters
+    ----------
+    tangent : of the list. Of a tangent that is not symmetric only :meth:`precondition` serves.
     """
 
-    def __init__(self, contacts: ContactList, tangent: Tangent) -> None:
+    def __init__(self, tangent: Tangent) -> None:
+        contacts = tangent.contacts
         self._shape = contacts.grid
         self._cells = math.prod(contacts.grid)
-        self._in_cell = contacts.n_balls // self._cells
         self._n_motions = len(contacts.axes)
-        self._green = _find_green(contacts)
-        pattern = tangent.pattern
-        blocks = tangent.data[pattern.by_ball]
-        least = _HOLDING * float(np.mean(contacts.normal_stiffness))
-        alone = np.linalg.inv(blocks + least * np.eye(self._n_motions))
-        self._alone = alone.astype(np.float32)
+        self._level = float(np.mean(contacts.normal_stiffness)) or 1.0
+        self._product = _GridProduct(tangent, self._level, np.float64)
+        self._coarse = _GridProduct(tangent, self._level, np.float32)
+        self._green = _find_green(contacts, self._level)
+        self._alone = np.empty_like(self._coarse.diagonal)
+        _invert_blocks(self._product.diagonal, _HOLDING, _DAMPED, self._alone)
 
-    def __call__(self, forces: Values) -> Values:
-        """Return motions (n m, k) under forces (n m, k)."""
+    def solve(
+        self, forces: Array, reduction: float, most: int, noise: float
+    ) -> tuple[Array, Array, bool, bool]:
+        """Return the motions (n, m, k) under ``forces`` (n, m, k), and the forces that they leave,
+        by conjugate gradients.
+
+        The first number says whether the error of motions in the norm of the energy has fallen by
+        ``reduction`` within ``most`` iterations, the second whether all curvatures met were above
+        zero. Forces below ``noise``, over the mean stiffness, are rounding.
+        """
+        remaining = self._lay(forces) / self._level
+        motions = np.zeros_like(remaining)
+        way = np.zeros_like(remaining)
+        products = np.zeros(remaining.shape[1])
+        least = noise**2 * remaining.size
+        aim = math.inf
+        arrived = False
+        stable = True
+        for count in range(most + 1):
+            better = self._approach(remaining)
+            last = products
+            products = _multiply_columns(remaining, better)
+            total = float(np.sum(products))
+            aim = reduction**2 * total if count == 0 else aim
+            arrived = total <= max(aim, least)
+            if arrived or count == most:
+                break
+            way *= _divide(products, last)
+            way += better
+            change = self._product(way)
+            curvatures = _multiply_columns(way, change)
+            stable = not np.any(curvatures < 0.0)
+            if not stable:
+                break
+            lengths = _divide(products, curvatures)
+            motions += lengths * way
+            remaining -= lengths * change
+        return self._list(motions), self._level * self._list(remaining), arrived, stable
+
+    def precondition(self, forces: Array) -> Array:
+        """Return about the motions (n, m, k) under ``forces`` (n, m, k), in single precision."""
+        return self._list(self._approach(self._lay(forces) / self._level))
+
+    def _approach(self, forces: Array) -> Array:
+        """Return about the motions under forces over the mean stiffness: each ball moves as if its
+        neighbours were held, then all by Green's function under what that leaves, then each ball
+        again.
+        """
+        single = forces.astype(np.float32)
+        motions = np.zeros_like(single)
+        _add_alone(self._alone, single, motions)
+        motions += self._apply_green(single - self._coarse(motions))
+        _add_alone(self._alone, single - self._coarse(motions), motions)
+        return motions.astype(float)
+
+    def _apply_green(self, forces: Values) -> Values:
         from scipy import fft  # imported here: media that are not simulated do not need it
 
-        columns = forces.shape[-1]
-        single = forces.astype(np.float32)
-        # the axes of cells first: one transform for all motions, and for all right sides
-        axes = tuple(range(len(self._shape)))
-        by_cell = single.reshape(self._in_cell, *self._shape, -1)
-        if self._in_cell > 1:
-            by_cell = np.moveaxis(by_cell, 0, -2)
-        waves = fft.rfftn(by_cell.reshape(*self._shape, -1), axes=axes)
-        by_wave = waves.reshape(len(self._green), -1, columns)
-        moved = np.empty_like(by_wave)
-        _multiply_waves(self._green, by_wave, moved)
-        motions = fft.irfftn(moved.reshape(waves.shape), self._shape, axes=axes, overwrite_x=True)
-        if self._in_cell > 1:
-            motions = np.moveaxis(motions.reshape(*self._shape, self._in_cell, -1), -2, 0)
-        by_ball = np.ascontiguousarray(motions).reshape(-1, self._n_motions, columns)
-        _add_alone(self._alone, single.reshape(by_ball.shape), by_ball)
-        return by_ball.reshape(forces.shape)
+        axes = tuple(range(2, 2 + len(self._shape)))
+        waves = fft.rfftn(forces.reshape(*forces.shape[:2], *self._shape), axes=axes)
+        moved = np.zeros_like(waves)
+        count = self._green.shape[-1]
+        _add_waves(
+            self._green,
+            waves.reshape(*forces.shape[:2], count),
+            moved.reshape(*forces.shape[:2], count),
+        )
+        motions = fft.irfftn(moved, self._shape, axes=axes, overwrite_x=True)
+        return np.asarray(motions.reshape(forces.shape))
+
+    def _lay(self, values: Array) -> Array:
+        """Return arrays (f, k, cells) of those (n, m, k) of balls."""
+        by_cell = values.reshape(-1, self._cells, *values.shape[1:])
+        fields = by_cell.transpose(0, 2, 3, 1).reshape(-1, values.shape[-1], self._cells)
+        return np.ascontiguousarray(fields)
+
+    def _list(self, fields: Array) -> Array:
+        """Return arrays (n, m, k) of balls, of those (f, k, cells)."""
+        by_ball = fields.reshape(-1, self._n_motions, *fields.shape[1:])
+        return by_ball.transpose(0, 3, 1, 2).reshape(-1, self._n_motions, fields.shape[1])
 
 
-def _find_green(contacts: ContactList) -> NDArray[Any]:
-    """Return (waves, f, f) inverses in Fourier space for equal contacts of each kind; f are the
-    motions of the balls of a cell.
+class _GridProduct:
+    """Product of the symmetric tangent of a grid, over a stiffness ``level``, with motions."""
+
+    def __init__(self, tangent: Tangent, level: float, precision: DTypeLike) -> None:
+        contacts = tangent.contacts
+        cells = math.prod(contacts.grid)
+        self.diagonal = (tangent.diagonal / level).astype(precision)
+        self._forward = (tangent.forward / level).astype(precision)
+        self._ends = np.stack([contacts.i[::cells], contacts.j[::cells]], axis=1) // cells
+        self._steps = (contacts.j % cells).reshape(-1, cells)
+
+    def __call__(self, motions: Values) -> Values:
+        """Return forces (f, k, cells)."""
+        forces = np.zeros_like(motions)
+        _add_alone(self.diagonal, motions, forces)
+        _add_across(self._ends, self._steps, self._forward, motions, forces)
+        return forces
+
+
+def _find_green(contacts: ContactList, level: float) -> NDArray[Any]:
+    """Return (f, f, waves) inverses in Fourier space for equal contacts of each kind, of stiffness
+    over ``level``; f are the motions of the balls of a cell.
     """
     shape = contacts.grid
     cells = math.prod(shape)
     kinds = contacts.n_contacts // cells
-    level = float(np.mean(contacts.normal_stiffness)) or 1.0
 
     def average(values: Array, scale: float = 1.0) -> tuple[Any, ...]:
         """Return the mean of each kind, to few digits, so that samples of a packing have the
@@ -93,7 +180,7 @@ def _find_green(contacts: ContactList) -> NDArray[Any]:
         return tuple(np.round(means, _DIGITS).ravel().tolist())
 
     find = _find_equal_green if contacts.n_balls <= _KEPT_BALLS else _find_equal_green.__wrapped__
-    green = find(
+    return find(
         shape,
         contacts.motions,
         tuple(divmod(ball, cells) for ball in contacts.i[::cells].tolist()),
@@ -107,7 +194,6 @@ def _find_green(contacts: ContactList) -> NDArray[Any]:
         average(contacts.torsion_stiffness, level),
         average(contacts.bending_stiffness, level),
     )
-    return np.asarray(green / np.float32(level))
 
 
 @lru_cache(maxsize=8)
@@ -120,7 +206,7 @@ def _find_equal_green(
     normal: tuple[float, ...],
     *each: tuple[float, ...],
 ) -> NDArray[Any]:
-    """Return (waves, f, f) inverses in Fourier space of the tangent of contacts of these kinds.
+    """Return (f, f, waves) inverses in Fourier space of the tangent of contacts of these kinds.
 
     ``ends_i`` and ``ends_j`` are the ball of the cell, and the cell, of either end of each kind;
     ``each`` are arms and stiffnesses.
@@ -174,96 +260,127 @@ def _find_equal_green(
     level = float(np.mean(np.diagonal(pairs)))
     matrix += _HOLDING * level * np.eye(fields)
     matrix[(0,) * len(waves)] += level * np.eye(fields)
-    return np.linalg.inv(matrix).reshape(-1, fields, fields).astype(np.complex64)
+    inverses = np.linalg.inv(matrix).reshape(-1, fields, fields)
+    return np.ascontiguousarray(np.moveaxis(inverses, 0, -1).astype(np.complex64))
 
 
-def iterate(
-    tangent: Tangent,
-    precondition: Callable[[Values], Values],
-    forces: Array,
-    reduction: float,
-    most: int,
-    floor: float,
-) -> tuple[Array, bool, bool]:
-    """Solve for the motions (n m, k) under ``forces`` (n m, k) by conjugate gradients.
+def _multiply_columns(one: Array, another: Array) -> Array:
+    """Return the sums (k,) of products of the entries of each right side."""
+    return np.asarray(np.einsum("fkc,fkc->k", one, another))
 
-    Returns the motions, whether their error in the norm of the energy has fallen by ``reduction``
-    within ``most`` iterations, and whether all curvatures met were above zero. ``floor`` is the
-    square of the norm below which the rest is rounding.
+
+def _divide(above: Array, below: Array) -> Array:
+    """Return quotients (k, 1), zero where the divisor is."""
+    return np.divide(above, below, out=np.zeros_like(above), where=below > 0.0)[:, None]
+
+
+@compiled
+def _add_alone(blocks: Values, columns: Values, out: Values) -> None:
+    """Add to ``out`` (f, k, cells) the products of the blocks (m, m, n) of balls with columns (f,
+    k, cells).
     """
-    matrix = tangent.matrix.T  # a matrix in rows is multiplied sooner; this one is symmetric
-    motions = np.zeros_like(forces)
-    remaining = forces.copy()
-    way = np.zeros_like(forces)
-    products = np.zeros(forces.shape[1])
-    aim = math.inf
-    for count in range(most + 1):
-        better = precondition(remaining)
-        last = products
-        products = _multiply_columns(remaining, better)
-        total = float(np.sum(products))
-        aim = reduction**2 * total if count == 0 else aim
-        if total <= max(aim, floor):
-            return motions, True, True
-        _turn(way, better, np.divide(products, last, out=np.zeros_like(last), where=last > 0.0))
-        change = matrix @ way
-        curvatures = _multiply_columns(way, change)
-        if np.any(curvatures < 0.0):
-            return motions, False, False
-        moving = curvatures > 0.0
-        lengths = np.divide(products, curvatures, out=np.zeros_like(last), where=moving)
-        _advance(motions, remaining, way, change, lengths)
-    return motions, False, True
+    m = len(blocks)
+    cells = columns.shape[2]
+    for ball in range(len(columns) // m):
+        for line in range(m):
+            for motion in range(m):
+                block = blocks[line, motion, ball * cells : (ball + 1) * cells]
+                for k in range(columns.shape[1]):
+                    column = columns[ball * m + motion, k]
+                    sums = out[ball * m + line, k]
+                    for cell in range(cells):
+                        sums[cell] += block[cell] * column[cell]
 
 
 @compiled
-def _multiply_columns(one: Values, other: Values) -> Array:
-    """Return the sums (k,) of products of the entries of each column."""
-    sums = np.zeros(one.shape[1])
-    for line in range(one.shape[0]):
-        for column in range(one.shape[1]):
-            sums[column] += one[line, column] * other[line, column]
-    return sums
+def _add_across(
+    ends: NDArray[np.int64],
+    steps: NDArray[np.int64],
+    blocks: Values,
+    motions: Values,
+    forces: Values,
+) -> None:
+    """Add to ``forces`` (f, k, cells) those of contacts on their two balls against motions of the
+    other ball.
 
-
-@compiled
-def _turn(way: Array, better: Values, part: Array) -> None:
-    """Multiply each column of ``way`` by its ``part`` of the way before, and add ``better``."""
-    for line in range(way.shape[0]):
-        for column in range(way.shape[1]):
-            way[line, column] = part[column] * way[line, column] + better[line, column]
-
-
-@compiled
-def _advance(motions: Array, remaining: Array, way: Array, change: Array, lengths: Array) -> None:
-    """Go the ``lengths`` of each column along ``way``, by which forces ``change``."""
-    for line in range(way.shape[0]):
-        for column in range(way.shape[1]):
-            motions[line, column] += lengths[column] * way[line, column]
-            remaining[line, column] -= lengths[column] * change[line, column]
-
-
-@compiled
-def _multiply_waves(green: Values, waves: Values, out: Values) -> None:
-    """Set ``out`` (waves, f, k) to products of matrices (waves, f, f) and columns (waves, f, k)."""
-    for wave in range(waves.shape[0]):
-        for line in range(green.shape[1]):
-            for column in range(waves.shape[2]):
-                out[wave, line, column] = 0.0
-            for field in range(green.shape[2]):
-                factor = green[wave, line, field]
-                for column in range(waves.shape[2]):
-                    out[wave, line, column] += factor * waves[wave, field, column]
-
-
-@compiled
-def _add_alone(blocks: Values, forces: Values, motions: Values) -> None:
-    """Add to ``motions`` (n, m, k) those of each ball under ``forces`` while its neighbours are
-    held; ``blocks`` (n, m, m).
+    ``ends`` (kinds, 2) are the balls of the cell that each kind of contact joins, ``steps`` (kinds,
+    cells) the cell where a contact ends that starts in each cell, and ``blocks`` (m, m, n_c).
     """
-    for ball in range(forces.shape[0]):
-        for line in range(blocks.shape[1]):
-            for motion in range(blocks.shape[2]):
-                factor = blocks[ball, line, motion]
-                for column in range(forces.shape[2]):
-                    motions[ball, line, column] += factor * forces[ball, motion, column]
+    m = len(blocks)
+    cells = motions.shape[2]
+    far = np.empty((m, _CACHED), motions.dtype)
+    back = np.empty((m, _CACHED), motions.dtype)
+    for kind in range(len(ends)):
+        at_i = m * ends[kind, 0]
+        at_j = m * ends[kind, 1]
+        for start in range(0, cells, _CACHED):
+            stop = min(start + _CACHED, cells)
+            count = stop - start
+            step = steps[kind, start:stop]
+            for k in range(motions.shape[1]):
+                for motion in range(m):
+                    gathered = far[motion]
+                    moved = motions[at_j + motion, k]
+                    for cell in range(count):
+                        gathered[cell] = moved[step[cell]]
+                    back[motion] = 0.0
+                for line in range(m):
+                    near = motions[at_i + line, k, start:stop]
+                    push = forces[at_i + line, k, start:stop]
+                    for motion in range(m):
+                        first = kind * cells
+                        block = blocks[line, motion, first + start : first + stop]
+                        gathered = far[motion]
+                        pull = back[motion]
+                        for cell in range(count):
+                            push[cell] += block[cell] * gathered[cell]
+                        for cell in range(count):
+                            pull[cell] += block[cell] * near[cell]
+                for motion in range(m):
+                    pull = back[motion]
+                    push = forces[at_j + motion, k]
+                    for cell in range(count):
+                        push[step[cell]] += pull[cell]
+
+
+@compiled
+def _add_waves(green: Values, waves: Values, out: Values) -> None:
+    """Add to ``out`` (f, k, waves) products of matrices (f, f, waves) and columns (f, k, waves)."""
+    for line in range(len(green)):
+        for field in range(len(green)):
+            factor = green[line, field]
+            for k in range(waves.shape[1]):
+                column = waves[field, k]
+                sums = out[line, k]
+                for wave in range(len(factor)):
+                    sums[wave] += factor[wave] * column[wave]
+
+
+@compiled
+def _invert_blocks(blocks: Values, least: float, part: float, inverses: Values) -> None:
+    """Set ``inverses`` (m, m, n) to those of symmetric blocks with ``least`` added to the diagonal,
+    times a ``part``.
+    """
+    m = len(blocks)
+    work = np.empty((m, m))
+    for ball in range(blocks.shape[2]):
+        for line in range(m):
+            for column in range(m):
+                work[line, column] = blocks[line, column, ball]
+            work[line, line] += least
+        # the elimination of Gauss and Jordan in place; pivots of a positive matrix are on its
+        # diagonal
+        for pivot in range(m):
+            over = 1.0 / work[pivot, pivot]
+            work[pivot, pivot] = 1.0
+            for column in range(m):
+                work[pivot, column] *= over
+            for line in range(m):
+                if line != pivot:
+                    factor = work[line, pivot]
+                    work[line, pivot] = 0.0
+                    for column in range(m):
+                        work[line, column] -= factor * work[pivot, column]
+        for line in range(m):
+            for column in range(m):
+                inverses[line, column, ball] = part * work[line, column]

@@ -11,8 +11,8 @@ inertia of the factors says whether the balls are at a minimum. Where static for
 normals A is not symmetric; its symmetric part is factorised, of which the rest is a small part, and
 GMRES does what is left.
 
-Of a list that is a grid nearly all contacts of which are closed, conjugate gradients preconditioned
-in Fourier space take less time (:mod:`granphon.statics.grid_iteration`), and of one that is too
+Of a list that is a grid, conjugate gradients preconditioned in Fourier space take less time
+(:mod:`granphon.statics.grid_iteration`) but near the rigidity threshold, and of one that is too
 large for factors they take less memory.
 """
 
@@ -32,7 +32,7 @@ from granphon.dynamics.elasticity import find_stress_part
 from granphon.dynamics.factors import Factors, factorise
 
 if TYPE_CHECKING:
-    from granphon.statics.grid_iteration import GridPreconditioner
+    from granphon.statics.grid_iteration import GridIteration
 
 #: stiffness of the springs to the ground over the mean one of contacts, where factors allow it: far
 #: above rounding, so that motions that cost nothing do not count as unstable, and far below what
@@ -54,9 +54,10 @@ _STALLED = 0.5
 _REDUCTION = 3e-6
 #: the same, where motions are asked for, or no factors can be
 _REDUCTION_OF_MOTIONS = 1e-9
-#: part of the contacts that carry, from which conjugate gradients take less time than factors: of
-#: 24 x 24 balls 4 ms with all, 5 ms with nine tenths, 16 ms with two thirds; factors take 5 ms
-NEARLY_ALL = 0.8
+#: deformations that contacts resist over motions of balls, from which conjugate gradients take less
+#: time than factors. Balls are rigid from about one (Maxwell's count), near which iterations are many.
+#: Measured in a plane and in space, with slips and without; in space with slips they take a third
+WELL_HELD = 1.3
 #: iterations after which a grid that can be factorised is
 _PATIENCE = 60
 #: iterations of a grid that cannot, at most
@@ -116,13 +117,11 @@ class LinearResponse:
 
     def _follow(self, forces: Array, for_motions: bool) -> tuple[Array, Array]:
         """Return the motions under ``forces``, and the forces that these leave."""
-        shape = forces.shape
-        right = forces.reshape(-1, shape[-1])
-        motions = self._iterate(right, for_motions) if self._may_iterate else None
-        if motions is None:
-            motions = self._solve_held(right, for_motions)
-        remaining = right - self._tangent.matrix @ motions
-        return motions.reshape(shape), remaining.reshape(shape)
+        found = self._iterate(forces, for_motions) if self._may_iterate else None
+        if found is None:
+            found = self._solve_held(forces.reshape(-1, forces.shape[-1]), for_motions)
+        motions, remaining = found
+        return motions.reshape(forces.shape), remaining.reshape(forces.shape)
 
     # -- iterations --------------------------------------------------------------------------------
 
@@ -135,27 +134,26 @@ class LinearResponse:
         contacts = self._contacts
         if not contacts.grid or not self._symmetric:
             return False
-        closed = float(np.mean(contacts.normal_stiffness > 0.0))
-        return closed >= NEARLY_ALL or not self._may_factorise
+        slips = len(contacts.motions.translations) - 1
+        resisted = np.count_nonzero(contacts.normal_stiffness)
+        resisted += slips * np.count_nonzero(contacts.shear_stiffness)
+        motions = contacts.n_balls * len(contacts.axes)
+        return resisted >= WELL_HELD * motions or not self._may_factorise
 
     @cached_property
-    def _preconditioner(self) -> GridPreconditioner:
-        from granphon.statics.grid_iteration import GridPreconditioner  # averages need no Numba
+    def _iteration(self) -> GridIteration:
+        from granphon.statics.grid_iteration import GridIteration  # averages need no Numba
 
-        return GridPreconditioner(self._contacts, self._tangent)
+        return GridIteration(self._tangent)
 
-    def _iterate(self, right: Array, for_motions: bool) -> Array | None:
-        """Return the motions that conjugate gradients find; None if factors are to be tried."""
-        from granphon.statics.grid_iteration import iterate  # averages need no Numba
-
+    def _iterate(self, forces: Array, for_motions: bool) -> tuple[Array, Array] | None:
+        """Return what conjugate gradients find; None if factors are to be tried."""
         fine = for_motions or not self._may_factorise
         reduction = _REDUCTION_OF_MOTIONS if fine else _REDUCTION
         most = _PATIENCE if self._may_factorise else _MOST_ITERATIONS
-        floor = _NOISE**2 * self._level * right.size
-        found = iterate(self._tangent, self._preconditioner, right, reduction, most, floor)
-        motions, arrived, stable = found
+        motions, remaining, arrived, stable = self._iteration.solve(forces, reduction, most, _NOISE)
         if arrived:
-            return motions
+            return motions, remaining
         if not self._may_factorise:
             raise explain_failure(stable)
         return None
@@ -193,7 +191,9 @@ class LinearResponse:
             matrix = self._hold(spring)
             even = matrix if self._symmetric else (0.5 * (matrix + matrix.T)).tocsc()
             try:
-                factors = pattern.elimination.factorise(even) if self._symmetric else factorise(even)
+                factors = (
+                    pattern.elimination.factorise(even) if self._symmetric else factorise(even)
+                )
             except RuntimeError:  # singular to the last digit
                 if spring >= _STRONGEST_SPRING:
                     raise explain_failure(True) from None
@@ -203,8 +203,10 @@ class LinearResponse:
                 raise explain_failure(False)
             return matrix, factors
 
-    def _solve_held(self, right: Array, for_motions: bool) -> Array:
-        """Return the motions that factors find, without what springs bear."""
+    def _solve_held(self, right: Array, for_motions: bool) -> tuple[Array, Array]:
+        """Return the motions that factors find, without what springs bear, and the forces that
+        these leave.
+        """
         borne = _BORNE_OF_MOTIONS if for_motions or not self._symmetric else _BORNE
         matrix = self._tangent.matrix
         solve = self._held[1].solve if self._symmetric else self._solve_by_gmres
@@ -221,7 +223,7 @@ class LinearResponse:
                 break
             motions = better
             remaining = left
-        return motions
+        return motions, remaining
 
     def _solve_by_gmres(self, right: Array) -> Array:
         """Return the motions of balls that springs hold to the ground, where A is not symmetric."""
@@ -232,10 +234,10 @@ class LinearResponse:
             invert = factors.solve
         else:
             matrix = self._hold(_LEAST_SPRING)
-            preconditioner = self._preconditioner
+            shape = (self._contacts.n_balls, -1, 1)
 
             def invert(vector: Array) -> Array:
-                return np.ravel(preconditioner(vector.reshape(-1, 1)))
+                return np.ravel(self._iteration.precondition(vector.reshape(shape)))
 
         size = len(right)
         inverse = LinearOperator((size, size), matvec=invert, dtype=np.float64)
