@@ -154,7 +154,8 @@ class _GridProduct:
         self.diagonal = (tangent.diagonal / level).astype(precision)
         self._forward = (tangent.forward / level).astype(precision)
         self._ends = np.stack([contacts.i[::cells], contacts.j[::cells]], axis=1) // cells
-        self._steps = (contacts.j % cells).reshape(-1, cells)
+        # numbers without a sign: a loop need not ask whether an index counts from the end
+        self._steps = (contacts.j % cells).reshape(-1, cells).astype(np.uint32)
 
     def __call__(self, motions: Values) -> Values:
         """Return forces (f, k, cells)."""
@@ -295,7 +296,7 @@ def _add_alone(blocks: Values, columns: Values, out: Values) -> None:
 @compiled
 def _add_across(
     ends: NDArray[np.int64],
-    steps: NDArray[np.int64],
+    steps: NDArray[np.uint32],
     blocks: Values,
     motions: Values,
     forces: Values,

@@ -55,8 +55,8 @@ _REDUCTION = 3e-6
 #: the same, where motions are asked for, or no factors can be
 _REDUCTION_OF_MOTIONS = 1e-9
 #: deformations that contacts resist over motions of balls, from which conjugate gradients take less
-#: time than factors. Balls are rigid from about one (Maxwell's count), near which iterations are many.
-#: Measured in a plane and in space, with slips and without; in space with slips they take a third
+#: time than factors, in a plane and in space, with slips and without. Balls are rigid from about one
+#: (Maxwell's count), near which iterations are many
 WELL_HELD = 1.3
 #: iterations after which a grid that can be factorised is
 _PATIENCE = 60
