@@ -99,6 +99,8 @@ def expected(modules: set[str]) -> set[str]:
 NODES = {"scipy.special", "scipy.linalg"}
 #: Fourier transforms
 WAVES = {"scipy.fft", "scipy.special"}
+#: the loops over contacts of an array at rest, and what preconditions them
+CONTACTS = WAVES | {"numba", "scipy.linalg"}
 PHONOPY = {"phonopy", "spglib", "ase", "ase.calculators"}
 #: xarray loads dask, where that is installed
 XARRAY = {"xarray", "h5netcdf", "pandas"} | (
@@ -120,7 +122,7 @@ ASKED: dict[str, tuple[dict[str, int], set[str], set[str]]] = {
     "auto, equal balls": ({}, set(), set()),
     "auto, high load": ({}, set(), set()),
     "auto, intermediate load": (EMA, NODES, set()),
-    "auto, to be simulated": (BESIDE, SAMPLE | WAVES, {"sample.extxyz"}),
+    "auto, to be simulated": (BESIDE, SAMPLE | CONTACTS, {"sample.extxyz"}),
     "sweep, auto": ({}, set(), SWEEP),
     "bands": (SPECTRA | {"modes": 1}, PHONOPY, BANDS),
     "bands, no friction": (SPECTRA | {"modes": 1}, PHONOPY, BANDS),
@@ -128,19 +130,20 @@ ASKED: dict[str, tuple[dict[str, int], set[str], set[str]]] = {
     "bands and density of states": (SPECTRA | {"modes": 2}, PHONOPY, {*BANDS, "dos.csv"}),
     "sweep, averaged": ({}, set(), SWEEP),
     "sweep, effective medium": (EMA, NODES, SWEEP),
-    "simulation": (BESIDE, SAMPLE | WAVES, {"sample.extxyz"}),
-    "simulation, no friction": (BESIDE, SAMPLE | WAVES, {"sample.extxyz"}),
+    "simulation": (BESIDE, SAMPLE | CONTACTS, {"sample.extxyz"}),
+    "simulation, no friction": (BESIDE, SAMPLE | CONTACTS, {"sample.extxyz"}),
+    # too large for a list of contacts
     "simulation in space": (BESIDE, SAMPLE | WAVES, {"sample.extxyz"}),
     # no exponent, which takes two more of both; the sound velocity, one of the conditions of
     # validity, takes the response
     "bands of a simulation": (
         SPECTRA | {"modes": 1, "equilibria": 1, "linear responses": 1},
-        PHONOPY | WAVES,
+        PHONOPY | CONTACTS,
         {*BANDS, "sample.extxyz"},
     ),
     "sweep of simulations": (
         {"equilibria": 18, "linear responses": 18},
-        WAVES | {"numba", "scipy.linalg"},
+        CONTACTS,
         SWEEP,
     ),
 }
@@ -224,7 +227,7 @@ def test_a_check_computes_no_spectra_and_writes_nothing(kind):
 def test_a_check_simulates_no_sample_and_loads_no_phonopy(kind):
     seen = costs.seen(kind, command="check")
     assert set(seen.calls) <= {costs.TRIAL}
-    assert set(seen.modules) <= expected(WAVES)
+    assert set(seen.modules) <= expected(CONTACTS | {"scipy.sparse"})
     assert not seen.files
 
 

@@ -55,8 +55,8 @@ _REDUCTION = 3e-6
 #: the same, where motions are asked for, or no factors can be
 _REDUCTION_OF_MOTIONS = 1e-9
 #: deformations that contacts resist over motions of balls, from which conjugate gradients take less
-#: time than factors, in a plane and in space, with slips and without. Balls are rigid from about one
-#: (Maxwell's count), near which iterations are many
+#: time than factors, in a plane and in space, with slips and without. Balls are rigid from about
+#: one (Maxwell's count), near which iterations are many
 WELL_HELD = 1.3
 #: iterations after which a grid that can be factorised is
 _PATIENCE = 60
@@ -135,8 +135,8 @@ class LinearResponse:
         if not contacts.grid or not self._symmetric:
             return False
         slips = len(contacts.motions.translations) - 1
-        resisted = np.count_nonzero(contacts.normal_stiffness)
-        resisted += slips * np.count_nonzero(contacts.shear_stiffness)
+        resisted = int(np.count_nonzero(contacts.normal_stiffness))
+        resisted += slips * int(np.count_nonzero(contacts.shear_stiffness))
         motions = contacts.n_balls * len(contacts.axes)
         return resisted >= WELL_HELD * motions or not self._may_factorise
 
