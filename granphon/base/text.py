@@ -497,11 +497,21 @@ def versions(*packages: str) -> dict[str, str]:
     """The installed versions of granphon and of each of ``packages``, found without importing
     them.
     """
-    from importlib.metadata import version
-
     from granphon import __version__
 
-    return {"granphon": __version__} | {package: version(package) for package in packages}
+    return {"granphon": __version__} | {package: find_version(package) for package in packages}
+
+
+def find_version(package: str) -> str:
+    """Return the installed version of a package, "not installed" without it; nothing is
+    imported.
+    """
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def require_schema(what: object, found: Any, known: int) -> None:
