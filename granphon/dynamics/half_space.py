@@ -71,15 +71,6 @@ _SEARCH_STEPS = 8
 _NEWTON_STEPS = 12
 #: relative change of w at which they end
 _NEWTON_TOLERANCE = 1e-8
-#: phases from layer to layer at which Zak phases and windings are summed
-_WINDING_PHASES = 256
-#: determinant, over the product of the norms of its rows, and gap in w, over the highest w, that
-#: count as zero
-_SINGULAR = 1e-12
-#: least overlap of branches from one phase to the next at which their gap counts as open
-_OPEN = 0.5
-#: phase that is zero but for rounding, rad
-_NO_PHASE = 1e-9
 #: -w, over the highest w, at which edge motions without energy are told from others
 _FREE_SHIFT = 1e-10
 #: part of the energy of such a motion in the top layer, at least
@@ -603,74 +594,24 @@ class HalfSpace:
                 return w
         return complex(np.nan)
 
-    # -- topology ----------------------------------------------------------------------------------
+    # -- contacts of the crystal -------------------------------------------------------------------
 
-    def _find_rows(self, q: Array) -> Complex:
-        """Return |K|^1/2 C M^-1/2 (n, rows, size) of one block of the crystal at q (p - 1,), at n
-        phases between blocks.
+    def weighted_rows(self, q: Array, phases: Array) -> tuple[Complex, Array]:
+        """Return |K|^1/2 C M^-1/2 (n, rows, size) of one block of the crystal at q (p - 1,), and
+        the signs (rows,) of K, which static forces may make negative.
 
-        A contact that joins two blocks counts to the lower-numbered block.
+        ``phases`` (n,), rad, are those of the wave from block to block. A contact that joins two
+        blocks counts to the lower-numbered block.
         """
         size = self.size
         along = np.exp(2.0j * np.pi * (self._steps @ q))
         coefficients = np.tensordot(along, self._matrix[:, self._second], 1)
-        phase = np.exp(2.0j * np.pi * np.arange(_WINDING_PHASES) / _WINDING_PHASES)[:, None, None]
-        rows = coefficients[:, size : 2 * size] + phase * coefficients[:, 2 * size :]
-        return np.asarray(np.sqrt(np.abs(self._stiff[self._second]))[:, None] * rows)
-
-    def zak_phase(self, q: Array, below: int) -> float:
-        """Return the Zak phase of all but the ``below`` lowest branches at q (p - 1,), 0 to 2 pi
-        (J. Zak, Phys. Rev. Lett. 62, 2747, 1989).
-
-        It is that of the motions of the balls where an edge is held, and of the deformations of
-        contacts where it is free, as each edge leaves whole cells of these. Raises
-        :class:`~granphon.base.errors.InputError` where the gap closes.
-        """
-        if self.edge == "free" and self.network.prestress:
-            raise InputError(
-                "static forces act at the free edge (prestress)",
-                mend="Take a state without, or a held edge",
-            )
-        rows = self._find_rows(q)
-        signs = np.sign(self._stiff[self._second])[:, None]
-        squares, vectors = np.linalg.eigh(rows.conj().swapaxes(1, 2) @ (signs * rows))
-        shape = vectors[:, :, below:]
-        gap = np.min(squares[:, below] - squares[:, below - 1])
-        if self.edge == "free":
-            shape = np.linalg.qr(rows @ shape)[0]
-        steps = np.linalg.det(shape.conj().swapaxes(1, 2) @ np.roll(shape, -1, axis=0))
-        if gap <= _SINGULAR * self.highest or np.min(np.abs(steps)) < _OPEN:
-            raise InputError(
-                f"the gap above the {below} lowest branches closes, or nearly",
-                mend="Take another wave vector",
-            )
-        phase = -float(np.angle(np.prod(steps / np.abs(steps))))
-        return 0.0 if abs(phase) < _NO_PHASE else phase % (2.0 * np.pi)
-
-    def winding(self, q: Array) -> int:
-        """Return how often det C winds about zero at q (p - 1,), which is the number of motions at
-        a free edge that cost nothing (C. L. Kane and T. C. Lubensky, Nature Physics 10, 39, 2014).
-
-        Raises :class:`~granphon.base.errors.InputError` where C is not square, or its determinant
-        vanishes.
-        """
-        rows = self._find_rows(q)
-        if rows.shape[1] != rows.shape[2]:
-            raise InputError(
-                f"{rows.shape[1]} deformations of contacts and {rows.shape[2]} motions are not as"
-                " many",
-                "C has no determinant",
-                "Take an isostatic lattice",
-            )
-        determinants = np.linalg.det(rows)
-        bounds = np.prod(np.linalg.norm(rows, axis=2), axis=1)
-        turns = np.angle(np.roll(determinants, -1) * determinants.conj())
-        is_singular = np.any(np.abs(determinants) <= _SINGULAR * bounds)
-        if is_singular or np.max(np.abs(turns)) > 0.5 * np.pi:
-            raise InputError(
-                "det C vanishes, or nearly, at this wave vector", mend="Take another one"
-            )
-        return int(np.rint(turns.sum() / (2.0 * np.pi)))
+        within_block = coefficients[:, size : 2 * size]
+        to_next_block = coefficients[:, 2 * size :]
+        deformations = within_block + np.exp(1.0j * phases)[:, None, None] * to_next_block
+        stiffness = self._stiff[self._second]
+        rows = np.sqrt(np.abs(stiffness))[:, None] * deformations
+        return np.asarray(rows, complex), np.asarray(np.sign(stiffness))
 
     # -- long waves --------------------------------------------------------------------------------
 

@@ -32,6 +32,7 @@ from granphon.base.validation import (
     whole_number,
 )
 from granphon.dynamics.half_space import HalfSpace
+from granphon.dynamics.zak_phase import find_winding, find_zak_phase
 from granphon.media.state import State
 from granphon.networks.network import given_network
 from granphon.phonons.paths import default_letters, interpolate_path, special_points
@@ -384,9 +385,10 @@ class Surface:
         Raises :class:`~granphon.base.errors.InputError` where the gap closes, and at a free edge
         under prestress.
         """
-        half = self.half_space
-        low = whole_number("below", below, 1, half.size - 1)
-        return np.array([half.zak_phase(fractions, low) for fractions in self._read(q)[0]])
+        half_space = self.half_space
+        n_below = whole_number("below", below, 1, half_space.size - 1)
+        points = self._read(q)[0]
+        return np.array([find_zak_phase(half_space, point, n_below) for point in points])
 
     def winding(self, q: ArrayLike | None = None) -> NDArray[np.intp]:
         """Return the winding (n_q,) of det C at q (n_q, p - 1): the number of motions at a free
@@ -396,7 +398,7 @@ class Surface:
         as balls have motions (an isostatic lattice), and where det C vanishes.
         """
         points = self._read(q)[0]
-        return np.array([self.half_space.winding(fractions) for fractions in points], np.intp)
+        return np.array([find_winding(self.half_space, point) for point in points], np.intp)
 
     def velocity(self, direction: ArrayLike | None = None) -> float:
         """Return the velocity of the long wave along a free edge, m/s: Rayleigh's, of the crystal's
