@@ -91,9 +91,10 @@ class _LDLFactors:
         dtype = np.dtype(self._factors.dtype)
         if np.iscomplexobj(right) and dtype.kind != "c":
             return np.asarray(self.solve(right.real) + 1j * self.solve(right.imag))
-        values = np.asarray(right, dtype)
-        solve = self._factors.solve if values.ndim == 1 else self._factors.solve_many
-        return np.asarray(solve(values))
+        columns = np.asarray(right, dtype)
+        if columns.ndim == 1:
+            return np.asarray(self._factors.solve(columns))
+        return np.asarray(self._factors.solve_many(columns))
 
     @property
     def n_below(self) -> int:
@@ -129,11 +130,20 @@ class _LUFactors:
 
     @cached_property
     def n_below(self) -> int:
-        # the signs of the pivots are those of the eigenvalues where no rows were exchanged
+        """Number of eigenvalues of A below zero.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if there are no factors with all
+        pivots on the diagonal.
+        """
+        # as many pivots as eigenvalues are below zero where no rows were exchanged
         factors = self._factors
         if not np.array_equal(factors.perm_r, factors.perm_c):
-            factors = _LUFactors(self._matrix, 0.0, False)._factors
+            # with the least part that a pivot on the diagonal must have, zero, all are there
+            factors = _LUFactors(self._matrix, pivot=0.0, approximate=False)._factors
         if not np.array_equal(factors.perm_r, factors.perm_c):
-            fault = "the factors of a matrix have pivots off the diagonal"
-            raise ConvergenceError(fault, "Its eigenvalues are not counted", "Install rslab")
+            raise ConvergenceError(
+                "the factors of a matrix have pivots off the diagonal",
+                "Its eigenvalues are not counted",
+                "Install rslab",
+            )
         return int(np.sum(factors.U.diagonal() < 0.0))
