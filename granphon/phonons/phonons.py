@@ -5,6 +5,7 @@ phonopy object.
 from __future__ import annotations
 
 import itertools
+import math
 import os
 from collections.abc import Sequence
 from functools import cached_property
@@ -76,6 +77,10 @@ _MESH_NUMBERS = 2**26
 _WIDEST = 1e6
 #: standard deviations above the top frequency at which a smeared density of states ends
 _TAIL = 5.0
+#: end of an interpolated density of states, over the top frequency
+_ABOVE_TOP = 1.02
+#: least standard deviation of a smeared density of states by default, over the top frequency
+_NARROWEST = 0.01
 #: mesh on which gaps are sought, for one, two and three periods
 _GAP_MESHES = ((256,), (48, 48), (16, 16, 16))
 #: width of a gap, over the top frequency, up to which branches touch
@@ -240,7 +245,8 @@ class Phonons:
             # lengthen the shortest side, so that the sides stay about equal
             shortest = int(np.argmin(numbers * lengths))
             numbers[shortest] += 1
-        if len(self.atoms) == 1 and np.all(self.atoms.pbc[:p]):
+        repeats_along_all = np.all(self.atoms.pbc[:p])
+        if len(self.atoms) == 1 and repeats_along_all:
             return (max(numbers),) * p
         return tuple(numbers)
 
@@ -276,11 +282,11 @@ class Phonons:
         """Raise InputError unless the lattice has the contacts of the state, in their order; on
         request also the masses and stiffnesses of the state.
         """
-        expected = _list_arrays(self.state.contact_lattice(), with_stiffness)
+        arrays_of_state = _list_arrays(self.state.contact_lattice(), with_stiffness)
         arrays = _list_arrays(self.lattice, with_stiffness)
-        for values, expected_values in zip(arrays, expected, strict=True):
-            has_shape = values.shape == expected_values.shape
-            if not has_shape or not np.allclose(expected_values, values, rtol=_SAME, atol=_SAME):
+        for array, expected in zip(arrays, arrays_of_state, strict=True):
+            has_shape = array.shape == expected.shape
+            if not has_shape or not np.allclose(expected, array, rtol=_SAME, atol=_SAME):
                 raise InputError(
                     "the Atoms are another cell than that of the state",
                     mend="Leave atoms out, or give a network",
@@ -329,10 +335,12 @@ class Phonons:
         cell = np.array(self.atoms.cell)
         spread = np.ptp(self.atoms.positions, axis=0)
         is_period = np.arange(3) < self._periods
+        # across the periods balls fit into the cell, one diameter thick, unless they are spread out
         is_open = np.where(is_period, ~np.asarray(self.atoms.pbc), spread > 0.5)
         extent = float(spread[is_period | is_open].sum())
         for axis in np.flatnonzero(is_open):
             length = np.linalg.norm(cell[axis])
+            # whole cells, over twice the extent of the balls with a margin
             cell[axis] *= 1.0 + np.ceil(2.0 * (extent + 2.0) / length)
         return cell
 
@@ -381,8 +389,8 @@ class Phonons:
         return constants
 
     def _find_warnings(self, wavevectors: Array, frequencies: Array) -> tuple[str, ...]:
-        """Return the warnings on the state, and on branches and single modes among ``frequencies``
-        that cost nothing.
+        """Return the warnings on the state, and on branches and single modes that cost nothing,
+        among ``frequencies`` (n_q, n_branches) at ``wavevectors`` (n_q, p).
         """
         soft = self.lattice.soft_mode_warnings(wavevectors, frequencies)
         return (*find_warnings(self.state), *self.lattice.free_branch_warnings, *soft)
@@ -420,22 +428,24 @@ class Phonons:
         network = given_network(self.state)
         self._require_state_cell()
         q = self.lattice.wavevectors(points)
-        damped = ContactDamping.of(network, damping, loss_factor)
+        contact_damping = ContactDamping.of(network, damping, loss_factor)
         undamped = self.lattice.frequencies(q)
         angular_unit = self.scales.angular_frequency
-        even = damped.find_even(network)
-        if even is not None:
-            loss, time = even
+        even_damping = contact_damping.find_even(network)
+        if even_damping is not None:
+            loss, time = even_damping
             omega = np.sort(damp_evenly(undamped, loss, time * angular_unit))
         else:
             # contacts of two bodies that do not move are not in the lattice
             kept = network.moving[network.i] | network.moving[network.j]
-            times = damped.times[:, kept] * angular_unit
-            matrices = self.lattice.damped_matrices(q, times, damped.losses[:, kept])
-            omega, _ = damp_unevenly(*matrices)
+            times = contact_damping.times[:, kept] * angular_unit
+            losses = contact_damping.losses[:, kept]
+            stiffness, viscous = self.lattice.damped_matrices(q, times, losses)
+            omega, _ = damp_unevenly(stiffness, viscous)
         unit = self.scales.frequency
-        warnings = damped.find_warnings(float(np.max(undamped, initial=0.0)) * unit)
-        return DampedModes(omega * unit, None, points, warnings)
+        highest = float(np.max(undamped, initial=0.0)) * unit
+        warnings = contact_damping.find_warnings(highest)
+        return DampedModes(omega * unit, qpoints=points, warnings=warnings)
 
     def modes(self, qpoints: ArrayLike, direction: ArrayLike | None = None) -> PhononModes:
         """Return frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at
@@ -490,50 +500,51 @@ class Phonons:
             characters follow. In a large cell frequencies alone take a fifth of the time and next
             to no memory, see :meth:`estimate`.
         """
-        letters = self.special_points if path is None or isinstance(path, str) else {}
+        chosen_path: Any = path
         if path is None:
-            path = default_letters(self._lattice_vectors, self._repeats.tolist())
-        segments, ticks = interpolate_path(path, npoints, letters, labels, self._periods)
+            chosen_path = default_letters(self._lattice_vectors, self._repeats.tolist())
+        letters = self.special_points if isinstance(chosen_path, str) else {}
+        segments, names = interpolate_path(chosen_path, npoints, letters, labels, self._periods)
         s, p, _ = segments.shape
         b = self.lattice.n_branches
         d = self._periods
-        paths = self.lattice.wavevectors(segments)  # (s, p, d), 1/d
-        q = paths.reshape(-1, d)
+        wavevectors = self.lattice.wavevectors(segments)  # (s, p, d), 1/d
+        q = wavevectors.reshape(-1, d)
         self._require_memory_of_bands(len(q), eigenvectors)
         velocities = None
         vectors = None
         if eigenvectors:
-            modes = self.lattice.modes(q, _directions_along(paths))
-            values = modes.frequencies
+            modes = self.lattice.modes(q, _directions_along(wavevectors))
+            frequencies = modes.frequencies
             vectors = modes.eigenvectors.reshape(s, p, b, b)
             velocities = modes.group_velocities.reshape(s, p, b, d) * self.scales.velocity
         else:
-            values = self.lattice.frequencies(q)
+            frequencies = self.lattice.frequencies(q)
         return Bands(
-            segments,
-            _distances_along(paths),
-            values.reshape(s, p, b) * self.scales.frequency,
-            velocities,
-            vectors,
-            ticks,
-            np.asarray(self.atoms.cell),
-            self.atoms.get_scaled_positions(wrap=False),
-            self.atoms.get_masses(),
-            self.scales,
-            self._find_warnings(q, values),
-            self.lattice.motions,
-            tuple(self._repeats.tolist()),
-            self.state.kinds,
-            self.lattice.gyration,
+            qpoints=segments,
+            distances=_distances_along(wavevectors),
+            frequencies=frequencies.reshape(s, p, b) * self.scales.frequency,
+            group_velocities=velocities,
+            eigenvectors=vectors,
+            labels=names,
+            cell=np.asarray(self.atoms.cell),
+            positions=self.atoms.get_scaled_positions(wrap=False),
+            masses=self.atoms.get_masses(),
+            scales=self.scales,
+            warnings=self._find_warnings(q, frequencies),
+            motions=self.lattice.motions,
+            pbc=tuple(self._repeats.tolist()),
+            kinds=self.state.kinds,
+            gyration=self.lattice.gyration,
         )
 
     def _require_memory_of_bands(self, points: int, eigenvectors: bool) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if bands at so many wave vectors do not
-        fit into memory, or their eigenvectors take more than ``MOST_BYTES``.
+        """Raise :class:`~granphon.base.errors.InputError` if bands at so many wave vectors,
+        ``points``, do not fit into memory, or their eigenvectors take more than ``MOST_BYTES``.
         """
         b = self.lattice.n_branches
         mend = "Give fewer npoints or segments, or eigenvectors=False"
-        size = 16 * points * b * b
+        size = 16 * points * b * b  # bytes of complex numbers
         if eigenvectors and size > MOST_BYTES:
             raise InputError(
                 f"{b} eigenvectors at {points} wave vectors take {size / 2**30:.3g} GiB of memory",
@@ -541,9 +552,8 @@ class Phonons:
                 mend,
             )
         cost = costs.bands(points, b, eigenvectors, file=False)
-        require_memory(
-            f"bands of {b:,} branches at {points:,} wave vectors", cost.working + cost.kept, mend
-        )
+        memory = cost.working + cost.kept
+        require_memory(f"bands of {b:,} branches at {points:,} wave vectors", memory, mend)
 
     def estimate(self, points: int, eigenvectors: bool = True) -> Cost:
         """Return what bands, or frequencies, at so many wave vectors cost on one processor of this
@@ -585,21 +595,31 @@ class Phonons:
         network = given_network(self.state)
         self._require_state_cell(with_stiffness=True)
         hertz = frequency_array("frequencies", frequencies, "above zero", in_order=False)
-        space = HalfSpace(network, axis)
-        damped = ContactDamping.of(space.cut, damping, loss_factor)
-        require_bloch_memory(hertz.size, space.size, 0 if damped.is_none else space.cut.n_contacts)
-        along = space.read_wavevector(q)
-        factors = () if damped.is_none else damped.soften(2.0 * np.pi * hertz)
-        blocks = space.couplings(along, *factors)
-        squares = (hertz / space.units.frequency) ** 2
+        half_space = HalfSpace(network, axis)
+        contact_damping = ContactDamping.of(half_space.cut, damping, loss_factor)
+        wavevector = half_space.read_wavevector(q)
+        if contact_damping.is_none:
+            require_bloch_memory(hertz.size, half_space.size)
+            blocks = half_space.couplings(wavevector)
+        else:
+            require_bloch_memory(hertz.size, half_space.size, half_space.cut.n_contacts)
+            normal, other = contact_damping.soften(2.0 * np.pi * hertz)
+            blocks = half_space.couplings(wavevector, normal, other)
+        squares = (hertz / half_space.units.frequency) ** 2
+        # far above all bands a wave decays by about the couplings over the square from layer to
+        # layer
         is_far = squares * LEAST_PART > np.max(np.abs(blocks.inner))
         _require_digits(hertz, is_far)
-        waves = find_bloch_waves(blocks, squares, space.size // space.reach)
+        motions_of_layer = half_space.size // half_space.reach
+        waves = find_bloch_waves(blocks, squares, motions_of_layer)
         _require_digits(hertz, [_decay_fully(upward, downward) for upward, downward in waves])
-        flat = _list_wavenumbers(space, waves, along)
-        running = np.array([upward.running for upward, _ in waves])
-        warnings = damped.find_warnings(float(np.max(hertz)))
-        return ComplexBands(hertz, flat, running, space.height, warnings)
+        return ComplexBands(
+            frequencies=hertz,
+            wavenumbers=_list_wavenumbers(half_space, waves, wavevector),
+            running=np.array([upward.running for upward, _ in waves]),
+            height=half_space.height,
+            warnings=contact_damping.find_warnings(float(np.max(hertz))),
+        )
 
     def dos(
         self,
@@ -636,17 +656,23 @@ class Phonons:
         frequencies, rotation = self._find_modes_on(q)
         shares = np.stack([1.0 - rotation, rotation])  # (2, n_q, n_branches)
         if width is None:
-            omega = np.linspace(0.0, 1.02 * top, count)
-            density = self._interpolate_density(grid, omega, frequencies, shares)
+            omega = np.linspace(0.0, _ABOVE_TOP * top, count)
+            densities = self._interpolate_density(grid, omega, frequencies, shares)
         else:
             omega = np.linspace(0.0, top + _TAIL * width, count)
+            # the integral of a Gaussian, times the number of points of the mesh
             norm = np.prod(numbers) * np.sqrt(2.0 * np.pi) * width
-            density = _smear(omega, frequencies, shares * grid.weights[:, None] / norm, width)
-        density = density / (len(self.atoms) * self.scales.frequency)
-        warnings = self._find_warnings(q, frequencies)
-        hertz = omega * self.scales.frequency
-        translational, rotational = density
-        return DensityOfStates(hertz, translational, rotational, chosen_method, numbers, warnings)
+            densities = _smear(omega, frequencies, shares * grid.weights[:, None] / norm, width)
+        # from modes of a cell, per reduced frequency, to modes of a ball, per Hz
+        translational, rotational = densities / (len(self.atoms) * self.scales.frequency)
+        return DensityOfStates(
+            frequencies=omega * self.scales.frequency,
+            translational=translational,
+            rotational=rotational,
+            method=chosen_method,
+            mesh=numbers,
+            warnings=self._find_warnings(q, frequencies),
+        )
 
     def _read_mesh(self, mesh: Sequence[int] | None) -> tuple[int, ...]:
         """Return the numbers of wave vectors (p,) of the mesh of a density of states.
@@ -676,17 +702,18 @@ class Phonons:
         """Return frequencies, (k/M)^1/2, and the fractions of the kinetic energy that are rotation,
         both (n_q, n_branches), at wave vectors (n_q, p), 1/d.
         """
-        together = min(_MESH_POINTS, max(1, _MESH_NUMBERS // self.lattice.n_branches**2))
-        n_batches = -(-len(q) // together)
+        b = self.lattice.n_branches
+        batch_size = min(_MESH_POINTS, max(1, _MESH_NUMBERS // b**2))
+        n_batches = math.ceil(len(q) / batch_size)
         # any direction will do: the rotational fractions of degenerate modes have the same sum
         direction = np.eye(self._periods)[0]
-        values = np.empty((len(q), self.lattice.n_branches))
-        rotation = np.empty_like(values)
+        frequencies = np.empty((len(q), b))
+        rotation = np.empty((len(q), b))
         for batch in np.array_split(np.arange(len(q)), n_batches):
             modes = self.lattice.modes(q[batch], direction)
-            values[batch] = modes.frequencies
+            frequencies[batch] = modes.frequencies
             rotation[batch] = modes.rotational_fraction
-        return values, rotation
+        return frequencies, rotation
 
     def _interpolate_density(
         self, grid: ZoneMesh, omega: Array, values: Array, shares: Array
@@ -717,7 +744,8 @@ class Phonons:
                 )
             return None
         if sigma is None:
-            return max(0.01, 1.0 / (count - 7)) * top
+            # with few frequencies, the width that is about their spacing up to the end of the tail
+            return max(_NARROWEST, 1.0 / (count - 7)) * top
         width = positive("sigma", sigma, "Hz") / self.scales.frequency
         if width > _WIDEST * top:
             raise InputError(
@@ -725,7 +753,8 @@ class Phonons:
                 "Nothing would be left of the density of states",
                 "Lower sigma",
             )
-        if width < (top + _TAIL * width) / (count - 1):
+        spacing = (top + _TAIL * width) / (count - 1)
+        if width < spacing:
             raise InputError(
                 f"sigma = {sigma!r} Hz is below the spacing of {count} points",
                 mend="Raise sigma, or take more points",
@@ -759,8 +788,10 @@ class Phonons:
         if not above_gaps.size:
             return np.zeros((0, 2))
         edges = _BandEdges.of(above_gaps)
+        # the longest step of the mesh, 1/d
         spacing = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
-        starts = self.lattice.wavevectors(points[_choose_starts(values, edges)])  # (e, n_starts, p)
+        start_points = points[_choose_starts(values, edges)]
+        starts = self.lattice.wavevectors(start_points)  # (e, n_starts, p), 1/d
         heights = self._climb_edges(edges, starts, spacing)
         is_narrow = edges.is_narrow(heights, _NARROW * float(tops[-1]))
         for edge in np.flatnonzero(is_narrow).tolist():
@@ -772,7 +803,8 @@ class Phonons:
             heights[edge] = max(heights[edge], height)
         lower, upper = edges.pair_frequencies(heights)
         intervals = np.stack([np.maximum(lower, floors[above_gaps]), upper], axis=1)
-        return np.reshape(intervals[upper - lower > narrowest], (-1, 2)) * self.scales.frequency
+        is_gap = upper - lower > narrowest
+        return np.reshape(intervals[is_gap], (-1, 2)) * self.scales.frequency
 
     def _read_gap_mesh(self, mesh: Sequence[int] | None) -> tuple[int, ...]:
         """Return the numbers of wave vectors (p,) of the mesh on which gaps are sought.
@@ -782,11 +814,13 @@ class Phonons:
         """
         p = self._periods
         n = self.lattice.n_balls
+        requested = mesh
         if mesh is None:
+            # the zone of a large cell is small; along each axis the p-th root counts
             coarsening = (n / 4.0) ** (1.0 / p) if n > _FEW_BALLS else 1.0
-            mesh = [max(2, round(number / coarsening)) for number in _GAP_MESHES[p - 1]]
+            requested = [max(2, round(number / coarsening)) for number in _GAP_MESHES[p - 1]]
         example = " ".join(map(str, _pad((48,) * p)))
-        numbers = grid_numbers("mesh", mesh, 1, LARGEST_COUNT, example, p)
+        numbers = grid_numbers("mesh", requested, 1, LARGEST_COUNT, example, p)
         self._require_mesh(numbers)
         return numbers
 
@@ -831,16 +865,18 @@ class Phonons:
             heights[climbing] = np.maximum(heights[climbing], values)
             slope = sign[climbing, None] * modes.group_velocities[mode]
             steepness = np.linalg.norm(slope, axis=1)
+            is_steep = steepness > 0.0
             if turn == 0:
-                step = np.full(climbing.size, 0.5 * longest_step)
+                unlimited_step = np.full(climbing.size, 0.5 * longest_step)
             else:
                 moved = q[climbing] - last_q[climbing]
-                step = _secant_step(moved, slope - last_slope[climbing], steepness)
-            step = np.minimum(step, np.where(steepness > 0.0, longest_step, 0.0))
+                unlimited_step = _secant_step(moved, slope - last_slope[climbing], steepness)
+            step = np.minimum(unlimited_step, np.where(is_steep, longest_step, 0.0))
             last_q[climbing] = q[climbing]
             last_slope[climbing] = slope
+            # the step along the slope, over the size of the slope
             stretch = np.zeros(climbing.size)
-            np.divide(step, steepness, out=stretch, where=steepness > 0.0)
+            np.divide(step, steepness, out=stretch, where=is_steep)
             q[climbing] += stretch[:, None] * slope
             climbing = climbing[step > _LEVEL]
             if not climbing.size:
@@ -852,8 +888,8 @@ class Phonons:
         (n, p), 1/d, on ever finer meshes, the first of which reach as far as ``spacing``, 1/d.
         """
         p = self._periods
-        ticks = np.linspace(-1.0, 1.0, 7)
-        offsets = np.stack(np.meshgrid(*[ticks] * p), axis=-1).reshape(-1, p)  # (7^p, p)
+        coordinates = np.linspace(-1.0, 1.0, 7)
+        offsets = np.stack(np.meshgrid(*[coordinates] * p), axis=-1).reshape(-1, p)  # (7^p, p)
         q = centres
         size = np.full(len(centres), spacing)
         height = -np.inf
@@ -864,6 +900,7 @@ class Phonons:
             highest = np.argmax(values, axis=1)
             height = max(height, float(values.max()))
             q = points[np.arange(len(q)), highest]
+            # a mesh whose highest point is on its rim shrinks slowly, so that it can move on
             is_inside = np.max(np.abs(offsets[highest]), axis=1) < 1.0
             size = size * np.where(is_inside, 0.7, 0.95)
             is_wide = size > _LEVEL
@@ -872,14 +909,17 @@ class Phonons:
         return height
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> ZoneMesh:
-        """Return a Gamma-centred mesh, reduced by the point group of the frequencies."""
-        lattice = self.lattice
-        group = None
-        if reduce:
-            group = find_point_group(
-                self.atoms, self._periods, lambda q: lattice.frequencies(lattice.wavevectors(q))
-            )
-        return ZoneMesh.of(numbers, group)
+        """Return a Gamma-centred mesh of ``numbers`` (p,) of points; with ``reduce``, reduced by
+        the point group of the frequencies.
+        """
+        if not reduce:
+            return ZoneMesh.of(numbers)
+
+        def find_frequencies(fractions: Array) -> Array:
+            """Return frequencies (n, n_branches) at wave vectors (n, p), fractions."""
+            return self.lattice.frequencies(self.lattice.wavevectors(fractions))
+
+        return ZoneMesh.of(numbers, find_point_group(self.atoms, self._periods, find_frequencies))
 
     # -- files -------------------------------------------------------------------------------------
 
@@ -944,12 +984,14 @@ class _BandEdges(NamedTuple):
         """Return which edges (e,) are of a gap between two branches that is below ``width``, with
         frequencies times sign ``heights`` (e,).
         """
-        narrow = np.zeros(len(self.branch), bool)
+        is_narrow = np.zeros(len(self.branch), bool)
+        # the bottoms of the same gaps are last; before them may be that of the gap without a top
         tops = np.arange(self.n_tops)
         bottoms = np.arange(len(self.branch) - self.n_tops, len(self.branch))
-        narrow[tops] = -heights[bottoms] - heights[tops] < width
-        narrow[bottoms] = narrow[tops]
-        return narrow
+        gap_widths = -heights[bottoms] - heights[tops]
+        is_narrow[tops] = gap_widths < width
+        is_narrow[bottoms] = is_narrow[tops]
+        return is_narrow
 
     def pair_frequencies(self, heights: Array) -> tuple[Array, Array]:
         """Return the lower and the upper edge of each gap, both (n,), from frequencies times sign
@@ -992,7 +1034,9 @@ def _secant_step(moved: Array, change: Array, steepness: Array) -> Array:
 
 
 def _directions_along(paths: Array) -> Array:
-    """Return the vector (s p, d) along the path at each wave vector of ``paths`` (s, p, d)."""
+    """Return the vector (s p, d) along the path, 1/d, at each wave vector of ``paths`` (s, p, d),
+    1/d.
+    """
     points = paths.shape[1]
     along = np.repeat(paths[:, -1] - paths[:, 0], points, axis=0)
     # at the last point of a segment the limit is taken from inside the segment
@@ -1042,10 +1086,10 @@ def _list_wavenumbers(
     wavenumbers = np.empty((len(waves), 2, space.size), complex)
     wavenumbers[:, 0] = complex(0.0, np.inf)
     wavenumbers[:, 1] = complex(0.0, -np.inf)
-    for n, senses in enumerate(waves):
-        for sense, bloch_waves in enumerate(senses):
+    for n, upward_and_downward in enumerate(waves):
+        for sense, bloch_waves in enumerate(upward_and_downward):
             numbers = space.wavenumbers(bloch_waves.factors, along)
-            numbers[: bloch_waves.running].imag = 0.0
+            numbers[: bloch_waves.running].imag = 0.0  # but for rounding
             wavenumbers[n, sense, : len(numbers)] = numbers
     # motions that reach no other layer at any frequency are no waves
     are_waves = np.any(np.isfinite(wavenumbers), axis=(0, 1))
@@ -1056,19 +1100,21 @@ def _number_images(bridge: ContactPhonopy, dim: tuple[int, ...]) -> Index:
     """Return the index (n_a, n1, ...) in phonopy's supercell of the image of each of the n_a atoms
     in each cell of the supercell of ``dim`` (n1, ...) cells.
     """
-    cells = bridge.supercell
-    unit = bridge.unitcell
-    atom = np.array([cells.u2u_map[s] for s in cells.s2u_map])
-    offsets = cells.positions - unit.positions[atom]
-    steps = np.rint(offsets @ np.linalg.inv(unit.cell)).astype(int)
-    numbers = np.empty((len(unit), *dim), int)
-    numbers[(atom, *(steps[:, : len(dim)] % dim).T)] = np.arange(len(atom))
+    supercell = bridge.supercell
+    unit_cell = bridge.unitcell
+    # the atom of the cell of which each atom of the supercell is an image
+    atom = np.array([supercell.u2u_map[number] for number in supercell.s2u_map])
+    offsets = supercell.positions - unit_cell.positions[atom]
+    steps = np.rint(offsets @ np.linalg.inv(unit_cell.cell)).astype(int)
+    cell = steps[:, : len(dim)] % dim
+    numbers = np.empty((len(unit_cell), *dim), int)
+    numbers[(atom, *cell.T)] = np.arange(len(atom))
     return numbers
 
 
 def _list_arrays(lattice: ContactLattice, with_stiffness: bool) -> list[Array]:
-    """Return ends and vectors of the contacts, on request also masses and stiffnesses of a
-    lattice.
+    """Return the balls i and j (n_c,) and the vectors (n_c, d) of the contacts of a lattice; on
+    request also masses and radii of gyration (n,), stiffnesses and prestress (n_c,).
     """
     contacts = lattice.contacts
     arrays: list[Any] = [contacts.i, contacts.j, contacts.vector]
@@ -1098,14 +1144,18 @@ def _pad(numbers: tuple[int, ...]) -> list[int]:
 
 
 def _check_qpoints(qpoints: ArrayLike, periods: int) -> Array:
-    """Return ``qpoints`` (n, periods) or (n, 3) as (n, 3), fractions of the reciprocal cell; raise
-    :class:`InputError` if they leave the line, plane or space of the periods.
+    """Return ``qpoints`` (n, periods) or (n, 3) as (n, 3), fractions of the reciprocal cell.
+
+    Raises :class:`InputError` for another shape, numbers that are not finite, and wave vectors that
+    leave the line, plane or space of the periods.
     """
     q = real_array("q points", qpoints)
     has_shape = q.ndim == 2 and len(q) > 0 and q.shape[1] in (periods, 3)
     if not has_shape or not np.all(np.isfinite(q)):
-        mend = "Give " + "(n, 3)" if periods == 3 else f"Give (n, {periods}) or (n, 3)"
-        raise InputError(f"the q points have the shape {q.shape}", mend=f"{mend} finite fractions")
-    q = np.pad(q, ((0, 0), (0, 3 - q.shape[1])))
-    check_inside(q, periods, "a q point")
-    return q
+        shapes = "(n, 3)" if periods == 3 else f"(n, {periods}) or (n, 3)"
+        raise InputError(
+            f"the q points have the shape {q.shape}", mend=f"Give {shapes} finite fractions"
+        )
+    padded = np.pad(q, ((0, 0), (0, 3 - q.shape[1])))
+    check_inside(padded, periods, "a q point")
+    return padded
