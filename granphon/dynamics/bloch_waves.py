@@ -147,6 +147,7 @@ def find_bloch_waves(
     for n in range(count):
         null_spaces = [_null_space(coupling[n]) for coupling in (down, up)]
         _require_passing_on(null_spaces, inner[n], scale)
+        # a decay that is infinitely fast is no wave, and one that is nearly so has no digits
         kept = _choose_finite(inverse[n], null_spaces)
         smallest = np.min(np.abs(inverse[n, kept]), initial=1.0)
         if smallest < np.finfo(float).eps ** 2:

@@ -228,7 +228,9 @@ class Block:
         return bool(largest <= _RIGID * np.max(np.abs(bends)))
 
     def solve(self, q: Array) -> tuple[Array, NDArray[Any]]:
-        """Find frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), as columns."""
+        """Return frequencies (n_q, n), (k/M)^1/2, ascending, and eigenvectors (n_q, n, n), as
+        columns, at wave vectors q (n_q, p), 1/d.
+        """
         point = self._compute(q)
         values, right = self._decompose(point)
         return values, self._turn_back(point, right)
@@ -425,18 +427,20 @@ class Block:
             return _Point(q, rows)
         # tilted motions: first the bent displacements, each with its rotation, then all others
         count = len(self.bent)
-        motions = np.eye(self.size)[:, self._order] + np.zeros((len(q), 1, 1), self.tilt.dtype)
+        untilted = np.eye(self.size)[:, self._order]
+        motions = untilted + np.zeros((len(q), 1, 1), self.tilt.dtype)  # (n_q, n, n)
         motions[:, :, :count] += np.einsum("kna,qa->qnk", self.tilt, q)
         basis, triangle = np.linalg.qr(motions)
         # A rigid rotation of two balls about the middle of their centres deforms no contact. So the
         # columns of tilted motions are sums in which sine and cosine do not cancel
         bends, turns, half = self._tilted
         angle = q @ half.T
-        tilted = bend(angle)[..., None] * bends
-        tilted = tilted + np.sin(angle)[..., None] * np.einsum("mka,qa->qmk", turns, q)
-        columns = tilted @ np.linalg.inv(triangle[:, :count, :count])
-        rows = np.concatenate([columns, rows @ basis[:, :, count:]], axis=2)
-        return _Point(q, rows, None, basis, triangle)
+        by_bending = bend(angle)[..., None] * bends
+        by_turning = np.sin(angle)[..., None] * np.einsum("mka,qa->qmk", turns, q)
+        # from tilted motions to the first vectors of the basis
+        columns = (by_bending + by_turning) @ np.linalg.inv(triangle[:, :count, :count])
+        rows_in_basis = np.concatenate([columns, rows @ basis[:, :, count:]], axis=2)
+        return _Point(q, rows_in_basis, basis=basis, triangle=triangle)
 
     @cached_property
     def _order(self) -> list[int]:
@@ -489,10 +493,11 @@ class Block:
     def _split_free(
         self, rows: NDArray[Any], matrices: NDArray[Any] | None
     ) -> tuple[Array, NDArray[Any]]:
-        """Find frequencies (n_q, n) and eigenvectors (n_q, n, n) with the motions that cost nothing
-        split off by LAPACK.
+        """Return frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), as columns, with
+        the motions that cost nothing split off by LAPACK.
 
-        Plane rotations would take minutes to tell these motions from the softest.
+        Plane rotations would take minutes to tell these motions from the softest. The arguments are
+        those of :meth:`_decompose_all`.
         """
         if matrices is None:
             basis = lapack_svd(rows)[1]
@@ -512,8 +517,10 @@ class Block:
     def _drop_small(
         self, q: Array, values: Array, right: NDArray[Any]
     ) -> tuple[Array, NDArray[Any]]:
-        """Return frequencies and eigenvectors, ascending, with frequencies set to zero that are no
-        more than the rounding of sine and cosine in their own columns.
+        """Return frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), with frequencies
+        set to zero that are no more than the rounding of sine and cosine in their own columns.
+
+        ``values`` and ``right`` are the frequencies and eigenvectors at wave vectors q (n_q, p).
         """
         squares = self._measure_columns(q)
         if self.bent:

@@ -33,6 +33,9 @@ _MOST_STEPS = 200
 #: above which a branch has been lost
 _STEP_TOLERANCE = 1e-13
 _FREQUENCY_TOLERANCE = 1e-11
+#: pieces of a bracket in which a maximum is sought, and relative distance of neighbouring floats
+_PIECES = 33
+_NEIGHBOURS = 4e-16
 
 
 def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
@@ -163,17 +166,18 @@ def _solve_wavenumbers(
     references: NDArray[np.complex128],
     name: str,
 ) -> tuple[Array, Array]:
-    """Solve for wavenumbers (n,), 1/d, and group velocities (n, p) at angular frequencies
-    ``target`` (n,), in directions ``along`` (n, p).
+    """Return wavenumbers (n,), 1/d, and group velocities (n, p), d (k/M)^1/2, at angular
+    frequencies ``target`` (n,), (k/M)^1/2, in directions ``along`` (n, p).
 
     The branch called ``name`` has ``frequencies`` (2, n) at ``wavenumbers`` (2, n), below and above
-    the target, and eigenvectors near ``references`` (n, n_dof).
+    the target, and eigenvectors near ``references`` (n, n_dof). Raises
+    :class:`~granphon.base.errors.GranphonError` where the branch is lost.
     """
     low, high = wavenumbers.copy()
-    low_f, high_f = frequencies
+    low_omega, high_omega = frequencies
     # below the first point the branch is nearly straight, so linear interpolation starts close to
     # the root at any scale
-    q = low + (high - low) * (target - low_f) / (high_f - low_f)
+    q = low + (high - low) * (target - low_omega) / (high_omega - low_omega)
     omega, velocity = _find_nearest(lattice, q, along, references)
     unsettled = np.arange(q.size)
     for _ in range(_MOST_STEPS):
@@ -391,12 +395,12 @@ def _find_maximum(
     """Return the last wavenumber, 1/d, before the frequency of a branch falls, between ``low`` and
     ``high``, in the direction ``along`` (p,).
 
-    The branch has eigenvectors near ``reference`` (1, n_dof). The bracket shrinks to one of 33
-    pieces at each turn, until its ends are neighbours among floats.
+    The branch has eigenvectors near ``reference`` (1, n_dof). The bracket shrinks to one of
+    :data:`_PIECES` pieces at each turn, until its ends are neighbours among floats.
     """
-    references = np.broadcast_to(reference, (32, reference.shape[1]))
-    while high - low > 4e-16 * high:
-        points = np.linspace(low, high, 34)[1:-1]
+    references = np.broadcast_to(reference, (_PIECES - 1, reference.shape[1]))
+    while high - low > _NEIGHBOURS * high:
+        points = np.linspace(low, high, _PIECES + 1)[1:-1]
         _, velocities = _find_nearest(lattice, points, along, references)
         rises = np.append(velocities @ along > 0.0, False)  # the branch falls at ``high``
         first_fall = int(np.argmin(rises))

@@ -407,6 +407,7 @@ class Compatibility:
         gyration = np.append(self.gyration, 1.0)  # the last of a body that does not move
         has_force = size[:, None] > 0.0
         tangent = np.divide(across, size[:, None], out=np.zeros_like(across), where=has_force)
+        # rows of forces of size one, whose stiffness is then the size
         pairs = carry_rows(
             normal,
             tangent,
@@ -414,8 +415,8 @@ class Compatibility:
             table.arm_i,
             table.arm_j,
             self.motions,
-            gyration[table.i],
-            gyration[table.j],
+            gyration_i=gyration[table.i],
+            gyration_j=gyration[table.j],
         )
         return pushes + [(row, sign * size) for row, sign in split_pairs(pairs)]
 
@@ -437,13 +438,14 @@ class Compatibility:
     def _combine_ends(
         self, rows: list[Row], root: Array, frame: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return the difference and the sum of the effects of each motion of a frame at the two
-        ends of each contact.
+        """Return the difference and the sum of the effects of each motion of a ``frame`` (n, n), by
+        default :attr:`_frame`, at the two ends of each contact.
 
-        Both are (kinds, n_c, n_branches), and multiplied by ``root``. The difference is the
-        deformation at q = 0; for displacements of the centre of mass it is exactly zero.
+        Both are (kinds, n_c, n_branches), and multiplied by ``root`` (kinds, n_c). The difference
+        is the deformation at q = 0; for displacements of the centre of mass it is exactly zero.
         """
         weighted = (self._frame if frame is None else frame) / np.sqrt(self.masses)[:, None]
+        # without rounding, so that the centre of mass moves all balls alike
         weighted[:, 0] = 1.0 / np.sqrt(self.masses.sum())
         motion = np.pad(weighted, ((0, 1), (0, 0)))  # the last is a body that does not move
         # axes: kinds, contacts, columns of the frame, motions of a ball

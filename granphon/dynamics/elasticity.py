@@ -141,16 +141,15 @@ def point_group(lattice: Lattice) -> Array:
 
 
 def _carries_balls(turn: Array, cell: Array, balls: Array) -> bool:
-    """Return whether a ``turn`` (p, p), with some shift along the periods ``cell`` (p, p), carries
-    all ``balls`` (n, d) to balls.
+    """Return whether a ``turn`` (p, p) along the periods ``cell`` (p, p), with some shift, carries
+    all ``balls`` (n, d) to balls, up to vectors of the cell.
     """
     p = len(cell)
     turned = np.concatenate([balls[:, :p] @ turn.T, balls[:, p:]], axis=1)
     for shift in balls - turned[0]:
         offset = (turned + shift)[:, None] - balls
-        # up to lattice vectors
-        periods = offset[..., :p] @ np.linalg.inv(cell)
-        offset[..., :p] = (periods - np.rint(periods)) @ cell
+        steps = offset[..., :p] @ np.linalg.inv(cell)
+        offset[..., :p] = (steps - np.rint(steps)) @ cell
         nearest = np.min(np.linalg.norm(offset, axis=-1), axis=1)
         if np.all(nearest < _TOLERANCE):
             return True

@@ -204,8 +204,8 @@ class Fronts:
         return motions
 
     def follow(self) -> Array:
-        """Return the motions (n, k) of all balls, without forces on them, as each of ``aside`` (k,)
-        alone moves by one.
+        """Return the motions (n, k) of all balls, without forces on these, as each of the motions
+        ``aside`` (k,) alone is one.
         """
         from scipy.linalg import solve_triangular
 

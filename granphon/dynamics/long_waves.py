@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.hertz import MOST_CONTACT_RADIUS
 from granphon.balls.lattices import as_direction, one_direction
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError, MechanismError
+from granphon.base.errors import InputError, InstabilityError, MechanismError
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.base.validation import real_array
@@ -167,11 +167,10 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _inner_modes(self) -> tuple[Array, Array]:
-        """Effect on the contacts of the inner motions: rotations, and the shifts of several balls
-        in the cell.
+        """An orthonormal basis (n_rows, n_stiff) of the deformations that inner motions can make,
+        and the inner motions (n_inner, n_free) that deform no contact.
 
-        The first array (n_rows, n_stiff) is an orthonormal basis of the deformations that they can
-        make; the second (n_inner, n_free) holds the inner motions that deform no contact.
+        Inner motions are rotations, and the shifts of several balls in the cell.
         """
         _, inner = self._strain_rows
         count = inner.shape[1]
@@ -349,9 +348,14 @@ class LongWaves(Compatibility):
         # sound per root of mass, as inner motions are
         weighted_sound = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())
         all_waves = np.concatenate([weighted_sound, waves], axis=2)
-        still = _find_null(all_waves.reshape(-1, count + free.shape[1]))
-        deforming = waves @ _find_null(still[:, count:], 1.0).T
-        mass = np.eye(count) - still[:, :count].T @ still[:, :count]
+        # motions, as rows, that deform nothing to second order: their parts in the shifts of all
+        # balls come first, then those in the inner motions
+        idle = _find_null(all_waves.reshape(-1, count + free.shape[1]))
+        idle_shifts = idle[:, :count]
+        idle_inner = idle[:, count:]
+        # inner motions without a part in idle ones
+        deforming = waves @ _find_null(idle_inner, 1.0).T
+        mass = np.eye(count) - idle_shifts.T @ idle_shifts
         return couple(deforming), np.where(np.abs(mass) > _COUPLED, mass, 0.0)
 
     def _deform_in_wave(self, free: Array) -> Array:
@@ -617,20 +621,28 @@ class LongWaves(Compatibility):
         try:
             factor = cholesky_factor(tensor)
         except np.linalg.LinAlgError:
-            squared, vectors = np.linalg.eigh(tensor)
-            worst = np.unravel_index(np.argmin(squared[..., 0]), squared.shape[:-1])
-            unstable = along if along.ndim == 1 else along[worst[-1]]
-            components = ", ".join(f"{component:.6g}" for component in unstable)
-            where = f"a squared sound velocity in direction ({components}) is negative"
-            raise self.explain_buckling(where, vectors[worst][:, 0]) from None
+            raise self._explain_unstable_sound(along, tensor) from None
         return decompose_waves(along, factor, self.motions.translations)
+
+    def _explain_unstable_sound(self, along: Array, tensor: Array) -> InstabilityError:
+        """Return the error of a lattice whose acoustic ``tensor`` (..., n_u, n_u), or
+        (..., n, n_u, n_u) of directions ``along`` (n, p), has an eigenvalue below zero.
+        """
+        squared, vectors = np.linalg.eigh(tensor)
+        worst = np.unravel_index(np.argmin(squared[..., 0]), squared.shape[:-1])
+        direction = along if along.ndim == 1 else along[worst[-1]]
+        components = ", ".join(f"{component:.6g}" for component in direction)
+        where = f"a squared sound velocity in direction ({components}) is negative"
+        return self.explain_buckling(where, vectors[worst][:, 0])
 
     @lru_cache(maxsize=256)  # noqa: B019 (lattices are kept by a cache of their own)
     def _waves_along(
         self, shape: tuple[int, ...], numbers: tuple[float, ...]
     ) -> tuple[Array, Array]:
-        """Return :meth:`sound_velocities` along a few unit vectors, without prestress;
-        read-only.
+        """Return :meth:`sound_velocities` along a few unit vectors, without prestress, read-only.
+
+        The components ``numbers`` and the ``shape`` of the vectors, (p,) or (n, p), are the key of
+        the cache.
         """
         values, vectors = self._compute_waves(np.reshape(numbers, shape))
         return read_only(values), read_only(vectors)
@@ -739,10 +751,12 @@ class LongWaves(Compatibility):
         p = self.periods
         if p == 1:
             return True
+        # the isotropic tensor with the same c_xxxx and c_xxyy
         shear = (c[0, 0] - c[0, 1]) / 2.0
         isotropic = np.diag([c[0, 0]] * p + [shear] * (len(c) - p))
         isotropic[:p, :p][~np.eye(p, dtype=bool)] = c[0, 1]
-        return bool(np.max(np.abs(c - isotropic)) <= _ISOTROPIC * c[0, 0])
+        largest_difference = np.max(np.abs(c - isotropic))
+        return bool(largest_difference <= _ISOTROPIC * c[0, 0])
 
     def optical_branch(self, direction: ArrayLike = (1.0, 0.0)) -> tuple[float, float]:
         """Return omega_0^2, k/M, and c, d^2, of the long-wave rotational branch omega^2 = omega_0^2

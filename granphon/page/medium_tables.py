@@ -256,14 +256,16 @@ def _find_own_torsion(packing: Packing) -> float:
 
 
 def _make_law(packing: Packing, choice: MediumChoice, eta: float) -> Law | None:
-    """Return the law of a medium at eta, in units of W and c W^(3/2); None if it is that of equal
-    balls.
+    """Return the law of a medium at eta, in units of W and c W^(3/2); None where the medium has the
+    law of equal balls, as Xi is zero.
     """
     shape = (packing.spread or Uniform(1.0)).shape
     if choice.name == "afa":
-        return AveragedLaw(1.0, 1.0, shape)
+        return AveragedLaw(coefficient=1.0, width=1.0, shape=shape)
     xi = _find_xi(packing, choice, eta)
-    return EffectiveLaw(1.0, 1.0, shape, xi) if xi else None
+    if xi == 0.0:
+        return None
+    return EffectiveLaw(coefficient=1.0, width=1.0, shape=shape, xi=xi)
 
 
 def _follow(law: Law) -> _Curve:

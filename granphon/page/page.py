@@ -158,7 +158,9 @@ def describe_network_page(
 
 
 def _list_facts(state: NetworkState) -> list[list[str]]:
-    """Return names and values, as texts, of the facts on a network that its page shows."""
+    """Return pairs of texts, the name and the value of each fact on a network that its page
+    shows.
+    """
     lattice = state.contact_lattice()
     network = state.network
     scales = state.scales

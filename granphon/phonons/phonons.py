@@ -313,17 +313,22 @@ class Phonons:
             from granphon.phonons.phonopy_bridge import ContactPhonopy
 
         motions = self.lattice.motions
-        unit = PhonopyAtoms(
+        unit_cell = PhonopyAtoms(
             symbols=name_atoms(self.atoms.get_masses(), motions, self.state.kinds),
             cell=self._part_images(),
             masses=np.repeat(self.atoms.get_masses(), motions.atoms_per_ball),
             positions=place_atoms(self.atoms.positions, motions),
         )
         bridge = ContactPhonopy(
-            unit, np.diag(_pad(self.dim)), primitive_matrix="P", is_symmetry=False, log_level=0
+            unit_cell,
+            np.diag(_pad(self.dim)),
+            primitive_matrix="P",
+            is_symmetry=False,
+            log_level=0,
         )
         bridge.unit_conversion_factor = 1.0
-        bridge.give_force_constants(self._sum_force_constants(_number_images(bridge, self.dim)))
+        numbers = _number_images(bridge, self.dim)
+        bridge.give_force_constants(self._sum_force_constants(numbers))
         return bridge
 
     def _part_images(self) -> Array:
@@ -357,6 +362,8 @@ class Phonons:
         # a body that does not move has no atoms
         is_free = table.j < self.lattice.n_balls
         every_contact = np.ones(len(table), bool)
+        # cells (n_c, p) of the supercell: the first, that of ball j as seen from ball i, and that
+        # of ball i as seen from ball j
         home = np.zeros_like(table.shift)
         away = table.shift % self.dim
         back = -table.shift % self.dim
@@ -378,6 +385,7 @@ class Phonons:
             np.add.at(constants, (first[kept], images), blocks[kept, row, column])
 
         for a, b in itertools.product(range(per_ball), repeat=2):  # the atoms of a ball
+            # atoms a and b of both balls, each with its place among the atoms of a contact
             i_a = (per_ball * table.i + a, a)
             i_b = (per_ball * table.i + b, b)
             j_a = (per_ball * table.j + a, per_ball + a)

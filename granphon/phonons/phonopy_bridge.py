@@ -251,42 +251,49 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
     text, verified = read_sealed(path)
     with require_own_file(path, "phonopy_params.yaml"):
         data = plain_yaml(text, path)
-        header = data["granphon"]
-        _, scales = read_header(path, header)
-        masses = read_numbers("masses", header["masses"], (-1,))
-        scale = float(read_numbers("force_constants_scale", header["force_constants_scale"], ()))
-        n = len(masses)
-        points = data["unit_cell"]["points"]
-        symbols = [point["symbol"] for point in points]
-        motions, periods = read_motions(header)
-        per_ball = motions.atoms_per_ball
-        # the last atom is the auxiliary one
-        kinds = read_kinds(header, symbols[:-1:per_ball])
-        ball_symbols = name_atoms(masses[::per_ball], motions, kinds)
-        expected_symbols = [*ball_symbols, free_symbol(_AUXILIARY, ball_symbols)]
-        if len(points) != n + 1 or symbols != expected_symbols:
-            raise InputError("Its cell does not consist of balls and the auxiliary atom")
-        numbers = _read_supercell(data["supercell_matrix"], periods)
-        if masses.min() <= 0.0 or scale <= 0.0:
-            raise InputError("Its masses and scales are not above zero")
-        cells = math.prod(numbers)  # Python's integers: their product does not overflow
-        constants = _read_constants(data["force_constants"], n + 1, cells)
-        positions = read_numbers(
-            "coordinates", [point["coordinates"] for point in points[:n]], (n, 3)
-        )
-        vectors = read_numbers("lattice", data["unit_cell"]["lattice"], (3, 3))
-        cell = PhonopyAtoms(
-            symbols=symbols[:n], cell=vectors, masses=masses, scaled_positions=positions
-        )
-        bridge = ContactPhonopy(
-            cell, np.diag(numbers), primitive_matrix="P", is_symmetry=False, log_level=0
-        )
-        bridge.unit_conversion_factor = 1.0
-        # without the auxiliary atom, which comes last in the cell and in the supercell
-        bridge.give_force_constants(constants[:n, : len(bridge.supercell)] / scale)
+        _, scales = read_header(path, data["granphon"])
+        bridge = _make_bridge(data)
     if not verified:
         warn_unverified(path)
     return bridge, scales
+
+
+def _make_bridge(data: Any) -> ContactPhonopy:
+    """Return the Phonopy object in reduced units from the data of a file of :meth:`Phonons.save`.
+
+    Raises :class:`InputError` for data that do not fit together.
+    """
+    header = data["granphon"]
+    masses = read_numbers("masses", header["masses"], (-1,))
+    scale = float(read_numbers("force_constants_scale", header["force_constants_scale"], ()))
+    n = len(masses)
+    atoms = data["unit_cell"]["points"]
+    symbols = [atom["symbol"] for atom in atoms]
+    motions, periods = read_motions(header)
+    per_ball = motions.atoms_per_ball
+    # the last atom is the auxiliary one
+    kinds = read_kinds(header, symbols[:-1:per_ball])
+    ball_symbols = name_atoms(masses[::per_ball], motions, kinds)
+    expected_symbols = [*ball_symbols, free_symbol(_AUXILIARY, ball_symbols)]
+    if len(atoms) != n + 1 or symbols != expected_symbols:
+        raise InputError("Its cell does not consist of balls and the auxiliary atom")
+    numbers = _read_supercell(data["supercell_matrix"], periods)
+    if masses.min() <= 0.0 or scale <= 0.0:
+        raise InputError("Its masses and scales are not above zero")
+    cells = math.prod(numbers)  # Python's integers: their product does not overflow
+    constants = _read_constants(data["force_constants"], n + 1, cells)
+    positions = read_numbers("coordinates", [atom["coordinates"] for atom in atoms[:n]], (n, 3))
+    vectors = read_numbers("lattice", data["unit_cell"]["lattice"], (3, 3))
+    cell = PhonopyAtoms(
+        symbols=symbols[:n], cell=vectors, masses=masses, scaled_positions=positions
+    )
+    bridge = ContactPhonopy(
+        cell, np.diag(numbers), primitive_matrix="P", is_symmetry=False, log_level=0
+    )
+    bridge.unit_conversion_factor = 1.0
+    # without the auxiliary atom, which comes last in the cell and in the supercell
+    bridge.give_force_constants(constants[:n, : len(bridge.supercell)] / scale)
+    return bridge
 
 
 def _read_supercell(listed: Any, periods: int) -> list[int]:
