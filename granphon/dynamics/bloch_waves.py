@@ -194,8 +194,8 @@ def _choose_finite(inverse: Complex, null_spaces: list[Complex]) -> Index:
 
 
 def _solve_pencil(steps: list[Complex], size: int, scale: float) -> tuple[Complex, Complex]:
-    """Solve the sum over s of D_s lambda^s u = w u for 1/(lambda - :data:`_POINT`) (n_f, 2 size),
-    and u of two blocks (n_f, 2 size, 2 size), as columns.
+    """Return 1/(lambda - :data:`_POINT`) (n_f, 2 size), and u of two blocks (n_f, 2 size, 2 size),
+    as columns, that solve the sum over s of D_s lambda^s u = w u.
 
     ``steps`` are D_s (n_f, layer, layer), the middle one less w; ``scale`` is the largest of their
     entries.
@@ -332,8 +332,8 @@ def _require_senses(factors: Complex, vectors: Complex) -> None:
 
 def _null_space(coupling: Complex) -> Complex:
     """Return an orthonormal basis (n, m) of the motions on which a coupling does not act."""
-    _, values, right = np.linalg.svd(coupling)
-    return np.asarray(right[values <= _UNCOUPLED * values[0]].conj().T)
+    _, singular_values, right_vectors = np.linalg.svd(coupling)
+    return np.asarray(right_vectors[singular_values <= _UNCOUPLED * singular_values[0]].conj().T)
 
 
 def _sort_senses(

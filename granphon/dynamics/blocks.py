@@ -232,61 +232,61 @@ class Block:
         columns, at wave vectors q (n_q, p), 1/d.
         """
         point = self._compute(q)
-        values, right = self._decompose(point)
-        return values, self._turn_back(point, right)
+        frequencies, modes = self._decompose(point)
+        return frequencies, self._turn_back(point, modes)
 
-    def _turn_back(self, point: _Point, right: NDArray[Any]) -> NDArray[Any]:
+    def _turn_back(self, point: _Point, modes: NDArray[Any]) -> NDArray[Any]:
         """Return vectors in terms of the motions of the frame."""
-        moved = right if point.basis is None else point.basis @ right
-        return moved if self.turn is None else self.turn @ moved
+        in_motions = modes if point.basis is None else point.basis @ modes
+        return in_motions if self.turn is None else self.turn @ in_motions
 
     def solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Return frequencies (n_q, n), ascending, eigenvectors (n_q, n, n), as columns, and group
         velocities (n_q, n, p); degenerate sets are resolved along ``along`` (n_q, p).
         """
         point = self._compute(q)
-        values, right = self._decompose(point)
-        slopes = _Slopes(self, point, values)
-        joined = values[:, 1:] - values[:, :-1] <= _DEGENERATE * values[:, 1:]
+        frequencies, modes = self._decompose(point)
+        slopes = _Slopes(self, point, frequencies)
+        joined = frequencies[:, 1:] - frequencies[:, :-1] <= _DEGENERATE * frequencies[:, 1:]
         if np.any(joined):
-            if np.any(values[:, 0] == 0.0):
+            if np.any(frequencies[:, 0] == 0.0):
                 # branches that vanish everywhere have no order among themselves
                 joined[:, : self.free] = False
-            self._resolve(point, right, slopes, joined, along)
+            self._resolve(point, modes, slopes, joined, along)
         # d(omega^2)/dq over 2 omega; a branch that vanishes everywhere does not travel
-        doubled = np.where(values > 0.0, 2.0 * values, np.inf)
-        velocities = slopes.compute_gradients(right) / doubled[..., None]
-        if not values.all():
-            n_zeros = np.count_nonzero(values == 0.0, axis=1)
+        doubled = np.where(frequencies > 0.0, 2.0 * frequencies, np.inf)
+        velocities = slopes.compute_gradients(modes) / doubled[..., None]
+        if not frequencies.all():
+            n_zeros = np.count_nonzero(frequencies == 0.0, axis=1)
             for n in np.flatnonzero(n_zeros > self.free).tolist():
-                self._leave_zero(point, n, values[n], right[n], velocities[n], along[n])
-        return values, self._turn_back(point, right), velocities
+                self._leave_zero(point, n, frequencies[n], modes[n], velocities[n], along[n])
+        return frequencies, self._turn_back(point, modes), velocities
 
     def _leave_zero(
         self,
         point: _Point,
         n: int,
-        values: Array,
-        right: NDArray[Any],
+        frequencies: Array,
+        modes: NDArray[Any],
         velocities: Array,
         along: Array,
     ) -> None:
         """Turn the modes of zero frequency at wave vector number ``n``, in place, into those that a
         path ``along`` (p,) follows as it leaves the wave vector.
 
-        ``right`` (n, n) holds all modes there, with the frequencies ``values`` (n,). The velocities
-        (n, p) of the modes of zero frequency become the limits along the path. Beside the wave
-        vector frequencies that are zero rise as cones, as those of sound do beside Gamma: the
-        slopes are the singular values of the change of C, less what the modes of higher frequencies
-        can take up.
+        ``modes`` (n, n) holds all modes there, as columns, with their ``frequencies`` (n,). The
+        velocities (n, p) of the modes of zero frequency become the limits along the path. Beside
+        the wave vector frequencies that are zero rise as cones, as those of sound do beside Gamma:
+        the slopes are the singular values of the change of C, less what the modes of higher
+        frequencies can take up.
         """
-        count = int(np.count_nonzero(values == 0.0))
-        motions = right if point.basis is None else point.basis[n] @ right
+        count = int(np.count_nonzero(frequencies == 0.0))
+        motions = modes if point.basis is None else point.basis[n] @ modes
         q = point.q[n : n + 1]
         rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._kinds])
-        slope = np.concatenate([waves.compute_rows(q, True)[0] for waves in self._kinds])
+        slope = np.concatenate([waves.compute_rows(q, derivative=True)[0] for waves in self._kinds])
         half = np.concatenate([waves.repeat_half_vectors() for waves in self._kinds])
-        stiff = rows @ motions[:, count:] / values[count:]
+        stiff = rows @ motions[:, count:] / frequencies[count:]
         change = half.T[:, :, None] * (slope @ motions[:, :count])  # (p, rows, count)
         if self.signs is None:
             speeds, turn, forms = self._find_cones(stiff, change, along)
@@ -298,7 +298,7 @@ class Block:
             # modes of one speed stay as they are, as far as they can: u vh is the nearest rotation
             u, _, vh = np.linalg.svd(turn[run, run])
             turn[:, run] = turn[:, run] @ (u @ vh).conj().T
-        right[:, :count] = right[:, :count] @ turn
+        modes[:, :count] = modes[:, :count] @ turn
         # half the gradients of the squares; a mode without speed does not travel
         gradients = np.einsum("yz,ayx,xz->za", turn.conj(), forms, turn).real
         inverse = np.divide(1.0, speeds, out=np.zeros_like(speeds), where=speeds > 0.0)
@@ -345,41 +345,42 @@ class Block:
     def _resolve(
         self,
         point: _Point,
-        right: NDArray[Any],
+        modes: NDArray[Any],
         slopes: _Slopes,
         joined: NDArray[np.bool_],
         along: Array,
     ) -> None:
-        """Turn the vectors ``right`` (n_q, n, n) of each degenerate set, in place, into those of
+        """Turn the vectors ``modes`` (n_q, n, n) of each degenerate set, in place, into those of
         the branches along a direction ``along`` (n_q, p).
 
         ``joined`` (n_q, n - 1) says whether a branch has the frequency of the next.
         """
         alike: list[tuple[NDArray[np.intp], slice]] = []
         for points, branches in _find_runs(joined):
-            vectors = right[points, :, branches]
+            vectors = modes[points, :, branches]
             matrices = slopes.compute_along(points, vectors, branches.start, along[points])
             slope, turn = np.linalg.eigh(matrices)
-            right[points, :, branches] = vectors @ turn
+            modes[points, :, branches] = vectors @ turn
             for rows, within in _find_runs(np.diff(slope, axis=1) <= _EQUAL_SLOPES):
                 run = slice(branches.start + within.start, branches.start + within.stop)
                 alike.append((points[rows], run))
         if alike:
-            self._resolve_beside(point, right, alike, along)
+            self._resolve_beside(point, modes, alike, along)
 
     def _resolve_beside(
         self,
         point: _Point,
-        right: NDArray[Any],
+        modes: NDArray[Any],
         alike: list[tuple[NDArray[np.intp], slice]],
         along: Array,
     ) -> None:
         """Turn the vectors of branches of equal slope, in place, into those that are nearest to the
         modes one step further along the path.
 
-        Such branches separate at second order only. The length of the step, not LAPACK's error,
-        limits the accuracy. Branches that are still one after the step have no vectors of their
-        own. ``alike`` holds points, and the branches that are alike there.
+        Branches of equal slope separate at second order only. The length of the step, not LAPACK's
+        error, limits the accuracy. Branches that are still one after the step have no vectors of
+        their own. ``modes`` (n_q, n, n) are the vectors, ``along`` (n_q, p) the path, and ``alike``
+        pairs of the numbers of wave vectors (k,) and the branches that have one slope there.
         """
         solved = np.unique(np.concatenate([points for points, _ in alike]))
         beside = point.q[solved] + _STEP_BESIDE * along[solved]
@@ -390,20 +391,23 @@ class Block:
         for points, branches in alike:
             steps = np.searchsorted(solved, points)
             highest = squares[steps, branches.stop - 1]
-            split = highest - squares[steps, branches.start] > _DEGENERATE * highest
-            if not np.any(split):
+            lowest = squares[steps, branches.start]
+            is_split = highest - lowest > _DEGENERATE * highest
+            if not np.any(is_split):
                 continue
-            points = points[split]
-            steps = steps[split]
-            amplitudes = right[points, :, branches]
-            vectors = amplitudes if point.basis is None else point.basis[points] @ amplitudes
-            rows = factors[steps]
+            split_points = points[is_split]
+            split_steps = steps[is_split]
+            amplitudes = modes[split_points, :, branches]
+            vectors = amplitudes
+            if point.basis is not None:
+                vectors = point.basis[split_points] @ amplitudes
+            rows = factors[split_steps]
             if self.pushing is not None:
-                rows = factorise(matrices[steps], self.slack)
+                rows = factorise(matrices[split_steps], self.slack)
             modes_beside = lapack_svd(rows)[1][:, :, branches]
             # u vh is the rotation that takes the vectors nearest to the modes beside
             u, _, vh = np.linalg.svd(vectors.conj().swapaxes(1, 2) @ modes_beside)
-            right[points, :, branches] = amplitudes @ (u @ vh)
+            modes[split_points, :, branches] = amplitudes @ (u @ vh)
 
     def _make_matrix(self, rows: NDArray[Any], across: NDArray[Any] | None) -> NDArray[Any]:
         """Return D(q) (n_q, n, n) from rows (n_q, m, n) of C(q), and under prestress from those of
@@ -469,16 +473,16 @@ class Block:
         if matrices is not None:
             self._drop_rounding(point.q, matrices)
         if self.free and self.size > _MANY_FREE:
-            values, right = self._split_free(point.rows, matrices)
+            frequencies, modes = self._split_free(point.rows, matrices)
         else:
-            values, right = self._decompose_all(point.rows, matrices)
-        small = (values <= self._limit * self._largest) & (values > 0.0)
+            frequencies, modes = self._decompose_all(point.rows, matrices)
+        small = (frequencies <= self._limit * self._largest) & (frequencies > 0.0)
         doubtful = np.flatnonzero(np.any(small, axis=1))
         if doubtful.size:
-            values[doubtful], right[doubtful] = self._drop_small(
-                point.q[doubtful], values[doubtful], right[doubtful]
+            frequencies[doubtful], modes[doubtful] = self._drop_small(
+                point.q[doubtful], frequencies[doubtful], modes[doubtful]
             )
-        return values, right
+        return frequencies, modes
 
     def _decompose_all(
         self, rows: NDArray[Any], matrices: NDArray[Any] | None
@@ -502,7 +506,7 @@ class Block:
         if matrices is None:
             basis = lapack_svd(rows)[1]
             stiff = basis[:, :, self.free :]
-            values, right = self._decompose_all(rows @ stiff, None)
+            frequencies, modes = self._decompose_all(rows @ stiff, None)
         else:
             squares, vectors = np.linalg.eigh(matrices)
             # a negative square, of a lattice that buckles, is not among the smallest
@@ -510,17 +514,17 @@ class Block:
             basis = np.take_along_axis(vectors, order[:, None], 2)
             stiff = basis[:, :, self.free :]
             stiff_matrices = stiff.conj().swapaxes(1, 2) @ matrices @ stiff
-            values, right = self._decompose_all(rows, stiff_matrices)
-        all_vectors = np.concatenate([basis[:, :, : self.free], stiff @ right], axis=2)
-        return np.pad(values, ((0, 0), (self.free, 0))), all_vectors
+            frequencies, modes = self._decompose_all(rows, stiff_matrices)
+        all_vectors = np.concatenate([basis[:, :, : self.free], stiff @ modes], axis=2)
+        return np.pad(frequencies, ((0, 0), (self.free, 0))), all_vectors
 
     def _drop_small(
-        self, q: Array, values: Array, right: NDArray[Any]
+        self, q: Array, frequencies: Array, modes: NDArray[Any]
     ) -> tuple[Array, NDArray[Any]]:
         """Return frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), with frequencies
         set to zero that are no more than the rounding of sine and cosine in their own columns.
 
-        ``values`` and ``right`` are the frequencies and eigenvectors at wave vectors q (n_q, p).
+        ``frequencies`` and ``modes`` are those at the wave vectors q (n_q, p).
         """
         squares = self._measure_columns(q)
         if self.bent:
@@ -532,15 +536,15 @@ class Block:
             tilted_squares = np.sum(tilted_sizes**2, axis=1)
             plain_squares = squares[:, self._order[len(self.bent) :]]
             squares = np.concatenate([tilted_squares, plain_squares], axis=1)
-        lengths = np.sqrt(np.einsum("qn,qnb->qb", squares, np.abs(right) ** 2))
+        lengths = np.sqrt(np.einsum("qn,qnb->qb", squares, np.abs(modes) ** 2))
         rounding = self._limit * lengths
-        values = np.where(values <= rounding, 0.0, values)
-        values[:, : self.free] = 0.0
-        if np.any(values[:, 1:] < values[:, :-1]):
-            order = np.argsort(values, axis=1, kind="stable")
-            values = np.take_along_axis(values, order, 1)
-            right = np.take_along_axis(right, order[:, None], 2)
-        return values, right
+        frequencies = np.where(frequencies <= rounding, 0.0, frequencies)
+        frequencies[:, : self.free] = 0.0
+        if np.any(frequencies[:, 1:] < frequencies[:, :-1]):
+            order = np.argsort(frequencies, axis=1, kind="stable")
+            frequencies = np.take_along_axis(frequencies, order, 1)
+            modes = np.take_along_axis(modes, order[:, None], 2)
+        return frequencies, modes
 
     def _drop_rounding(self, q: Array, matrices: NDArray[Any]) -> None:
         """Set diagonal entries of D(q) (n_q, n, n) that are rounding of zero, and may be below it,
@@ -586,25 +590,26 @@ class Block:
 class _Slopes:
     """<v_b| dD/dq |v_c>, D = C^H C, as 2 Re <C v_b| dC/dq |v_c>, which is exact near Gamma too.
 
-    ``values`` (n_q, n) are the frequencies of a block at the wave vectors of a ``point``.
+    ``frequencies`` (n_q, n) are those of a block at the wave vectors of a ``point``.
     """
 
-    def __init__(self, block: Block, point: _Point, values: Array) -> None:
+    def __init__(self, block: Block, point: _Point, frequencies: Array) -> None:
         self.block = block
         self.point = point
-        self.values = values
+        self.frequencies = frequencies
         #: rows, their derivatives with respect to the half angle, and the half vectors, with the
         #: sign of the term
         self.kinds = [
             (
                 point.rows,
-                block.deforming.compute_rows(point.q, True),
+                block.deforming.compute_rows(point.q, derivative=True),
                 block.deforming.repeat_half_vectors(),
             )
         ]
         if block.pushing is not None and point.across is not None:
             half = -np.asarray(block.signs) * block.pushing.repeat_half_vectors()
-            self.kinds.append((point.across, block.pushing.compute_rows(point.q, True), half))
+            slopes = block.pushing.compute_rows(point.q, derivative=True)
+            self.kinds.append((point.across, slopes, half))
         if point.basis is not None:
             # gradients (n_q, p, m, bent), with respect to q, of the tilted columns of C(q)
             bends, turns, half = block._tilted
@@ -623,10 +628,10 @@ class _Slopes:
         The frequencies of the vectors are those of the branch number ``first``.
         """
         if self.point.basis is not None:
-            deformations, changes = self._tilt(points, vectors, self.values[points, first])
+            deformations, changes = self._tilt(points, vectors, self.frequencies[points, first])
             products = np.einsum("qxb,qaxc,qa->qbc", deformations.conj(), changes, along)
         else:
-            products = np.zeros(())
+            products = np.zeros((len(points), vectors.shape[2], vectors.shape[2]))
             for rows, slope, half in self.kinds:
                 if len(points) < len(rows):
                     rows = rows[points]
@@ -639,7 +644,7 @@ class _Slopes:
     def compute_gradients(self, vectors: NDArray[Any]) -> Array:
         """Return the gradients (n_q, n, p) of omega^2 of each of the ``vectors`` (n_q, n, n)."""
         if self.point.basis is not None:
-            deformations, changes = self._tilt(slice(None), vectors, self.values[:, None, :])
+            deformations, changes = self._tilt(slice(None), vectors, self.frequencies[:, None, :])
             return np.asarray(2.0 * np.einsum("qxb,qaxb->qba", deformations.conj(), changes).real)
         total: Any = 0.0
         for rows, slope, half in self.kinds:
@@ -647,12 +652,12 @@ class _Slopes:
         return np.asarray(total.swapaxes(1, 2))
 
     def _tilt(
-        self, points: Any, vectors: NDArray[Any], values: Array
+        self, points: Any, vectors: NDArray[Any], frequencies: Array
     ) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return C v (k, m + n, b), and dC/dq v (k, p, m + n, b), of amplitudes v, ``vectors``
         (k, n, b), in the basis; the last n rows are the change of the tilted motions' lengths.
 
-        The squares of frequencies, ``values``, are the eigenvalues of (C T)^H C T in the metric
+        The squares of ``frequencies`` are the eigenvalues of (C T)^H C T in the metric
         T^H T of the tilted motions T. ``points`` select k of the wave vectors.
         """
         block = self.block
@@ -666,9 +671,9 @@ class _Slopes:
         bent = self.tilted[points] @ tilted[:, None, :count]
         lengths = np.einsum("kna,qkb->qanb", block.tilt, tilted[:, :count])
         motions = point.basis[points] @ vectors  # type: ignore[index]
-        frequencies = values.reshape(len(values), 1, 1, -1)
+        squares = frequencies.reshape(len(frequencies), 1, 1, -1) ** 2
         deformations = np.concatenate([rows[points] @ vectors, motions], axis=1)
-        changes = np.concatenate([plain + bent, -(frequencies**2) * lengths], axis=2)
+        changes = np.concatenate([plain + bent, -squares * lengths], axis=2)
         return deformations, changes
 
 

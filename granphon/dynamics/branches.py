@@ -39,7 +39,8 @@ _NEIGHBOURS = 4e-16
 
 
 def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
-    """Follow branches along a path by the overlap of their eigenvectors, through crossings.
+    """Return the order of branches that are followed along a path, through crossings, by the
+    overlap of their eigenvectors.
 
     Parameters
     ----------
@@ -114,14 +115,14 @@ class AcousticBranch:
                 mend="Choose lower frequencies",
             )
         # the first point of the branch at the frequency or above it; Gamma is before all points
-        right = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
-        low_q = np.where(right > 0, self.wavenumbers[right - 1], 0.0)
-        low_omega = np.where(right > 0, self.frequencies[right - 1], 0.0)
-        q = np.stack([low_q, self.wavenumbers[right]])
-        omega = np.stack([low_omega, self.frequencies[right]])
+        above = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
+        low_q = np.where(above > 0, self.wavenumbers[above - 1], 0.0)
+        low_omega = np.where(above > 0, self.frequencies[above - 1], 0.0)
+        q = np.stack([low_q, self.wavenumbers[above]])
+        omega = np.stack([low_omega, self.frequencies[above]])
         lattice = self.lattice
         along = np.broadcast_to(self.direction, (target.size, lattice.periods))
-        return _solve_wavenumbers(lattice, along, target, q, omega, self.vectors[right], self.name)
+        return _solve_wavenumbers(lattice, along, target, q, omega, self.vectors[above], self.name)
 
 
 def _find_nearest(
@@ -242,8 +243,8 @@ class AcousticBranches:
     def follow(
         cls, lattice: ContactLattice, directions: Array, targets: ArrayLike = np.inf
     ) -> AcousticBranches:
-        """Follow the branches along ``directions`` (n, p) through crossings, each until it reaches
-        its target (n_u, n), (k/M)^1/2, falls, or meets the edge.
+        """Return the branches along ``directions`` (n, p), followed through crossings, each until
+        the branch reaches its target (n_u, n), (k/M)^1/2, falls, or meets the edge of the zone.
         """
         n_directions = len(directions)
         n_waves = len(lattice.wave_names)
@@ -265,10 +266,10 @@ class AcousticBranches:
                 next_column = _assign_columns(modes.overlap[:, point])
                 column = np.stack([next_column[row, branch] for branch in column])
                 climbs = ~falls[:, followed] & (modes.slopes[row, point, column] > 0.0)
-                values = np.where(climbs, modes.frequencies[row, point, column], np.inf)
+                rising_frequencies = np.where(climbs, modes.frequencies[row, point, column], np.inf)
                 falls[:, followed] |= ~climbs
                 rising[:, followed] += climbs
-                frequencies[:, followed, first + point] = values
+                frequencies[:, followed, first + point] = rising_frequencies
                 vectors[:, followed, first + point] = modes.vectors[row, point, :, column]
             # the frequency at the last point at which each branch rose
             last_rise = np.maximum(rising[:, followed] - 1, 0)
@@ -315,13 +316,13 @@ class AcousticBranches:
         wavenumbers = self.wavenumbers[direction]
         frequencies = self.frequencies[which, direction]
         # the first point of the branch at the frequency or above it; Gamma is before all points
-        right = np.sum(frequencies < target[:, None], axis=1)
+        above = np.sum(frequencies < target[:, None], axis=1)
         row = np.arange(len(target))
-        low_q = np.where(right > 0, wavenumbers[row, right - 1], 0.0)
-        low_omega = np.where(right > 0, frequencies[row, right - 1], 0.0)
-        q = np.stack([low_q, wavenumbers[row, right]])
-        omega = np.stack([low_omega, frequencies[row, right]])
-        references = self.vectors[which, direction, right]
+        low_q = np.where(above > 0, wavenumbers[row, above - 1], 0.0)
+        low_omega = np.where(above > 0, frequencies[row, above - 1], 0.0)
+        q = np.stack([low_q, wavenumbers[row, above]])
+        omega = np.stack([low_omega, frequencies[row, above]])
+        references = self.vectors[which, direction, above]
         name = self.lattice.wave_names[which]
         return _solve_wavenumbers(
             self.lattice, self.directions[direction], target, q, omega, references, name
@@ -376,6 +377,7 @@ def _find_sound(
     size = lattice.n_branches
     vectors = lattice.modes(q * directions, directions).eigenvectors
     motion = vectors.reshape(len(directions), lattice.n_balls, lattice.motions.count, size)
+    # displacement (n, n_u, n_branches) of the centre of mass along each polarisation
     drift = np.einsum(
         "i,niab,nak->nkb",
         np.sqrt(lattice.masses),

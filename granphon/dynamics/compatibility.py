@@ -468,12 +468,13 @@ class Compatibility:
         # roll) are divided by i once more.
         rows, root = self._weight_rows(prestress)
         frame = self._wave_frame
-        gap, total = self._combine_ends(rows, root, frame.real + frame.imag)
+        # each column of the frame is real or imaginary
+        difference, total = self._combine_ends(rows, root, frame.real + frame.imag)
         row_phases = np.array([-1.0 if row.kind in ("twist", "roll") else -1.0j for row in rows])
         frame_phases = np.where(np.any(frame.imag, axis=0), 1.0j, 1.0)
         phase = row_phases[:, None, None] * np.kron(frame_phases, self.motions.phases)
         odd = 1j * phase * total
-        even = phase * gap
+        even = phase * difference
         half = 0.5 * self.contacts.vector[:, : self.periods]
         # rows of a single ball are complex where the arms of a contact differ, or a body that does
         # not move holds the ball

@@ -107,7 +107,7 @@ class ContactLattice(LongWaves):
         bending: float = 0.0,
         motions: Motions | None = None,
     ) -> ContactLattice:
-        """Make the contact lattice of equal balls on ``lattice``, whose contacts have the
+        """Return the contact lattice of equal balls on ``lattice``, whose contacts have the
         ``mindlin_ratio`` eta.
 
         ``spacing`` a/d and ``prestress`` f/(k a) keep the terms of relative order delta/d that the
@@ -162,10 +162,10 @@ class ContactLattice(LongWaves):
 
     @classmethod
     def from_network(cls, network: ContactNetwork) -> Self:
-        """Make the contact lattice of a network that repeats along one, two or three axes, in its
-        own reduced units.
+        """Return the contact lattice of a network that repeats along one, two or three axes, in the
+        reduced units of the network.
 
-        The units are :attr:`ContactNetwork.scales`. Each ball has its own mass and radius of
+        These units are :attr:`ContactNetwork.scales`. Each ball has its own mass and radius of
         gyration, each contact its own stiffnesses, arms and, with ``prestress``, normal force.
         Bodies that do not move hold the balls that touch them. Such bodies have no motions: the
         balls of the lattice are the moving ones, in the order of the network. If the periods do not
@@ -255,13 +255,13 @@ class ContactLattice(LongWaves):
         """
         q, _ = self._fold(wavevectors)
         self._require_room(len(q), 1)
-        values = np.concatenate(self._share_out(lambda part: self._solve(q[part]), len(q)))
+        omega = np.concatenate(self._share_out(lambda part: self._solve(q[part]), len(q)))
         faint = _is_faint(q)
         if np.any(faint):
             near = _NEAR_GAMMA * as_direction(q[faint], self.periods)
             modes = self._solve_with_velocities(near, near / _NEAR_GAMMA)
-            values[faint] = _follow_powers(q[faint], near, *modes)[0]
-        return values
+            omega[faint] = _follow_powers(q[faint], near, *modes)[0]
+        return omega
 
     @cached_property
     def top_frequency(self) -> float:
@@ -332,13 +332,13 @@ class ContactLattice(LongWaves):
         near = np.where(at_gamma[:, None], _NEAR_GAMMA * along, q)
         if np.any(is_faint):
             near[is_faint] = _NEAR_GAMMA * as_direction(q[is_faint], self.periods)
-        values, vectors, velocities = self._solve_with_velocities(near, along)
+        frequencies, vectors, velocities = self._solve_with_velocities(near, along)
         is_limit = at_gamma | is_faint
         if np.any(is_limit):
-            values[is_limit], vectors[is_limit], velocities[is_limit] = _follow_powers(
+            frequencies[is_limit], vectors[is_limit], velocities[is_limit] = _follow_powers(
                 q[is_limit],
                 near[is_limit],
-                values[is_limit],
+                frequencies[is_limit],
                 vectors[is_limit],
                 velocities[is_limit],
             )
@@ -347,9 +347,9 @@ class ContactLattice(LongWaves):
         by_ball = vectors.reshape(len(q), self.n_balls, self.motions.count, self.n_branches)
         motion = by_ball * phase[:, :, None, None]
         wave_direction = np.where(at_gamma[:, None], along, requested)
-        parts = self._split_energy(motion, as_direction(wave_direction, self.periods))
+        energy_parts = self._split_energy(motion, as_direction(wave_direction, self.periods))
         eigenvectors = motion.reshape(len(q), self.n_branches, self.n_branches)
-        return requested, values, eigenvectors, velocities, *parts
+        return requested, frequencies, eigenvectors, velocities, *energy_parts
 
     def _split_energy(self, motion: Complex, direction: Array) -> tuple[Array, Array, Array]:
         """Return the parts (n_q, n_branches) of the kinetic energy that are rotation, that move
@@ -373,9 +373,9 @@ class ContactLattice(LongWaves):
     def _solve(self, q: Array) -> Array:
         """Return frequencies (n_q, n_branches), ascending, at wave vectors q (n_q, p)."""
         if self._large is not None:  # one wave vector
-            values = self._large.find_frequencies(q[0])
-            if values is not None:
-                return values[None]
+            frequencies = self._large.find_frequencies(q[0])
+            if frequencies is not None:
+                return frequencies[None]
         try:
             by_block = [block.solve(q)[0] for block in self._blocks]
         except InstabilityError:
@@ -397,24 +397,24 @@ class ContactLattice(LongWaves):
         except InstabilityError:
             raise self._find_buckling(q) from None
         if len(by_block) == 1:
-            values, vectors, velocities = by_block[0]
-            return values, self._to_balls @ vectors, velocities
-        values = np.concatenate([block_values for block_values, _, _ in by_block], axis=1)
-        velocities = np.concatenate([block_speeds for _, _, block_speeds in by_block], axis=1)
-        dtype = np.result_type(*(block_vectors for _, block_vectors, _ in by_block))
-        vectors = np.zeros((len(values), self.n_branches, self.n_branches), dtype)
+            frequencies, vectors, velocities = by_block[0]
+            return frequencies, self._to_balls @ vectors, velocities
+        frequencies = np.concatenate([modes_of_block[0] for modes_of_block in by_block], axis=1)
+        velocities = np.concatenate([modes_of_block[2] for modes_of_block in by_block], axis=1)
+        dtype = np.result_type(*(modes_of_block[1] for modes_of_block in by_block))
+        vectors = np.zeros((len(frequencies), self.n_branches, self.n_branches), dtype)
         first = 0
         for block, (_, block_vectors, _) in zip(self._blocks, by_block, strict=True):
             vectors[:, block.columns, first : first + block.size] = block_vectors
             first += block.size
-        values, vectors, velocities = _sort_branches(values, vectors, velocities)
+        frequencies, vectors, velocities = _sort_branches(frequencies, vectors, velocities)
         # modes of zero frequency in the order that they have beside the point
-        zeros = np.count_nonzero(values == 0.0, axis=1)
+        zeros = np.count_nonzero(frequencies == 0.0, axis=1)
         for n in np.flatnonzero(zeros > self.free_branches).tolist():
             order = np.argsort(velocities[n, : zeros[n]] @ along[n], kind="stable")
             vectors[n, :, : zeros[n]] = vectors[n][:, order]
             velocities[n, : zeros[n]] = velocities[n, order]
-        return values, self._to_balls @ vectors, velocities
+        return frequencies, self._to_balls @ vectors, velocities
 
     def _find_buckling(self, q: Array) -> InstabilityError:
         """Return the error that names the wave vector, among ``q``, of the lowest squared
@@ -496,6 +496,7 @@ class ContactLattice(LongWaves):
         p = self.periods
         columns = block.columns
         weights = self._wave_frame.conj() * np.sqrt(self.masses / self.masses.sum())[:, None]
+        # displacements of the centre of mass, which come first, across the periods
         bent = [
             motion
             for motion in np.flatnonzero(columns < len(motions.translations)).tolist()
@@ -504,19 +505,29 @@ class ContactLattice(LongWaves):
         tilt = np.zeros((len(bent), len(columns), p), complex)
         for number, motion in enumerate(bent):
             axis = motions.translations[columns[motion]]
-            height = self.positions[:, axis] if axis < self.dimension else np.zeros(self.n_balls)
-            height = height - self.masses @ height / self.masses.sum()
             for along in range(p):
-                turn = np.cross(np.eye(3)[along], np.eye(3)[axis])
-                moved = np.zeros((self.n_balls, motions.count), complex)
-                moved[:, motions.turning] = self.gyration[:, None] * turn[list(motions.rotations)]
-                if along in motions.translations:
-                    moved[:, motions.translations.index(along)] = -1.0j * height
-                tilt[number, :, along] = (weights.T @ moved).ravel()[columns]
+                tilted = self._tilt_balls(axis, along)
+                tilt[number, :, along] = (weights.T @ tilted).ravel()[columns]
         is_real = np.issubdtype(block.deforming.odd.dtype, np.floating)
         gradients = tilt.real.copy() if is_real else tilt
-        used = np.flatnonzero(np.any(gradients != 0.0, axis=(1, 2)))
-        return replace(block, bent=tuple(bent[number] for number in used), tilt=gradients[used])
+        tilting = np.flatnonzero(np.any(gradients != 0.0, axis=(1, 2)))
+        return replace(
+            block, bent=tuple(bent[number] for number in tilting), tilt=gradients[tilting]
+        )
+
+    def _tilt_balls(self, axis: int, along: int) -> Complex:
+        """Return the motions (n_balls, motions), per component of q along a period, that go with a
+        unit displacement across the periods, along an ``axis``.
+        """
+        motions = self.motions
+        height = self.positions[:, axis] if axis < self.dimension else np.zeros(self.n_balls)
+        height = height - self.masses @ height / self.masses.sum()
+        turn = np.cross(np.eye(3)[along], np.eye(3)[axis])
+        tilted = np.zeros((self.n_balls, motions.count), complex)
+        tilted[:, motions.turning] = self.gyration[:, None] * turn[list(motions.rotations)]
+        if along in motions.translations:
+            tilted[:, motions.translations.index(along)] = -1.0j * height
+        return tilted
 
     @cached_property
     def elongating_blocks(self) -> list[Block]:
@@ -604,8 +615,8 @@ class ContactLattice(LongWaves):
         frequencies : (n_q, n_branches), of :meth:`frequencies`, in any unit.
         """
         q, _ = self._fold(wavevectors)
-        values = real_array("frequencies", frequencies).reshape(len(q), self.n_branches)
-        counts = np.count_nonzero(values == 0.0, axis=1)
+        by_point = real_array("frequencies", frequencies).reshape(len(q), self.n_branches)
+        counts = np.count_nonzero(by_point == 0.0, axis=1)
         if not np.any(counts):
             return ()
         at_gamma = np.all(q == 0.0, axis=1)
@@ -697,21 +708,21 @@ def _is_faint(q: Array) -> NDArray[np.bool_]:
 
 
 def _sort_branches(
-    values: Array, vectors: NDArray[Any], velocities: Array
+    frequencies: Array, vectors: NDArray[Any], velocities: Array
 ) -> tuple[Array, NDArray[Any], Array]:
     """Return frequencies (n_q, b), eigenvectors (n_q, n, b) and velocities (n_q, b, p) with the
     frequencies ascending.
     """
-    order = np.argsort(values, axis=1, kind="stable")
+    order = np.argsort(frequencies, axis=1, kind="stable")
     return (
-        np.take_along_axis(values, order, 1),
+        np.take_along_axis(frequencies, order, 1),
         np.take_along_axis(vectors, order[:, None], 2),
         np.take_along_axis(velocities, order[..., None], 1),
     )
 
 
 def _follow_powers(
-    q: Array, near: Array, values: Array, vectors: NDArray[Any], velocities: Array
+    q: Array, near: Array, frequencies: Array, vectors: NDArray[Any], velocities: Array
 ) -> tuple[Array, NDArray[Any], Array]:
     """Return frequencies, eigenvectors and velocities at ``q`` (n_q, p), from those at ``near``,
     longer but as directed.
@@ -721,8 +732,12 @@ def _follow_powers(
     """
     slope = np.einsum("qa,qba->qb", near, velocities)
     # q.v/omega is the power of |q|, but for rounding
-    ratio_to_slope = np.divide(slope, values, out=np.zeros_like(values), where=values > 0.0)
-    power = np.maximum(np.rint(ratio_to_slope), 0.0)
+    ratio = np.zeros_like(frequencies)
+    np.divide(slope, frequencies, out=ratio, where=frequencies > 0.0)
+    power = np.maximum(np.rint(ratio), 0.0)
     scale = (np.max(np.abs(q), axis=1) / np.max(np.abs(near), axis=1))[:, None]
+    frequency_scale = scale**power
     velocity_scale = scale ** np.maximum(power - 1.0, 0.0)
-    return _sort_branches(values * scale**power, vectors, velocities * velocity_scale[..., None])
+    return _sort_branches(
+        frequencies * frequency_scale, vectors, velocities * velocity_scale[..., None]
+    )

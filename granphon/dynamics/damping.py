@@ -92,13 +92,14 @@ class ContactDamping:
         )
 
     def soften(self, omega: Array) -> tuple[Complex, Complex]:
-        """Return the factors (n_f, n_c) of the stiffness in a motion exp(-i omega t): normal, and
-        all other.
+        """Return the factors (n_f, n_c) of the stiffness against normal motion, and of that against
+        all other motion, in a motion exp(-i omega t), ``omega`` (n_f,), rad/s.
         """
-        return tuple(
+        normal, other = (
             1.0 - 1j * (omega[:, None] * tau + eta)
             for tau, eta in zip(self.times, self.losses, strict=True)
         )
+        return normal, other
 
     def find_even(self, network: ContactNetwork) -> tuple[float, float] | None:
         """Return eta and tau, s, if both are the same in all deformations that contacts resist, and

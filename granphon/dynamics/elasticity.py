@@ -214,12 +214,13 @@ def shears(tensor: Array) -> Array:
     c = tensor
     if c.shape[-1] == 1:
         return np.zeros((*c.shape[:-2], 0))
-    across = (c[..., 0, 0] + c[..., 1, 1] - 2.0 * c[..., 0, 1]) / 4.0
+    xx_less_yy = (c[..., 0, 0] + c[..., 1, 1] - 2.0 * c[..., 0, 1]) / 4.0
     if c.shape[-1] == 3:
-        return np.stack([across, c[..., 2, 2]], axis=-1)
-    along_z = (c[..., 0, 0] + c[..., 1, 1] + 4.0 * c[..., 2, 2] + 2.0 * c[..., 0, 1]) / 12.0
-    along_z = along_z - (c[..., 0, 2] + c[..., 1, 2]) / 3.0
-    return np.stack([along_z, across, c[..., 3, 3], c[..., 4, 4], c[..., 5, 5]], axis=-1)
+        return np.stack([xx_less_yy, c[..., 2, 2]], axis=-1)
+    # of the strain s = 2zz - xx - yy: s C s over twice the square of the length of s, which is 6
+    uncoupled = (c[..., 0, 0] + c[..., 1, 1] + 4.0 * c[..., 2, 2] + 2.0 * c[..., 0, 1]) / 12.0
+    along_z = uncoupled - (c[..., 0, 2] + c[..., 1, 2]) / 3.0
+    return np.stack([along_z, xx_less_yy, c[..., 3, 3], c[..., 4, 4], c[..., 5, 5]], axis=-1)
 
 
 def bulk_and_shear(tensor: Array) -> Array:
@@ -285,43 +286,43 @@ def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple
     the acoustic tensors F^T F, whose eigenvalues are the squares of velocities. ``axes`` are the
     n_u axes along which balls move.
     """
-    values, right = jacobi_svd(factor)
+    unordered_velocities, unordered_vectors = jacobi_svd(factor)
     periods = along.shape[-1]
     if len(axes) == 3:
         along_in_space = np.pad(along, [(0, 0)] * (along.ndim - 1) + [(0, 3 - periods)])
-        right = _settle_vectors(along_in_space, values, right)
+        unordered_vectors = _settle_vectors(along_in_space, unordered_velocities, unordered_vectors)
     names = name_waves(axes, periods)
     # the direction in components of the motions
     direction = np.zeros((*along.shape[:-1], len(axes)))
     for axis in set(range(periods)) & set(axes):
         direction[..., axes.index(axis)] = along[..., axis]
     # -1 of the longitudinal wave, 1 of the wave out of the plane, else 0, (..., n_u)
-    rank = np.zeros(right.shape[:-2] + right.shape[-1:])
+    rank = np.zeros(unordered_vectors.shape[:-2] + unordered_vectors.shape[-1:])
     if names[0] == "longitudinal":
-        along_q = np.abs(np.einsum("...i,...ib->...b", direction, right))
+        along_q = np.abs(np.einsum("...i,...ib->...b", direction, unordered_vectors))
         # the last, and fastest, of waves that are equally longitudinal
         tied = along_q >= (1.0 - _TIED_ALONG) * np.max(along_q, axis=-1, keepdims=True)
         longitudinal = len(axes) - 1 - np.argmax(tied[..., ::-1], axis=-1)
         np.put_along_axis(rank, longitudinal[..., None], -1.0, -1)
     if names[-1] == "out_of_plane":
-        off_plane = np.abs(right[..., axes.index(2), :])
+        off_plane = np.abs(unordered_vectors[..., axes.index(2), :])
         out_of_plane = np.argmax(np.where(rank < 0.0, -1.0, off_plane), axis=-1)
         np.put_along_axis(rank, out_of_plane[..., None], 1.0, -1)
     order = np.argsort(rank, axis=-1, kind="stable")
-    velocities = np.take_along_axis(values, order, -1)
-    polarisations = np.take_along_axis(right, order[..., None, :], -1)
+    velocities = np.take_along_axis(unordered_velocities, order, -1)
+    polarisations = np.take_along_axis(unordered_vectors, order[..., None, :], -1)
     return velocities, polarisations
 
 
-def _settle_vectors(along: Array, values: Array, vectors: Array) -> Array:
+def _settle_vectors(along: Array, velocities: Array, vectors: Array) -> Array:
     """Return polarisations (..., 3, 3), columns, that rounding does not decide: those of equal
     velocities, and their signs.
 
-    ``along`` (..., 3) is the direction; ``values`` (..., 3) are the velocities, ascending.
+    ``along`` (..., 3) is the direction; ``velocities`` (..., 3) ascend.
     """
     vectors = vectors.copy()
     along = np.broadcast_to(along, vectors.shape[:-1])
-    tied = np.diff(values, axis=-1) <= _TIED * values[..., 1:]
+    tied = np.diff(velocities, axis=-1) <= _TIED * velocities[..., 1:]
     all_tied = np.all(tied, axis=-1)
     # of three equal velocities, the last vector is the direction
     vectors[all_tied, :, 2] = along[all_tied]

@@ -88,8 +88,10 @@ class _LDLFactors:
         self._factors = factors
 
     def solve(self, right: NDArray[Any], /) -> NDArray[Any]:
+        """Return x of A x = ``right``, (n,) or (n, m)."""
         dtype = np.dtype(self._factors.dtype)
         if np.iscomplexobj(right) and dtype.kind != "c":
+            # real factors solve for real and imaginary parts apart
             return np.asarray(self.solve(right.real) + 1j * self.solve(right.imag))
         columns = np.asarray(right, dtype)
         if columns.ndim == 1:
@@ -124,7 +126,9 @@ class _LUFactors:
         )
 
     def solve(self, right: NDArray[Any], /) -> NDArray[Any]:
+        """Return x of A x = ``right``, (n,) or (n, m)."""
         if np.iscomplexobj(right) and self._dtype.kind != "c":
+            # real factors solve for real and imaginary parts apart
             return np.asarray(self.solve(right.real) + 1j * self.solve(right.imag))
         return np.asarray(self._factors.solve(np.asarray(right, self._dtype)))
 

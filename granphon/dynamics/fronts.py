@@ -214,14 +214,14 @@ class Fronts:
         for front in reversed(self._fronts):
             if not front.eliminated.size:
                 continue
-            moved = motions[front.coupled]
+            coupled_motions = motions[front.coupled]
             # most motions that are set aside move a few balls alone
-            columns = np.flatnonzero(np.any(moved != 0.0, axis=0))
+            columns = np.flatnonzero(np.any(coupled_motions != 0.0, axis=0))
             if not columns.size:
                 continue
             motions[front.eliminated[:, None], columns] = solve_triangular(
                 front.lower,
-                -(front.below.T @ moved[:, columns]),
+                -(front.below.T @ coupled_motions[:, columns]),
                 lower=True,
                 trans="T",
                 check_finite=False,
@@ -305,10 +305,10 @@ def _factorise(matrix: Array) -> tuple[Array, Index, int]:
     return np.tril(lower[:rank, :rank]), np.asarray(order - 1, np.intp), int(rank)
 
 
-def _divide(lower: Array, right: Array) -> NDArray[np.float64]:
+def _divide(lower: Array, block: Array) -> NDArray[np.float64]:
     """Return B L^-T."""
     from scipy.linalg.blas import dtrsm
 
-    if not right.size:
-        return right
-    return np.asarray(dtrsm(1.0, lower, right, side=1, lower=1, trans_a=1))
+    if not block.size:
+        return block
+    return np.asarray(dtrsm(1.0, lower, block, side=1, lower=1, trans_a=1))

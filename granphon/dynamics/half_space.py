@@ -355,10 +355,12 @@ class HalfSpace:
     def _double_layers(
         self, outer: Complex, inner: Complex, hop: Complex, shift: Complex
     ) -> tuple[Complex, Complex]:
-        """Return F of the outer block, and of a block with blocks on both sides, from their
-        matrices and from w times the unit matrix as ``shift``, all (n, m, m).
+        """Return F of the outer block, and of a block with blocks on both sides, from the blocks
+        ``outer`` E_0, ``inner`` E and ``hop`` A, and from w times the unit matrix as ``shift``, all
+        (n, m, m).
 
-        Each turn eliminates every other block, with g = (w - E)^-1 of the blocks in between.
+        Each turn eliminates every other block, with g = (w - E)^-1 of the blocks in between. B is
+        the coupling back, the adjoint of A at first.
         """
         size = outer.shape[1]
         top = outer.copy()
@@ -442,9 +444,9 @@ class HalfSpace:
         return np.array(points, np.intp), np.stack([low, high - margin])
 
     def find_waves(self, q: Array) -> EdgeWaves:
-        """Find all waves of the edge outside of the bands, at wave vectors q (n_q, p - 1).
+        """Return all waves of the edge outside of the bands, at wave vectors q (n_q, p - 1).
 
-        They are where M(w) of :class:`_CutCrystal` is singular. In a gap M is smooth and its
+        Waves are where M(w) of :class:`_CutCrystal` is singular. In a gap M is smooth and its
         eigenvalues rise, so that each has one zero if its sign changes over the gap, and none
         otherwise.
         """
@@ -502,8 +504,8 @@ class HalfSpace:
         )
 
     def find_free_motions(self, q: Array) -> EdgeWaves:
-        """Find motions of the outer layers that cost nothing at q (n_q, p - 1), by the part of
-        their energy on top.
+        """Return motions of the outer layers that cost nothing at q (n_q, p - 1), with the part of
+        their energy on top as the weight.
 
         Towards w = 0 from below, w times the Green's function becomes the matrix of the outer parts
         of all such motions, whose eigenvalues are the parts of the energy on top; eigenvalues of
@@ -519,8 +521,8 @@ class HalfSpace:
         return EdgeWaves(point, np.zeros(len(point), complex), weight)
 
     def find_leaky_waves(self, q: Array) -> EdgeWaves:
-        """Find leaky waves within bands at q (n_q, p - 1): poles below narrow resonances of S + dw
-        S' on the real axis.
+        """Return leaky waves within bands at q (n_q, p - 1): poles below narrow resonances of S +
+        dw S' on the real axis.
         """
         narrow = self._find_narrow(q)
         # half widths in w
@@ -757,13 +759,14 @@ class _CutCrystal:
         self.space = space
         outer, inner, hop = space.blocks(q)
         back = hop.conj().swapaxes(1, 2)
-        none = np.zeros_like(hop)
-        change = np.block([[none, -hop], [-back, outer - inner]])
+        zero = np.zeros_like(hop)
+        # V: the cut takes the coupling away, and the lower block becomes the outer one
+        change = np.block([[zero, -hop], [-back, outer - inner]])
         self.inner = np.block([[inner, hop], [back, inner]])
-        self.hop = np.block([[none, none], [hop, none]])
-        strength, basis = np.linalg.eigh(change)
-        self.signs = np.where(strength < 0.0, -1.0, 1.0)
-        self.root = basis * np.sqrt(np.abs(strength))[:, None]
+        self.hop = np.block([[zero, zero], [hop, zero]])
+        strengths, basis = np.linalg.eigh(change)
+        self.signs = np.where(strengths < 0.0, -1.0, 1.0)
+        self.root = basis * np.sqrt(np.abs(strengths))[:, None]
 
     def find(self, point: Index, w: Array, gap: Array) -> tuple[Complex, Complex, Complex]:
         """Return M, its derivative by w, and the motions of both blocks, g |V|^1/2, all (n, 2 size,
@@ -987,7 +990,8 @@ class _EdgeBlocks(NamedTuple):
             step = max(step, end.imag - position.imag)
             trial = self.continue_waves(position + 1j * step, decay.factors)
             largest_moves = _MOST_MOVED * np.minimum(trial.distances, decay.distances)
-            if np.all(np.abs(trial.factors - decay.factors) <= largest_moves):
+            are_same_waves = np.all(np.abs(trial.factors - decay.factors) <= largest_moves)
+            if are_same_waves:
                 decay = trial
                 position = position + 1j * step
                 step = 2.0 * step
@@ -1041,6 +1045,7 @@ class _EdgeContinuum(NamedTuple):
             [[-inverse @ along_normal.T, inverse], [coupling, -along_normal @ inverse]]
         )
         roots, vectors = np.linalg.eig(system)
+        # half of the roots have an imaginary part above zero, and half below
         decaying = np.argsort(-roots.imag)[:size]
         displacements = vectors[:size, decaying]
         tractions = vectors[size:, decaying]

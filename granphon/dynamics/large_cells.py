@@ -137,10 +137,10 @@ class LargeCell:
         if modes is None:
             return None
         order = np.argsort(modes[0], kind="stable")
-        values = modes[0][order]
+        frequencies = modes[0][order]
         vectors = modes[1][:, order]
-        touch = np.any(np.diff(values) <= _DEGENERATE * values[1:])
-        if touch or values[0] < _LEAST_OF_MODES * values[-1]:
+        touch = np.any(np.diff(frequencies) <= _DEGENERATE * frequencies[1:])
+        if touch or frequencies[0] < _LEAST_OF_MODES * frequencies[-1]:
             return None
         gradients = np.zeros((self.size, len(q)))
         for ends in self.kinds:
@@ -150,8 +150,8 @@ class LargeCell:
             # 2 Re <C v| S dC/dq |v>, dC/dq = i half (head + tail)
             products = ((head - tail).conj() * (head + tail)).imag * ends.signs[:, None]
             gradients -= 2.0 * products.T @ ends.half
-        velocities = gradients / (2.0 * values[:, None])
-        return values, self.frame @ vectors, velocities
+        velocities = gradients / (2.0 * frequencies[:, None])
+        return frequencies, self.frame @ vectors, velocities
 
     @property
     def free_branches(self) -> int | None:

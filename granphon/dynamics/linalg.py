@@ -357,10 +357,10 @@ def _find_lower(matrices: NDArray[Any]) -> NDArray[Any]:
         if matrices.ndim > 2:
             # one by one, so that a singular matrix does not change the results of the others
             return np.stack([_find_lower(matrix) for matrix in matrices])
-        values, vectors = np.linalg.eigh(matrices)
-        if values[0] < -_BELOW_ZERO * len(values):
+        eigenvalues, vectors = np.linalg.eigh(matrices)
+        if eigenvalues[0] < -_BELOW_ZERO * len(eigenvalues):
             raise
-        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+        return np.asarray(vectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
 
 
 def find_rank(rows: NDArray[Any]) -> int:
@@ -373,8 +373,8 @@ def find_rank(rows: NDArray[Any]) -> int:
         return 0
     if is_independent(scaled):
         return int(scaled.shape[1])
-    values = np.linalg.svd(scaled, compute_uv=False)
-    return int(np.count_nonzero(values > _DEPENDENT * max(values[0], 1.0)))
+    singular_values = np.linalg.svd(scaled, compute_uv=False)
+    return int(np.count_nonzero(singular_values > _DEPENDENT * max(singular_values[0], 1.0)))
 
 
 def is_independent(rows: NDArray[Any]) -> bool:
@@ -411,14 +411,14 @@ def find_dependent(
     if is_independent(scaled):
         return np.zeros((n, 0), rows.dtype), np.eye(n, dtype=rows.dtype)
     padded = _pad_rows(scaled[None])[0]
-    range_basis, values, adjoint = np.linalg.svd(padded, full_matrices=False)
-    rank = int(np.count_nonzero(values > _DEPENDENT * max(values[0], 1.0)))
-    count = len(values) - rank
+    range_basis, singular_values, adjoint = np.linalg.svd(padded, full_matrices=False)
+    rank = int(np.count_nonzero(singular_values > _DEPENDENT * max(singular_values[0], 1.0)))
+    count = len(singular_values) - rank
     free, _ = np.linalg.qr(adjoint[rank:].conj().T / lengths[:, None])
     # vectors that are longest in long columns come out as small differences of others, which are
     # not quite taken to zero: the residuals correct the vectors
     residuals = scaled @ (lengths[:, None] * free)
-    amplitudes = range_basis[: len(rows), :rank].conj().T @ residuals / values[:rank, None]
+    amplitudes = range_basis[: len(rows), :rank].conj().T @ residuals / singular_values[:rank, None]
     correction = adjoint[:rank].conj().T @ amplitudes / lengths[:, None]
     basis, _ = np.linalg.qr(free - correction, mode="complete")
     return basis[:, :count], basis[:, count:]

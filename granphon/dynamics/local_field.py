@@ -177,7 +177,15 @@ def _compute_local_field(
         ) from None
     takes_any_deformation = all(block.rank == block.n_rows for block in medium.elongating_blocks)
     if takes_any_deformation:
-        return LocalField(None, None, 0.0, eta, structure.name, bending, torsion)
+        return LocalField(
+            alpha=None,
+            beta=None,
+            xi=0.0,
+            mindlin_ratio=eta,
+            lattice=structure.name,
+            bending=bending,
+            torsion=torsion,
+        )
     elongations = _integrate_response(medium)
     if elongations is None:
         raise PrecisionError(

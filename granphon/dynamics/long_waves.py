@@ -111,7 +111,7 @@ class LongWaves(Compatibility):
         if self._touching is self:
             return True
         n_free = self._sparse.free.shape[1]
-        return n_free >= self._touching._free.shape[1]
+        return bool(n_free >= self._touching._free.shape[1])
 
     def relax_inner_motions(self, progress: Progress = silent) -> None:
         """Factorise the matrix of the inner motions, the long work that moduli and sound share, and
@@ -308,8 +308,8 @@ class LongWaves(Compatibility):
         in cells of one ball, and where inversion exchanges both balls, as in hcp and diamond.
         """
         relaxed = self._relaxed_rows
-        kinds = [row.kind in ("twist", "roll") for row in self.rows]
-        turning = np.abs(relaxed[np.repeat(kinds, len(self.contacts))])
+        is_turning = [row.kind in ("twist", "roll") for row in self.rows]
+        turning = np.abs(relaxed[np.repeat(is_turning, len(self.contacts))])
         largest = np.max(np.abs(relaxed), initial=0.0)
         return bool(np.max(turning, initial=0.0) > _COUPLED * largest)
 
@@ -415,8 +415,8 @@ class LongWaves(Compatibility):
             )
         if not self._strains.size:
             return ""
-        values, strains = jacobi_svd(self._sound_rows @ self._strains)
-        is_soft = values <= _SOFT * values[-1]
+        singular_values, strains = jacobi_svd(self._sound_rows @ self._strains)
+        is_soft = singular_values <= _SOFT * singular_values[-1]
         if not is_soft[0]:
             return ""
         reason = "" if can_turn else "; without friction contacts resist compression only"
@@ -513,17 +513,17 @@ class LongWaves(Compatibility):
         return np.asarray(form - pull.swapaxes(-1, -2) @ (inverse[..., None] * pull))
 
     def _require_stable_cell(
-        self, values: Array, is_moved: NDArray[np.bool_], vectors: Array
+        self, energies: Array, is_moved: NDArray[np.bool_], vectors: Array
     ) -> None:
         """Raise :class:`~granphon.base.errors.InstabilityError` if a strain moves an inner motion
         of negative energy.
 
-        ``values`` (..., n) are the energies of ``vectors`` (..., n_inner, n), and ``is_moved``
+        ``energies`` (..., n) are those of ``vectors`` (..., n_inner, n), and ``is_moved``
         (..., n) says whether a gradient moves them. A motion that none moves belongs to another
         wave vector of a smaller cell, or is a wave of its own, whose frequency the bands have.
         """
-        rounding = max(_NO_ENERGY, self.slack) * np.max(np.abs(values), axis=-1, keepdims=True)
-        is_unstable = is_moved & (values < -rounding)
+        rounding = max(_NO_ENERGY, self.slack) * np.max(np.abs(energies), axis=-1, keepdims=True)
+        is_unstable = is_moved & (energies < -rounding)
         if not np.any(is_unstable):
             return
         # the first columns of the frame are shifts of all balls
@@ -644,8 +644,8 @@ class LongWaves(Compatibility):
         The components ``numbers`` and the ``shape`` of the vectors, (p,) or (n, p), are the key of
         the cache.
         """
-        values, vectors = self._compute_waves(np.reshape(numbers, shape))
-        return read_only(values), read_only(vectors)
+        velocities, polarisations = self._compute_waves(np.reshape(numbers, shape))
+        return read_only(velocities), read_only(polarisations)
 
     def _compute_waves(self, along: Array) -> tuple[Array, Array]:
         rows = self._sound_rows.reshape(-1, len(self.motions.translations), self.periods)
@@ -670,8 +670,9 @@ class LongWaves(Compatibility):
         """(n_u, n_u) the root of all mass over that which sound moves; zero along displacements
         that move none of it.
         """
-        values, vectors = np.linalg.eigh(self._with_sound[1])
-        inverse = np.divide(1.0, values, out=np.zeros_like(values), where=values > _COUPLED)
+        mass_parts, vectors = np.linalg.eigh(self._with_sound[1])
+        inverse = np.zeros_like(mass_parts)
+        np.divide(1.0, mass_parts, out=inverse, where=mass_parts > _COUPLED)
         return np.asarray((vectors * np.sqrt(inverse)) @ vectors.T)
 
     @cached_property
@@ -793,8 +794,9 @@ def _find_null(matrix: Array, size: float = 0.0) -> Array:
     # with fewer rows than columns some vectors are free: add a row of zeros for each missing row
     lacking = max(0, matrix.shape[1] - len(matrix))
     padded = np.pad(matrix, ((0, lacking), (0, 0)))
-    _, values, right = np.linalg.svd(padded, full_matrices=False)
-    return np.asarray(right[values <= _SOFT * np.max(values, initial=size)])
+    _, singular_values, right_vectors = np.linalg.svd(padded, full_matrices=False)
+    is_null = singular_values <= _SOFT * np.max(singular_values, initial=size)
+    return np.asarray(right_vectors[is_null])
 
 
 def _split_columns(columns: Array, size: Array) -> tuple[Array, Array, Array]:
@@ -808,6 +810,6 @@ def _split_columns(columns: Array, size: Array) -> tuple[Array, Array, Array]:
     # with fewer rows than columns some vectors are free: add a row of zeros for each missing row
     lacking = max(0, columns.shape[1] - len(columns))
     padded = np.pad(columns / scale, ((0, lacking), (0, 0)))
-    basis, values, right = np.linalg.svd(padded, full_matrices=False)
-    is_free = values <= _SOFT * np.max(values, initial=0.0)
-    return np.asarray(basis[: len(columns), ~is_free]), np.asarray(right[is_free].T), scale
+    basis, singular_values, right_vectors = np.linalg.svd(padded, full_matrices=False)
+    is_free = singular_values <= _SOFT * np.max(singular_values, initial=0.0)
+    return np.asarray(basis[: len(columns), ~is_free]), np.asarray(right_vectors[is_free].T), scale

@@ -235,7 +235,7 @@ def _make_row(
     motions: Motions,
 ) -> Row:
     """Return the row ``moved.(u_j - u_i) + turned.(factor_j phi_j - factor_i phi_i)`` in terms of
-    the motions.
+    the motions; factors are numbers or (n_c,).
     """
     moves = [moved[axis] for axis in motions.translations]
     turns = [turned[axis] for axis in motions.rotations]

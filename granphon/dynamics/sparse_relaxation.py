@@ -127,12 +127,12 @@ class SparseRelaxation:
         self._fronts = Fronts(matrix, self.layers, motions.count, progress)
 
     def _find_free(self, total: Any, soft: float) -> None:
-        """Tell motions that cost nothing from soft ones among those that the factors have set
-        aside.
+        """Set ``free`` (n_branches, n_free), the motions that cost nothing among those that the
+        factors have set aside, and the deformations of the others, which are soft.
 
         Most motions that cost nothing move a few balls, and change nothing in a wave either. Only
         the part that these have of the shift of all balls is of interest: ``free`` holds this part,
-        and all other motions that cost nothing.
+        and all other motions that cost nothing. ``total`` and ``soft`` are those of the class.
         """
         from scipy.sparse import csc_array, diags_array
 
@@ -153,11 +153,13 @@ class SparseRelaxation:
         for _ in range(_CORRECTIONS):
             active -= self._fronts.solve(self._columns @ (self._rows @ active))
         basis = np.linalg.qr(_leave_out(scaled[:, is_idle], active))[0]
-        deformations, values, right = np.linalg.svd(self._rows @ basis, full_matrices=False)
-        is_free = values <= limit
+        deformations, singular_values, right_vectors = np.linalg.svd(
+            self._rows @ basis, full_matrices=False
+        )
+        is_free = singular_values <= limit
         self._soft_deformations = deformations[:, ~is_free]
         idle = motions[:, is_idle]
-        free_active = _leave_out(idle, basis @ right[is_free].T / self._scale[:, None])
+        free_active = _leave_out(idle, basis @ right_vectors[is_free].T / self._scale[:, None])
         shifts = self._shifts
         idle_shifts = _orthonormalise(shifts - _leave_out(idle, shifts))
         free = np.concatenate([idle_shifts, free_active], axis=1)
@@ -264,5 +266,5 @@ def _leave_out(basis: Any, vectors: Array) -> Array:
 
 def _orthonormalise(vectors: Array) -> Array:
     """Return an orthonormal basis (n, r) of what vectors (n, m) span."""
-    basis, values, _ = np.linalg.svd(vectors, full_matrices=False)
-    return np.asarray(basis[:, values > _DEPENDENT])
+    basis, singular_values, _ = np.linalg.svd(vectors, full_matrices=False)
+    return np.asarray(basis[:, singular_values > _DEPENDENT])

@@ -106,8 +106,8 @@ def _close_group(operations: set[Operation]) -> set[Operation]:
 
 
 def _list_operations(periods: int) -> list[Operation]:
-    """List all changes of order and signs of the coordinates; the first is the identity, the last
-    of its order -1.
+    """Return all changes of order and signs of ``periods`` coordinates; the first is the
+    identity.
     """
     orders = itertools.permutations(range(periods))
     return [
@@ -174,6 +174,6 @@ def divide_zone(
         yield fractions @ basis, weights * (count / 4.0**periods)
 
 
-def _combine(values: Array, count: int) -> Array:
+def _combine(numbers: Array, count: int) -> Array:
     """Return all combinations (n^count, count) of values (n,)."""
-    return np.stack(np.meshgrid(*[values] * count, indexing="ij"), axis=-1).reshape(-1, count)
+    return np.stack(np.meshgrid(*[numbers] * count, indexing="ij"), axis=-1).reshape(-1, count)

@@ -111,14 +111,17 @@ def _list_weighted_rows(lattice: ContactLattice) -> list[tuple[Row, Array]]:
     )
     weighted = []
     for row in rows:
-        weighted.append((row, np.broadcast_to(row.stiffness, len(table)) * lattice.stiffness))
+        ratio = np.broadcast_to(row.stiffness, len(table))
+        weighted.append((row, ratio * lattice.stiffness))
     if lattice.is_prestressed:
         weighted += [(row, lattice.prestress) for row in push_rows(table.normal, ALL)]
     return weighted
 
 
 def _find_default_path(lattice: ContactLattice) -> BandPath:
-    """Return the path around the irreducible zone of a lattice."""
+    """Return the path around the irreducible zone of a lattice, with the letters of
+    :func:`~granphon.phonons.paths.default_letters`.
+    """
     periods = lattice.periods
     vectors = lattice.cell[:, :periods]
     repeats = (True,) * periods

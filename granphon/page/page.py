@@ -368,13 +368,16 @@ def _choose_media(
 
 
 def _find_forces(packing: Packing, medium: MediumChoice, load: Load) -> list[float]:
-    """Return the forces of a contact, N, at the first, the least and the greatest load."""
-    values = load.applied.flat.array
+    """Return the forces of a contact, N, at the first, the least and the greatest load; of two
+    loads at both, in their order.
+    """
+    applied = load.applied
+    amounts = applied.flat.array
     if load.size > 2:
-        values = values[[0, np.argmin(load.array), np.argmax(load.array)]]
+        amounts = amounts[[0, np.argmin(load.array), np.argmax(load.array)]]
     forces = []
-    for value in values:
-        state: Any = medium.of(packing).at(Load(load.applied.kind, float(value)))
+    for amount in amounts:
+        state: Any = medium.of(packing).at(Load(applied.kind, float(amount)))
         forces.append(float(state.force))
     return forces
 

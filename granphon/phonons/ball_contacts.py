@@ -239,7 +239,11 @@ class BallContacts(ContactCalculator):
         properties: Any = ("energy",),
         system_changes: Any = all_changes,
     ) -> None:
-        """Find the energy (J), forces (N) and stress (Pa) of the atoms."""
+        """Set ``results``: the energy (J), the forces (N) and the stress (Pa) of the atoms.
+
+        ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
+        since the last call.
+        """
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
         radii = self.find_radii(balls)[1]
@@ -392,8 +396,8 @@ def _find_beside(path: Any, contacts: Any, word: str, replacement: str) -> Any:
 
 
 def read_granphon_tables(path: Any, contacts: Any = None, **options: Any) -> Atoms:
-    """Read a table of balls and one of ``contacts`` as Atoms in the reduced units of their network,
-    for :mod:`ase.io`.
+    """Return a table of balls and one of ``contacts`` as Atoms in the reduced units of their
+    network, for :mod:`ase.io`.
 
     The table of contacts is by default beside that of balls, with "contacts" for "balls" in its
     name. ``options`` are those of :meth:`ContactNetwork.from_table`, which also says what is
@@ -405,8 +409,8 @@ def read_granphon_tables(path: Any, contacts: Any = None, **options: Any) -> Ato
 
 
 def read_granphon_lammps(path: Any, pairs: Any = None, **options: Any) -> Atoms:
-    """Read a dump of atoms and one of ``pairs`` as Atoms in the reduced units of their network, for
-    :mod:`ase.io`.
+    """Return a dump of atoms and one of ``pairs`` as Atoms in the reduced units of their network,
+    for :mod:`ase.io`.
 
     The dump of pairs is by default beside that of atoms, with "pairs" for "atoms" in its name.
     ``options`` are those of :meth:`ContactNetwork.from_lammps`, which also says what is raised;

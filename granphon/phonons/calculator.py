@@ -109,13 +109,17 @@ def atoms(state: Any) -> Atoms:
     any_state: Any = as_state(state)
     if not any_state.follows_law:
         return _make_network_atoms(any_state)
-    state = given_state(any_state)
-    lattice = state.packing.structure
-    spacing = 1.0 - state.relative_overlap if state.finite_overlap else 1.0
-    balls = _place_balls(lattice.vectors * spacing, lattice.positions * spacing)
-    kind = FINITE if state.finite_overlap else LATTICE
-    take_arrays(balls, any_state.scales, kind, coordinates=count_coordinates(state.packing))
-    balls.calc = HertzMindlin(state)
+    contact_state = given_state(any_state)
+    packing = contact_state.packing
+    spacing = 1.0
+    kind = LATTICE
+    if contact_state.finite_overlap:
+        spacing = 1.0 - contact_state.relative_overlap
+        kind = FINITE
+    structure = packing.structure
+    balls = _place_balls(structure.vectors * spacing, structure.positions * spacing)
+    take_arrays(balls, contact_state.scales, kind, coordinates=count_coordinates(packing))
+    balls.calc = HertzMindlin(contact_state)
     return balls
 
 
@@ -187,10 +191,11 @@ class HarmonicContacts(ContactCalculator):
         properties: Any = ("energy",),
         system_changes: Any = all_changes,
     ) -> None:
-        """Find the energy (units of k d^2), forces (k d) and stress (k/d) of the atoms.
+        """Set ``results``: the energy (units of k d^2), the forces (k d) and the stress (k/d) of
+        the atoms.
 
         ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
-        since the last call, and reads ``self.results``.
+        since the last call.
         """
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
@@ -198,9 +203,9 @@ class HarmonicContacts(ContactCalculator):
         self.contact_network(balls)  # refuses other Atoms
         table = lattice.contacts
         n = len(balls)
-        moved = self._find_moves(balls)
+        displacement = self._find_moves(balls)
         turned = self._find_turns(balls)
-        energy, pull, torques = _load_springs(lattice, moved, turned)
+        energy, pull, torques = _load_springs(lattice, displacement, turned)
         # a body that does not move comes after the balls
         forces = np.zeros((n + 1, 3))
         np.add.at(forces, table.j, pull)
@@ -215,7 +220,7 @@ class HarmonicContacts(ContactCalculator):
         self.results = {"energy": energy, "free_energy": energy, "forces": forces[:n]}
         if not lattice.is_held:
             p = lattice.periods
-            vector = _in_space(table.vector) + moved
+            vector = _in_space(table.vector) + displacement
             virial = static + strain.T @ static - vector.T @ pull
             stress = virial / abs(np.linalg.det(balls.cell.array[:p, :p]))
             self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
@@ -241,15 +246,15 @@ class HarmonicContacts(ContactCalculator):
         steps = np.rint(fractions - fractions_at_rest) * balls.pbc
         displacements[:n] = balls.positions - steps @ balls.cell - reference.positions
         change_of_periods = (balls.cell - reference.cell)[: lattice.periods]
-        moved = displacements[table.j] - displacements[table.i]
-        moved = moved + table.shift @ change_of_periods
-        if np.max(np.abs(moved), initial=0.0) > _FAR:
+        displacement = displacements[table.j] - displacements[table.i]
+        displacement = displacement + table.shift @ change_of_periods
+        if np.max(np.abs(displacement), initial=0.0) > _FAR:
             raise InputError(
                 f"balls in contact have moved against each other by more than {_FAR} diameters",
                 "Displacements must be small",
                 "Compare the order of the balls, and the cell",
             )
-        return np.asarray(moved)
+        return np.asarray(displacement)
 
     def _find_turns(self, balls: Atoms) -> Array:
         """Return w = R_g phi (n + 1, r), in diameters, of the balls about the r axes of their
@@ -273,8 +278,10 @@ class HarmonicContacts(ContactCalculator):
         network = self.state.network
         # contacts of two bodies that do not move are not in the lattice
         kept = network.moving[network.i] | network.moving[network.j]
-        force = network.normal_force[kept, None] / self.state.scales.force * table.normal
-        return np.asarray(-_in_space(table.vector).T @ _in_space(force))
+        sizes = network.normal_force[kept, None] / self.state.scales.force
+        forces = sizes * table.normal
+        # compressive forces are above zero, and make a stress below zero
+        return np.asarray(-_in_space(table.vector).T @ _in_space(forces))
 
     def get_torques(self, atoms: Atoms) -> Array:
         """Return the torque on each ball, -dE/dphi, in units of k d^2: (N, 3)."""
@@ -315,7 +322,7 @@ def keep_rows(kept: Flags, *arrays: Any) -> tuple[Any, ...]:
     """Return the rows of each array that are ``kept``; the arrays themselves if all rows are kept,
     as is mostly so.
     """
-    return arrays if kept.all() else tuple(values[kept] for values in arrays)
+    return arrays if kept.all() else tuple(array[kept] for array in arrays)
 
 
 class _Search(NamedTuple):
@@ -449,6 +456,7 @@ class _Loads(NamedTuple):
         """Add the energies, forces and torques of springs of ``stiffness`` (n_c,), in units of k,
         whose deformation, a ``row``, has become ``change`` (n_c,), in diameters.
         """
+        # coefficients of the m displacements come first, then those of rotations
         m = self.pull.shape[1]
         tension = stiffness * change
         self.energies[:] += 0.5 * tension * change
@@ -579,7 +587,8 @@ class HertzMindlin(ContactCalculator):
         properties: Any = ("energy",),
         system_changes: Any = all_changes,
     ) -> None:
-        """Find the energy (units of k d^2), forces (k d) and stress (k/d) of the atoms.
+        """Set ``results``: the energy (units of k d^2), the forces (k d) and the stress (k/d) of
+        the atoms.
 
         ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
         since the last call.
@@ -680,7 +689,7 @@ class HertzMindlin(ContactCalculator):
         m = self._coordinates
         axis_at_rest, overlap_at_rest, _ = self._find_rest(balls, i, j, contacts.normal)
         origin = balls.arrays["slip_origin"][:, :m]
-        moved = contacts.vector - self._spacing * contacts.normal - (origin[j] - origin[i])
+        displacement = contacts.vector - self._spacing * contacts.normal - (origin[j] - origin[i])
         angles = np.atleast_2d(balls.arrays["rotations"].T)  # (axes, N), rad
         stiffness, torsion = self._find_springs(law, overlap_at_rest)
         deviations = balls.arrays["diameter_deviations"]
@@ -696,9 +705,9 @@ class HertzMindlin(ContactCalculator):
         )
         for row in rows:
             # coefficients of displacements come first, then those of rotations
-            change = row.head[:, 0] * moved[:, 0]
+            change = row.head[:, 0] * displacement[:, 0]
             for axis in range(1, m):
-                change += row.head[:, axis] * moved[:, axis]
+                change += row.head[:, axis] * displacement[:, axis]
             for axis, angle in enumerate(angles, start=m):
                 change += row.head[:, axis] * angle[j]
                 change -= row.tail[:, axis] * angle[i]
@@ -802,16 +811,17 @@ class HertzMindlin(ContactCalculator):
         """
         deviations = balls.arrays["diameter_deviations"]
         displacements = balls.arrays["displacements"][:, : self._coordinates]
-        moved = displacements[j] - displacements[i]
+        displacement = displacements[j] - displacements[i]
         overlap = self._overlap + 0.5 * (deviations[i] + deviations[j])
-        along = np.einsum("ca,ca->c", normal, moved)
+        along = np.einsum("ca,ca->c", normal, displacement)
         if not self.finite_overlap:
             return normal, overlap - along, np.full(len(normal), self._spacing)
-        vector = self._spacing * normal + moved
+        vector = self._spacing * normal + displacement
         distance = np.linalg.norm(vector, axis=1)
         # |r| - a = (|r|^2 - a^2)/(|r| + a) for r = a n + u, without the difference of two nearly
         # equal numbers
-        difference_of_squares = 2.0 * self._spacing * along + np.einsum("ca,ca->c", moved, moved)
+        squares = np.einsum("ca,ca->c", displacement, displacement)
+        difference_of_squares = 2.0 * self._spacing * along + squares
         farther = difference_of_squares / (distance + self._spacing)
         return vector / distance[:, None], overlap - farther, distance
 
@@ -1071,12 +1081,12 @@ class HertzMindlin(ContactCalculator):
         if layout == "csr":
             from scipy.sparse import coo_array
 
-            sparse = coo_array((blocks.ravel(), (row, column)), shape=shape).tocsr()
+            sparse: csr_array[Any] = coo_array((blocks.ravel(), (row, column)), shape=shape).tocsr()
             sparse.sum_duplicates()
-            if slots == all_slots:
-                return sparse
-            kept = (size * np.arange(n)[:, None] + slots).ravel()
-            return sparse[kept][:, kept]
+            if slots != all_slots:
+                kept = (size * np.arange(n)[:, None] + slots).ravel()
+                sparse = sparse[kept][:, kept]
+            return sparse
         require_memory(
             f"dense force constants of {n:,} balls",
             16.0 * (size * n) ** 2,
@@ -1129,12 +1139,12 @@ def _list_springs(lattice: ContactLattice) -> list[tuple[Row, Array]]:
 
 
 def _load_springs(
-    lattice: ContactLattice, moved: Array, turned: Array
+    lattice: ContactLattice, displacement: Array, turned: Array
 ) -> tuple[float, Array, Array]:
     """Return the energy, units of k d^2, the forces (n_c, 3) on balls j of the contacts, k d, and
     the torques over R_g (n + 1, r), k d, on the balls.
 
-    ``moved`` (n_c, 3) is the displacement of ball j of a contact against ball i, and ``turned``
+    ``displacement`` (n_c, 3) is that of ball j of a contact against ball i, and ``turned``
     (n + 1, r) is w = R_g phi of the balls, both in diameters.
     """
     i = lattice.contacts.i
@@ -1148,7 +1158,7 @@ def _load_springs(
         head = row.head[:, motions.turning]
         tail = row.tail[:, motions.turning]
         along = row.head[:, motions.translating]
-        by_shift = np.sum(along * moved[:, translations], axis=1)
+        by_shift = np.sum(along * displacement[:, translations], axis=1)
         by_turn = np.sum(head * turned[j] - tail * turned[i], axis=1)
         deformation = by_shift + by_turn
         tension = stiffness * deformation

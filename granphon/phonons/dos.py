@@ -88,13 +88,15 @@ class DensityOfStates(Result):
         the file, the method, the mesh and the warnings.
         """
         columns = (self.frequencies, self.total, self.translational, self.rotational)
+        numbers = " ".join(str(number) for number in self.mesh)
         comments = (
             _DOS_HEAD.format(_DOS_SCHEMA),
-            f"method {self.method}, mesh {' '.join(map(str, self.mesh))}",
+            f"method {self.method}, mesh {numbers}",
             *(f"warning: {warning}" for warning in self.warnings),
         )
         text = table_text(_DOS_COLUMNS, np.stack(columns, axis=1).tolist(), comments)
-        write_text(path, seal(text.split("\n")[:-1], 1))
+        lines = text.removesuffix("\n").split("\n")
+        write_text(path, seal(lines, 1))  # the digest comes after the heading
 
     @classmethod
     def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:

@@ -445,6 +445,7 @@ class BandPath:
     labels: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
+        """Check the pieces and the labels, and hold the pieces as tuples of floats."""
         paths: Any = self.paths
         if not isinstance(paths, list | tuple) or not paths:
             raise InputError(

@@ -134,16 +134,15 @@ class Phonons:
     def __init__(
         self, state: Any, atoms: Atoms | None = None, dim: Sequence[int] | None = None
     ) -> None:
-        state = as_state(state)
-        self.state: State = state
-        self.scales: Units = state.scales
+        self.state: State = as_state(state)
+        self.scales: Units = self.state.scales
         if not isinstance(atoms, Atoms | None):
             raise InputError(f"atoms is {atoms!r}", mend="Give an ase.Atoms")
-        self.atoms: Atoms = lattice_atoms(state) if atoms is None else atoms.copy()
+        self.atoms: Atoms = lattice_atoms(self.state) if atoms is None else atoms.copy()
         self._span_cell()
         if atoms is None:
             # one cell of the lattice has the contacts of the state, so no search is needed
-            self.lattice: ContactLattice = state.contact_lattice()
+            self.lattice: ContactLattice = self.state.contact_lattice()
         else:
             self.lattice = self.calculator.contact_lattice(self.atoms)
         if not self.lattice.measure > 0.0:
@@ -213,7 +212,8 @@ class Phonons:
         example = " ".join(map(str, _pad((3,) * p)))
         dim = grid_numbers("dim", requested, 1, LARGEST_COUNT, example, p)
         is_open = ~np.asarray(self.atoms.pbc)[:p]
-        if np.any((np.array(dim) > 1) & is_open):
+        has_several_cells = np.array(dim) > 1
+        if np.any(has_several_cells & is_open):
             raise InputError(
                 f"dim is {requested!r}",
                 "An axis that is not periodic has one cell",
@@ -724,17 +724,17 @@ class Phonons:
         return frequencies, rotation
 
     def _interpolate_density(
-        self, grid: ZoneMesh, omega: Array, values: Array, shares: Array
+        self, grid: ZoneMesh, omega: Array, frequencies: Array, shares: Array
     ) -> Array:
         """Return densities of states (2, n) at ``omega`` (n,) by linear interpolation of the
-        frequencies ``values`` (n_q, n_branches), weighted with ``shares`` (2, n_q, n_branches).
+        ``frequencies`` (n_q, n_branches), weighted with ``shares`` (2, n_q, n_branches).
 
         Each density is the mean over an interval of its own, a difference of the integrated
         density: van Hove singularities stay finite, and the trapezoidal sum over the points is
         exactly the number of modes.
         """
         edges = np.concatenate([omega[:1], 0.5 * (omega[1:] + omega[:-1]), omega[-1:]])
-        integrated = grid.count_modes(self.lattice.reciprocal, values, shares, edges)
+        integrated = grid.count_modes(self.lattice.reciprocal, frequencies, shares, edges)
         integrated[:, 0] = 0.0  # modes at zero belong to the first interval
         return np.diff(integrated, axis=1) / np.diff(edges)
 
@@ -786,9 +786,10 @@ class Phonons:
         """
         numbers = self._read_gap_mesh(mesh)
         points = self._list_gap_points(numbers)
-        values = self.lattice.frequencies(self.lattice.wavevectors(points))  # (n_q, n_branches)
-        bottoms = values.min(axis=0)
-        tops = values.max(axis=0)
+        q = self.lattice.wavevectors(points)
+        frequencies = self.lattice.frequencies(q)  # (n_q, n_branches)
+        bottoms = frequencies.min(axis=0)
+        tops = frequencies.max(axis=0)
         # the highest frequency of all branches below each branch
         floors = np.concatenate([[0.0], np.maximum.accumulate(tops)[:-1]])
         narrowest = _NO_GAP * float(tops[-1])
@@ -798,14 +799,14 @@ class Phonons:
         edges = _BandEdges.of(above_gaps)
         # the longest step of the mesh, 1/d
         spacing = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
-        start_points = points[_choose_starts(values, edges)]
+        start_points = points[_choose_starts(frequencies, edges)]
         starts = self.lattice.wavevectors(start_points)  # (e, n_starts, p), 1/d
         heights = self._climb_edges(edges, starts, spacing)
         is_narrow = edges.is_narrow(heights, _NARROW * float(tops[-1]))
         for edge in np.flatnonzero(is_narrow).tolist():
             # branches that cross at a point of their own make a cone, whose tip no path along
             # group velocities reaches: the edges of a narrow gap are sought on finer meshes too
-            closest = _find_closest(values, edges.below_gap(edge), _CLOSEST * starts.shape[1])
+            closest = _find_closest(frequencies, edges.below_gap(edge), _CLOSEST * starts.shape[1])
             centres = np.concatenate([starts[edge], self.lattice.wavevectors(points[closest])])
             height = self._zoom(centres, edges.branch[edge], edges.sign[edge], spacing)
             heights[edge] = max(heights[edge], height)
@@ -869,8 +870,8 @@ class Phonons:
         for turn in range(_TURNS):
             modes = self.lattice.modes(q[climbing], direction)
             mode = (np.arange(climbing.size), branch[climbing])
-            values = sign[climbing] * modes.frequencies[mode]
-            heights[climbing] = np.maximum(heights[climbing], values)
+            new_heights = sign[climbing] * modes.frequencies[mode]
+            heights[climbing] = np.maximum(heights[climbing], new_heights)
             slope = sign[climbing, None] * modes.group_velocities[mode]
             steepness = np.linalg.norm(slope, axis=1)
             is_steep = steepness > 0.0
@@ -904,9 +905,9 @@ class Phonons:
         while size.size:
             points = q[:, None] + size[:, None, None] * offsets  # (n, 7^p, p)
             frequencies = self.lattice.frequencies(points.reshape(-1, p))[:, branch]
-            values = sign * frequencies.reshape(len(q), -1)
-            highest = np.argmax(values, axis=1)
-            height = max(height, float(values.max()))
+            heights = sign * frequencies.reshape(len(q), -1)
+            highest = np.argmax(heights, axis=1)
+            height = max(height, float(heights.max()))
             q = points[np.arange(len(q)), highest]
             # a mesh whose highest point is on its rim shrinks slowly, so that it can move on
             is_inside = np.max(np.abs(offsets[highest]), axis=1) < 1.0
@@ -1012,20 +1013,20 @@ class _BandEdges(NamedTuple):
         return lower, upper
 
 
-def _choose_starts(values: Array, edges: _BandEdges) -> Index:
-    """Return the wave vectors (e, n_starts) at which the frequencies ``values`` (n_q, n_branches)
+def _choose_starts(frequencies: Array, edges: _BandEdges) -> Index:
+    """Return the wave vectors (e, n_starts) at which ``frequencies`` (n_q, n_branches)
     come next to each edge, the nearest first.
     """
-    n_starts = max(1, min(_STARTS, _FEW_BRANCHES // values.shape[1]))
-    order = np.argsort(-edges.sign * values[:, edges.branch], axis=0, kind="stable")
+    n_starts = max(1, min(_STARTS, _FEW_BRANCHES // frequencies.shape[1]))
+    order = np.argsort(-edges.sign * frequencies[:, edges.branch], axis=0, kind="stable")
     return np.asarray(order[:n_starts].T)
 
 
-def _find_closest(values: Array, branch: int, count: int) -> Index:
+def _find_closest(frequencies: Array, branch: int, count: int) -> Index:
     """Return the up to ``count`` wave vectors at which a branch comes next to the branch above, in
-    frequencies ``values`` (n_q, n_branches): there peaks may be narrower than the mesh.
+    ``frequencies`` (n_q, n_branches): there peaks may be narrower than the mesh.
     """
-    distance = values[:, branch + 1] - values[:, branch]
+    distance = frequencies[:, branch + 1] - frequencies[:, branch]
     return np.asarray(np.argsort(distance, kind="stable")[:count])
 
 
@@ -1131,17 +1132,17 @@ def _list_arrays(lattice: ContactLattice, with_stiffness: bool) -> list[Array]:
     return arrays
 
 
-def _smear(omega: Array, values: Array, weights: Array, width: float) -> Array:
-    """Return the sums (m, n) of Gaussians of standard deviation ``width`` about frequencies
-    ``values`` (n_q, n_branches), with ``weights`` (m, n_q, n_branches) as their heights, at
+def _smear(omega: Array, frequencies: Array, weights: Array, width: float) -> Array:
+    """Return the sums (m, n) of Gaussians of standard deviation ``width`` about ``frequencies``
+    (n_q, n_branches), with ``weights`` (m, n_q, n_branches) as their heights, at frequencies
     ``omega`` (n,).
 
     The part of a Gaussian below zero frequency is reflected, so that no mode is lost.
     """
     sums = np.empty((len(weights), len(omega)))
     for n, frequency in enumerate(omega):
-        bell = np.exp(-0.5 * ((frequency - values) / width) ** 2)
-        reflected = np.exp(-0.5 * ((frequency + values) / width) ** 2)
+        bell = np.exp(-0.5 * ((frequency - frequencies) / width) ** 2)
+        reflected = np.exp(-0.5 * ((frequency + frequencies) / width) ** 2)
         sums[:, n] = np.sum(weights * (bell + reflected), axis=(1, 2))
     return sums
 

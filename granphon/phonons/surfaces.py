@@ -224,7 +224,7 @@ class Surface:
         letters = special_points(vectors, repeats)
         corners = default_letters(vectors, repeats)
         # (segments, points of a segment, 3)
-        segments, labels = interpolate_path(corners, npoints, letters, None, p)
+        segments, labels = interpolate_path(corners, npoints, letters, periods=p)
         points = segments[..., :p] @ np.linalg.inv(vectors).T  # Cartesian, over 2 pi
         steps = np.linalg.norm(np.diff(points, axis=1), axis=2)
         after_step = np.cumsum(steps).reshape(steps.shape)
