@@ -25,6 +25,8 @@ _POINTS_TOGETHER = 16
 #: relative difference of frequencies, and of slopes along the path, below which branches are one
 #: but for rounding
 _ONE_BRANCH = 1e-9
+#: projection of a vector on a direction, over its length, up to which the vector is across it
+_ACROSS = 1e-9
 #: wavenumber, over that of the first point, at which branches are told apart beside Gamma
 _BESIDE_GAMMA = 1e-6
 #: steps towards a wavenumber, at most: more than bisection needs
@@ -72,7 +74,7 @@ def find_zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
     vectors = steps_within(lattice.reciprocal, longest) @ lattice.reciprocal
     squared = np.sum(vectors**2, axis=1)
     projection = along @ vectors.T
-    is_ahead = projection > 1e-9 * np.sqrt(squared)
+    is_ahead = projection > _ACROSS * np.sqrt(squared)
     # the plane that halves a reciprocal vector G is met at |G|^2/(2 G.u)
     distances = np.where(is_ahead, squared / np.where(is_ahead, 2.0 * projection, 1.0), np.inf)
     return np.min(distances, axis=-1)[()]

@@ -46,6 +46,9 @@ MOST_BYTES = 2**33
 _WITHOUT_POTENTIAL = 1e-5
 #: distance, over the size of the cell, up to which two centres are one point
 _SAME_CENTRE = 1e-9
+#: distance of a wave vector from a copy of Gamma, over that of the copy from Gamma, up to which the
+#: distance is rounding
+_AT_COPY = 1e-15
 #: relative difference of vectors that are equal but for rounding
 _ALIKE = 8.0 * float(np.finfo(np.float64).eps)
 
@@ -279,7 +282,7 @@ class Compatibility:
         copies = np.rint(fractions) @ self.reciprocal
         near = q - copies
         # a copy of Gamma leaves only the rounding of the reciprocal vector, which is set to zero
-        is_rounding = np.linalg.norm(near, axis=1) <= 1e-15 * np.linalg.norm(copies, axis=1)
+        is_rounding = np.linalg.norm(near, axis=1) <= _AT_COPY * np.linalg.norm(copies, axis=1)
         is_copy = np.any(copies != 0.0, axis=1)
         near[is_rounding & is_copy] = 0.0
         return near, copies

@@ -218,6 +218,7 @@ class LargeCell:
         if self.pressed:
             are_zero = np.abs(lowest) <= _ZERO_SQUARE * bound
             return _LowModes(np.zeros(count), are_zero) if np.all(are_zero) else None
+        # Lanczos serves a few
         are_many = count > min(_MOST, len(squares) // 3)
         if are_many:
             are_zero = lowest <= 0.0

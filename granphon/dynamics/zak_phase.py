@@ -23,6 +23,8 @@ _CLOSED = 1e-12
 _LEAST_OVERLAP = 0.5
 #: phase up to which a phase is zero but for rounding, rad
 _NO_PHASE = 1e-9
+#: largest turn of a determinant from one phase to the next, rad, at which turns can be counted
+_LARGEST_TURN = 0.5 * np.pi
 
 
 def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
@@ -80,6 +82,6 @@ def find_winding(half_space: HalfSpace, q: Array) -> int:
     bounds = np.prod(np.linalg.norm(rows, axis=2), axis=1)
     turns = np.angle(np.roll(determinants, -1) * determinants.conj())
     is_singular = np.any(np.abs(determinants) <= _SINGULAR * bounds)
-    if is_singular or np.max(np.abs(turns)) > 0.5 * np.pi:
+    if is_singular or np.max(np.abs(turns)) > _LARGEST_TURN:
         raise InputError("det C vanishes, or nearly, at this wave vector", mend="Take another one")
     return int(np.rint(turns.sum() / (2.0 * np.pi)))

@@ -45,6 +45,8 @@ from granphon.phonons.phonopy_atoms import choose_symbols
 #: distance of balls, over their diameter, from which on their places are taken for those in another
 #: unit, as mm
 _FARTHEST = 100.0
+#: part by which balls are sought farther than they reach, so that rounding opens no contact
+_ROUNDING = 1e-12
 #: rows and columns of a matrix in Voigt order
 VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 
@@ -187,8 +189,7 @@ class BallContacts(ContactCalculator):
         sorts = list(dict.fromkeys(keys))  # of balls, by kind and radius
         number_of_sort = {sort: number for number, sort in enumerate(sorts)}
         number = np.array([number_of_sort[key] for key in keys], np.intp)
-        # a little farther, so that rounding opens no contact
-        reach = (radii + 0.5 * self._find_gap(sorts)) * (1.0 + 1e-12)
+        reach = (radii + 0.5 * self._find_gap(sorts)) * (1.0 + _ROUNDING)
         periods = np.flatnonzero(atoms.pbc)
         longest = 2.0 * float(np.max(reach, initial=0.0))
         i, j, steps, vector = find_pairs(atoms.positions, atoms.cell.array[periods], longest)

@@ -49,6 +49,8 @@ from granphon.phonons.phonopy_atoms import (
 
 #: difference of frequencies, over the top one, at which branches coincide
 _COINCIDE = 1e-6
+#: difference of the heights of balls, over the size of the cell, up to which there are no edges
+_FLAT = 1e-9
 #: share of the top frequency by which frequencies at one point may be out of order
 _ROUNDING = 1e-6
 #: highest frequency in units of the scales: that of a stiff contact, (k/M)^(1/2), is of order one
@@ -249,7 +251,8 @@ class Bands(Result):
         """
         axis_across = min(sum(self.pbc), 2)  # the periods of a cut are along the first axes
         heights = (self.positions @ self.cell)[:, axis_across]
-        if not np.ptp(heights) > 1e-9 * float(np.abs(self.cell).max()):
+        has_edges = np.ptp(heights) > _FLAT * float(np.abs(self.cell).max())
+        if not has_edges:
             raise InputError(
                 "the lattice has no edges", mend="Take bands of network.cut(axis, layers)"
             )

@@ -97,6 +97,11 @@ _CLOSEST = 4
 _FEW_BRANCHES = 120
 #: relative difference of a cell of Atoms from that of the state that is rounding
 _SAME = 1e-9
+#: points of a fine mesh along each axis, and factors by which the mesh shrinks where the highest
+#: point is inside of the mesh, and on its rim
+_FINE = 7
+_SHRINKING_INSIDE = 0.7
+_SHRINKING_ON_RIM = 0.95
 #: step, 1/d, after which the frequency is that of the extremum to rounding
 _LEVEL = 1e-8
 
@@ -897,13 +902,13 @@ class Phonons:
         (n, p), 1/d, on ever finer meshes, the first of which reach as far as ``spacing``, 1/d.
         """
         p = self._periods
-        coordinates = np.linspace(-1.0, 1.0, 7)
-        offsets = np.stack(np.meshgrid(*[coordinates] * p), axis=-1).reshape(-1, p)  # (7^p, p)
+        coordinates = np.linspace(-1.0, 1.0, _FINE)
+        offsets = np.stack(np.meshgrid(*[coordinates] * p), axis=-1).reshape(-1, p)  # (m, p)
         q = centres
         size = np.full(len(centres), spacing)
         height = -np.inf
         while size.size:
-            points = q[:, None] + size[:, None, None] * offsets  # (n, 7^p, p)
+            points = q[:, None] + size[:, None, None] * offsets  # (n, m, p)
             frequencies = self.lattice.frequencies(points.reshape(-1, p))[:, branch]
             heights = sign * frequencies.reshape(len(q), -1)
             highest = np.argmax(heights, axis=1)
@@ -911,7 +916,7 @@ class Phonons:
             q = points[np.arange(len(q)), highest]
             # a mesh whose highest point is on its rim shrinks slowly, so that it can move on
             is_inside = np.max(np.abs(offsets[highest]), axis=1) < 1.0
-            size = size * np.where(is_inside, 0.7, 0.95)
+            size = size * np.where(is_inside, _SHRINKING_INSIDE, _SHRINKING_ON_RIM)
             is_wide = size > _LEVEL
             q = q[is_wide]
             size = size[is_wide]
