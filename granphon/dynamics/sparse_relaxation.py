@@ -207,15 +207,8 @@ class SparseRelaxation:
         matrix = (scale @ block @ scale).tocsr()
         with single_products():
             fronts = Fronts(matrix, self.layers, lattice.motions.count)
-            # motions that the factors have set aside, with their energies
-            set_aside = fronts.follow()
-            for _ in range(_CORRECTIONS):
-                set_aside -= fronts.solve(matrix @ set_aside)
-            basis = np.linalg.qr(set_aside / self._scale[:, None])[0]
-            energy_form = basis.T @ (block @ basis)
-            energies, vectors = np.linalg.eigh(0.5 * (energy_form + energy_form.T))
+            energies, motions = self._find_set_aside(fronts, matrix, block)
             highest = _bound(block)
-            motions = basis @ vectors
             largest_pull = np.sqrt(np.linalg.norm(form) * highest)
             coupling = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0) / largest_pull
             # a motion that no strain moves belongs to another wave vector of a smaller cell
@@ -236,6 +229,21 @@ class SparseRelaxation:
         forces = motions[:, is_stiff].T @ acting
         saved_by_set_aside = forces.T @ (forces / energies[is_stiff, None])
         return np.asarray(form - saved_by_factors - saved_by_set_aside)
+
+    def _find_set_aside(self, fronts: Fronts, matrix: Any, block: Any) -> tuple[Array, Array]:
+        """Return the energies (k,), ascending, of the motions that factors have set aside, and
+        these motions (n_branches, k), orthonormal.
+
+        ``fronts`` are the factors of the sparse ``matrix``, which is the energy form ``block`` of
+        motions in units of the scale of their columns.
+        """
+        set_aside = fronts.follow()
+        for _ in range(_CORRECTIONS):
+            set_aside -= fronts.solve(matrix @ set_aside)
+        basis = np.linalg.qr(set_aside / self._scale[:, None])[0]
+        energy_form = basis.T @ (block @ basis)
+        energies, vectors = np.linalg.eigh(0.5 * (energy_form + energy_form.T))
+        return energies, basis @ vectors
 
     def _explain_buckling(self, block: Any, motion: Array) -> InstabilityError:
         """Return the error of a lattice whose inner ``motion`` (n_branches,) has a negative energy

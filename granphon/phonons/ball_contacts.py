@@ -199,21 +199,31 @@ class BallContacts(ContactCalculator):
         vector = vector[touches]
         shift = np.zeros((len(i), 3), np.intp)
         shift[:, periods] = steps[touches]
-        # contacts of the same two sorts of balls have one law
-        lower = np.minimum(number[i], number[j])
-        upper = np.maximum(number[i], number[j])
+        springs, ratio = self._find_springs(sorts, number[i], number[j])
+        return i, j, shift, vector, springs, ratio
+
+    def _find_springs(
+        self, sorts: list[tuple[str, float]], sort_i: Index, sort_j: Index
+    ) -> tuple[Springs, Array]:
+        """Return the laws of contacts between balls of the sorts of numbers ``sort_i`` and
+        ``sort_j`` (n_c,), and 4 G*/E* (n_c,); ``sorts`` are a kind and a radius, m, each.
+        """
+        count = len(sort_i)
         groups = list[tuple[PairLaw, Index]]()
-        ratio = np.empty(len(i))
-        modulus = np.empty(len(i))
+        ratio = np.empty(count)
+        modulus = np.empty(count)
+        # contacts of the same two sorts of balls have one law
+        lower = np.minimum(sort_i, sort_j)
+        upper = np.maximum(sort_i, sort_j)
         for contacts in _group_equal(lower * len(sorts) + upper):
             first = contacts[0]
-            kind_i, radius_i = sorts[number[i[first]]]
-            kind_j, radius_j = sorts[number[j[first]]]
+            kind_i, radius_i = sorts[sort_i[first]]
+            kind_j, radius_j = sorts[sort_j[first]]
             law, mindlin_ratio, pair_modulus = self._find_law(kind_i, radius_i, kind_j, radius_j)
             ratio[contacts] = mindlin_ratio
             modulus[contacts] = pair_modulus
             groups.append((law, contacts))
-        return i, j, shift, vector, Springs(groups, len(i), modulus), ratio
+        return Springs(groups, count, modulus), ratio
 
     def _find_gap(self, sorts: list[tuple[str, float]]) -> float:
         """Return the distance, m, up to which balls that adhere touch though they are apart, of any

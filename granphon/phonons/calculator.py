@@ -437,6 +437,27 @@ class _ClosedContacts(NamedTuple):
     overlap: Array
 
 
+class _ContactsAtRest(NamedTuple):
+    """Contacts that are closed in the reference state; lengths are in diameters.
+
+    Attributes
+    ----------
+    i, j : (n_c,) the balls of each contact.
+    shift : (n_c, m) whole cells by which the image of ball j is shifted.
+    vector : (n_c, m) from the site of ball i to that of ball j.
+    axis : (n_c, m) direction of the contact.
+    overlap, distance : (n_c,) the overlap, and the distance of the centres.
+    """
+
+    i: Index
+    j: Index
+    shift: Index
+    vector: Array
+    axis: Array
+    overlap: Array
+    distance: Array
+
+
 class _Loads(NamedTuple):
     """What contacts do, summed over their deformations one after the other.
 
@@ -956,40 +977,31 @@ class HertzMindlin(ContactCalculator):
         """
         chosen_motions = self._choose_motions(motions)
         law = self._choose_law(atoms)
-        deviations = atoms.arrays["diameter_deviations"]
-        m = self._coordinates
-        periods = self._periods
-        sites = atoms.positions[:, :m] - atoms.arrays["displacements"][:, :m]
-        i, j, shift, vector = self._find_pairs(atoms, sites)
-        extra = 0.5 * (deviations[i] + deviations[j])
-        normal, is_near = self._find_normals(vector, extra, at_sites=True)
-        axis, overlap, distance = self._find_rest(atoms, i, j, normal)
-        is_closed = is_near & (overlap > law.least_overlap / self.scales.length)
-        i, j, shift, vector, axis, overlap, distance = keep_rows(
-            is_closed, i, j, shift, vector, axis, overlap, distance
-        )
+        sites = self._find_sites(atoms)
+        contacts = self._find_closed_at_rest(atoms, sites, law)
         # displacements may turn contacts out of the plane
         dimension = self.state.packing.structure.dimension
-        width = m if np.any(axis[:, dimension:]) else dimension
-        prestress = np.zeros(len(i))
+        leaves_plane = np.any(contacts.axis[:, dimension:])
+        width = self._coordinates if leaves_plane else dimension
+        prestress = np.zeros(len(contacts.i))
         if self.finite_overlap:
             d = self.scales.length
             k = self.scales.stiffness
-            prestress = law.force(overlap * d) / (k * d) / distance
-        diameters = 1.0 + deviations
+            prestress = law.force(contacts.overlap * d) / (k * d) / contacts.distance
+        diameters = 1.0 + atoms.arrays["diameter_deviations"]
         arms = 0.5 * self._spacing * diameters
         table = freeze_contacts(
-            i,
-            j,
-            shift[:, :periods],
-            axis[:, :width],
-            vector[:, :width],
-            arms[i],
-            arms[j],
+            contacts.i,
+            contacts.j,
+            contacts.shift[:, : self._periods],
+            contacts.axis[:, :width],
+            contacts.vector[:, :width],
+            arms[contacts.i],
+            arms[contacts.j],
         )
-        stiffness, torsion = self._find_springs(law, overlap)
+        stiffness, torsion = self._find_springs(law, contacts.overlap)
         lattice = ContactLattice(
-            np.asarray(atoms.cell)[:periods, :width],
+            np.asarray(atoms.cell)[: self._periods, :width],
             sites[:, :width],
             table,
             self._eta,
@@ -1001,7 +1013,25 @@ class HertzMindlin(ContactCalculator):
             bending=self._bending,
             motions=chosen_motions,
         )
-        return lattice, law, overlap
+        return lattice, law, contacts.overlap
+
+    def _find_sites(self, atoms: Atoms) -> Array:
+        """Return the sites (N, m) of balls, d: their positions without their displacements."""
+        m = self._coordinates
+        return np.asarray(atoms.positions[:, :m] - atoms.arrays["displacements"][:, :m])
+
+    def _find_closed_at_rest(self, atoms: Atoms, sites: Array, law: Law) -> _ContactsAtRest:
+        """Return the contacts between balls at ``sites`` (N, m), d, that are closed under a law in
+        the reference state.
+        """
+        i, j, shift, vector = self._find_pairs(atoms, sites)
+        deviations = atoms.arrays["diameter_deviations"]
+        extra = 0.5 * (deviations[i] + deviations[j])
+        normal, is_near = self._find_normals(vector, extra, at_sites=True)
+        axis, overlap, distance = self._find_rest(atoms, i, j, normal)
+        is_closed = is_near & (overlap > law.least_overlap / self.scales.length)
+        rows = keep_rows(is_closed, i, j, shift, vector, axis, overlap, distance)
+        return _ContactsAtRest(*rows)
 
     def _choose_motions(self, name: str | None) -> Motions:
         """Return the motions of the state, or some of these by their ``name``.
@@ -1072,11 +1102,12 @@ class HertzMindlin(ContactCalculator):
         slots = list(lattice.motions.slots)
         if lattice.motions.name == IN_PLANE.name:
             slots = all_slots
-        # row and column of each entry of the blocks
+        # row and column of each entry of the blocks, from the coordinates (n_c, 2 size) of both
+        # balls of each contact
         balls = np.stack([table.i, table.j], axis=1)
-        index = (size * balls[:, :, None] + np.arange(size)).reshape(len(table), 2 * size)
-        row = np.broadcast_to(index[:, :, None], blocks.shape).ravel()
-        column = np.broadcast_to(index[:, None, :], blocks.shape).ravel()
+        coordinates = (size * balls[:, :, None] + np.arange(size)).reshape(len(table), 2 * size)
+        row = np.broadcast_to(coordinates[:, :, None], blocks.shape).ravel()
+        column = np.broadcast_to(coordinates[:, None, :], blocks.shape).ravel()
         shape = (size * n, size * n)
         if layout == "csr":
             from scipy.sparse import coo_array
