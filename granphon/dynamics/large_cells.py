@@ -86,27 +86,12 @@ class LargeCell:
         rows: list[tuple[list[Row], Array]],
         images: tuple[Any, ...] | None,
     ) -> None:
-        from scipy.sparse import eye_array, hstack, kron
-
         table = lattice.contacts
-        n = lattice.n_balls
         self.size = lattice.n_branches
         self.pressed = lattice.is_prestressed
         self.is_real = images is not None
         #: (n, n) to the motions of balls from those in which D is real
-        self.frame: Any = eye_array(self.size, dtype=complex, format="csr")
-        if images is not None:
-            image = images[0]
-            root = np.sqrt(0.5)
-            unit = eye_array(n, format="csc")
-            fixed = np.flatnonzero(image == np.arange(n))  # balls that are their own images
-            first = np.flatnonzero(image > np.arange(n))  # one ball of each pair
-            ball = unit[:, first]
-            partner = unit[:, image[first]]
-            even = root * (ball + partner)
-            odd = 1j * root * (ball - partner)
-            frame_of_balls = hstack([unit[:, fixed], even, odd])
-            self.frame = kron(frame_of_balls, np.diag(lattice.motions.phases)).tocsr()
+        self.frame: Any = _make_frame(lattice, None if images is None else images[0])
         #: fewest frequencies of zero at any wave vector so far
         self._zeros = self.size
         self.kinds: list[_Ends] = []
@@ -230,6 +215,28 @@ class LargeCell:
         # where Lanczos has missed an eigenvalue, the next one has taken its place
         are_complete = np.all(np.abs(frequencies**2 - lowest) <= _MISSED * bound)
         return _LowModes(frequencies, are_zero) if have_digits and are_complete else None
+
+
+def _make_frame(lattice: Compatibility, image: NDArray[np.intp] | None) -> Any:
+    """Return a sparse unitary matrix (n_branches, n_branches) to the motions of balls, from even
+    motions and odd ones times i under an inversion that takes each ball to its ``image`` (n,);
+    without an inversion, from the motions of balls themselves.
+    """
+    from scipy.sparse import eye_array, hstack, kron
+
+    if image is None:
+        return eye_array(lattice.n_branches, dtype=complex, format="csr")
+    n = lattice.n_balls
+    root = np.sqrt(0.5)
+    unit = eye_array(n, format="csc")
+    fixed = np.flatnonzero(image == np.arange(n))  # balls that are their own images
+    first = np.flatnonzero(image > np.arange(n))  # one ball of each pair
+    ball = unit[:, first]
+    partner = unit[:, image[first]]
+    even = root * (ball + partner)
+    odd = 1j * root * (ball - partner)
+    frame_of_balls = hstack([unit[:, fixed], even, odd])
+    return kron(frame_of_balls, np.diag(lattice.motions.phases)).tocsr()
 
 
 def _split(matrix: Any) -> list[NDArray[np.intp]]:

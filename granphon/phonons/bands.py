@@ -478,10 +478,8 @@ class Bands(Result):
             eigenvectors = _read_vectors(components, motions, qpoints, cell)
         velocities = None
         if "group_velocity" in modes[0][0]:
-            in_space = _read_of_modes("group_velocity", modes)
-            if np.any(in_space[..., periods:]):
-                raise InputError(f"It has a group_velocity across its {counted(periods, 'period')}")
-            velocities = in_space[..., :periods].reshape(s, p, b, periods) * scales.length * hertz
+            reduced = _read_velocities(modes, periods).reshape(s, p, b, periods)
+            velocities = reduced * scales.length * hertz
         gyration = None
         if "gyration" in header:
             gyration = read_numbers("gyration", header["gyration"], (n,))
@@ -575,6 +573,18 @@ def _read_vectors(components: Array, motions: Motions, qpoints: Array, cell: Arr
     motion[..., 3:] *= find_offset_phases(qpoints, cell)[:, :, None, None, None]
     by_branch = motion[..., list(motions.slots)].reshape(*motion.shape[:3], -1)
     return np.moveaxis(by_branch, 2, 3)
+
+
+def _read_velocities(modes: list[Any], periods: int) -> Array:
+    """Return group velocities (n_q, b, periods), d times the unit of frequencies, of the ``modes``
+    of a band.yaml, which are listed for each wave vector.
+
+    Raises :class:`InputError` for a velocity across the ``periods``.
+    """
+    in_space = _read_of_modes("group_velocity", modes)
+    if np.any(in_space[..., periods:]):
+        raise InputError(f"It has a group_velocity across its {counted(periods, 'period')}")
+    return in_space[..., :periods]
 
 
 def _read_counts(data: Any) -> tuple[int, int, int]:
