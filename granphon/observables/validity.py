@@ -108,13 +108,15 @@ def validity(state: Any) -> Validity:
 
 
 def find_warnings(state: Any) -> tuple[str, ...]:
-    """Return one sentence for each limit that a state exceeds: limits of the state, or else of
-    :func:`validity`.
+    """Return one sentence for each limit that a state exceeds: the ``warnings`` that it has, as a
+    crystal does, or else those of :func:`validity`, or of its network if no law is known.
     """
     warnings = getattr(state, "warnings", None)
     if warnings is not None:
         return tuple(warnings)
-    return validity(state).warnings if state.follows_law else network_warnings(state.network)
+    if state.follows_law:
+        return validity(state).warnings
+    return network_warnings(state.network)
 
 
 def expect_warnings(simulation: DirectSimulation, load: Load) -> tuple[str, ...]:

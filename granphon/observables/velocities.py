@@ -44,17 +44,18 @@ _NO_FREQUENCY = 1e-12
 def local_exponent(state: ContactState) -> Any:
     """Return the exponent d log v / d log P of both sound velocities, with the shape of the load.
 
-    Terms of relative order delta/d are left out of media with a contact law; of a simulation with
-    geometry="exact" they are not. With ``finite_overlap`` scenes and sweeps have the exponent of
-    such a simulation alone. As v goes as the root of k, and P as f, the exponent is f k'/2k^2, with
-    the slope k' = dk/d(delta) of the medium's law; it is 1/6 for equal balls. With listed diameters
-    k has a kink, and the exponent a spike, where the contacts between two of the diameters open.
+    The exponent of media with a contact law leaves out terms of relative order delta/d; that of a
+    simulation with geometry="exact" has all terms. With ``finite_overlap`` scenes and sweeps have
+    the exponent of such a simulation alone. As v goes as the root of k, and P as f, the exponent is
+    f k'/2k^2, with the slope k' = dk/d(delta) of the medium's law, which is 1/6 for equal balls.
+    With listed diameters k has a kink, and the exponent a spike, where the contacts between two of
+    the diameters open.
 
     The moduli of a simulation are not all proportional to k. Its exponent is that of the
     longitudinal velocity, which follows from the mean K + G of the samples: the same samples are
     solved at two loads, 5 % below and above, and the difference is taken. ``state.exponent_error``
     is the standard error over the samples: 0 for a medium that does not sample, nan for one sample.
-    That of a crystal is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a.
+    The exponent of a crystal is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a.
 
     Raises :class:`~granphon.base.errors.ConvergenceError` if a simulation beside the load fails,
     and :class:`~granphon.base.errors.InputError` for a network, whose law is not known, and for a
@@ -145,8 +146,9 @@ class SoundVelocities(Result):
         across the plane.
         """
         n_waves = int(np.shape(self.velocities)[-1])
-        others = [wave for wave in (self.longitudinal, self.out_of_plane) if wave is not None]
-        return n_waves - len(others)
+        named_waves = (self.longitudinal, self.out_of_plane)
+        n_named = sum(wave is not None for wave in named_waves)
+        return n_waves - n_named
 
     def _take_transverse(self, number: int, velocities: Any) -> Any:
         """Return the velocity, or its error, of the slow (0) or the fast (1) transverse wave, with
@@ -189,7 +191,9 @@ def sound_velocities(
     """
     state = as_state(state)
     state.relax_inner_motions(progress)
-    unit_vectors = choose_direction(state, direction, "sound velocities", state.is_isotropic)
+    unit_vectors = choose_direction(
+        state, direction, "sound velocities", isotropic=state.is_isotropic
+    )
     names = state.wave_names
     # (..., n) m/s, and (..., n, n) polarisations as columns, n waves in the order of their names
     velocities, polarisations = state.polarised_waves(unit_vectors)
@@ -373,9 +377,9 @@ class Moduli(Result):
         """Anisotropy of a cubic or square lattice, 2 C44/(C11 - C12) or 2 C33/(C11 - C12); 1 if it
         is isotropic (Zener).
 
-        C44 is the mean of the shear moduli yz, xz, xy, and C11 - C12 the mean over three axes; they
-        differ in a sample of finite size. So its distance from 1 in the triangular lattice shows
-        how far samples are from isotropic.
+        C44 is the mean of the shear moduli yz, xz, xy, and C11 - C12 the mean over three axes, as
+        these differ in a sample of finite size. In the triangular lattice the difference of the
+        anisotropy from 1 shows how far samples are from isotropic.
 
         Raises :class:`~granphon.base.errors.InputError` if the lattice is neither isotropic nor
         square or cubic, and for a chain.
@@ -570,7 +574,7 @@ def pulse_velocities(
     periods = state.reference_lattice.periods
     has_isotropic_sound = "longitudinal" in state.wave_names and state.is_isotropic
     isotropic = periods == 1 or has_isotropic_sound
-    unit_vectors = choose_direction(state, direction, "pulses", isotropic)
+    unit_vectors = choose_direction(state, direction, "pulses", isotropic=isotropic)
     names = _choose_branches(state, unit_vectors, branches)
     load_shape = _broadcast_loads(hertz, state)
     pulse_shape = load_shape + unit_vectors.shape[:-1]
@@ -597,14 +601,14 @@ def pulse_velocities(
     group = np.sum(group_vectors * directions, axis=-1)
     phase = targets / wavenumbers
     return PulseVelocities(
-        names,
-        phase.reshape(scale.shape) * scale,
-        group.reshape(scale.shape) * scale,
-        group_vectors.reshape(*scale.shape, periods) * scale[..., None],
-        wavenumbers.reshape(scale.shape) / d,
-        hertz,
-        unit_vectors,
-        find_warnings(state),
+        branches=names,
+        phase=phase.reshape(scale.shape) * scale,
+        group=group.reshape(scale.shape) * scale,
+        group_vector=group_vectors.reshape(*scale.shape, periods) * scale[..., None],
+        wavenumber=wavenumbers.reshape(scale.shape) / d,
+        frequency=hertz,
+        direction=unit_vectors,
+        warnings=find_warnings(state),
     )
 
 

@@ -51,7 +51,17 @@ def share(values: Array) -> Array:
 
 
 class Powers:
-    """Normal forces c h_+^a of contacts (n,), as functions of their elongation e from rest."""
+    """Normal forces c h_+^a of contacts (n,), as functions of their elongation e from rest.
+
+    Attributes
+    ----------
+    exponent, coefficient : a, and c (n,), N/m^a.
+    overlap : (n,) at rest, m.
+    root : (n,) root of the overlap, above zero, m^1/2.
+    rest : (n,) force at rest, N.
+    jumps : numbers of the contacts whose force jumps: none.
+    know_radii : whether the law knows the radius of its contacts: it does not.
+    """
 
     def __init__(self, exponent: float, coefficient: Array, overlap: Array) -> None:
         self.exponent = exponent
@@ -59,10 +69,10 @@ class Powers:
         self.overlap = share(overlap)
         self.root = share(np.maximum(np.sqrt(overlap), _NONE))
         self.rest = share(coefficient * overlap**exponent)
-        self._fall = share(-coefficient)
-        self._rise = share(hertz.stiffness_of(coefficient))
+        # coefficients of the change of a force, which falls with e, and of the stiffness
+        self._change_factor = share(-coefficient)
+        self._stiffness_factor = share(hertz.stiffness_of(coefficient))
 
-    #: contacts whose force jumps, and whether the law knows the radius of its contacts
     jumps = np.zeros(0, np.intp)
     know_radii = False
 
@@ -78,8 +88,8 @@ class Powers:
         overlap = self.overlap
         if a == hertz.EXPONENT:
             hertz.release(overlap, self.root, e, (change, k))
-            change *= self._fall
-            k *= self._rise
+            change *= self._change_factor
+            k *= self._stiffness_factor
             return change, k
         h = np.maximum(overlap - e, 0.0)
         is_loaded = overlap > 0.0
@@ -97,7 +107,7 @@ class Powers:
         return None
 
     def mean(self, e: Array, end: Array, joined: Any = None) -> Array:
-        """Return the mean of f - f_0 between the elongations ``e`` and ``end``."""
+        """Return the mean of f - f_0 (n,), N, between the elongations ``e`` and ``end`` (n,), m."""
         if self.exponent == hertz.EXPONENT:
             mean = hertz.mean_force(self.overlap - e, self.overlap - end)
             return self.coefficient * mean - self.rest
@@ -173,13 +183,14 @@ class PairLaws:
         return h >= least_joined
 
     def pass_ends(self, e: Array, joined: Array) -> Array:
-        """Return how far :attr:`jumps` have passed the overlap at which they join or part, m; below
-        zero before it.
+        """Return how far (n_jumps,), m, the contacts :attr:`jumps` have passed the overlap at which
+        they part, if they are ``joined`` (n,), or else join; below zero before that overlap.
         """
         jumps = self.jumps
-        springs = self.springs
         h = self.overlap[jumps] - e[jumps]
-        return np.where(joined[jumps], springs.least[jumps] - h, h - springs.touch[jumps])
+        beyond_parting = self.springs.least[jumps] - h
+        beyond_joining = h - self.springs.touch[jumps]
+        return np.where(joined[jumps], beyond_parting, beyond_joining)
 
     def _reach(self, e: Array) -> Array:
         """Return the overlaps (n,), m, at which laws are evaluated: contacts that jump stay within
@@ -195,7 +206,9 @@ class PairLaws:
         return self.jumps[:0] if joined is None else self.jumps[~joined[self.jumps]]
 
     def press(self, e: Array, out: Any = None, joined: Any = None) -> tuple[Array, Array]:
-        """As for :class:`Powers`."""
+        """Return f - f_0 (n,), N, and the stiffnesses k (n,), N/m, at elongations e (n,), m; see
+        :meth:`Powers.press`.
+        """
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
         h = self._reach(e)
         parted = self._parted(joined)
@@ -248,8 +261,8 @@ def _mean_near(law: Powers | PairLaws, e: Array, end: Array, joined: Any) -> Arr
     """
     middle = 0.5 * (e + end)
     point_distance = _GAUSS * (end - e)  # of Gauss's points from the middle
-    first_force, _ = law.press(middle - point_distance, None, joined)
-    second_force, _ = law.press(middle + point_distance, None, joined)
+    first_force, _ = law.press(middle - point_distance, joined=joined)
+    second_force, _ = law.press(middle + point_distance, joined=joined)
     return np.asarray(0.5 * (first_force + second_force))
 
 
@@ -416,8 +429,8 @@ class ContactForces:
 @compiled
 def _resist(
     pull: Array,
-    after: Array,
-    before: Array,
+    punch_after: Array,
+    punch_before: Array,
     moved: Array,
     held: Array,
     half_ratios: Array,
@@ -428,19 +441,19 @@ def _resist(
     """Set the tangential forces in a ``pull`` (1 + rows, n) as :meth:`ContactForces.follow`, and
     return the work of slip, twist and roll, J.
 
-    ``after`` and ``before`` (n,) are the stiffnesses of punches after and before the step, N/m,
-    ``moved`` (rows, n) the deformations in the step, m, ``held`` (rows, n) the forces before it, N,
-    ``half_ratios`` (rows, n) half of the ratios of stiffnesses, ``rest_forces`` (n,) the normal
-    forces at rest, N. Coulomb's limit holds for the size of the force in the first ``n_limited``
-    rows. Contacts are taken in chunks, on whose rows the processor works several numbers at a time:
-    a loop over the contacts of a chunk does one step for all of these.
+    ``punch_after`` and ``punch_before`` (n,) are the stiffnesses of punches after and before the
+    step, N/m, ``moved`` (rows, n) the deformations in the step, m, ``held`` (rows, n) the forces
+    before it, N, ``half_ratios`` (rows, n) half of the ratios of stiffnesses, ``rest_forces`` (n,)
+    the normal forces at rest, N. Coulomb's limit holds for the size of the force in the first
+    ``n_limited`` rows. Contacts are taken in chunks, on whose rows the processor works several
+    numbers at a time: a loop over the contacts of a chunk does one step for all of these.
     """
     work = 0.0
     buffers = np.empty((5, _CHUNK))
-    for first in range(0, len(after), _CHUNK):
-        chunk = slice(first, min(first + _CHUNK, len(after)))
-        k_after = after[chunk]
-        k_before = before[chunk]
+    for first in range(0, len(punch_after), _CHUNK):
+        chunk = slice(first, min(first + _CHUNK, len(punch_after)))
+        k_after = punch_after[chunk]
+        k_before = punch_before[chunk]
         change = pull[0, chunk]
         force_at_rest = rest_forces[chunk]
         stiffness_sum = buffers[0]

@@ -82,7 +82,12 @@ def find_local_density(
     moments_of_motions = _find_ball_moments(operator, ball, kernel.moments)
     densities = _sum_series(kernel, moments_of_motions, hertz)
     return LocalDensity(
-        hertz, densities, operator.motions.letters, ball, kernel.resolution, kernel.moments
+        frequencies=hertz,
+        values=densities,
+        letters=operator.motions.letters,
+        ball=ball,
+        resolution=kernel.resolution,
+        moments=kernel.moments,
     )
 
 
@@ -209,17 +214,17 @@ class AllModes:
         translational, rotational = kernel.densities(traces / self._n_balls)
         no_error = np.zeros(kernel.count)
         return SpectralDensity(
-            kernel.frequencies,
-            translational,
-            rotational,
-            no_error,
-            no_error,
-            no_error,
-            kernel.top,
-            moments,
-            0,
-            self._seed,
-            self._warnings,
+            frequencies=kernel.frequencies,
+            translational=translational,
+            rotational=rotational,
+            error=no_error,
+            translational_error=no_error,
+            rotational_error=no_error,
+            top=kernel.top,
+            moments=moments,
+            vectors=0,
+            seed=self._seed,
+            warnings=self._warnings,
         )._with_work(partial(self.find, vectors=0))
 
 
@@ -271,17 +276,17 @@ class RandomVectors:
         densities[:, : traces.shape[1]] = kernel.densities(traces / self._operator.balls.size)
         translational, rotational = densities.mean(axis=0)
         return SpectralDensity(
-            kernel.frequencies,
-            translational,
-            rotational,
-            _find_error(densities.sum(axis=1)),
-            _find_error(densities[:, 0]),
-            _find_error(densities[:, 1]),
-            kernel.top,
-            moments,
-            vectors,
-            self._seed,
-            network_warnings(self._operator.network),
+            frequencies=kernel.frequencies,
+            translational=translational,
+            rotational=rotational,
+            error=_find_error(densities.sum(axis=1)),
+            translational_error=_find_error(densities[:, 0]),
+            rotational_error=_find_error(densities[:, 1]),
+            top=kernel.top,
+            moments=moments,
+            vectors=vectors,
+            seed=self._seed,
+            warnings=network_warnings(self._operator.network),
         )._with_work(partial(self.find, vectors=vectors))
 
 

@@ -535,6 +535,7 @@ class _FilterSearch:
         # from the beginning
         if self._is_lowest and self.density.zeros > _ZEROS:
             self.density = self.density.without_zeros()
+            # D x with static forces, else A^T y: see _draw_vectors
             self.power = 4 if problem.operator.network.prestress else 2
 
     @property
@@ -601,14 +602,14 @@ class _FilterSearch:
         return (first, last) if low <= first and last <= high else None
 
     def finish(self, modes: _FoundModes) -> Eigenpairs:
-        """Return the requested modes, refined."""
+        """Return the requested modes of a window's ``modes``, refined."""
         problem = self.problem
         chosen = problem.choose(modes.omega, self.count, self.target)
-        zeros = int(np.sum(modes.omega <= ZERO * problem.top))
         omega, vectors, residuals = problem.refine(modes.vectors[problem.live][:, chosen])
-        are_counted = self._is_lowest and not self.power
-        all_zeros = problem.loose + zeros if are_counted else None
-        return Eigenpairs(omega, vectors, float(residuals.max()), all_zeros)
+        n_zeros = None
+        if self._is_lowest and not self.power:  # the window holds all modes that cost no energy
+            n_zeros = problem.loose + int(np.sum(modes.omega <= ZERO * problem.top))
+        return Eigenpairs(omega, vectors, float(residuals.max()), n_zeros)
 
 
 def _find_phi(top: float, omega: float) -> float:
@@ -848,13 +849,13 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
     signs = np.sign(pairs.vectors[largest, np.arange(count)])
     vectors *= signs[:, None, None]
     return NetworkModes(
-        pairs.omega / (2.0 * math.pi),
-        vectors,
-        len(motions.translations),
-        operator.balls.size,
-        pairs.zeros,
-        pairs.residual,
-        network,
+        frequencies=pairs.omega / (2.0 * math.pi),
+        vectors=vectors,
+        displacements=len(motions.translations),
+        moving=operator.balls.size,
+        zero_modes=pairs.zeros,
+        residual=pairs.residual,
+        network=network,
     )
 
 
@@ -882,7 +883,9 @@ def find_damped(
         vectors = modes.vectors[order].astype(complex)
         highest = float(modes.frequencies[-1])
         return DampedModes(
-            omega[order] / (2.0 * math.pi), vectors, None, damped.find_warnings(highest)
+            frequencies=omega[order] / (2.0 * math.pi),
+            vectors=vectors,
+            warnings=damped.find_warnings(highest),
         )
     count = whole_number("count", count, 1)
     omega, shapes = _find_unevenly_damped(operator, damped, count, _read_target(nearest))
@@ -892,7 +895,11 @@ def find_damped(
     forces = np.asarray(operator.matrix @ shapes)
     squares = np.sum(shapes.conj() * forces, axis=0).real
     highest = math.sqrt(max(float(np.max(squares)), 0.0)) / (2.0 * math.pi)
-    return DampedModes(omega / (2.0 * math.pi), vectors, None, damped.find_warnings(highest))
+    return DampedModes(
+        frequencies=omega / (2.0 * math.pi),
+        vectors=vectors,
+        warnings=damped.find_warnings(highest),
+    )
 
 
 def _find_unevenly_damped(

@@ -457,10 +457,12 @@ class ViscousPropagation:
         return signals.T, displacements, velocities
 
     def _list_spans(self, end: float) -> Iterator[tuple[float, float]]:
-        """Yield the times, s, between which the state is propagated at once; the burst ends between
-        two of these spans.
+        """Yield the first and the last time, s, of each span in which the state is propagated at
+        once, up to the time ``end``; the burst ends between two of these spans.
         """
-        longest = min(_DECAY / max(self._shift, 1e-300), _PHASE / self._radius)
+        longest = _PHASE / self._radius
+        if self._shift > 0.0:
+            longest = min(_DECAY / self._shift, longest)
         first = 0.0
         has_burst_ended = False
         while first < end:

@@ -570,9 +570,9 @@ def _correlate(signal: Array, sent: Array) -> float:
     if not 0 < greatest < correlation.size - 1:
         return math.nan
     # the extreme of the parabola through the values around the greatest
-    before, at_greatest, after = correlation[greatest - 1 : greatest + 2]
-    curvature = before - 2.0 * at_greatest + after
-    return greatest + 0.5 * float((before - after) / curvature)
+    low, middle, high = correlation[greatest - 1 : greatest + 2]
+    curvature = low - 2.0 * middle + high
+    return greatest + 0.5 * float((low - high) / curvature)
 
 
 def _find_place(envelope: Array, method: str, threshold: float) -> float:
@@ -1163,7 +1163,9 @@ class Route:
                 fault, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide"
             )
         may_have_fallen = ends == "free" and np.any(network.moving & ~course.network.moving)
-        fastest = _find_fastest(course, push, sources, receivers, bool(may_have_fallen))
+        fastest = _find_fastest(
+            course, push, sources, receivers, may_have_fallen=bool(may_have_fallen)
+        )
         if request.duration is not None:
             duration = positive("duration", request.duration, "s")
         else:

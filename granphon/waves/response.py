@@ -529,17 +529,17 @@ def find_response(
         unit = QUANTITIES[options.quantity]
         warnings = (*warnings, _explain_error(hertz, solution.values, solution.error, unit))
     response = Response(
-        hertz,
-        solution.values,
-        options.quantity,
-        sources,
-        pushes,
-        receivers,
-        directions,
-        solution.error,
-        solution.factorisations,
-        solution.steps,
-        warnings,
+        frequencies=hertz,
+        values=solution.values,
+        quantity=options.quantity,
+        sources=sources,
+        pushes=pushes,
+        receivers=receivers,
+        directions=directions,
+        error=solution.error,
+        factorisations=solution.factorisations,
+        steps=solution.steps,
+        warnings=warnings,
     )
     if not damped.is_none:  # without losses a peak has no height
 
@@ -897,15 +897,16 @@ class ResponseWork:
         by_factors[slowest_first[n_factors:]] = False
         return by_factors, float(times[n_factors])
 
-    def explain(self, fails: str, most: float = math.inf) -> ConvergenceError:
-        """Return the error of a response that fails, with the time that each method would take, and
-        a loss factor that would do.
+    def explain(self, failure: str, steps: float = math.inf) -> ConvergenceError:
+        """Return the error of a response that is not found, with the time that each method would
+        take, and a loss factor that would do.
 
-        ``most`` are the steps of the Krylov space.
+        ``failure`` goes on from "the response", such as "takes longer than an hour"; ``steps`` are
+        those of the Krylov space.
         """
         lowest = write_quantity(float(self.omega[0]) / (2.0 * math.pi), "Hz", 4)
-        fault = f"the response of {self.operator.size:,} motions from {lowest} on {fails}"
-        methods = self._list_methods(most)
+        fault = f"the response of {self.operator.size:,} motions from {lowest} on {failure}"
+        methods = self._list_methods(steps)
         if methods:
             fault += f": {', and '.join(methods)}"
         why = (
@@ -913,7 +914,7 @@ class ResponseWork:
             " that of each by itself"
         )
         mend = self._suggest_damping()
-        if "longer" in fails:
+        if "longer" in failure:
             mend += "; or name the method, to wait for it"
         return ConvergenceError(fault, self.unfit or why, mend)
 
@@ -1343,7 +1344,7 @@ class _KrylovProcess:
         self.size = np.sqrt(space.product(space.start, space.start))
         self.steps = 0
         self._listen = listen
-        self._add: Any = zaxpy if np.iscomplexobj(space.start) else daxpy
+        self._add: Any = zaxpy if np.iscomplexobj(space.start) else daxpy  # y + a x, in place of y
         self._previous = np.zeros_like(space.start)
         self._current = space.start / self.size
         self._following = self._current

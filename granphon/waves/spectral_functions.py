@@ -74,7 +74,7 @@ def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
     does not have.
     """
     requested = _as_wavevectors(network, q)
-    nearest = _round(network, requested)
+    nearest = _find_nearest_of_cell(network, requested)
     periods = network.cell[list(network.pbc), : network.dimension]
     # phases (n, p) across the periods, rad
     deviation = np.abs((requested - nearest) @ periods.T)
@@ -107,7 +107,8 @@ def nearest_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) ->
     the same shape.
     """
     requested = _as_wavevectors(network, q)
-    return np.asarray(_round(network, requested).reshape(np.shape(q)))
+    nearest = _find_nearest_of_cell(network, requested)
+    return np.asarray(nearest.reshape(np.shape(q)))
 
 
 def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
@@ -197,14 +198,17 @@ def _find_shortest(network: ContactNetwork | PeriodicCell) -> float:
     return float(2.0 * np.pi * np.min(np.linalg.norm(np.linalg.pinv(periods), axis=0)))
 
 
-def _round(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
-    """Return the wave vectors (n, d) of the cell nearest to ``q``."""
+def _find_nearest_of_cell(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
+    """Return the wave vectors (n, d), 1/m, nearest to ``q`` (n, d) that the cell of a network has;
+    across its periods they are ``q``.
+    """
     periods = network.cell[list(network.pbc), : network.dimension]
     if not len(periods):
         return q
     nearest = _find_nearest(periods, q)
     if len(periods) < network.dimension:
-        nearest += q - q @ np.linalg.pinv(periods) @ periods  # across the periods nothing moves
+        along_periods = q @ np.linalg.pinv(periods) @ periods
+        nearest += q - along_periods
     return nearest
 
 
@@ -447,8 +451,8 @@ def _find_line(kernel: Kernel, spectrum: Array) -> tuple[float, float]:
 
 
 def _fit_peak(log: Array, n: int) -> tuple[float, float]:
-    """Return the point and the height of the parabola through the logarithms ``log`` (n_f,) at the
-    highest point ``n`` and beside it.
+    """Return the place of the top, in points, and its height, a logarithm, of the parabola through
+    the logarithms ``log`` (n_f,) at the highest point ``n`` and beside it.
     """
     height = float(log[n])
     if n == log.size - 1:

@@ -212,7 +212,7 @@ def _make_stiffness_function(
     an angular frequency, rad/s, for the wave vector ``q`` (p,) along its layers, in fractions.
     """
     phase = np.exp(2.0j * np.pi * (operator.network.shift[:, : len(q)] @ q))
-    springs = operator.weigh(None, phase).tocsc()
+    springs = operator.weigh(phase=phase).tocsc()
     if damped.is_none:
         return lambda w: springs
     losses = operator.weigh(damped.losses, phase).tocsc()
