@@ -588,16 +588,8 @@ def pulse_velocities(
     three_axes = (len(names), -1, len(directions))
     targets = reduced_frequencies.reshape(three_axes)
     units = scale.reshape(three_axes) / d
-    wavenumbers = np.empty(targets.shape)
-    group_vectors = np.empty((*targets.shape, periods))
-    for load_state, pulses in _list_lattices(state, load_shape):
-        wavenumbers[:, pulses], group_vectors[:, pulses] = _find_wavenumbers(
-            load_state.contact_lattice(),
-            directions,
-            names,
-            targets[:, pulses],
-            units[:, pulses],
-        )
+    lattices = _list_lattices(state, load_shape)
+    wavenumbers, group_vectors = _solve_lattices(lattices, directions, names, targets, units)
     group = np.sum(group_vectors * directions, axis=-1)
     phase = targets / wavenumbers
     return PulseVelocities(
@@ -687,6 +679,25 @@ def _choose_branches(
             allowed = "longitudinal, transverse or both"
         raise InputError(f"unknown branch {brief(unknown)}", mend=f"Use {allowed}")
     return requested
+
+
+def _solve_lattices(
+    lattices: list[tuple[Any, slice]],
+    directions: Array,
+    names: Sequence[str],
+    targets: Array,
+    units: Array,
+) -> tuple[Array, Array]:
+    """Return the wavenumbers and group velocities of :func:`_find_wavenumbers` of all pulses, in
+    the ``lattices`` of :func:`_list_lattices`.
+    """
+    wavenumbers = np.empty(targets.shape)
+    group_vectors = np.empty((*targets.shape, directions.shape[1]))
+    for state, pulses in lattices:
+        wavenumbers[:, pulses], group_vectors[:, pulses] = _find_wavenumbers(
+            state.contact_lattice(), directions, names, targets[:, pulses], units[:, pulses]
+        )
+    return wavenumbers, group_vectors
 
 
 def _find_wavenumbers(

@@ -664,8 +664,9 @@ class ArrayOperator(WaveOperator):
 
     def advance(self, current: Array, previous: Array) -> Array:
         """Return the next Chebyshev polynomial, see :meth:`WaveOperator.advance`."""
-        if current.ndim > 1:
+        if current.ndim > 1:  # the matrix is read once for all vectors
             return super().advance(current, previous)
+        # (4 D / top^2 - 2) x less the previous polynomial
         product, _ = self._product(current.reshape(self._fields, *self.cells))
         following = product.ravel()
         following -= 2.0 * current

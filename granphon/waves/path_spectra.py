@@ -162,6 +162,32 @@ class PathPoints(NamedTuple):
     q: Array
 
 
+class _Leg(NamedTuple):
+    """A straight leg of a path from ``start`` (p,) to ``end`` (p,), 1/m, with its ``length`` and
+    the ``distance`` of its start along the path, 1/m.
+    """
+
+    start: Array
+    end: Array
+    length: float
+    distance: float
+
+    def place_points(self, count: int) -> Array:
+        """Return ``count`` even points (count, p) of the leg, its ends among them, 1/m."""
+        shares = np.linspace(0.0, 1.0, count)[:, None]
+        return np.asarray(self.start + shares * (self.end - self.start))
+
+    def measure(self, q: Array) -> tuple[float, float]:
+        """Return the distance along the path of the point of the leg that is nearest to ``q`` (p,),
+        and the distance of q from that point, 1/m.
+        """
+        unit_vector = (self.end - self.start) / self.length
+        distance_on_leg = float(np.clip((q - self.start) @ unit_vector, 0.0, self.length))
+        distance = self.distance + distance_on_leg
+        offset = q - self.start - (distance - self.distance) * unit_vector
+        return distance, float(np.linalg.norm(offset))
+
+
 def find_path_points(
     network: ContactNetwork | PeriodicCell,
     lattice: ContactLattice,
@@ -189,14 +215,12 @@ def find_path_points(
     # distances and wave vectors, by the whole numbers of waves along the periods
     wavevectors: dict[tuple[int, ...], tuple[float, Array]] = {}
     for (start, end), length, first_distance in zip(legs, lengths, corners[:-1], strict=True):
-        unit_vector = (end - start) / length
+        leg = _Leg(start, end, length, first_distance)
         half_step = 0.5 * length / (count - 1)
         targets = np.zeros((count, d))
-        targets[:, :p] = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
+        targets[:, :p] = leg.place_points(count)
         for q in nearest_wavevectors(network, targets):
-            distance_on_leg = float(np.clip((q[:p] - start) @ unit_vector, 0.0, length))
-            distance = first_distance + distance_on_leg
-            deviation = np.linalg.norm(q[:p] - start - (distance - first_distance) * unit_vector)
+            distance, deviation = leg.measure(q[:p])
             fractions = q[:p] @ to_fractions
             is_gamma = np.all(np.abs(fractions - np.rint(fractions)) <= _SAME)
             if not is_gamma and deviation <= half_step:

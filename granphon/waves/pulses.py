@@ -218,18 +218,7 @@ class Course:
         closes = "do not close"
         if self.period > self.spacing:
             closes = f"come back to themselves after {self.period:.6g} m"
-        heights = np.abs(self.network.cell[list(self.network.pbc)] @ self.direction)
-        rounding = _FLAT * float(np.max(heights))
-        sides = [f"{height:.6g}" for height in heights if height > rounding]
-        cell = ""
-        longer_array = "a longer array"
-        if len(sides) > 1:
-            cell = (
-                f". The cell is {' and '.join(sides)} m long along it, and the greatest common"
-                f" measure counts"
-            )
-            # lengths of the cell that are equal along the direction are the period
-            longer_array = "an array whose numbers of cells make these lengths equal"
+        cell, longer_array = self._describe_cell()
         offers = [
             f"{_write_direction(vector)}, with {period:.6g} m"
             for vector, period in self._find_directions(least)
@@ -240,6 +229,22 @@ class Course:
             remedy = f"{longer_array}, or the direction {' or '.join(offers)}"
         reason = f"{why}: {least:.6g} m are needed{cell}"
         raise InputError(fault, reason, f"Take a shorter distance, {remedy}")
+
+    def _describe_cell(self) -> tuple[str, str]:
+        """Return two parts of a message: a sentence with the lengths of the cell along the
+        direction, if there are several, and the array that would have a longer period.
+        """
+        heights = np.abs(self.network.cell[list(self.network.pbc)] @ self.direction)
+        rounding = _FLAT * float(np.max(heights))
+        sides = [f"{height:.6g}" for height in heights if height > rounding]
+        if len(sides) < 2:
+            return "", "a longer array"
+        cell = (
+            f". The cell is {' and '.join(sides)} m long along it, and the greatest common"
+            f" measure counts"
+        )
+        # lengths of the cell that are equal along the direction are the period
+        return cell, "an array whose numbers of cells make these lengths equal"
 
     def _find_directions(self, least: float) -> list[tuple[Array, float]]:
         """Return the two directions (d,) nearest to this one whose planes have a period of
@@ -408,15 +413,15 @@ def _find_period(network: ContactNetwork, direction: Array) -> float:
     greatest length that measures the heights of all periods; infinity if there is none.
     """
     periods = network.cell[list(network.pbc)]
-    sizes = np.linalg.norm(periods, axis=1)
-    period = math.inf
-    for height, size in zip(np.abs(periods @ direction), sizes, strict=True):
-        if height <= _FLAT * size:
-            continue
-        if math.isinf(period):
-            period = float(height)
-        else:
-            period = _find_common_measure(period, float(height), _FLAT * float(np.max(sizes)))
+    heights = np.abs(periods @ direction)  # lengths along the direction
+    lengths = np.linalg.norm(periods, axis=1)
+    rounding = _FLAT * float(np.max(lengths, initial=0.0))
+    periodic_heights = heights[heights > _FLAT * lengths].tolist()
+    if not periodic_heights:
+        return math.inf
+    period: float = periodic_heights[0]
+    for height in periodic_heights[1:]:
+        period = _find_common_measure(period, height, rounding)
     return period
 
 
@@ -836,16 +841,9 @@ class Pulse(Result):
         why = self._find_echo() or reasons[0] or self._explain_too_fast(time)
         if why:
             return _Flight(math.nan, why_unknown=why)
-        # the time at which the pulse is at its height, and how far around it no echo comes
-        duration = self.cycles / self.frequency
-        middle = time + 0.5 * duration
-        echo_time = time + self.echo / float(self.fastest[0])
-        reach_to_echo = min(echo_time, float(self.times[-1])) - middle
-        since_middle = self.times - middle
+        since_middle, pulse_gate, long_gate = self._make_gates(time)
         # the delay of the pulse alone, and with all that follows, as waves near the top of a band
         # are late: either may agree with the envelope by chance
-        pulse_gate = _make_gate(since_middle, min(_REACH * duration, reach_to_echo))
-        long_gate = _make_gate(since_middle, reach_to_echo)
         pulse = self.coherent * pulse_gate
         pulse_delay = _find_delay(pulse, since_middle, self.frequency)
         long_delay = _find_delay(self.coherent * long_gate, since_middle, self.frequency)
@@ -861,6 +859,20 @@ class Pulse(Result):
             )
             return _Flight(math.nan, why_unknown=why)
         return _Flight(time, shape_error, scatter)
+
+    def _make_gates(self, time: float) -> tuple[Array, Array, Array]:
+        """Return the times (n_t,), s, since a pulse with the ``time`` of flight, s, is at its
+        height, and two gates (n_t,) about that moment: of the pulse alone, and of all that comes
+        before an echo or the end of the record.
+        """
+        duration = self.cycles / self.frequency
+        middle = time + 0.5 * duration
+        echo_time = time + self.echo / float(self.fastest[0])
+        reach_to_echo = min(echo_time, float(self.times[-1])) - middle
+        since_middle = self.times - middle
+        pulse_gate = _make_gate(since_middle, min(_REACH * duration, reach_to_echo))
+        long_gate = _make_gate(since_middle, reach_to_echo)
+        return since_middle, pulse_gate, long_gate
 
     def _explain_too_fast(self, time: float) -> str:
         """Return why no wave can have taken the ``time``, s, for the distance; empty if one
@@ -1156,12 +1168,7 @@ class Route:
         start = course.face if at_face else course.find_place(sources)
         groups = [course.find_plane(start + length, "receivers") for length in distances]
         receivers = groups[0]
-        if np.isin(receivers, sources).any():
-            fault = f"the distance of {distance:.6g} m leads to the plane of the source itself"
-            why = "The receiving plane is that of the balls nearest to it"
-            raise InputError(
-                fault, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide"
-            )
+        _require_apart(course, distance, sources, receivers)
         may_have_fallen = ends == "free" and np.any(network.moving & ~course.network.moving)
         fastest = _find_fastest(
             course, push, sources, receivers, may_have_fallen=bool(may_have_fallen)
@@ -1188,6 +1195,17 @@ class Route:
     def end(self) -> float:
         """The end of the record, or of the burst if that is later, s."""
         return max(float(self.times[-1]), self.burst.duration)
+
+
+def _require_apart(course: Course, distance: float, sources: Index, receivers: Index) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if balls of the receiving plane, at a
+    ``distance``, m, are among the sources.
+    """
+    if not np.isin(receivers, sources).any():
+        return
+    fault = f"the distance of {distance:.6g} m leads to the plane of the source itself"
+    why = "The receiving plane is that of the balls nearest to it"
+    raise InputError(fault, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide")
 
 
 def _list_readings(burst: ToneBurst, duration: float) -> Array:
@@ -1448,12 +1466,24 @@ def _propagate(
     energies = [
         0.5 * (v @ v) + operator.store(x) for x, v in zip(state_x[:2], state_v[:2], strict=True)
     ]
-    velocities = np.zeros((len(route.frames), network.n_balls, 3))
-    for frame, v in zip(velocities, state_v[2:], strict=True):
-        translations = operator.values(v)[:, : push.size]
-        frame[operator.balls[:, None], axes] = inverse_root[operator.balls, None] * translations
+    velocities = _find_ball_velocities(operator, state_v[2:])
     group_ends = np.cumsum([len(balls) for balls in route.groups[:-1]])
     return _HeardMotions(np.split(signals, group_ends), np.array(energies), velocities)
+
+
+def _find_ball_velocities(operator: WaveOperator, vectors: Array) -> Array:
+    """Return the velocities (n_f, n, 3) of all balls, m/s, from ``vectors`` (n_f, size) of
+    mass-weighted velocities.
+    """
+    network = operator.network
+    balls = operator.balls
+    axes = list(operator.motions.translations)
+    inverse_root = 1.0 / np.sqrt(network.masses[balls])
+    velocities = np.zeros((len(vectors), network.n_balls, 3))
+    for frame, vector in zip(velocities, vectors, strict=True):
+        translations = operator.values(vector)[:, : len(axes)]
+        frame[balls[:, None], axes] = inverse_root[:, None] * translations
+    return velocities
 
 
 def _judge_fallen(course: Course, fallen: Index, receivers: Index) -> list[str]:
@@ -1530,14 +1560,16 @@ def require_moves(name: str, along: Array, network: ContactNetwork, turns: bool 
         return
     ball = int(np.argmax(largest_forbidden))
     verb, preposition = ("turn", "about") if turns else ("move", "along")
-    shown = _write_direction(vectors[ball])
-    fault = f"{name} of ball {ball} are {shown}"
-    if along.ndim == 1:
-        fault = f"the {name} is {preposition} {shown}"
+    vector = _write_direction(vectors[ball])
+    is_of_all_balls = along.ndim == 1
+    if is_of_all_balls:
+        fault = f"the {name} is {preposition} {vector}"
+    else:
+        fault = f"{name} of ball {ball} are {vector}"
     allowed = f"do not {verb}"
     if axes:
-        names = " and ".join("xyz"[axis] for axis in axes)
-        allowed = f"{verb} {preposition} {names} only"
+        axis_names = " and ".join("xyz"[axis] for axis in axes)
+        allowed = f"{verb} {preposition} {axis_names} only"
     raise InputError(fault, f"Balls {allowed}")
 
 

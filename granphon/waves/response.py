@@ -608,21 +608,12 @@ class Places:
         ``value`` is the argument of ``Waves.response`` with this ``name``; ``held`` says that its
         bodies must not move by themselves.
         """
-        network = self.network
         items = value if isinstance(value, list) else [value]
         balls = [np.zeros(0, int)]
         vectors = [np.zeros((0, 3))]
         for item in items:
-            if isinstance(item, str) and item == "plane":
-                item_balls = self._find_plane(name, held)
-                vector = read_push(network, self.along, self.polarisation)
-            elif isinstance(item, tuple) and len(item) == 2:
-                item_balls = index_array(name, item[0], network.n_balls)
-                vector = self._read_direction(item[1])
-            else:
-                mend = "Give (ball, direction), (balls, direction), 'plane', or a list of these"
-                raise InputError(f"the {name} is {brief(item)}", mend=mend)
-            require_moves(name, vector, network)
+            item_balls, vector = self._read_item(name, item, held)
+            require_moves(name, vector, self.network)
             balls.append(item_balls)
             vectors.append(np.tile(vector, (len(item_balls), 1)))
         all_balls = np.concatenate(balls)
@@ -632,6 +623,20 @@ class Places:
             )
         self._require_mobility(name, all_balls, held)
         return all_balls, np.concatenate(vectors)
+
+    def _read_item(self, name: str, item: Any, held: bool) -> tuple[Index, Array]:
+        """Return the balls (n,) and the unit vector (3,) of one ``item`` of a source or receiver:
+        "plane", or (ball, direction).
+        """
+        if isinstance(item, str) and item == "plane":
+            balls = self._find_plane(name, held)
+            return balls, read_push(self.network, self.along, self.polarisation)
+        if isinstance(item, tuple) and len(item) == 2:
+            numbers, direction = item
+            balls = index_array(name, numbers, self.network.n_balls)
+            return balls, self._read_direction(direction)
+        mend = "Give (ball, direction), (balls, direction), 'plane', or a list of these"
+        raise InputError(f"the {name} is {brief(item)}", mend=mend)
 
     def _require_mobility(self, name: str, balls: Index, held: bool) -> None:
         """Raise :class:`~granphon.base.errors.InputError` unless the ``balls`` (n,) move; or, with
@@ -1106,14 +1111,8 @@ class _Problem:
             np.multiply(strain, spring, out=product[n:])
             return product
 
-        if self.moved:
-            # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
-            on_balls = -parts.pull(times * self.stretched)
-            source = np.concatenate([on_balls, top * spring * self.stretched])
-            strength: Any = -1.0 / top * np.ones(w.size)
-        else:
-            source = np.concatenate([self.drives[0], np.zeros(spring.size, complex)])
-            strength = -1.0 / top * _invert(1j * omega)
+        source = self._make_first_order_source(spring, times)
+        strength: Any = -1.0 / top * (np.ones(w.size) if self.moved else _invert(1j * omega))
         # |(H - i w)^-1| is at most this, with the largest |1 + i eta|^1/2 of a spring
         largest_spring = math.sqrt(math.hypot(1.0, float(np.max(work.of_rows[0]))))
         bound = np.where(w > 0.0, (w + largest_spring) * _invert(work.distance), np.inf)
@@ -1139,6 +1138,17 @@ class _Problem:
             bound=bound,
             direct=1j * scale[:, None] * self._listen(source),
         )
+
+    def _make_first_order_source(self, spring: Complex, times: Array) -> Complex:
+        """Return the source of velocities (size,), then deformations (rows,); ``spring`` and
+        ``times`` (rows,) are those of :meth:`_make_first_order`.
+        """
+        if not self.moved:
+            return np.concatenate([self.drives[0], np.zeros(spring.size, complex)])
+        # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
+        on_balls = -self.operator.parts.pull(times * self.stretched)
+        on_contacts = self.operator.top * spring * self.stretched
+        return np.concatenate([on_balls, on_contacts])
 
     def _listen(self, x: NDArray[Any]) -> NDArray[Any]:
         """Return the signals (n_r,) of receivers for motions x (size,)."""

@@ -724,12 +724,12 @@ class PlaneWaves:
         self._polarisation = str(polarisation) if is_word else "given"
         components = direction if is_word else polarisation
         self._direction = () if components is None else finite_list("direction", components)
-        # the number of the wave vector, and what makes the vector, of each start of moments
+        # the number of the wave vector of each wave, and the function that makes its vector
         starts = []
         for n, wavevector in enumerate(wavevectors):
+            rows = find_polarisations(operator, wavevector, polarisation, direction)
             # the sine of a wave of q = 0 is zero
             sines = (False, True) if np.any(wavevector) else (False,)
-            rows = find_polarisations(operator, wavevector, polarisation, direction)
             for row, sine in itertools.product(rows, sines):
                 start = partial(make_plane_wave, operator, wavevector, row, sine=sine)
                 starts.append((n, start))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, PrecisionError
@@ -163,10 +163,7 @@ def transmission(
     back_amplitudes = _stack_matrices(reflected_amplitudes, most_modes)
     transmitted = np.sum(np.abs(amplitudes) ** 2, axis=1)
     reflected = np.sum(np.abs(back_amplitudes) ** 2, axis=1)
-    wavenumbers = np.zeros((len(hertz), most_modes))
-    for row, (incoming, _) in enumerate(waves_of_first):
-        n = incoming.running
-        wavenumbers[row, :n] = first.space.wavenumbers(incoming.factors[:n], first.q).real
+    wavenumbers = first.list_wavenumbers([incoming for incoming, _ in waves_of_first], most_modes)
     if damped.is_none:
         is_running = np.arange(most_modes) < modes[:, :1]
         _require_balance(hertz, transmitted + reflected - is_running)
@@ -305,18 +302,37 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
             "nothing is transmitted at some frequency", mend="Leave out frequencies of gaps"
         )
     runs_of_length = [np.flatnonzero(length_of_run == number) for number in range(len(lengths))]
+    amplitudes_of_length = [coherent[numbers] for numbers in runs_of_length]
+    path, path_error = _fit_paths(lengths, amplitudes_of_length, is_running)
+    logs = [np.log(totals[numbers]) for numbers in runs_of_length]
+    log_rate, log_rate_error = _fit_logarithms(lengths, logs)
+    length, length_error = _invert(log_rate, log_rate_error, 2.0)
+    return ScatteringLengths(
+        frequencies=first.frequencies,
+        mean_free_path=path,
+        mean_free_path_error=path_error,
+        localisation_length=length,
+        localisation_length_error=length_error,
+    )
+
+
+def _fit_paths(
+    lengths: Array, amplitudes: Sequence[Complex], is_running: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Return mean free paths (n_f, m) and their errors (n_f, m), m, of the waves that run; zero for
+    others.
+
+    ``amplitudes`` has an array (samples, n_f, m) for each of the ``lengths``, m.
+    """
     falls = []
     for frequency, wave in np.argwhere(is_running):
-        amplitudes = [coherent[numbers][:, frequency, wave] for numbers in runs_of_length]
-        falls.append(_fit_energy(lengths, amplitudes))
+        samples = [of_length[:, frequency, wave] for of_length in amplitudes]
+        falls.append(_fit_energy(lengths, samples))
     rates, rate_errors = np.array(falls).T
     path = np.zeros(is_running.shape)
     path_error = np.zeros(is_running.shape)
     path[is_running], path_error[is_running] = _invert(rates, rate_errors, 1.0)
-    logs = [np.log(totals[numbers]) for numbers in runs_of_length]
-    log_rate, log_rate_error = _fit_logarithms(lengths, logs)
-    length, length_error = _invert(log_rate, log_rate_error, 2.0)
-    return ScatteringLengths(first.frequencies, path, path_error, length, length_error)
+    return path, path_error
 
 
 def _require_alike(runs: Any) -> None:
@@ -476,6 +492,17 @@ class _Lead(NamedTuple):
         motions_of_layer = self.space.size // self.space.reach
         return find_bloch_waves(self.blocks, omega**2, motions_of_layer)
 
+    def list_wavenumbers(self, waves: Sequence[BlochWaves], most: int) -> Array:
+        """Return the wavenumbers (n_f, most) across the layers, 1/m, of the ``waves`` that run at
+        each frequency; zeros behind them.
+        """
+        wavenumbers = np.zeros((len(waves), most))
+        for row, waves_of_row in enumerate(waves):
+            n = waves_of_row.running
+            factors = waves_of_row.factors[:n]
+            wavenumbers[row, :n] = self.space.wavenumbers(factors, self.q).real
+        return wavenumbers
+
     def fit(self, operator: WaveOperator, lower: bool) -> Any:
         """Return S (size, size of the strip), sparse, which takes motions of the strip to those of
         a block of the lead at the ``lower`` or upper end of the strip.
@@ -620,6 +647,14 @@ def _measure_sites(places: Array, sites: Array, periods: Array) -> tuple[Array, 
     return np.linalg.norm(vectors, axis=-1), cells
 
 
+def _find_green(square: float, inner: Complex, beyond: Complex) -> Complex:
+    """Return Green's function (size, size) of the outer block of a lead, s^2, at ``square`` =
+    omega^2: ``inner`` is the stiffness of the block, and ``beyond`` what the layers beyond add,
+    (rad/s)^2.
+    """
+    return np.asarray(np.linalg.inv(square * np.eye(len(inner)) - inner - beyond))
+
+
 def _scatter(
     square: float,
     matrix: Any,
@@ -642,13 +677,12 @@ def _scatter(
     first_blocks = first.blocks
     last_blocks = last.blocks
     first_reach = first.space.reach
-    # Green's functions of the outer block of each lead, without the strip
-    first_alone = square * np.eye(first.space.size) - first_blocks.inner
+    # Green's functions of the outer block of each lead, without the strip; beyond the block only
+    # outgoing waves run
     beyond_first = first_blocks.down @ outgoing_back.continue_by(-first_reach)
-    first_green = np.linalg.inv(first_alone - beyond_first)
-    last_alone = square * np.eye(last.space.size) - last_blocks.inner
     beyond_last = last_blocks.up @ outgoing_through.continue_by(last.space.reach)
-    last_green = np.linalg.inv(last_alone - beyond_last)
+    first_green = _find_green(square, first_blocks.inner, beyond_first)
+    last_green = _find_green(square, last_blocks.inner, beyond_last)
     # what the leads add to the stiffness of the strip at its ends (self-energies)
     lower_addition = first_blocks.head + first_blocks.down @ first_green @ first_blocks.up
     upper_addition = last_blocks.tail + last_blocks.up @ last_green @ last_blocks.down
