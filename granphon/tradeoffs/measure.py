@@ -164,7 +164,7 @@ class Ensemble:
         return len(self.moduli)
 
     def add(self, count: int = 1) -> None:
-        """Simulate ``count`` more samples."""
+        """Simulate ``count`` more samples, and keep their moduli and controls for the means."""
         first_seed = self.seed + self.samples
         simulation = DirectSimulation(
             self.packing, self.shape, first_seed, count, **self.truth.options

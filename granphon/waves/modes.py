@@ -1193,8 +1193,8 @@ def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
     if chosen.size < count:
         raise make_too_few(chosen.size, count)
     n_zeros = int(np.sum(omega <= ZERO * problem.top))
-    omega, modes, residuals = problem.refine(vectors[:, chosen])
-    return Eigenpairs(omega, modes, float(residuals.max()), problem.loose + n_zeros)
+    refined_omega, modes, residuals = problem.refine(vectors[:, chosen])
+    return Eigenpairs(refined_omega, modes, float(residuals.max()), problem.loose + n_zeros)
 
 
 def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:

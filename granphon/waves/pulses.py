@@ -478,14 +478,14 @@ def _find_hanging(network: ContactNetwork) -> Index:
     i = network.i
     j = network.j
     n = network.n_balls
-    # a contact that pulls holds a ball alone, as a rope does
-    holds = np.where(network.normal_force < 0.0, network.dimension, 1)
+    # a contact that pulls counts as many: it holds a ball alone, as a rope does
+    weights = np.where(network.normal_force < 0.0, network.dimension, 1)
     is_hanging = np.zeros(n, bool)
     count_before = -1
     while np.count_nonzero(is_hanging) > count_before:
         count_before = int(np.count_nonzero(is_hanging))
-        holds_still = np.where(is_hanging[i] | is_hanging[j], 0, holds)
-        n_holding = np.bincount(i, holds_still, n) + np.bincount(j, holds_still, n)
+        weights_left = np.where(is_hanging[i] | is_hanging[j], 0, weights)
+        n_holding = np.bincount(i, weights_left, n) + np.bincount(j, weights_left, n)
         is_hanging = network.moving & (n_holding < network.dimension)
     return np.flatnonzero(is_hanging)
 

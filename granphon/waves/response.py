@@ -1139,7 +1139,7 @@ class _Problem:
             direct=1j * scale[:, None] * self._listen(source),
         )
 
-    def _make_first_order_source(self, spring: Complex, times: Array) -> Complex:
+    def _make_first_order_source(self, spring: NDArray[Any], times: Array) -> NDArray[Any]:
         """Return the source of velocities (size,), then deformations (rows,); ``spring`` and
         ``times`` (rows,) are those of :meth:`_make_first_order`.
         """
