@@ -47,7 +47,7 @@ def local_exponent(state: ContactState) -> Any:
     The exponent of media with a contact law leaves out terms of relative order delta/d; that of a
     simulation with geometry="exact" has all terms. With ``finite_overlap`` scenes and sweeps have
     the exponent of such a simulation alone. As v goes as the root of k, and P as f, the exponent is
-    f k'/2k^2, with the slope k' = dk/d(delta) of the medium's law. For equal balls this is 1/6.
+    f k'/2k^2, with the slope k' = dk/d(delta) of the medium's law; 1/6 for equal balls.
     With listed diameters k has a kink, and the exponent a spike, where the contacts between two of
     the diameters open.
 
