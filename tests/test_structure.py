@@ -100,11 +100,8 @@ NOT_HERTZ = {
     "media/accuracy.py:compute_form_coefficients": "the skewness of a distribution",
     "media/left_out.py:": "tabulated forces",
     "networks/building.py:complete": "inertia of a solid ball",
-    "observables/validity.py:_find_values": "the paper's criterion (f/E d^2)^(1/6)",
+    "observables/validity.py:_find_limited_ratios": "the paper's criterion (f/E d^2)^(1/6)",
     "scene/plan.py:_estimate_waves": "a bound with a margin",
-    "tradeoffs/measure.py:find_reference": "a margin of time",
-    "tradeoffs/measure.py:_repeat": "the same",
-    "tradeoffs/measure.py:solve": "a share of time",
     "waves/propagation.py:order": "the width of Bessel functions near their turning point",
 }
 #: what states laws, averages Hertz's over distributions, or knows no contact
