@@ -508,7 +508,7 @@ def _is_scalar_of(value: Any, kind: Any) -> bool:
     """Whether a value is a scalar of a ``kind``, one of ``_SCALARS`` or Any: a whole number is a
     float too, and a truth value is no number.
     """
-    allowed = (kind,)
+    allowed: tuple[Any, ...] = (kind,)
     if kind is Any:
         allowed = (*_SCALARS, np.generic)
     elif kind is float:

@@ -97,15 +97,15 @@ def hold_back_signals() -> Iterator[None]:
     has_masks = hasattr(signal, "pthread_sigmask")
     old_mask = signal.pthread_sigmask(signal.SIG_BLOCK, ()) if has_masks else None
     try:
-        for stop in handlers:
-            signal.signal(stop, lambda number, _: arrived_signals.append(number))
+        for kind in handlers:
+            signal.signal(kind, lambda number, _: arrived_signals.append(number))
         if old_mask is not None:  # threads and processes that are started now inherit the new mask
             signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
         yield
     finally:
         if old_mask is not None:
             signal.pthread_sigmask(signal.SIG_SETMASK, old_mask)
-        for stop, handler in handlers.items():
-            signal.signal(stop, handler)
+        for kind, handler in handlers.items():
+            signal.signal(kind, handler)
         if arrived_signals:  # raised once, however often it came
             signal.raise_signal(arrived_signals[0])
