@@ -30,7 +30,6 @@ from granphon.balls.hertz import (
     ENERGY,
     FORCE,
     LEAST_NORMAL,
-    SLOPE,
     STIFFNESS,
     EnergyLaw,
     HertzLaw,
@@ -637,7 +636,9 @@ def opening_overlap(law: PairLaw) -> float:
     least_overlap = getattr(law, "least_overlap", None)
     if least_overlap is not None:
         return float(least_overlap)
-    is_bond = bool(np.any(law.force(_APART)))  # only a bond has a force between balls that are apart
+    is_bond = bool(
+        np.any(law.force(_APART))
+    )  # only a bond has a force between balls that are apart
     return -math.inf if is_bond else 0.0
 
 
