@@ -162,6 +162,7 @@ class PowerLaw(EnergyLaw):
         return self
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """As :meth:`EnergyLaw._evaluate`; the derivatives are powers of the overlap."""
         delta = np.asarray(real_array("overlap", overlap))
         a = self.exponent
         factors = (1.0 / (a + 1.0), 1.0, a, a * (a - 1.0))  # of the energy and its derivatives
@@ -173,7 +174,9 @@ class PowerLaw(EnergyLaw):
         return (factor * powers)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Overlap (f/c)^(1/a), m, under a ``force`` f, N; :class:`InputError` if it is negative."""
+        """Return the overlap (f/c)^(1/a), m, under a ``force`` f, N; :class:`InputError` if a force
+        is negative.
+        """
         load = np.asarray(real_array("force", force))
         require_pushing(load)
         with np.errstate(over="ignore"):
@@ -242,6 +245,7 @@ class DMTLaw(EnergyLaw):
     tension: float
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """As :meth:`EnergyLaw._evaluate`: Hertz's law less the tension."""
         elastic = self.hertz._evaluate(overlap, order)
         if order > FORCE:
             return elastic  # the tension is constant
@@ -252,8 +256,8 @@ class DMTLaw(EnergyLaw):
         return (elastic - pull * delta)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does
-        not bear.
+        """Return the overlap, m, at a ``force``, N; :class:`InputError` for a tension that the
+        contact does not bear.
         """
         load = np.asarray(real_array("force", force))
         require_pushing(load, -self.tension)
@@ -358,6 +362,7 @@ class JKRLaw(EnergyLaw):
         return np.maximum(u, _JKR_ROOT), ~is_broken
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """As :meth:`EnergyLaw._evaluate`; the derivatives are functions of u and u^3."""
         u, is_unbroken = self._solve(np.asarray(real_array("overlap", overlap)))
         cube = u**3
         force = self.force_scale
@@ -377,8 +382,8 @@ class JKRLaw(EnergyLaw):
         return np.where(is_unbroken, derivative, 0.0)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does
-        not bear.
+        """Return the overlap, m, at a ``force``, N; :class:`InputError` for a tension that the
+        contact does not bear.
         """
         forces = np.asarray(real_array("force", force))
         require_pushing(forces, self.least_force)
@@ -423,7 +428,8 @@ class TabulatedLaw(EnergyLaw):
         if delta.ndim != 1 or delta.shape != f.shape:
             problem = f"the table of a contact law has {delta.shape} overlaps and {f.shape} forces"
             raise InputError(problem, mend="Give two lists of one length")
-        if delta.size and delta[0] == 0.0 and f[0] == 0.0:
+        begins_at_zero = delta[:1].tolist() == [0.0] and f[:1].tolist() == [0.0]
+        if begins_at_zero:  # zero has no logarithm
             delta = delta[1:]
             f = f[1:]
         _require_rising(delta, f)
@@ -516,6 +522,7 @@ class TabulatedLaw(EnergyLaw):
         return half * (np.exp(self._logarithm(x) + x) @ weights)
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """As :meth:`EnergyLaw._evaluate`, from log f as a function of log delta."""
         delta = np.asarray(real_array("overlap", overlap))
         touches = delta > 0.0
         x = np.log(np.where(touches, delta, self.overlaps[0]))
@@ -556,7 +563,9 @@ class TabulatedLaw(EnergyLaw):
         return np.where(x < knots[0], of_power, energy)
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Overlap, m, under a ``force``, N; :class:`InputError` if it is negative."""
+        """Return the overlap, m, under a ``force``, N; :class:`InputError` if a force is
+        negative.
+        """
         load = np.asarray(real_array("force", force))
         require_pushing(load)
         require_finite("overlap", load, "a force", load, "N")
@@ -703,12 +712,12 @@ def _check_radius(name: str, law: PairLaw, overlaps: Array) -> None:
 
 
 def check_law(law: PairLaw, radius: float) -> None:
-    """Compare the methods of a user's law with each other, at overlaps from 1e-6 to 1e-3 of the
-    ``radius``, m.
+    """Raise :class:`~granphon.base.errors.InputError` if the methods of a user's law do not agree
+    with each other at overlaps from 1e-6 to 1e-3 of the ``radius`` of a contact, m.
 
-    Raises :class:`~granphon.base.errors.InputError` if one is not the derivative of another, if the
-    overlap of a force is not that from which the force is, if methods do not take arrays, if the
-    force does not rise with the overlap, or if there is one below ``least_overlap``.
+    They do not agree if a method is not the derivative of the method before, or if the overlap of a
+    force is not the overlap that has this force. Refused too are methods that do not take arrays, a
+    force that does not rise with the overlap, and a force below ``least_overlap``.
     """
     if isinstance(law, HertzLaw | PowerLaw | DMTLaw | JKRLaw | TabulatedLaw):
         return

@@ -51,6 +51,8 @@ MOST_POINTS = 192
 _SHARE_OF_BALLS = 0.3
 #: most numbers in an array while averages are computed; larger arrays are worked through in blocks
 _NUMBERS_AT_ONCE = 2**20
+#: powers of the overlap that are averaged
+_POWERS = (-0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
 #: number of Gauss nodes on a piece of a normal density, at most 3 standard deviations long
 _PIECE_NODES = 24
 
@@ -123,7 +125,7 @@ class Shape(ABC):
 
         Raises :class:`InputError` for another power.
         """
-        if power not in np.arange(-0.5, 3.1, 0.5):
+        if power not in _POWERS:
             raise InputError(f"power is {power!r}", mend="Give a multiple of 1/2 from -1/2 to 3")
         overlap = np.asarray(y, float)
         if x is None:
@@ -205,7 +207,7 @@ class _Density(Shape):
         return np.array([-self._edge, 0.0, self._edge])
 
     def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
-        """As :meth:`Shape.nodes`."""
+        """Return the nodes of :meth:`Shape.nodes`, of three parts of the range of x."""
         overlap = np.asarray(y, float)[..., np.newaxis]
         edge = self._edge
         node_count = order * self._stretch
@@ -253,6 +255,7 @@ class UniformShape(_Density):
         return (np.asarray(probability, float) - 0.5)[()]
 
     def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
+        """As :meth:`_Density._divide`; so many Gauss nodes are exact."""
         if not pairs:
             # the average equals 2/(p+1) times the first difference of s_+^(p+1) over -+1/4; the
             # integrand is of degree 2p + 1 in the root
@@ -314,16 +317,21 @@ class NormalShape(_Density):
         return (np.sign(from_median) * self._std * deviation)[()]
 
     def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
+        """As :meth:`_Density._divide`; pieces are at most 3 standard deviations long."""
         from scipy.special import erf
 
         # pieces of [-b, b], at most 3 std long, that meet at 0
         ends = np.linspace(-self._edge, self._edge, 2 * self._stretch + 1).tolist()
 
         def density_of_ball(t: Array, rise: Array, fall: Array) -> Array:
+            """Return the density of t = x/2."""
             return 2.0 * self._compute_density(2.0 * t)
 
         def make_pair_piece(start: float, end: float) -> Piece:
+            """Return the piece from ``start`` to ``end`` of the distribution of pairs."""
+
             def density_of_pair(t: Array, rise: Array, fall: Array) -> Array:
+                """Return the density of t = (x + x')/2."""
                 # with x = t + v and x' = t - v the density is the integral over |v| < b - |t|
                 if end <= 0.0:  # b - |t|, which keeps its digits at the ends
                     half_range = rise + (start + self._edge)
@@ -383,7 +391,7 @@ class PointShape(Shape):
         return x[find_quantiles(w, np.asarray(probability, float))][()]
 
     def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
-        """As :meth:`Shape.nodes`."""
+        """Return the nodes of :meth:`Shape.nodes`: the points, at each y."""
         x, w = self._points
         shape = (*np.shape(y), x.size)
         return Nodes(np.broadcast_to(x, shape), np.broadcast_to(w, shape))
@@ -461,14 +469,16 @@ def _raise_to_power(root: Array, exponent: int) -> Array:
 
 
 def find_quantiles(weights: Array, probability: Array) -> NDArray[np.intp]:
-    """Find the indices at which the running sum of the weights exceeds each probability."""
+    """Return the index at which the running sum of the ``weights`` (n,) exceeds each probability;
+    of the shape of ``probability``.
+    """
     indices = np.searchsorted(np.cumsum(weights), probability, side="right")
     return np.minimum(indices, weights.size - 1)
 
 
 def merge(places: Array, weights: Array) -> tuple[Array, Array]:
-    """Merge equal places: return the different places with weight above zero, ascending, and the
-    sums of their weights.
+    """Return the different ``places`` with weight above zero, ascending, and the sums of the
+    ``weights`` of equal places.
     """
     has_weight = weights > 0.0
     different, index = np.unique(places[has_weight], return_inverse=True)
@@ -476,8 +486,8 @@ def merge(places: Array, weights: Array) -> tuple[Array, Array]:
 
 
 def condense(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
-    """Condense many places (ascending) to at most ``most``: the first, the last, and two in each of
-    the cells between.
+    """Return at most ``most`` places that stand for many ``places`` (ascending), and their weights:
+    the first, the last, and two in each of the cells between.
 
     The two are a Gauss quadrature: each cell keeps its weight and its first three moments, so that
     only pairs near the kink are in error. Cells are narrower where there are many balls: the edges

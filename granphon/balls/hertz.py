@@ -25,7 +25,7 @@ EXPONENT = 1.5
 #: orders of the derivatives of the energy with respect to the overlap: energy, force, stiffness,
 #: slope of the stiffness
 ENERGY, FORCE, STIFFNESS, SLOPE = range(4)
-#: what these are called
+#: the names of these derivatives in messages
 QUANTITIES = ("energy", "force", "stiffness", "slope of the stiffness")
 #: d log omega / d log f of equal balls, (a - 1)/2a = 1/6, as frequencies go as k^(1/2)
 FREQUENCY_EXPONENT = (EXPONENT - 1.0) / (2.0 * EXPONENT)
@@ -96,7 +96,9 @@ def reduce_by_slip(mobilised: ArrayLike) -> Any:
 
 
 def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
-    """Harmonic mean diameter d* of two balls, m, with 1/d* = (1/d_i + 1/d_j)/2 (equation 3)."""
+    """Return the harmonic mean diameter d* of two balls, m: 1/d* = (1/d_i + 1/d_j)/2 (equation
+    3).
+    """
     first_diameter = real_array("diameter", first)
     second_diameter = real_array("diameter", second)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -104,15 +106,15 @@ def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
 
 
 def contact_radius_ratio(overlap: ArrayLike, diameter: ArrayLike) -> Any:
-    """Radius of the contact circle over the radius of the balls, (delta/d)^(1/2), for equal balls
-    of diameter d.
+    """Return the radius of the contact circle over the radius of the balls, (delta/d)^(1/2), for
+    equal balls of ``diameter`` d, m, with an ``overlap`` delta, m.
     """
     return np.sqrt(real_array("overlap", overlap) / real_array("diameter", diameter))[()]
 
 
 def high_pressure_overlap(width: float) -> float:
-    """Overlap, m, from which on the pressure is high (Section III), for balls whose diameters have
-    the ``width`` W, m.
+    """Return the overlap, m, from which on the pressure is high (Section III), for balls whose
+    diameters have the ``width`` W, m.
     """
     return MUCH_LARGER * width / math.sqrt(12.0)
 
@@ -240,6 +242,7 @@ class HertzLaw(EnergyLaw):
         return cls(coefficient)
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """As :meth:`EnergyLaw._evaluate`."""
         delta = np.maximum(real_array("overlap", overlap), 0.0)
         root = np.sqrt(delta)
         if order == ENERGY:
@@ -271,8 +274,8 @@ class HertzLaw(EnergyLaw):
         return delta[()]
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
-        """Relative fluctuation Delta f / f of the forces over balls: zero at any ``overlap`` of
-        equal balls.
+        """Return the relative fluctuation Delta f / f of the forces over balls: zero at any
+        ``overlap`` of equal balls.
         """
         return np.zeros(np.shape(overlap))[()]
 
@@ -281,10 +284,8 @@ class HertzLaw(EnergyLaw):
         return np.asarray(real_array("overlap", overlap) > 0.0, float)[()]
 
     def least_valid_force(self, width: float) -> float:
-        """Force, N, from which on the law may be used for balls whose diameters have the ``width``
-        W, m.
-
-        It is the force at :func:`high_pressure_overlap`.
+        """Return the force, N, from which on the law may be used for balls whose diameters have
+        the ``width`` W, m: the force at :func:`high_pressure_overlap`.
         """
         return float(self.force(high_pressure_overlap(width)))
 

@@ -148,6 +148,7 @@ class EffectiveLaw(SpreadLaw):
         return float(energy_of_curve - series.value(series.start, ENERGY))
 
     def _evaluate_near(self, y: Array, order: int) -> Array:
+        """As :meth:`SpreadLaw._evaluate_near`; PrecisionError below the start of the curve."""
         curve = self.curve
         touches = y > -self.shape.bounds[1]  # elsewhere all contacts are open, and the law is zero
         if np.any(touches & (y < curve.start)):
@@ -161,6 +162,7 @@ class EffectiveLaw(SpreadLaw):
         return derivatives
 
     def _find_near_overlap(self, force: Array) -> Array:
+        """As :meth:`SpreadLaw._find_near_overlap`; PrecisionError below the start of the curve."""
         curve = self.curve
         if np.any(force < curve.least_force):
             least_force = float(np.min(force))
@@ -258,6 +260,7 @@ class EffectiveCurve:
         span = np.maximum(upper_force - lower_force, rounding * lower_force)
 
         def invert(index: Index, target: Array) -> Array:
+            """Return y (m,) at the forces ``target`` (m,) on the steps ``index``."""
             origin, middle, half = self.steps[:, index]
             # u is smooth in a variable from 0 to 1. Where contacts open, f rises as u^2, and the
             # variable is the root of f; elsewhere f may span decades, and the variable is log f
@@ -659,8 +662,8 @@ class PointBalls:
 
 @lru_cache(maxsize=64)
 def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
-    """Solve equation (36) for a shape and Xi; force and stiffness are right to 1e-8 or better from
-    f* = 1e-4 on.
+    """Return the curve of a shape and Xi, the solution of equation (36); force and stiffness are
+    right to 1e-8 or better from f* = 1e-4 on.
 
     Results are cached.
 
@@ -740,19 +743,21 @@ def solve_curve(
         balls = averages.balls(block) if averages else DensityBalls(shape, xi, order, block)
         start = _estimate(balls, block, guess, stiffness)
         solution = _relax(balls, derivative, block, start, stiffness)
+        # steps on which the solution fails, or is not resolved, must be halved
         is_rough = np.ones(len(steps), bool)
         if solution is not None:
             k, forces = solution
             table = k @ coefficients.T
-            last = np.max(np.abs(table[:, -2:]), axis=1)
-            is_rough = last > np.maximum(tolerance, balls.noise) * np.min(k, axis=1)
-        is_hopeless = bool(np.any((block.half < _SHORTEST * block.middle)[is_rough]))
+            is_rough = _find_rough(table, k, np.maximum(tolerance, balls.noise))
+        # doubles cannot tell apart the points of a step that is shorter than the shortest
+        is_shortest = block.half < _SHORTEST * block.middle
+        is_hopeless = bool(np.any(is_shortest[is_rough]))
         if len(steps) > 1 and (solution is None or is_hopeless):
             count = len(steps) // 2
             continue
-        if is_hopeless:  # doubles cannot tell apart the points of a shorter step
-            if force < VALID_FORCE:
-                break
+        if is_hopeless and force < VALID_FORCE:
+            break
+        if is_hopeless:
             overlap = float(block.y[0, -1])
             raise PrecisionError(
                 f"the effective medium does not converge below an overlap of {overlap:.6g} widths",
@@ -766,13 +771,13 @@ def solve_curve(
                 ascending = np.argsort(block.y, axis=None)
                 guess = block.y.ravel()[ascending], (k / balls.mean).ravel()[ascending]
             continue
-        # the last step kept is the first that reaches below the least force
-        kept = min(len(steps), 1 + int(np.count_nonzero(forces > LEAST_SOLVED_FORCE)))
+        # the last step that counts is the first that reaches below the least force
+        solved_count = min(len(steps), 1 + int(np.count_nonzero(forces > LEAST_SOLVED_FORCE)))
         geometry = np.concatenate([block.origin, block.middle, block.half], axis=1)
-        solved_steps.append(geometry[:kept])
-        solved_tables.append(table[:kept])
-        stiffness = float(k[kept - 1, 0])
-        force = float(forces[kept - 1])
+        solved_steps.append(geometry[:solved_count])
+        solved_tables.append(table[:solved_count])
+        stiffness = float(k[solved_count - 1, 0])
+        force = float(forces[solved_count - 1])
         del pending[-len(steps) :]
         count = 2 * count
         guess = None
@@ -836,6 +841,15 @@ def _estimate(
     ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
     scale = top / (balls.mean[0, -1] * ratio[0, -1])
     return np.asarray(balls.mean * ratio * scale)
+
+
+def _find_rough(table: Array, k: Array, tolerance: Array) -> Flags:
+    """Return (B,) whether k (B, s + 1) is not resolved on each step: the last two of its Chebyshev
+    coefficients, ``table`` (B, s + 1), are above the ``tolerance`` (B,) or (1,), relative to the
+    least k.
+    """
+    last_coefficients = np.max(np.abs(table[:, -2:]), axis=1)
+    return np.asarray(last_coefficients > tolerance * np.min(k, axis=1))
 
 
 def _halve_rough(steps: list[Step], is_rough: Flags) -> list[Step]:

@@ -222,10 +222,12 @@ class SpreadLaw(EnergyLaw):
             )
 
         def invert_near(force: Array) -> Array:
+            """Return the overlaps, m, at forces below that at the start of the series, N."""
             reduced = np.asarray(self._units.reduced_force(force))
             return self.width * self._find_near_overlap(reduced)
 
         def invert_series(force: Array) -> Array:
+            """Return the overlaps, m, at forces from that at the start of the series on, N."""
             hertz = HertzLaw(self.coefficient)
             delta = np.asarray(hertz.overlap(force))
             for _ in range(_MOST_ROUNDS):
@@ -251,6 +253,9 @@ class SpreadLaw(EnergyLaw):
         """
 
         def compute_rms(force_excess: Array, stiffness_ratio: Array, weights: Array) -> Array:
+            """Return the rms (n_y,) over balls of the relaxed excess of force; arguments are (n_y,
+            n_Q), weights also (n_Q,).
+            """
             # F^Q - K^Q u^Q - f = (F^Q - f)/(1 + K^Q/Xi k)
             relaxed_excess = force_excess / (1.0 + stiffness_ratio / self.xi)
             return np.asarray(np.sqrt(np.sum(weights * relaxed_excess**2, axis=-1)))
@@ -272,6 +277,7 @@ class SpreadLaw(EnergyLaw):
         """
 
         def near(y: Array) -> Array:
+            """Return the fractions (n_y,) at overlaps y (n_y,) below the start of the series."""
             nodes = self.shape.nodes(y, _COUNTING, whole=True)
             force_excess, stiffness_ratio = self._compute_excesses(y, nodes.positions)
             force = self._evaluate_near(y, FORCE)
@@ -322,6 +328,9 @@ class SpreadLaw(EnergyLaw):
         return float(self.force(high_pressure_overlap(width)))
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """As :meth:`EnergyLaw._evaluate`: by the series at large overlaps, and in reduced units
+        below.
+        """
         delta = np.asarray(overlap, float)
         hertz = HertzLaw(self.coefficient)
         offset = 0.0
@@ -394,6 +403,9 @@ class AveragedLaw(SpreadLaw):
         return np.asarray(_HERTZ[order] * self.shape.average(y, 2.5 - order))
 
     def _find_near_overlap(self, force: Array) -> Array:
+        """As :meth:`SpreadLaw._find_near_overlap`, by Newton's method; PrecisionError for a force
+        that is too small.
+        """
         log_depths, log_forces = _tabulate_force(self.shape)
         first_contact = -self.shape.bounds[1]  # y up to which all contacts are open
         with np.errstate(divide="ignore"):  # a force below the floating range is refused below

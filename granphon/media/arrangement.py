@@ -164,7 +164,8 @@ class Arrangement:
         if not has_spread:
             supercell = cell.repeat(self.repeat) if self.repeat else cell
             return self._cut(supercell)
-        if self.cut or self.replace or self.remove:
+        has_defects = bool(self.replace or self.remove)
+        if self.cut or has_defects:
             raise InputError(
                 "a crystal is cut or has defects, and a kind of its balls has a spread",
                 "Layers would repeat one sample",

@@ -198,7 +198,7 @@ def write_duration(seconds: float) -> str:
 
 
 def _write_digits(value: float) -> str:
-    """Write a number with two significant digits."""
+    """Return a number as a text of two significant digits."""
     rounded = f"{value:.2g}"
     return rounded if value < 100.0 else f"{float(rounded):,.0f}"
 
@@ -206,13 +206,13 @@ def _write_digits(value: float) -> str:
 # -- what is timed ---------------------------------------------------------------------------------
 
 
-def time_once(work: Callable[[], object]) -> float:
-    """Return the processor's time of a small piece of work, s, the shortest of some repetitions."""
+def time_once(do_piece: Callable[[], object]) -> float:
+    """Return the processor's time of ``do_piece()``, s, the shortest of some repetitions."""
     shortest = math.inf
     first_start = process_time()
     start = first_start
     while start - first_start < _REPEATED_SECONDS:
-        work()
+        do_piece()
         shortest = min(shortest, process_time() - start)
         start = process_time()
     return shortest
@@ -312,9 +312,9 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     equilibria_of_state = 3 if exponents and packing.spread_matters else 1
     equilibria = load.size * simulation.samples * equilibria_of_state
     memory = estimate_memory(packing, balls, simulation.samples, load, simulation.history.is_loaded)
-    work = float(balls) * equilibria
-    units = Units(work, partial(_measure_ball, simulation, load.applied.flat))
-    return Cost(memory, units=(units,), work=work, balls=balls, equilibria=equilibria)
+    relaxed_balls = float(balls) * equilibria
+    units = Units(relaxed_balls, partial(_measure_ball, simulation, load.applied.flat))
+    return Cost(memory, units=(units,), work=relaxed_balls, balls=balls, equilibria=equilibria)
 
 
 def find_typical_force(packing: Packing, load: Load) -> Array:

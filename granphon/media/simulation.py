@@ -564,7 +564,9 @@ class SimulatedState(ContactState):
         geometry, for equal balls, on a line, and where no contact resists slip.
         """
         simulation = self._simulation
-        if simulation is None or np.all(self._is_exact) or not simulation.resists_slip:
+        if simulation is None or not simulation.resists_slip:
+            return None
+        if np.all(self._is_exact):
             return None
         ratio = self.packing.relative_width
         periods = self.packing.structure.periods
@@ -1330,7 +1332,8 @@ class DirectSimulation(Medium[SimulatedState]):
         start at the gas must be found first.
         """
         history = self.history
-        if not history.is_loaded or history.ordered or not self.packing.width:
+        may_go_down = history.ordered or not self.packing.width  # equal balls never slip
+        if not history.is_loaded or may_go_down:
             return None
         start = history.reduce_start(self.packing, self.is_exact)
         return start if isinstance(start, ReducedLoad) else None
