@@ -52,7 +52,7 @@ _SHARE_OF_BALLS = 0.3
 #: most numbers in an array while averages are computed; larger arrays are worked through in blocks
 _NUMBERS_AT_ONCE = 2**20
 #: powers of the overlap that are averaged
-_POWERS = (-0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
+_POWERS = tuple((0.5 * np.arange(-1, 7)).tolist())
 #: number of Gauss nodes on a piece of a normal density, at most 3 standard deviations long
 _PIECE_NODES = 24
 

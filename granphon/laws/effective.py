@@ -497,10 +497,10 @@ class PointAverages:
         """Return how many steps of the block should be solved at once, so that arrays of near
         contacts fit in memory.
         """
-        block_steps, point_count = block.root.shape
-        steps = min(block_steps, max(_LEAST_STEPS, len(self._weights) // 3))
+        point_count: int = block.root.shape[1]
+        steps = min(len(block.root), max(_LEAST_STEPS, len(self._weights) // 3))
         *_, near = self._find_range(block)
-        near_count = near.stop - near.start
+        near_count: int = near.stop - near.start
         elements = near_count * steps * point_count
         if steps > 1 and elements > _MOST_NEAR:
             return steps // 2  # the caller asks again for the smaller block

@@ -650,7 +650,7 @@ class ContactState(State, Result):
         # of a plane stays d thick
         d = self.packing.diameter
         k = self.normal_stiffness
-        spacing = d
+        spacing: Values = d
         if self.finite_overlap:
             spacing = d * (1.0 - np.asarray(self.relative_overlap))
         units = {1: k * spacing, 2: k / d, 3: k / spacing}  # N, Pa and Pa, by the periods
