@@ -458,24 +458,24 @@ class MediumChoice:
         """
         return MediumChoice(EffectiveMedium.name) if self.simulates else self
 
-    def require_fixed(self, task: str) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for an :class:`AutoMedium`, with which a
-        ``task`` cannot be done.
+    def require_fixed(self, what: str) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for an :class:`AutoMedium`, with which the
+        task ``what`` cannot be done.
         """
         if self.name == AutoMedium.name:
             raise InputError(
-                f"the medium {self.label!r} cannot be used in {task}",
+                f"the medium {self.label!r} cannot be used in {what}",
                 "It chooses another medium at each load and width",
                 "Name a medium",
             )
 
-    def require_arrays(self, task: str) -> None:
+    def require_arrays(self, what: str) -> None:
         """Raise :class:`~granphon.base.errors.InputError` unless the medium simulates arrays, which
-        a ``task`` needs.
+        the task ``what`` needs.
         """
         if not self.simulates:
             raise InputError(
-                f"the medium {self.label!r} has no array of balls for {task}",
+                f"the medium {self.label!r} has no array of balls for {what}",
                 mend="Take medium: simulation, or in Python gp.Waves of a state's network",
             )
 
