@@ -459,8 +459,8 @@ class MediumChoice:
         return MediumChoice(EffectiveMedium.name) if self.simulates else self
 
     def require_fixed(self, what: str) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for an :class:`AutoMedium`, with which the
-        task ``what`` cannot be done.
+        """Raise :class:`~granphon.base.errors.InputError` for an :class:`AutoMedium`, with which
+        the task ``what`` cannot be done.
         """
         if self.name == AutoMedium.name:
             raise InputError(
