@@ -129,6 +129,10 @@ def _read_contacts(
         raise InputError(fault, f"Its columns are {list_names(pairs.names)}", _NAME_PAIRS)
     i = _read_ids(pairs, "i")
     j = _read_ids(pairs, "j")
+    # LAMMPS writes the vector from j to i, and the force on i: both are turned below
+    vector = pairs.find_vectors("dx", "dy", "dz")
+    tangential_force = pairs.find_vectors("tx", "ty", "tz")
+    normal_force = force * pairs.read("force") if "force" in pairs.names else None
     n_contacts = len(pairs.rows)
     normal_springs = None
     if normal_stiffness is not None:
@@ -138,10 +142,6 @@ def _read_contacts(
     if shear_stiffness is not None:
         number = not_negative("shear_stiffness", shear_stiffness, "N/m")
         shear_springs = np.full(n_contacts, number)
-    normal_force = force * pairs.read("force") if "force" in pairs.names else None
-    # LAMMPS writes the vector from j to i, and the force on i: both are turned here
-    vector = pairs.find_vectors("dx", "dy", "dz")
-    tangential_force = pairs.find_vectors("tx", "ty", "tz")
     return Contacts(
         pairs.name,
         i,
