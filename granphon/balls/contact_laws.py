@@ -36,7 +36,7 @@ from granphon.balls.hertz import (
     require_finite,
     require_pushing,
 )
-from granphon.base.arrays import Array, Flags
+from granphon.base.arrays import ROUNDED, Array, Flags
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity, is_si
 from granphon.base.registry import Registry
@@ -67,8 +67,6 @@ _NODES = 24
 _PLACES = 16
 #: most steps of Newton's method, where a law is inverted
 _STEPS = 60
-#: relative change of a root that is no larger than rounding
-_ROUNDING = 4e-16
 #: an overlap, m, at which balls are apart
 _APART = np.array([-1e-9])
 #: root u of u^4 - u = D at which the contact of a JKR law is pulled apart, and D there
@@ -347,7 +345,7 @@ class JKRLaw(EnergyLaw):
         with np.errstate(all="ignore"):
             reduced = delta / self.length
             # an overlap that is no number counts as unbroken, so that the result is no number
-            is_broken = reduced < _JKR_LEAST * (1.0 + _ROUNDING)
+            is_broken = reduced < _JKR_LEAST * (1.0 + ROUNDED)
             target = np.maximum(reduced, _JKR_LEAST)
             # u^4 - u is convex, and the first guess is not below the root: Newton's steps descend
             # to the root
@@ -357,7 +355,7 @@ class JKRLaw(EnergyLaw):
             for _ in range(_STEPS):
                 step = (u**4 - u - target) / (4.0 * u**3 - 1.0)
                 u = u - step
-                if not np.any(np.abs(step) > 0.5 * _ROUNDING * u):
+                if not np.any(np.abs(step) > 0.5 * ROUNDED * u):
                     break
         return np.maximum(u, _JKR_ROOT), ~is_broken
 
@@ -599,7 +597,7 @@ class TabulatedLaw(EnergyLaw):
             fallback = np.where(np.isfinite(middle), middle, x)
             is_between = (newton_x >= low) & (newton_x <= high)
             next_x = np.where(is_between, newton_x, fallback)
-            is_settled = np.abs(next_x - x) <= _ROUNDING * np.maximum(1.0, np.abs(x))
+            is_settled = np.abs(next_x - x) <= ROUNDED * np.maximum(1.0, np.abs(x))
             x = next_x
             if np.all(is_settled):
                 break

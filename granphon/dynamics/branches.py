@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import as_direction, one_direction
-from granphon.base.arrays import Array
+from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import GranphonError, UnreachableFrequencyError
 from granphon.base.validation import real_array
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -35,9 +35,8 @@ _MOST_STEPS = 200
 #: above which a branch has been lost
 _STEP_TOLERANCE = 1e-13
 _FREQUENCY_TOLERANCE = 1e-11
-#: pieces of a bracket in which a maximum is sought, and relative distance of neighbouring floats
+#: pieces of a bracket in which a maximum is sought
 _PIECES = 33
-_NEIGHBOURS = 4e-16
 
 
 def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
@@ -403,7 +402,7 @@ def _find_maximum(
     :data:`_PIECES` pieces at each turn, until its ends are neighbours among floats.
     """
     references = np.broadcast_to(reference, (_PIECES - 1, reference.shape[1]))
-    while high - low > _NEIGHBOURS * high:
+    while high - low > ROUNDED * high:
         points = np.linspace(low, high, _PIECES + 1)[1:-1]
         _, velocities = _find_nearest(lattice, points, along, references)
         rises = np.append(velocities @ along > 0.0, False)  # the branch falls at ``high``

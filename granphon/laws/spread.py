@@ -36,7 +36,7 @@ from granphon.balls.hertz import (
     HertzLaw,
     high_pressure_overlap,
 )
-from granphon.base.arrays import Array
+from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import InputError, PrecisionError
 from granphon.base.scales import WidthUnits
 
@@ -57,12 +57,8 @@ _COUNTING = 128
 _LOADS_AT_ONCE = 1024
 #: largest number of rounds of the inverse of the series
 _MOST_ROUNDS = 20
-#: change of the overlap, relative to the overlap, that is no larger than rounding
-_ROUNDING = 4e-16
 #: largest number of Newton steps for the overlap of the averaged force
 _MOST_STEPS = 200
-#: change of y, relative to y, below which a step of Newton's method changes no digit
-_HALF_ROUNDING = 2e-16
 #: number of rows of the table from which Newton's method starts
 _TABLE_ROWS = 512
 
@@ -234,7 +230,7 @@ class SpreadLaw(EnergyLaw):
                 # the ratio is within 1 % of one: each round gains two digits or more
                 ratio = self._series.ratio(delta / self.width, FORCE)
                 next_delta = np.asarray(hertz.overlap(force / ratio))
-                is_settled = np.all(np.abs(next_delta - delta) <= _ROUNDING * next_delta)
+                is_settled = np.all(np.abs(next_delta - delta) <= ROUNDED * next_delta)
                 delta = next_delta
                 if is_settled:
                     break
@@ -428,7 +424,7 @@ class AveragedLaw(SpreadLaw):
             residual = np.asarray(self.shape.force(y[is_active])) - target[is_active]
             step = residual / np.asarray(self.shape.stiffness(y[is_active]))
             # a step that is negative, or no larger than rounding, ends the iteration
-            is_settled = step <= _HALF_ROUNDING * np.abs(y[is_active])
+            is_settled = step <= 0.5 * ROUNDED * np.abs(y[is_active])
             y[is_active] -= np.where(is_settled, 0.0, step)
             is_active[is_active] = ~is_settled
             if not np.any(is_active):

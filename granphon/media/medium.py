@@ -24,7 +24,7 @@ from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.loads import Load, require_compressive
 from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing, given_packing, require_shallow
-from granphon.base.arrays import Array
+from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import InputError
 from granphon.base.memory import require_memory
 from granphon.base.validation import Rule, choice, one_of
@@ -196,8 +196,6 @@ _LIST_POWER = 1.25
 _QUICK_TIME = 0.1
 #: largest number of Newton steps for the overlap under a boundary that shrinks
 _MOST_STEPS = 100
-#: change of the overlap, relative to the overlap, that is no larger than rounding
-_ROUNDING = 4e-16
 #: where the effective medium has its local field from; the first is the default
 _LOCAL_FIELDS = ("computed", "paper")
 
@@ -316,7 +314,7 @@ class LawMedium(Medium[ContactState]):
             residual = law.force(overlap) - pressure_over_factor * spacing**power
             step = residual / (law.stiffness(overlap) + slope_of_boundary)
             overlap = overlap - step
-            if np.all(np.abs(step) <= _ROUNDING * np.abs(overlap)):
+            if np.all(np.abs(step) <= ROUNDED * np.abs(overlap)):
                 break
         return overlap
 
