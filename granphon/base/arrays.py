@@ -1,7 +1,7 @@
 """Types of arrays, by the short names that signatures have, and the rounding of their entries.
 
-Each type carries the kind of its entries as a value, which :func:`~granphon.base.results.restore` reads:
-what NumPy's own types look like at run time changes from version to version.
+Each type carries the kind of its entries as a value, which :func:`~granphon.base.results.restore`
+reads: what NumPy's own types look like at run time changes from version to version.
 """
 
 from __future__ import annotations

@@ -43,7 +43,15 @@ from granphon.base.results import restore
 from granphon.base.scales import HertzPrefix, write_uncertain
 from granphon.base.text import closest, suggest
 from granphon.figures.bands import name_corners
-from granphon.figures.style import COLOURS, GUIDE, STYLE, VERMILION, pick_evenly, print_hertz
+from granphon.figures.style import (
+    COLOURS,
+    GUIDE,
+    POINTS_PER_INCH,
+    STYLE,
+    VERMILION,
+    pick_evenly,
+    print_hertz,
+)
 from granphon.figures.words import (
     describe_medium,
     describe_overlap,
@@ -117,7 +125,6 @@ _LEAST_HEIGHT = 0.06
 _WIDTH_OF_LETTER = 0.55
 #: least number of letters of a line of a title, however narrow its axes are
 _LEAST_LETTERS_OF_TITLE = 20
-_POINTS_PER_INCH = 72.0
 #: number of forces of a curve that is drawn from a fit
 _FORCES = 200
 #: marks of measured points, which are black
@@ -982,7 +989,7 @@ def plot_together(
         figure: Any = ax.get_figure()
         inches = figure.get_figwidth() * ax.get_position().width
         # lines of the title are as long as the axes are wide
-        n_letters = int(_POINTS_PER_INCH * inches / (_WIDTH_OF_LETTER * font_size))
+        n_letters = int(POINTS_PER_INCH * inches / (_WIDTH_OF_LETTER * font_size))
         title = join_facts(common, max(_LEAST_LETTERS_OF_TITLE, n_letters))
         ax.set_title(title, fontsize=font_size)
     return ax

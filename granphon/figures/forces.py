@@ -28,7 +28,15 @@ from granphon.base.errors import InputError, brief
 from granphon.base.scales import prefixed
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, one_of
-from granphon.figures.style import BLUE, GUIDE, PAGE_WIDTH, STYLE, VERMILION, colour_kinds
+from granphon.figures.style import (
+    BLUE,
+    GUIDE,
+    PAGE_WIDTH,
+    POINTS_PER_INCH,
+    STYLE,
+    VERMILION,
+    colour_kinds,
+)
 from granphon.figures.words import write_unit
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
@@ -55,7 +63,6 @@ _MOST_VECTORS = 20_000
 #: width of the line of a contact that carries the mean force, in diameters, and at most in points
 _LINE = 0.15
 _WIDEST_LINE = 1.5
-_POINTS_PER_INCH = 72.0
 #: greatest number of rows of a legend for which a figure is made higher
 _MOST_LEGEND_ROWS = 4
 #: rounding of a site, in diameters
@@ -279,7 +286,7 @@ def _estimate_diameter(layer: _Map, ax: Axes, size: Array) -> float:
     layer of a ``size`` (2,): an estimate, because the layout is not known yet.
     """
     figure: Any = ax.get_figure()
-    points_of_axes = _POINTS_PER_INCH * figure.get_size_inches() * ax.get_position().size
+    points_of_axes = POINTS_PER_INCH * figure.get_size_inches() * ax.get_position().size
     return float(np.min(points_of_axes / size)) * layer.diameter
 
 

@@ -46,6 +46,8 @@ STYLE: dict[Any, Any] = {
 #: width of a figure of one column, and of one across the page, in inches
 COLUMN_WIDTH = 3.4
 PAGE_WIDTH = 7.0
+#: unit of letters and lines
+POINTS_PER_INCH = 72.0
 #: resolution of figures that are saved as pixels, in dots per inch
 DPI = 300
 #: colours that every eye tells apart, in grey too
