@@ -37,6 +37,7 @@ from granphon.base.registry import Registry
 from tests.budget import (  # noqa: F401  (pytest calls the hooks of this module)
     pytest_fixture_setup,
     pytest_runtest_call,
+    pytest_runtest_protocol,
     pytest_sessionstart,
 )
 

@@ -99,14 +99,18 @@ class Ball:
                 f"the material of a ball is {self.material!r}", mend="Give a granphon.Material"
             )
         diameter = positive("diameter", self.diameter, "m")
-        mass: float | None = self.mass
-        mass = positive("mass", self.material.ball_mass(diameter) if mass is None else mass, "kg")
-        inertia: float | None = self.inertia
-        solid = 0.1 * mass * diameter * diameter
-        inertia = positive("inertia", solid if inertia is None else inertia, "kg m^2")
-        shell = 5.0 / 3.0 * solid
-        if inertia > shell * (1.0 + 1e-9):
-            why = f"That of a shell of this mass, the largest there is, is {shell:g} kg m^2"
+        given_mass: float | None = self.mass
+        if given_mass is None:
+            given_mass = self.material.ball_mass(diameter)
+        mass = positive("mass", given_mass, "kg")
+        solid_inertia = 0.1 * mass * diameter * diameter  # (2/5) m R^2
+        given_inertia: float | None = self.inertia
+        if given_inertia is None:
+            given_inertia = solid_inertia
+        inertia = positive("inertia", given_inertia, "kg m^2")
+        shell_inertia = 5.0 / 3.0 * solid_inertia  # (2/3) m R^2
+        if inertia > shell_inertia * (1.0 + 1e-9):  # a shell's own number may be rounded
+            why = f"That of a shell of this mass, the largest there is, is {shell_inertia:g} kg m^2"
             raise InputError(f"inertia is {inertia:g} kg m^2", why, "Compare the units")
         if not is_one_of(self.name, ("",)):
             require("the name of a ball", label, self.name)
@@ -178,12 +182,12 @@ class ContactConstants(NamedTuple):
 
     @classmethod
     def of(cls, ball: Body, other: Body) -> ContactConstants:
-        """The constants of a pair; raises :class:`InputError` if one is no body, none of both
-        yields, or both are flat.
+        """Return the constants of a pair; :class:`InputError` if one of both is no body, both are
+        rigid, or both are flat.
         """
-        names = ("curvature", "compliance", "shear_compliance", "twist_compliance")
+        attributes = ("curvature", "compliance", "shear_compliance", "twist_compliance")
         for body in (ball, other):
-            if not all(hasattr(body, name) for name in names):
+            if not all(hasattr(body, name) for name in attributes):
                 raise InputError(
                     f"a body of a contact is {brief(body)}", mend="Give a granphon.Ball"
                 )
@@ -193,6 +197,6 @@ class ContactConstants(NamedTuple):
             raise InputError(
                 "two flat or rigid bodies make no elastic contact", mend="One must be a ball"
             )
-        ratio = 4.0 * compliance / (ball.shear_compliance + other.shear_compliance)
-        twist = 16.0 / 3.0 / (ball.twist_compliance + other.twist_compliance)
-        return cls(1.0 / compliance, 1.0 / curvature, ratio, twist)
+        mindlin_ratio = 4.0 * compliance / (ball.shear_compliance + other.shear_compliance)
+        twist_modulus = 16.0 / 3.0 / (ball.twist_compliance + other.twist_compliance)
+        return cls(1.0 / compliance, 1.0 / curvature, mindlin_ratio, twist_modulus)

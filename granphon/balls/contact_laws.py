@@ -30,14 +30,13 @@ from granphon.balls.hertz import (
     ENERGY,
     FORCE,
     LEAST_NORMAL,
-    SLOPE,
     STIFFNESS,
     EnergyLaw,
     HertzLaw,
     require_finite,
     require_pushing,
 )
-from granphon.base.arrays import Array, Flags
+from granphon.base.arrays import ROUNDED, Array, Flags
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity, is_si
 from granphon.base.registry import Registry
@@ -68,6 +67,8 @@ _NODES = 24
 _PLACES = 16
 #: most steps of Newton's method, where a law is inverted
 _STEPS = 60
+#: an overlap, m, at which balls are apart
+_APART = np.array([-1e-9])
 #: root u of u^4 - u = D at which the contact of a JKR law is pulled apart, and D there
 _JKR_ROOT = 0.75 ** (1.0 / 3.0)
 _JKR_LEAST = -0.25 * _JKR_ROOT
@@ -159,15 +160,21 @@ class PowerLaw(EnergyLaw):
         return self
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """As :meth:`EnergyLaw._evaluate`; the derivatives are powers of the overlap."""
         delta = np.asarray(real_array("overlap", overlap))
         a = self.exponent
-        factor = (1.0 / (a + 1.0), 1.0, a, a * (a - 1.0))[order] * self.coefficient
+        factors = (1.0 / (a + 1.0), 1.0, a, a * (a - 1.0))  # of the energy and its derivatives
+        factor = factors[order] * self.coefficient
         powers = np.zeros(delta.shape)
-        np.power(delta, a + 1.0 - order, out=powers, where=(delta > 0.0) & (factor > 0.0))
+        # a factor of zero has a power below zero, which may be beyond double precision
+        is_computed = (delta > 0.0) & (factor > 0.0)
+        np.power(delta, a + 1.0 - order, out=powers, where=is_computed)
         return (factor * powers)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Overlap (f/c)^(1/a), m, under a ``force`` f, N; :class:`InputError` if it is negative."""
+        """Return the overlap (f/c)^(1/a), m, under a ``force`` f, N; :class:`InputError` if a force
+        is negative.
+        """
         load = np.asarray(real_array("force", force))
         require_pushing(load)
         with np.errstate(over="ignore"):
@@ -236,18 +243,19 @@ class DMTLaw(EnergyLaw):
     tension: float
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        value = self.hertz._evaluate(overlap, order)
+        """As :meth:`EnergyLaw._evaluate`: Hertz's law less the tension."""
+        elastic = self.hertz._evaluate(overlap, order)
         if order > FORCE:
-            return value
+            return elastic  # the tension is constant
         delta = np.asarray(real_array("overlap", overlap))
         pull = np.where(delta >= 0.0, self.tension, 0.0)
         if order == FORCE:
-            return (value - pull)[()]
-        return (value - pull * delta)[()]
+            return (elastic - pull)[()]
+        return (elastic - pull * delta)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does
-        not bear.
+        """Return the overlap, m, at a ``force``, N; :class:`InputError` for a tension that the
+        contact does not bear.
         """
         load = np.asarray(real_array("force", force))
         require_pushing(load, -self.tension)
@@ -282,12 +290,13 @@ class JKR(_Adhesive):
         if not self.adhesion:
             return Hertz().between(ball, other)
         constants = ContactConstants.of(ball, other)
-        scale = self._find_tension(constants.radius)
-        spot = math.cbrt(scale) * math.cbrt(constants.radius / constants.modulus)
+        force_scale = self._find_tension(constants.radius)
+        spot = math.cbrt(force_scale) * math.cbrt(constants.radius / constants.modulus)
         length = spot / constants.radius * spot
-        if not (scale >= LEAST_NORMAL and LEAST_NORMAL <= length < math.inf):
+        has_all_digits = force_scale >= LEAST_NORMAL and LEAST_NORMAL <= length < math.inf
+        if not has_all_digits:
             raise self._refuse()
-        return JKRLaw(scale, length, spot)
+        return JKRLaw(force_scale, length, spot)
 
 
 @dataclass(frozen=True)
@@ -324,56 +333,55 @@ class JKRLaw(EnergyLaw):
         apart.
         """
         delta = real_array("overlap", overlap)
-        u, whole = self._solve(delta)
-        radius = np.where(whole, self.spot * u * u, 0.0)
+        u, is_unbroken = self._solve(delta)
+        radius = np.where(is_unbroken, self.spot * u * u, 0.0)
         require_finite("radius", radius, "an overlap", delta, "m")
         return radius[()]
 
     def _solve(self, delta: Array) -> tuple[Array, Flags]:
-        """Return u at overlaps ``delta``, m, and where the contact is not broken; both of the shape
-        of ``delta``.
+        """Return u at overlaps ``delta``, m, and whether the contact is not broken; both of the
+        shape of ``delta``.
         """
         with np.errstate(all="ignore"):
             reduced = delta / self.length
-            whole = ~(reduced < _JKR_LEAST * (1.0 + 4e-16))
+            # an overlap that is no number counts as unbroken, so that the result is no number
+            is_broken = reduced < _JKR_LEAST * (1.0 + ROUNDED)
             target = np.maximum(reduced, _JKR_LEAST)
-            # u^4 - u is convex, and the first guess is not below the root: Newton's steps come down
-            # to it
-            high = np.maximum(target, 0.0)
-            u = np.sqrt(np.sqrt(high + 1.0 + np.sqrt(np.sqrt(high))))
+            # u^4 - u is convex, and the first guess is not below the root: Newton's steps descend
+            # to the root
+            positive_target = np.maximum(target, 0.0)
+            fourth_root = np.sqrt(np.sqrt(positive_target))
+            u = np.sqrt(np.sqrt(positive_target + 1.0 + fourth_root))
             for _ in range(_STEPS):
                 step = (u**4 - u - target) / (4.0 * u**3 - 1.0)
                 u = u - step
-                if not np.any(np.abs(step) > 2e-16 * u):
+                if not np.any(np.abs(step) > 0.5 * ROUNDED * u):
                     break
-        return np.maximum(u, _JKR_ROOT), whole
+        return np.maximum(u, _JKR_ROOT), ~is_broken
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        u, whole = self._solve(np.asarray(real_array("overlap", overlap)))
+        """As :meth:`EnergyLaw._evaluate`; the derivatives are functions of u and u^3."""
+        u, is_unbroken = self._solve(np.asarray(real_array("overlap", overlap)))
         cube = u**3
         force = self.force_scale
         length = self.length
-        rise = 4.0 * cube - 1.0
+        rise = 4.0 * cube - 1.0  # d(u^4 - u)/du
         # factors are in such an order that products stay in the floating range
         if order == ENERGY:
-            value = (force * cube) * (length * u**4) * (8.0 / 15.0 * cube - 4.0 / 3.0 + 0.5 / cube)
+            polynomial = 8.0 / 15.0 * cube - 4.0 / 3.0 + 0.5 / cube
+            derivative = (force * cube) * (length * u**4) * polynomial
         elif order == FORCE:
-            value = 2.0 * (force * cube) * (2.0 / 3.0 * cube - 1.0)
+            derivative = 2.0 * (force * cube) * (2.0 / 3.0 * cube - 1.0)
         elif order == STIFFNESS:
-            value = force / length * 2.0 * u**2 * ((4.0 * cube - 3.0) / rise)
+            derivative = force / length * 2.0 * u**2 * ((4.0 * cube - 3.0) / rise)
         else:
-            value = (
-                force
-                / length
-                / length
-                * (4.0 * u * (4.0 * cube - 3.0) / rise + 48.0 * (u**2 / rise) ** 2)
-                / rise
-            )
-        return np.where(whole, value, 0.0)[()]
+            terms = 4.0 * u * (4.0 * cube - 3.0) / rise + 48.0 * (u**2 / rise) ** 2
+            derivative = force / length / length * terms / rise
+        return np.where(is_unbroken, derivative, 0.0)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does
-        not bear.
+        """Return the overlap, m, at a ``force``, N; :class:`InputError` for a tension that the
+        contact does not bear.
         """
         forces = np.asarray(real_array("force", force))
         require_pushing(forces, self.least_force)
@@ -418,7 +426,8 @@ class TabulatedLaw(EnergyLaw):
         if delta.ndim != 1 or delta.shape != f.shape:
             problem = f"the table of a contact law has {delta.shape} overlaps and {f.shape} forces"
             raise InputError(problem, mend="Give two lists of one length")
-        if delta.size and delta[0] == 0.0 and f[0] == 0.0:
+        begins_at_zero = delta[:1].tolist() == [0.0] and f[:1].tolist() == [0.0]
+        if begins_at_zero:  # zero has no logarithm
             delta = delta[1:]
             f = f[1:]
         _require_rising(delta, f)
@@ -438,14 +447,15 @@ class TabulatedLaw(EnergyLaw):
         """Return the largest stiffness up to an ``overlap``, N/m: tables may rise steeply between
         two of their points.
         """
-        within = np.linspace(0.0, 1.0, _PLACES, endpoint=False)
-        points = self._knots[0]
-        between = points[:-1, None] + np.diff(points)[:, None] * within
-        delta = np.exp(np.append(between.ravel(), points[-1]))
-        # the largest stiffness of the table below each of these overlaps
-        most = np.append(0.0, np.maximum.accumulate(self.stiffness(delta)))
-        below = most[np.searchsorted(delta, overlap, side="right")]
-        return np.asarray(np.maximum(below, self.stiffness(overlap)))
+        fractions = np.linspace(0.0, 1.0, _PLACES, endpoint=False)
+        knots, _ = self._knots
+        # (n - 1, places) logarithms of overlaps between the points of the table
+        refined = knots[:-1, None] + np.diff(knots)[:, None] * fractions
+        sampled = np.exp(np.append(refined.ravel(), knots[-1]))
+        # the largest stiffness of the table below each of the sampled overlaps
+        most_below_sample = np.append(0.0, np.maximum.accumulate(self.stiffness(sampled)))
+        most_below = most_below_sample[np.searchsorted(sampled, overlap, side="right")]
+        return np.asarray(np.maximum(most_below, self.stiffness(overlap)))
 
     @cached_property
     def _knots(self) -> tuple[Array, Array]:
@@ -463,14 +473,14 @@ class TabulatedLaw(EnergyLaw):
         curve = PchipInterpolator(x, y)
         slopes = curve(x, 1)
         rise = np.diff(y) / np.diff(x)
-        # ends that the interpolator has flat, or too flat; up to three times the rise the curve
-        # stays monotone
-        first = max(slopes[0], min(1.0, 3.0 * rise[0]))
-        last = slopes[-1] or rise[-1]
-        if first == slopes[0] and last == slopes[-1]:
+        # the interpolator may be flat, or too flat, at the ends; with slopes of up to three times
+        # the rise the curve stays monotone
+        first_slope = max(slopes[0], min(1.0, 3.0 * rise[0]))
+        last_slope = slopes[-1] or rise[-1]
+        if first_slope == slopes[0] and last_slope == slopes[-1]:
             return curve
-        slopes[0] = first
-        slopes[-1] = last
+        slopes[0] = first_slope
+        slopes[-1] = last_slope
         return CubicHermiteSpline(x, y, slopes)
 
     @cached_property
@@ -479,26 +489,30 @@ class TabulatedLaw(EnergyLaw):
         return max(float(self._curve(self._knots[0][0], 1)), 1.0)
 
     def _logarithm(self, x: Array, order: int = 0) -> Array:
-        """Return log f at x = log delta, or its derivative of an ``order``."""
-        places = self._knots[0]
+        """Return log f (``order`` 0), or its derivative of order 1 or 2, at x = log delta; of the
+        shape of ``x``.
+        """
+        knots, _ = self._knots
         curve = self._curve
-        inside = np.clip(x, places[0], places[-1])
-        logarithm = np.asarray(curve(inside, order))
+        inside = np.clip(x, knots[0], knots[-1])
         if order == 2:
-            return np.where(x == inside, logarithm, 0.0)
-        slope = np.where(x < places[0], self._exponent_below, curve(inside, 1))
-        return logarithm + (x - inside) * slope if order == 0 else slope
+            return np.where(x == inside, curve(inside, 2), 0.0)  # a power has a constant slope
+        slope = np.where(x < knots[0], self._exponent_below, curve(inside, 1))
+        if order == 1:
+            return slope
+        return np.asarray(curve(inside)) + (x - inside) * slope
 
     @cached_property
     def _energies(self) -> Array:
-        """Energies at the points of the table, J."""
-        places = self._knots[0]
+        """Energies (n,) at the points of the table, J."""
+        knots, _ = self._knots
         first = self.forces[0] * self.overlaps[0] / (1.0 + self._exponent_below)
-        return first + np.concatenate([[0.0], np.cumsum(self._integrate(places[:-1], places[1:]))])
+        differences = self._integrate(knots[:-1], knots[1:])
+        return first + np.concatenate([[0.0], np.cumsum(differences)])
 
     def _integrate(self, low: Array, high: Array) -> Array:
-        """Return the integral of the force from one overlap to another between the same points of
-        the table, J.
+        """Return the integral of the force over the overlap, J, from ``low`` to ``high`` (m,), the
+        logarithms of two overlaps between the same points of the table.
         """
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
         half = 0.5 * (high - low)
@@ -506,78 +520,98 @@ class TabulatedLaw(EnergyLaw):
         return half * (np.exp(self._logarithm(x) + x) @ weights)
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """As :meth:`EnergyLaw._evaluate`, from log f as a function of log delta."""
         delta = np.asarray(real_array("overlap", overlap))
-        touch = delta > 0.0
-        x = np.log(np.where(touch, delta, self.overlaps[0]))
+        touches = delta > 0.0
+        x = np.log(np.where(touches, delta, self.overlaps[0]))
         if order == ENERGY:
-            value = self._find_energy(x)
+            derivative = self._find_energy(x)
         else:
-            # with n = d log f / d log delta: f' = f n / delta, f'' = f (n (n - 1) + n') / delta^2
-            value = np.exp(self._logarithm(x) - (order - 1) * x)
-            exponent = self._logarithm(x, 1) if order > FORCE else 1.0
-            if order == SLOPE:
-                exponent = exponent * (exponent - 1.0) + self._logarithm(x, 2)
-            value = value * exponent
-        return np.where(touch, value, 0.0)[()]
+            derivative = np.exp(self._logarithm(x) - (order - 1) * x) * self._factor(x, order)
+        return np.where(touches, derivative, 0.0)[()]
+
+    def _factor(self, x: Array, order: int) -> Array | float:
+        """Return the derivative of the energy, of an ``order`` of 1 to 3, times delta^(order - 1)/f
+        at x = log delta.
+
+        With n = d log f / d log delta, f' = f n / delta and f'' = f (n (n - 1) + n') / delta^2.
+        """
+        if order == FORCE:
+            return 1.0
+        exponent = self._logarithm(x, 1)
+        if order == STIFFNESS:
+            return exponent
+        return exponent * (exponent - 1.0) + self._logarithm(x, 2)
 
     def _find_energy(self, x: Array) -> Array:
         """Return the energy, J, at logarithms ``x`` of overlaps: an integral between two points of
         the table, and that of a power law below the first point and above the last.
         """
-        points = self._knots[0]
-        point = np.clip(np.searchsorted(points, x, side="right") - 1, 0, len(points) - 1)
-        inside = self._energies[point] + self._integrate(
-            points[point], np.clip(x, points[0], points[-1])
-        )
-        # of a power law from zero on, and the part of that up to the last point
+        knots, _ = self._knots
+        knot = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 1)
+        since_knot = self._integrate(knots[knot], np.clip(x, knots[0], knots[-1]))
+        inside = self._energies[knot] + since_knot
+        # the energy of a power law is counted from zero overlap: above the last point only what
+        # the power law adds to its energy at the last point counts
         of_power = np.exp(self._logarithm(x) + x) / (1.0 + self._logarithm(x, 1))
-        last_exponent = float(self._logarithm(points[-1:], 1)[0])
+        last_exponent = float(self._logarithm(knots[-1:], 1)[0])
         of_power_at_last = self.forces[-1] * self.overlaps[-1] / (1.0 + last_exponent)
-        energy = np.where(x > points[-1], self._energies[-1] - of_power_at_last + of_power, inside)
-        return np.where(x < points[0], of_power, energy)
+        above = self._energies[-1] - of_power_at_last + of_power
+        energy = np.where(x > knots[-1], above, inside)
+        return np.where(x < knots[0], of_power, energy)
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Overlap, m, under a ``force``, N; :class:`InputError` if it is negative."""
+        """Return the overlap, m, under a ``force``, N; :class:`InputError` if a force is
+        negative.
+        """
         load = np.asarray(real_array("force", force))
         require_pushing(load)
         require_finite("overlap", load, "a force", load, "N")
-        # logarithms of the overlaps and forces of the table, and of the forces
-        points, values = self._knots
-        goal = np.log(np.where(load > 0.0, load, self.forces[0]))
-        # log f rises with log delta: Newton's method, kept between the two points of the table
-        count = len(points)
-        above = np.clip(np.searchsorted(values, goal, side="right"), 0, count)
-        low = np.where(above > 0, points[np.maximum(above - 1, 0)], -np.inf)
-        high = np.where(above < count, points[np.minimum(above, count - 1)], np.inf)
-        x = np.interp(goal, values, points)
-        for _ in range(_STEPS):
-            off = self._logarithm(x) - goal
-            slope = self._logarithm(x, 1)
-            low = np.where(off < 0.0, x, low)
-            high = np.where(off > 0.0, x, high)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                new = x - off / slope
-                middle = 0.5 * (low + high)
-            fallback = np.where(np.isfinite(middle), middle, x)
-            new = np.where((new >= low) & (new <= high), new, fallback)
-            done = np.abs(new - x) <= 4e-16 * np.maximum(1.0, np.abs(x))
-            x = new
-            if np.all(done):
-                break
+        log_force = np.log(np.where(load > 0.0, load, self.forces[0]))
+        log_overlap = self._find_log_overlap(log_force)
         with np.errstate(over="ignore"):
-            overlaps = np.where(load > 0.0, np.exp(x), 0.0)
+            overlaps = np.where(load > 0.0, np.exp(log_overlap), 0.0)
         require_finite("overlap", overlaps, "a force", load, "N")
         return overlaps[()]
+
+    def _find_log_overlap(self, log_force: Array) -> Array:
+        """Return log delta at each log f, of the same shape.
+
+        log f rises with log delta: Newton's method, kept between two points of the table.
+        """
+        knots, log_forces = self._knots
+        count = len(knots)
+        next_knot = np.clip(np.searchsorted(log_forces, log_force, side="right"), 0, count)
+        low = np.where(next_knot > 0, knots[np.maximum(next_knot - 1, 0)], -np.inf)
+        high = np.where(next_knot < count, knots[np.minimum(next_knot, count - 1)], np.inf)
+        x = np.interp(log_force, log_forces, knots)
+        for _ in range(_STEPS):
+            residual = self._logarithm(x) - log_force
+            slope = self._logarithm(x, 1)
+            low = np.where(residual < 0.0, x, low)
+            high = np.where(residual > 0.0, x, high)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                newton_x = x - residual / slope
+                middle = 0.5 * (low + high)
+            # beyond the outer points the middle is infinite, and x stays
+            fallback = np.where(np.isfinite(middle), middle, x)
+            is_between = (newton_x >= low) & (newton_x <= high)
+            next_x = np.where(is_between, newton_x, fallback)
+            is_settled = np.abs(next_x - x) <= ROUNDED * np.maximum(1.0, np.abs(x))
+            x = next_x
+            if np.all(is_settled):
+                break
+        return np.asarray(x)
 
 
 def _require_rising(overlaps: Array, forces: Array) -> None:
     """Raise :class:`InputError` unless the overlaps (n,), m, and forces (n,), N, of a table are two
     or more, above zero, and rise, their logarithms too.
     """
-    is_good = np.isfinite(overlaps) & np.isfinite(forces) & (overlaps > 0.0) & (forces > 0.0)
-    is_good &= (np.diff(overlaps, prepend=0.0) > 0.0) & (np.diff(forces, prepend=0.0) > 0.0)
-    if not np.all(is_good):
-        row = int(np.argmin(is_good))
+    is_allowed = np.isfinite(overlaps) & np.isfinite(forces) & (overlaps > 0.0) & (forces > 0.0)
+    is_allowed &= (np.diff(overlaps, prepend=0.0) > 0.0) & (np.diff(forces, prepend=0.0) > 0.0)
+    if not np.all(is_allowed):
+        row = int(np.argmin(is_allowed))
         problem = (
             f"the table of a contact law has the overlap {overlaps[row]:g} m and the force"
             f" {forces[row]:g} N in its row {row}"
@@ -606,26 +640,31 @@ def opening_overlap(law: PairLaw) -> float:
     """Return the overlap below which bodies with a ``law`` are apart, m; -inf of a bond, which
     never opens.
     """
-    least = getattr(law, "least_overlap", None)
-    if least is not None:
-        return float(least)
-    return -math.inf if np.any(np.asarray(law.force(np.array([-1e-9])))) else 0.0
+    least_overlap = getattr(law, "least_overlap", None)
+    if least_overlap is not None:
+        return float(least_overlap)
+    is_bond = bool(
+        np.any(law.force(_APART))
+    )  # only a bond has a force between balls that are apart
+    return -math.inf if is_bond else 0.0
 
 
 def touching_overlap(law: PairLaw) -> float:
     """Return the overlap at which bodies with a ``law`` that come together touch, m; -inf of a
     bond.
     """
-    least = opening_overlap(law)
-    return max(least, float(getattr(law, "touch_overlap", 0.0))) if least > -math.inf else least
+    least_overlap = opening_overlap(law)
+    if least_overlap == -math.inf:
+        return least_overlap
+    return max(least_overlap, float(getattr(law, "touch_overlap", 0.0)))
 
 
 def punch_stiffness(law: PairLaw, overlap: Array, modulus: Array | float) -> Array:
-    """Return 2 E* a, N/m: the stiffness of a flat punch as wide as a contact, whose radius a may be
-    known to the law.
+    """Return 2 E* a, N/m, at each ``overlap``, m: the stiffness of a flat punch of the contact
+    radius a. ``modulus`` is E*, Pa.
 
-    Of a law that does not know it, it is the normal stiffness: so it is of elastic bodies of any
-    shape without adhesion. ``modulus`` is E*, Pa.
+    If the law has no method for a, the result is the normal stiffness, which equals 2 E* a of
+    elastic bodies of any shape without adhesion.
     """
     find_radius = getattr(law, "contact_radius", None)
     if callable(find_radius):
@@ -645,9 +684,9 @@ def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
             mend=f"Give a law, as {law.__name__}(...)",
         )
     pair_law = law.between(ball, other) if hasattr(law, "between") else law
-    lacking = [name for name in _METHODS if not callable(getattr(pair_law, name, None))]
-    if lacking:
-        problem = f"the contact law {brief(law)} has no method {', '.join(lacking)}"
+    missing = [name for name in _METHODS if not callable(getattr(pair_law, name, None))]
+    if missing:
+        problem = f"the contact law {brief(law)} has no method {', '.join(missing)}"
         mend = "Give one of granphon's laws, or an object with the methods " + ", ".join(_METHODS)
         raise InputError(
             problem, "They are functions of the overlap, and overlap is one of the force", mend
@@ -671,12 +710,12 @@ def _check_radius(name: str, law: PairLaw, overlaps: Array) -> None:
 
 
 def check_law(law: PairLaw, radius: float) -> None:
-    """Compare the methods of a user's law with each other, at overlaps from 1e-6 to 1e-3 of the
-    ``radius``, m.
+    """Raise :class:`~granphon.base.errors.InputError` if the methods of a user's law do not agree
+    with each other at overlaps from 1e-6 to 1e-3 of the ``radius`` of a contact, m.
 
-    Raises :class:`~granphon.base.errors.InputError` if one is not the derivative of another, if the
-    overlap of a force is not that from which the force is, if methods do not take arrays, if the
-    force does not rise with the overlap, or if there is one below ``least_overlap``.
+    They do not agree if a method is not the derivative of the method before, or if the overlap of a
+    force is not the overlap that has this force. Refused too are methods that do not take arrays, a
+    force that does not rise with the overlap, and a force below ``least_overlap``.
     """
     if isinstance(law, HertzLaw | PowerLaw | DMTLaw | JKRLaw | TabulatedLaw):
         return
@@ -688,55 +727,58 @@ def check_law(law: PairLaw, radius: float) -> None:
         overlaps = np.concatenate([overlaps, -overlaps])
     # (n, 3): each overlap, and the two beside it
     steps = overlaps[:, None] * (1.0 + _STEP * np.array([0.0, 1.0, -1.0]))
-    values = {method: _ask_numbers(law, name, method, steps) for method in _DERIVATIVES}
+    numbers = {method: _ask_numbers(law, name, method, steps) for method in _DERIVATIVES}
     for method, derivative in pairwise(_DERIVATIVES):
-        _compare_derivative(
-            f"{derivative} of the contact law {name}",
-            method,
-            overlaps,
-            values[method],
-            values[derivative][:, 0],
-        )
-    is_flat = values["stiffness"][:, 0] <= 0.0
+        called = f"{derivative} of the contact law {name}"
+        derivatives = numbers[derivative][:, 0]
+        _compare_derivative(called, method, overlaps, numbers[method], derivatives)
+    is_flat = numbers["stiffness"][:, 0] <= 0.0
     if np.any(is_flat):
         problem = f"the force of the contact law {name} does not rise"
         raise _refuse_at(overlaps[int(np.argmax(is_flat))], problem)
-    inverse = _ask(law, name, "overlap", values["force"][:, 0])
+    inverse = _ask(law, name, "overlap", numbers["force"][:, 0])
     is_off = np.abs(inverse - overlaps) > _ALLOWED * np.abs(overlaps)
     if np.any(is_off):
-        worst = int(np.argmax(is_off))
-        problem = f"overlap(force(overlap)) of the contact law {name} is {inverse[worst]:.6g} m"
-        raise _refuse_at(overlaps[worst], problem)
+        first = int(np.argmax(is_off))
+        problem = f"overlap(force(overlap)) of the contact law {name} is {inverse[first]:.6g} m"
+        raise _refuse_at(overlaps[first], problem)
 
 
 def _check_opening(law: PairLaw, name: str, overlaps: Array) -> bool:
-    """Return whether a law is that of a bond, which pulls at any distance; InputError for forces
-    that are not finite, or are there where its ``least_overlap`` says that balls are apart.
+    """Return whether a law is that of a bond, which pulls at any distance.
 
-    ``overlaps`` (n,), m, above zero, are subtracted from the least overlap.
+    The forces are compared at ``overlaps`` (n,), m, above zero, subtracted from the least overlap.
+    Raises InputError for forces that are not finite, and for forces below the ``least_overlap`` of
+    the law.
     """
-    least = getattr(law, "least_overlap", None)
-    below = _ask(law, name, "force", (least or 0.0) - overlaps)
-    if not np.all(np.isfinite(below)):
-        fault = f"force of the contact law {name} is not finite below an overlap of"
-        mend = "np.maximum(overlap, 0.0)"
+    given_least = getattr(law, "least_overlap", None)
+    least_overlap = 0.0 if given_least is None else given_least
+    forces = _ask(law, name, "force", least_overlap - overlaps)
+    if not np.all(np.isfinite(forces)):
         raise InputError(
-            f"{fault} {least or 0.0:g} m", "Balls may be apart", f"Return zero there, with {mend}"
+            f"force of the contact law {name} is not finite below an overlap of"
+            f" {least_overlap:g} m",
+            "Balls may be apart",
+            "Return zero there, with np.maximum(overlap, 0.0)",
         )
-    has_force = bool(np.any(below))
-    if least is not None and has_force:
+    has_force = bool(np.any(forces))
+    if given_least is not None and has_force:
         raise InputError(
             f"the contact law {name} has forces that its least_overlap denies",
-            f"least_overlap is {least:g} m, below which balls are apart",
+            f"least_overlap is {least_overlap:g} m, below which balls are apart",
             "Return zero there",
         )
     return has_force
 
 
 def _ask(law: PairLaw, name: str, method: str, overlaps: Array) -> Array:
-    """Return what a method of a law returns for an array; InputError if it takes none."""
+    """Return what a method of a law returns for an array, of any shape; InputError if the method
+    takes no array.
+
+    ``overlaps`` are in m, or forces in N where the ``method`` is the overlap.
+    """
     try:
-        with np.errstate(all="ignore"):  # what is not a number is told in words
+        with np.errstate(all="ignore"):  # the caller refuses numbers that are not finite
             return np.asarray(getattr(law, method)(overlaps))
     except (TypeError, ValueError) as error:
         problem = (
@@ -750,35 +792,37 @@ def _ask(law: PairLaw, name: str, method: str, overlaps: Array) -> Array:
 
 
 def _ask_numbers(law: PairLaw, name: str, method: str, overlaps: Array) -> Array:
-    """Return what :func:`_ask` does; InputError unless these are finite numbers, as many as
+    """Return what :func:`_ask` does; InputError unless the result is finite numbers, as many as
     overlaps.
     """
-    values = _ask(law, name, method, overlaps)
-    is_array = values.shape == overlaps.shape and values.dtype.kind == "f"
-    if not is_array or not np.all(np.isfinite(values)):
-        fault = (
-            f"{method} of the contact law {name} returns {brief(values)} for an array of overlaps"
+    numbers = _ask(law, name, method, overlaps)
+    is_array = numbers.shape == overlaps.shape and numbers.dtype.kind == "f"
+    if not is_array or not np.all(np.isfinite(numbers)):
+        problem = (
+            f"{method} of the contact law {name} returns {brief(numbers)} for an array of overlaps"
         )
-        raise InputError(fault, mend="Return an array of numbers of the same shape")
-    return values
+        raise InputError(problem, mend="Return an array of numbers of the same shape")
+    return numbers
 
 
 def _compare_derivative(
-    name: str, method: str, overlaps: Array, values: Array, derivatives: Array
+    called: str, method: str, overlaps: Array, numbers: Array, derivatives: Array
 ) -> None:
-    """Raise InputError unless ``derivatives`` (n,), which the message calls ``name``, are those of
-    the ``values`` (n, 3) of a method, at overlaps (n,), m, and beside them.
+    """Raise InputError unless ``derivatives`` (n,), which the message names as ``called``, are
+    those of the ``numbers`` (n, 3) that a method returns at the overlaps (n,), m, a step above them
+    and a step below.
     """
-    slopes = (values[:, 1] - values[:, 2]) / (2.0 * _STEP * overlaps)
-    size = np.maximum(np.abs(derivatives), np.abs(values[:, 0] / overlaps))
+    slopes = (numbers[:, 1] - numbers[:, 2]) / (2.0 * _STEP * overlaps)
+    # beside a slope that is nearly zero, the number over the overlap is the measure of an error
+    size = np.maximum(np.abs(derivatives), np.abs(numbers[:, 0] / overlaps))
     is_off = np.abs(slopes - derivatives) > _ALLOWED * size
     if np.any(is_off):
-        worst = int(np.argmax(is_off))
+        first = int(np.argmax(is_off))
         problem = (
-            f"{name} is {derivatives[worst]:.6g}, and the derivative of its {method}"
-            f" {slopes[worst]:.6g}"
+            f"{called} is {derivatives[first]:.6g}, and the derivative of its {method}"
+            f" {slopes[first]:.6g}"
         )
-        raise _refuse_at(overlaps[worst], problem)
+        raise _refuse_at(overlaps[first], problem)
 
 
 def _refuse_at(overlap: float, problem: str) -> InputError:
@@ -839,42 +883,50 @@ def register_law(name: str, law: Any, **units: str) -> Any:
             f"the contact law {name!r} is made already", mend="Give its class, or no units"
         )
     require("the name of a contact law", label, name)
-    wrong = [unit for unit in units.values() if unit and not is_si(unit)]
+    refused = [unit for unit in units.values() if unit and not is_si(unit)]
     if " " in name:
-        wrong.insert(0, name)
-    if wrong:
+        refused.insert(0, name)
+    if refused:
         mend = "Give a name without spaces, and units of SI"
-        raise InputError(f"a contact law cannot have {brief(wrong[0])}", mend=mend)
-    try:
-        if isinstance(law, type):
-            inspect.signature(law).bind(**units)
-    except TypeError as error:
-        problem = (
-            f"the contact law {name!r} is not made of {', '.join(units) or 'nothing'}: {error}"
-        )
-        raise InputError(
-            problem, mend="Name the unit of each number that the class takes"
-        ) from None
+        raise InputError(f"a contact law cannot have {brief(refused[0])}", mend=mend)
+    if isinstance(law, type):
+        _require_units(law, name, units)
     rules: dict[str, Any] = {}
     for key, unit in units.items():
-        rules[key] = Quantity(key, unit, f"1 {unit}", unit, "any")
         if unit in ("", "1"):
-            rules[key] = partial(number, low=-1e300, high=1e300)
+            rules[key] = partial(number, low=-1e300, high=1e300)  # any finite number
+        else:
+            rules[key] = Quantity(key, unit, f"1 {unit}", unit, "any")
     LAWS.add(name, NamedLaw(law, rules), law)
     return law
 
 
+def _require_units(law: type, name: str, units: Mapping[str, str]) -> None:
+    """Raise :class:`InputError` unless ``units`` have one entry for each number that a class of
+    laws takes.
+    """
+    try:
+        inspect.signature(law).bind(**units)
+    except TypeError as error:
+        numbers = ", ".join(units) or "nothing"
+        raise InputError(
+            f"the contact law {name!r} is not made of {numbers}: {error}",
+            mend="Name the unit of each number that the class takes",
+        ) from None
+
+
 def find_law(law: Any) -> Any:
-    """Return the law of a name; what is no text is returned itself. Raises :class:`InputError` for
-    a name without a law.
+    """Return the law of a name, or ``law`` itself if it is not a text. Raises :class:`InputError`
+    for a name without a law, and for the name of a class that takes numbers.
     """
     if not isinstance(law, str):
         return law
     registered = LAWS[one_of("law", law, LAWS)]
     if registered.numbers:
-        problem = f"the contact law {law!r} has numbers: {', '.join(registered.numbers)}"
+        numbers = ", ".join(registered.numbers)
         raise InputError(
-            problem, mend=f"Give it as {registered.law.__name__}({', '.join(registered.numbers)})"
+            f"the contact law {law!r} has numbers: {numbers}",
+            mend=f"Give it as {registered.law.__name__}({numbers})",
         )
     return registered.law() if isinstance(registered.law, type) else registered.law
 
@@ -895,28 +947,31 @@ def read_laws(law: Any) -> Any:
     if not all(isinstance(entry, tuple) and len(entry) == 2 for entry in entries):
         raise InputError(f"law is {brief(law)}", mend=_MEND_LAWS)
     laws = dict[tuple[str, str], Any]()
-    for pair, entry in entries:
+    for pair, law_of_kinds in entries:
         is_pair = isinstance(pair, tuple) and len(pair) == 2
         if not is_pair or not all(isinstance(name, str) for name in pair):
             raise InputError(f"law has the key {brief(pair)}", mend=_MEND_LAWS)
-        if pair[::-1] in laws and laws[pair[::-1]] != entry:
+        reversed_pair = pair[::-1]
+        if reversed_pair in laws and laws[reversed_pair] != law_of_kinds:
             raise InputError(
                 f"law has two laws for contacts of {pair}", mend="Give one, in either order"
             )
-        laws[pair] = entry
-    return tuple((pair, find_law(entry)) for pair, entry in laws.items())
+        laws[pair] = law_of_kinds
+    return tuple((pair, find_law(law_of_kinds)) for pair, law_of_kinds in laws.items())
 
 
-def law_of_pair(law: Any, ball: Body, other: Body, one: str, two: str) -> PairLaw:
-    """Return the law of a contact of two bodies of the kinds ``one`` and ``two``; ``law`` is what
-    :func:`read_laws` returns, and may name other kinds too.
+def law_of_pair(law: Any, ball: Body, other: Body, name: str, other_name: str) -> PairLaw:
+    """Return the law of a contact of two bodies of the kinds ``name`` and ``other_name``; ``law``
+    is what :func:`read_laws` returns, and may name other kinds too.
+
+    Raises :class:`InputError` if ``law`` has no entry for the two kinds.
     """
     if isinstance(law, tuple):
-        law_of_kinds = {frozenset(names): entry for names, entry in law}
-        kinds = frozenset((one, two))
+        law_of_kinds = {frozenset(names): pair_law for names, pair_law in law}
+        kinds = frozenset((name, other_name))
         if kinds not in law_of_kinds:
             raise InputError(
-                f"law has none for contacts of {(one, two)}",
+                f"law has none for contacts of {(name, other_name)}",
                 f"It has {brief([tuple(names) for names, _ in law])}",
                 "Give one for each pair of kinds that touch",
             )

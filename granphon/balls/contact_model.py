@@ -61,8 +61,8 @@ class ContactModel:
 
     @classmethod
     def of(cls, packing: Packing) -> Self:
-        """Return that of the balls of a packing, which are of one kind and have the law of the mean
-        ball.
+        """Return the contact model of a packing, whose balls are of one kind and have the law of
+        the mean ball.
         """
         ball = Ball(packing.material, packing.diameter)
         return cls(
@@ -82,21 +82,24 @@ class ContactModel:
         return self.kinds[self.names.index(name) if self.names else 0]
 
     def law_of(self, name: str, other: str) -> tuple[PairLaw, float, float]:
-        """Return the law of balls of two kinds, or of a ball and a floor, 4 G*/E* (0 without
-        friction), and E*, Pa.
+        """Return the law of the kinds ``name`` and ``other``, or of a kind and a floor; 4 G*/E* (0
+        without friction); and E*, Pa.
         """
-        bodies = self.body(name), self.body(other)
-        constants = ContactConstants.of(*bodies)
-        ratio = constants.mindlin_ratio if self.friction else 0.0
-        return law_of_pair(self.law, *bodies, name, other), ratio, constants.modulus
+        body = self.body(name)
+        other_body = self.body(other)
+        constants = ContactConstants.of(body, other_body)
+        mindlin_ratio = constants.mindlin_ratio if self.friction else 0.0
+        law = law_of_pair(self.law, body, other_body, name, other)
+        return law, mindlin_ratio, constants.modulus
 
     def find_torsion(
         self, stiffness: Any, distance: Any, contact_radius: Any, twist_modulus: Any
     ) -> Array:
-        """Return the stiffness against twist, N m, of contacts with a normal ``stiffness``, N/m.
+        """Return the stiffness against twist (m,), N m, of contacts with a normal ``stiffness``
+        (m,), N/m.
 
-        ``distance`` is that of the two centres, m, and ``contact_radius`` that of the area of
-        contact, m; the modulus of twist, Pa, is that of
+        ``distance`` is the distance of the two centres, m, ``contact_radius`` the radius of the
+        area of contact, m, and ``twist_modulus``, Pa, that of
         :class:`~granphon.balls.ball.ContactConstants`.
         """
         if self.torsion == MINDLIN:
@@ -127,21 +130,21 @@ class ContactModel:
         diameters = 2.0 * radii
         if not self.own_radii:
             diameters = np.array([ball.diameter for ball in self.kinds])[kinds]
-        values = {name: np.zeros(len(radii)) for name in ("overlap", "arm", *_STIFFNESSES)}
+        columns = {name: np.zeros(len(radii)) for name in ("overlap", "arm", *_STIFFNESSES)}
         # balls of the same kind and diameter share a law
         groups, group_of_ball = np.unique(
             np.stack([kinds, diameters], axis=1), axis=0, return_inverse=True
         )
         for group, (kind, diameter) in enumerate(groups.tolist()):
             balls = np.flatnonzero(group_of_ball.ravel() == group)
-            group_values = self._press_kind_on_floor(int(kind), diameter, force[balls])
-            for name, group_value in group_values.items():
-                values[name][balls] = group_value
-        return values
+            group_columns = self._press_kind_on_floor(int(kind), diameter, force[balls])
+            for name, group_column in group_columns.items():
+                columns[name][balls] = group_column
+        return columns
 
     def _press_kind_on_floor(self, kind: int, diameter: float, force: Array) -> dict[str, Any]:
-        """Return the values of :meth:`press_on_floor` for balls of one kind and ``diameter``, m,
-        under forces (m,), N.
+        """Return the arrays (m,), or numbers, of :meth:`press_on_floor` for balls of one kind and
+        ``diameter``, m, under forces (m,), N.
         """
         ball = self.kinds[kind]
         body = Ball(ball.material, diameter) if self.own_radii else ball
@@ -152,16 +155,16 @@ class ContactModel:
         overlap = np.asarray(law.overlap(force))
         stiffness = np.asarray(law.stiffness(overlap))
         punch = punch_stiffness(law, overlap, constants.modulus)
-        radius = 0.5 * diameter
+        radius = 0.5 * diameter  # the distance of the centre from the floor, too
         contact_radius = punch / (2.0 * constants.modulus)
+        shear = constants.mindlin_ratio * punch if self.friction else 0.0
+        torsion = self.find_torsion(stiffness, radius, contact_radius, constants.twist_modulus)
         return {
             "overlap": overlap,
             "arm": radius,
             "normal_stiffness": stiffness,
-            "shear_stiffness": constants.mindlin_ratio * punch if self.friction else 0.0,
-            "torsion_stiffness": self.find_torsion(
-                stiffness, radius, contact_radius, constants.twist_modulus
-            ),
+            "shear_stiffness": shear,
+            "torsion_stiffness": torsion,
             "bending_stiffness": self.find_bending(stiffness, radius),
         }
 

@@ -83,7 +83,7 @@ class ContactTable:
         return len(self.i)
 
     def scale(self, factor: float) -> ContactTable:
-        """The same contacts with every length multiplied by ``factor``, a pure number."""
+        """Return the same contacts with every length multiplied by ``factor``, a pure number."""
         return ContactTable(
             self.i,
             self.j,
@@ -124,39 +124,41 @@ def contact_frames(normal: Array) -> list[list[Array]]:
     line and in the plane, where ``normal`` is (n_c, 1) or (n_c, 2), and for every normal in space
     that is not nearly along z, t is along z x n. The tangents of -n are -t and n x t.
     """
-    if normal.shape[1] < 3:
-        zero = np.zeros(len(normal))
-        x, y = normal.T if normal.shape[1] == 2 else (normal[:, 0], zero)
-        return [[x, y, zero], [-y, x, zero], [zero, zero, np.ones(len(normal))]]
-    axis = np.where((np.abs(normal[:, 2]) > _UPRIGHT)[:, None], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
-    across = np.cross(axis, normal)
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    return [list(vectors.T) for vectors in (normal, across, np.cross(normal, across))]
+    count, dimension = normal.shape
+    if dimension < 3:
+        zero = np.zeros(count)
+        x = normal[:, 0]
+        y = normal[:, 1] if dimension == 2 else zero
+        return [[x, y, zero], [-y, x, zero], [zero, zero, np.ones(count)]]
+    is_upright = np.abs(normal[:, 2]) > _UPRIGHT
+    axis = np.where(is_upright[:, None], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+    tangent = np.cross(axis, normal)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    second_tangent = np.cross(normal, tangent)
+    return [list(vectors.T) for vectors in (normal, tangent, second_tangent)]
 
 
 def repeat_contacts(
     i: Any, j: Any, shift: Any, n: int, full: tuple[int, ...]
 ) -> tuple[Any, Any, Any, Any]:
-    """Return the cells (m, p) of a supercell of ``full`` cells of ``n`` balls each, and i, j
-    (m n_c,) and shift (m n_c, p) of its contacts, of which a cell has n_c.
+    """Repeat the contacts of a cell: balls ``i``, ``j`` (n_c,), whole cells ``shift`` (n_c, p).
 
-    Balls come in the order of cells, ball by ball of each cell, with the last period fastest;
-    contacts cell by cell.
+    Returns the m cells (m, p) of a supercell of ``full`` (p,) cells of ``n`` balls each, and i, j
+    (m n_c,) and shift (m n_c, p), in whole supercells, of its contacts. Balls come in the order of
+    cells, ball by ball of each cell, with the last period fastest; contacts cell by cell.
     """
     p = len(full)
     grid = np.meshgrid(*map(np.arange, full), indexing="ij")
     cells = np.stack(grid, axis=-1).reshape(-1, p)
     # (m, n_c, p): the cell of ball j, which may lie beyond the supercell
-    steps = cells[:, None] + shift
-    cell_within = np.moveaxis(np.mod(steps, full), -1, 0)
-    cell_of_j = np.ravel_multi_index(tuple(cell_within), full)
-    cell_of_i = np.arange(len(cells))[:, None]
-    return (
-        cells,
-        (n * cell_of_i + i).ravel(),
-        (n * cell_of_j + j).ravel(),
-        np.floor_divide(steps, full).reshape(-1, p),
-    )
+    cells_of_j = cells[:, None] + shift
+    cells_within = np.moveaxis(np.mod(cells_of_j, full), -1, 0)
+    number_of_j = np.ravel_multi_index(tuple(cells_within), full)
+    number_of_i = np.arange(len(cells))[:, None]
+    repeated_i = (n * number_of_i + i).ravel()
+    repeated_j = (n * number_of_j + j).ravel()
+    repeated_shift = np.floor_divide(cells_of_j, full).reshape(-1, p)
+    return cells, repeated_i, repeated_j, repeated_shift
 
 
 def steps_within(cell: Array, radius: float) -> Index:
@@ -174,19 +176,21 @@ def _list_steps(cell: Array, radius: float, reach: Array) -> Index:
     """
     if not len(cell):
         return np.zeros((1, 0), np.intp)  # a cluster has no images
-    ranges = [np.arange(-r, r + 1) for r in reach.astype(int)]
+    ranges = [np.arange(-count, count + 1) for count in reach.astype(int)]
     steps = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(cell))
-    return np.asarray(steps[np.linalg.norm(steps @ cell, axis=1) <= radius], np.intp)
+    lengths = np.linalg.norm(steps @ cell, axis=1)
+    return np.asarray(steps[lengths <= radius], np.intp)
 
 
 def _reach(cell: Array, radius: float) -> Array:
-    """Return the steps along each vector of ``cell`` that a lattice vector at most ``radius`` long
-    can have, (p,).
+    """Return (p,) the largest number of steps along each vector of ``cell`` that a lattice vector
+    at most ``radius`` long can have.
     """
-    # more than |b_k| radius steps along vector k leave the sphere, whatever the other steps; b_k:
-    # reciprocal vectors
+    # more than |b_k| radius steps along vector k leave the sphere, whatever the other steps; b_k
+    # are the reciprocal vectors
     reciprocal_lengths = np.linalg.norm(np.linalg.pinv(cell), axis=0)
-    return np.asarray(np.floor(radius * reciprocal_lengths * (1.0 + 1e-12)))
+    with_rounding = 1.0 + 1e-12  # a vector exactly as long as the radius is within
+    return np.asarray(np.floor(radius * reciprocal_lengths * with_rounding))
 
 
 def select_once(i: Index, j: Index, shift: Index) -> Flags:
@@ -219,17 +223,18 @@ def find_contacts(
     pairs.require_contacts(cell, positions, near)
     if near is not None and near.ratio - 1.0 <= _CLOSING:
         raise _explain_closing(pairs, near)
-    touching = np.flatnonzero(pairs.off <= TOUCH)
-    is_kept = select_once(pairs.i[touching], pairs.j[touching], pairs.shift[touching])
-    kept = touching[is_kept]
-    i = pairs.i[kept]
-    j = pairs.j[kept]
-    shift = pairs.shift[kept]
+    touching = np.flatnonzero(pairs.deviation <= TOUCH)
+    is_counted = select_once(pairs.i[touching], pairs.j[touching], pairs.shift[touching])
+    contacts = touching[is_counted]
+    i = pairs.i[contacts]
+    j = pairs.j[contacts]
+    shift = pairs.shift[contacts]
     why = "" if near is None else near.why
     mend = "" if near is None else near.mend
     require_joined(i, j, shift, len(positions), len(cell), pairs.called, why=why, mend=mend)
-    normal = pairs.vector[kept] / pairs.distance[kept][:, None]
-    vector = normal if radii is None else normal * pairs.touch[kept][:, None]
+    normal = pairs.vector[contacts] / pairs.distance[contacts][:, None]
+    # exactly as long as touching balls are apart: the deviation is rounding of the positions
+    vector = normal if radii is None else normal * pairs.touch[contacts][:, None]
     return freeze_contacts(i, j, shift, normal, vector, pairs.radii[i], pairs.radii[j])
 
 
@@ -246,7 +251,8 @@ class _NearGap:
 
 @dataclass(frozen=True, eq=False)
 class _NearPairs:
-    """Pairs of balls no farther apart than touching ones and a little, each from both of its ends.
+    """Pairs of balls no farther apart than :data:`_NEAR_TOUCH` times the distance of touching
+    balls, each from both of its ends.
 
     Attributes
     ----------
@@ -291,36 +297,35 @@ class _NearPairs:
         return self.distance / self.touch
 
     @cached_property
-    def off(self) -> Array:
-        """(pairs,) difference of :attr:`ratio` from one."""
+    def deviation(self) -> Array:
+        """(pairs,) size of the deviation of :attr:`ratio` from one."""
         return np.abs(self.ratio - 1.0)
 
     def describe_near(self, cell: Array) -> _NearGap | None:
         """Return the pair that is nearest to touching among those that do not touch; None if none
         is within :data:`NEAR`.
         """
-        is_near = (self.off > TOUCH) & (self.off <= NEAR)
+        is_touching = self.deviation <= TOUCH
+        is_near = ~is_touching & (self.deviation <= NEAR)
         if not np.any(is_near):
             return None
-        pair = int(np.argmin(np.where(is_near, self.off, np.inf)))
-        ratio = float(self.ratio[pair])
+        pair = int(np.argmin(np.where(is_near, self.deviation, np.inf)))
         image = ""
         if np.any(self.shift[pair]):
             cells = ", ".join(map(str, self.shift[pair].tolist()))
             image = f" shifted by ({cells}) cells"
-        is_touching = self.off <= TOUCH
+        balls = f"Ball {self.i[pair]} and ball {self.j[pair]}{image}"
         near = self.vector[is_near] / self.touch[is_near, None]
         touching = self.vector[is_touching] / self.touch[is_touching, None]
-        return _NearGap(
-            ratio,
-            f"Ball {self.i[pair]} and ball {self.j[pair]}{image} are {self._describe_gap(pair)}",
-            _scale_to_touch(cell, near, touching, self.has_radii)
-            or "If numbers were rounded, write them with eight digits or more",
-        )
+        mend = _scale_to_touch(cell, near, touching, with_positions=self.has_radii)
+        if not mend:
+            mend = "If numbers were rounded, write them with eight digits or more"
+        why = f"{balls} are {self._describe_gap(pair)}"
+        return _NearGap(float(self.ratio[pair]), why, mend)
 
     def require_apart(self, near: _NearGap | None) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if balls overlap; ``near`` says of an
-        overlap of less than :data:`NEAR` how to mend it.
+        """Raise :class:`~granphon.base.errors.InputError` if balls overlap; ``near`` says how to
+        mend an overlap of less than :data:`NEAR`.
         """
         if not np.any(self.ratio < 1.0 - TOUCH):
             return
@@ -346,27 +351,31 @@ class _NearPairs:
         )
 
     def _mend_overlap(self, pair: int, near: _NearGap | None) -> str:
-        """Return how the overlap of a ``pair`` is mended; ``near`` is as in
-        :meth:`require_apart`.
+        """Return the sentence of a message on how to mend the overlap of a ``pair``; ``near`` is as
+        in :meth:`require_apart`.
         """
-        if self.has_radii and self.distance[pair] <= TOUCH * self.touch[pair]:
+        is_same_site = self.distance[pair] <= TOUCH * self.touch[pair]
+        is_slight = self.ratio[pair] >= 1.0 - NEAR
+        if self.has_radii and is_same_site:
             return (
                 "Give each site of the cell once; places that differ by vectors of the cell are"
                 " one site"
             )
         if self.has_radii and self.ratio[pair] < _LOOKS_LIKE_MM:
             return "Compare the units: diameters, cell and positions are in m"
-        if near is not None and self.ratio[pair] >= 1.0 - NEAR:
+        if near is not None and is_slight:
             return near.mend
         return "Move the sites apart"
 
     def require_contacts(self, cell: Array, positions: Array, near: _NearGap | None) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if a ball touches no other."""
-        touching = self.i[self.off <= TOUCH]
-        alone = np.setdiff1d(np.arange(len(positions)), touching)
-        if not alone.size:
+        """Raise :class:`~granphon.base.errors.InputError` if a ball touches no other; ``near`` is
+        the gap of :meth:`describe_near`.
+        """
+        touching_balls = self.i[self.deviation <= TOUCH]
+        lone_balls = np.setdiff1d(np.arange(len(positions)), touching_balls)
+        if not lone_balls.size:
             return
-        ball = int(alone[0])
+        ball = int(lone_balls[0])
         words = f"ball {ball} of {self.called}" if self.has_radii else f"a ball of {self.called}"
         problem = f"{words} touches no other"
         if near is not None:
@@ -377,16 +386,17 @@ class _NearPairs:
 
 
 def _explain_lone_ball(cell: Array, positions: Array, radii: Array, ball: int) -> tuple[str, str]:
-    """Return how far a ball is from the one that is nearest to touching it, and how to mend that:
-    positions may be in another unit.
+    """Return two sentences of a message: how far a ball is from the ball that is nearest to
+    touching it, and how to mend that: positions may be in another unit.
     """
     steps = _list_steps(cell, math.inf, np.ones(len(cell)))
-    inside = positions - np.floor(positions @ np.linalg.pinv(cell)) @ cell
+    moved_into_cell = positions - np.floor(positions @ np.linalg.pinv(cell)) @ cell
     with np.errstate(over="ignore"):
         # (n, steps, d) vectors to the images of all balls in the cells around
-        vectors = inside[:, None] + steps @ cell - inside[ball]
+        vectors = moved_into_cell[:, None] + steps @ cell - moved_into_cell[ball]
         ratios = np.linalg.norm(vectors, axis=-1) / (radii + radii[ball])[:, None]
-    ratios[ball, ~np.any(steps, axis=1)] = np.inf
+    is_no_step = ~np.any(steps, axis=1)
+    ratios[ball, is_no_step] = np.inf  # the ball itself
     neighbour, _ = np.unravel_index(np.argmin(ratios), ratios.shape)
     ratio = float(np.min(ratios))
     touch = float(radii[neighbour] + radii[ball])
@@ -402,32 +412,34 @@ def _explain_lone_ball(cell: Array, positions: Array, radii: Array, ball: int) -
 
 def _explain_closing(pairs: _NearPairs, near: _NearGap) -> InputError:
     """Return the error of a gap so small that it closes under load."""
-    of_distance = " of that" if pairs.has_radii else ""
-    gap = f"A gap of {near.ratio - 1.0:.2g}{of_distance}"
-    of_their_distance = " of their distance" if pairs.has_radii else ""
+    gap = f"A gap of {near.ratio - 1.0:.2g}"
+    least_gap = f"{_CLOSING:g}"
+    if pairs.has_radii:  # without radii the distance is 1
+        gap += " of that"
+        least_gap += " of their distance"
     return InputError(
         f"balls of {pairs.called} nearly touch",
         f"{near.why}. {gap} closes under load, so that it was probably rounded",
-        f"{near.mend}; for balls that do not touch, leave gaps above {_CLOSING:g}"
-        f"{of_their_distance}",
+        f"{near.mend}; for balls that do not touch, leave gaps above {least_gap}",
     )
 
 
 def _find_near(
     cell: Array, positions: Array, radii: Array, called: str
 ) -> tuple[Any, Any, Any, Array]:
-    """Return the pairs of balls that are no farther apart than touching ones and a little, each
-    from both of its ends.
+    """Return the pairs of balls that are no farther apart than :data:`_NEAR_TOUCH` times the
+    distance of touching balls, each from both of its ends.
 
     They are balls i and j (pairs,), whole cells (pairs, p) by which j is displaced and vectors
-    (pairs, d), in the order of i, j, and these cells.
+    (pairs, d) from i to j, in the order of i, j, and these cells. Raises InputError, which names
+    what is ``called``, if too many cells would have to be searched.
     """
     n = len(positions)
     if n <= _FEW:
         return _find_near_among_all(cell, positions, radii, called)
-    longest = 2.0 * _NEAR_TOUCH * float(radii.max())
-    _require_few_cells(_reach(cell, longest) + 1.0, n / _FEW, called)
-    i, j, shift, vector = find_pairs(positions, cell, longest)
+    cutoff = 2.0 * _NEAR_TOUCH * float(radii.max())
+    _require_few_cells(_reach(cell, cutoff) + 1.0, n / _FEW, called)
+    i, j, shift, vector = find_pairs(positions, cell, cutoff)
     is_near = np.linalg.norm(vector, axis=-1) <= _NEAR_TOUCH * (radii[i] + radii[j])
     i = i[is_near]
     j = j[is_near]
@@ -446,13 +458,13 @@ def _find_near_among_all(
     cell: Array, positions: Array, radii: Array, called: str
 ) -> tuple[Any, Any, Any, Array]:
     """Return what :func:`_find_near` returns; all pairs of a few balls are compared."""
-    apart = positions[None] - positions[:, None]  # (n, n, d) from i to j of the same cell
-    farthest = float(np.linalg.norm(apart, axis=-1).max())
+    within_cell = positions[None] - positions[:, None]  # (n, n, d) from i to j of the same cell
+    farthest = float(np.linalg.norm(within_cell, axis=-1).max())
     radius = 2.0 * _NEAR_TOUCH * float(radii.max()) + farthest
     reach = _reach(cell, radius)
     _require_few_cells(reach, 1.0, called)
     steps = _list_steps(cell, radius, reach)
-    vectors = apart[:, :, None] + (steps @ cell)[None, None]  # (n, n, steps, d)
+    vectors = within_cell[:, :, None] + (steps @ cell)[None, None]  # (n, n, steps, d)
     touch = radii[:, None] + radii  # (n, n)
     is_near = np.linalg.norm(vectors, axis=-1) <= _NEAR_TOUCH * touch[:, :, None]
     is_same_ball = np.eye(len(positions), dtype=bool)[:, :, None]
@@ -492,42 +504,45 @@ def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, An
     i = ball[first]
     j = ball[second]
     shift = step[second] - step[first]
-    is_kept = (second < n) | select_once(i, j, shift)
-    i = i[is_kept]
-    j = j[is_kept]
-    shift = shift[is_kept]
-    vector = points[second[is_kept]] - points[first[is_kept]]
+    # a pair within the cell is found once, a pair with an image from both of its ends
+    is_counted = (second < n) | select_once(i, j, shift)
+    i = i[is_counted]
+    j = j[is_counted]
+    shift = shift[is_counted]
+    vector = points[second[is_counted]] - points[first[is_counted]]
     order = np.lexsort((*shift.T[::-1], j, i))
     return i[order], j[order], shift[order], vector[order]
 
 
 def _list_images(positions: Array, periods: Array, cutoff: float) -> tuple[Index, Index]:
-    """Return the places moved into the cell, and their images as far as a pair can reach beyond its
-    faces: their numbers (m,) and the whole periods (m, p) by which they are moved.
+    """Return the places (n, d) moved into the cell, and their images as far as ``cutoff`` beyond
+    its faces: their numbers (m,) and the whole periods (m, p) by which they are moved.
 
     The places themselves come first, in their order.
     """
-    across = np.linalg.pinv(periods)
-    fractions = positions @ across
-    home = np.floor(fractions).astype(np.intp)
-    fractions -= home
+    reciprocal = np.linalg.pinv(periods)  # (d, p)
+    fractions = positions @ reciprocal
+    home_cells = np.floor(fractions).astype(np.intp)
+    fractions -= home_cells
     ball = np.arange(len(positions))
     step = np.zeros((len(positions), len(periods)), np.intp)
-    margins = cutoff * np.linalg.norm(across, axis=0) * (1.0 + 1e-9)
+    # the cutoff in fractions of each period, with room for rounding
+    margins = cutoff * np.linalg.norm(reciprocal, axis=0) * (1.0 + 1e-9)
     for axis, margin in enumerate(margins):
         reach = int(margin) + 1
         balls = [ball]
         steps_of_balls = [step]
-        for steps in (*range(-reach, 0), *range(1, reach + 1)):
-            moved = fractions[ball, axis] + steps
-            is_near = (moved >= -margin) & (moved <= 1.0 + margin)
+        for cells in (*range(-reach, 0), *range(1, reach + 1)):
+            image_fractions = fractions[ball, axis] + cells
+            is_near = (image_fractions >= -margin) & (image_fractions <= 1.0 + margin)
             image_step = step[is_near]
-            image_step[:, axis] = steps
+            image_step[:, axis] = cells
             balls.append(ball[is_near])
             steps_of_balls.append(image_step)
+        # images along the next axis are those of all places and images so far
         ball = np.concatenate(balls)
         step = np.concatenate(steps_of_balls)
-    return ball, step - home[ball]
+    return ball, step - home_cells[ball]
 
 
 def require_joined(
@@ -554,12 +569,12 @@ def require_joined(
     pieces = _find_pieces(_list_neighbours(i, j, shift), n, periods)
     count = sum(copies for _, copies in pieces)
     ranks = {rank for rank, _ in pieces}
-    is_whole = ranks == {periods}  # each piece extends along all periods
-    if is_whole and count == 1:
+    is_full_rank = ranks == {periods}  # each piece extends along all periods
+    if is_full_rank and count == 1:
         return
-    if is_whole:
+    if is_full_rank:  # so are the clusters of a network without periods
         words = f"{count} {_PIECES[periods]}"
-    else:  # a network without periods is whole: its pieces are clusters, whatever their number
+    else:
         kinds = ", ".join(_PIECES[rank] for rank in sorted(ranks))
         words = f"{kinds}, {count} in each cell"
     problem = f"{called} falls into pieces that do not touch: {words}"
@@ -569,16 +584,18 @@ def require_joined(
 def _merge_held(
     i: Index, j: Index, shift: Index, held: Flags, periods: int
 ) -> tuple[Index, Index, Index, int]:
-    """Return the contacts i, j, shift, and the number of balls, where all ``held`` balls (n,) are
-    one, which comes last and touches its own images along all periods.
+    """Return the contacts i, j (n_c + p,), shift (n_c + p, p), and the number of balls, where all
+    ``held`` balls (n,) are one body, which comes last and touches its own images along all p
+    ``periods``.
     """
-    body = int(np.count_nonzero(~held))
-    number = np.where(held, body, np.cumsum(~held) - 1)
-    of_body = np.full(periods, body)
-    i = np.append(number[i], of_body)
-    j = np.append(number[j], of_body)
+    free_count = int(np.count_nonzero(~held))
+    body = free_count
+    new_index = np.where(held, body, np.cumsum(~held) - 1)
+    body_ends = np.full(periods, body)
+    i = np.append(new_index[i], body_ends)
+    j = np.append(new_index[j], body_ends)
     shift = np.concatenate([shift, np.eye(periods, dtype=np.intp)])
-    return i, j, shift, body + 1
+    return i, j, shift, free_count + 1
 
 
 def _list_neighbours(i: Index, j: Index, shift: Index) -> _Neighbours:
@@ -621,33 +638,33 @@ def _walk(
     """
     cells[start] = (0,) * periods
     rings = set[_Cells]()
-    queue = [start]
-    while queue:
-        ball = queue.pop()
+    unvisited = [start]
+    while unvisited:
+        ball = unvisited.pop()
         for neighbour, step in neighbours[ball]:
             cell = tuple(map(sum, zip(cells[ball], step, strict=True)))
             if neighbour not in cells:
                 cells[neighbour] = cell
-                queue.append(neighbour)
+                unvisited.append(neighbour)
             first_cell = cells[neighbour]
             rings.add(tuple(a - b for a, b in zip(cell, first_cell, strict=True)))
     return rings
 
 
 def _reduce_rows(rows: list[list[int]], periods: int) -> list[list[int]]:
-    """Return a basis of the lattice that integer rows of length ``periods`` make: Euclid's
-    algorithm, column by column. The rows are changed.
+    """Return a basis, a list of rows, of the lattice that integer rows of length ``periods`` make:
+    Euclid's algorithm, column by column. The given rows are changed.
     """
     basis = list[list[int]]()
     for column in range(periods):
-        nonzero = _sort_nonzero(rows, column)
-        while len(nonzero) > 1:
-            least = nonzero[0]
-            for row in nonzero[1:]:
-                times = row[column] // least[column]
-                row[:] = [a - times * b for a, b in zip(row, least, strict=True)]
-            nonzero = _sort_nonzero(rows, column)
-        basis += nonzero
+        nonzero_rows = _sort_nonzero(rows, column)
+        while len(nonzero_rows) > 1:
+            pivot_row = nonzero_rows[0]
+            for row in nonzero_rows[1:]:
+                quotient = row[column] // pivot_row[column]
+                row[:] = [a - quotient * b for a, b in zip(row, pivot_row, strict=True)]
+            nonzero_rows = _sort_nonzero(rows, column)
+        basis += nonzero_rows
         rows = [row for row in rows if not row[column]]
     return basis
 
@@ -658,8 +675,8 @@ def _sort_nonzero(rows: list[list[int]], column: int) -> list[list[int]]:
 
 
 def _find_lattice_index(basis: list[list[int]], periods: int) -> int:
-    """Return the index of the lattice of a basis among the integers in its span: the greatest
-    common divisor of the largest minors.
+    """Return the index of the lattice of a ``basis`` among the integers in its span: the greatest
+    common divisor of the minors of its full rank.
     """
     matrix = np.array(basis, float).reshape(len(basis), periods)
     minors = [
@@ -669,21 +686,21 @@ def _find_lattice_index(basis: list[list[int]], periods: int) -> int:
     return math.gcd(*minors)
 
 
-def _scale_to_touch(cell: Array, near: Array, touching: Array, given: bool = False) -> str:
-    """Say by what number to multiply the cell, or its coordinates along one axis, so that balls at
-    ``near`` touch.
+def _scale_to_touch(cell: Array, near: Array, touching: Array, *, with_positions: bool) -> str:
+    """Return the sentence of a message that says by what number to multiply the cell, or its
+    coordinates along one axis, so that balls at ``near`` touch.
 
     ``near`` and ``touching`` are vectors (n, d) between balls, over the distance at which they
-    touch; those that touch already must not change. With ``given`` positions these are to be
-    multiplied too. The text is empty if no single number does it.
+    touch; those that touch already must not change. ``with_positions`` says that positions are to
+    be multiplied too. The text is empty if no single number makes all balls touch.
     """
     if not len(touching):
         factors = 1.0 / np.linalg.norm(near, axis=1)
         if np.ptp(factors) <= TOUCH:
-            scaled = "the cell and the positions" if given else "the cell"
+            scaled = "the cell and the positions" if with_positions else "the cell"
             return f"Multiply {scaled} by {np.mean(factors):.12g}"
-    if given:
-        return ""
+    if with_positions:
+        return ""  # a factor along one axis would change the gaps between the positions too
     for axis in range(len(cell)):
         factor = _scale_axis(near, touching, axis)
         if factor is None:
@@ -698,24 +715,29 @@ def _scale_to_touch(cell: Array, near: Array, touching: Array, given: bool = Fal
 
 
 def _scale_axis(near: Array, touching: Array, axis: int) -> float | None:
-    """Return the factor of the coordinates along an axis at which balls at ``near`` touch; None if
-    none does that for all, or if it would part balls that are ``touching``.
+    """Return the factor of the coordinates along an ``axis`` at which balls at ``near`` (n, d)
+    touch; None if no factor does that for all, or if it would part balls that are ``touching``
+    (m, d).
     """
     if np.any(np.abs(touching[:, axis]) > TOUCH):
         return None
-    along = near[:, axis] ** 2
-    across = np.sum(np.delete(near, axis, axis=1) ** 2, axis=1)
-    if np.any(along < NEAR) or np.any(across >= 1.0):
+    # squares of the components along the axis and across
+    along_squared = near[:, axis] ** 2
+    across_squared = np.sum(np.delete(near, axis, axis=1) ** 2, axis=1)
+    if np.any(along_squared < NEAR) or np.any(across_squared >= 1.0):
         return None
-    factors = np.sqrt((1.0 - across) / along)
-    return float(np.mean(factors)) if np.ptp(factors) <= TOUCH else None
+    factors = np.sqrt((1.0 - across_squared) / along_squared)
+    is_common = np.ptp(factors) <= TOUCH
+    return float(np.mean(factors)) if is_common else None
 
 
 def touch_once_at_most(cell: Array, dim: tuple[int, ...], contact: float) -> bool:
-    """Whether any two balls of the supercell, or a ball and its own image, touch in at most one
-    way.
+    """Return whether any two balls of a supercell of ``dim`` (p,) cells, or a ball and its own
+    image, touch in at most one way.
 
     That is so if all periods are longer than twice the length ``contact`` of a contact: the vectors
     to two images of a ball differ by a period, so that they cannot both be as short as a contact.
     """
-    return len(steps_within(cell * np.array(dim)[:, None], 2.0 * (1.0 + 1e-6) * contact)) == 1
+    supercell = cell * np.array(dim)[:, None]
+    short_periods = steps_within(supercell, 2.0 * (1.0 + TOUCH) * contact)
+    return len(short_periods) == 1  # only the zero vector

@@ -38,16 +38,23 @@ from granphon.base.quantities import LENGTH
 from granphon.base.tables import Table
 from granphon.base.validation import finite_list, not_negative, positive, whole_number
 
-#: an analytic piece of a distribution: (start, end, density as a function of t, t - start and end -
-#: t)
+#: an analytic piece of a distribution of t: its start and its end, and the density as a function of
+#: the arrays t, rise = t - start and fall = end - t, whose digits are kept at the two ends
 Piece = tuple[float, float, Callable[[Array, Array, Array], Array]]
 #: x of listed diameters is rounded to a multiple of this, so that diameters of the same shape and
 #: another W compare equal
 GRAIN = 2.0**-40
 #: most points of a shape; more different diameters are condensed to this many or fewer
 MOST_POINTS = 192
+#: what the fraction of the balls counts beside the fraction of the range, where cells of condensed
+#: diameters end
+_SHARE_OF_BALLS = 0.3
 #: most numbers in an array while averages are computed; larger arrays are worked through in blocks
 _NUMBERS_AT_ONCE = 2**20
+#: powers of the overlap that are averaged
+_POWERS = tuple((0.5 * np.arange(-1, 7)).tolist())
+#: number of Gauss nodes on a piece of a normal density, at most 3 standard deviations long
+_PIECE_NODES = 24
 
 
 # -- distributions of deviations over the width ----------------------------------------------------
@@ -92,8 +99,8 @@ class Shape(ABC):
 
     @abstractmethod
     def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
-        """Quadrature over the central ball for smooth functions of F^Q(y) and K^Q(y); arrays of
-        shape (*y.shape, n).
+        """Return a quadrature over the central ball for smooth functions of F^Q(y) and K^Q(y);
+        arrays of shape (*y.shape, n).
 
         For densities n = 1 + 2 ``order`` (more beyond a cutoff of 3). The range of x_Q is split
         into three at y + x_Q/2 = -+max(x)/2. The part below the first of these, where F^Q = 0, gets
@@ -106,23 +113,24 @@ class Shape(ABC):
 
     @abstractmethod
     def _average(self, overlap: Array, power: float, pairs: bool) -> Array:
-        """Average over both balls, <(y + (x + x')/2)_+^p>, where ``overlap`` is y.
+        """Return the average over both balls, <(y + (x + x')/2)_+^p>, where ``overlap`` is y.
 
-        Without ``pairs`` it is over the other ball alone, <(s + x'/2)_+^p>, where ``overlap`` is s
-        = y + x/2.
+        Without ``pairs`` the average is over the other ball alone, <(s + x'/2)_+^p>, where
+        ``overlap`` is s = y + x/2. The result has the shape of ``overlap``.
         """
 
     def average(self, y: ArrayLike, power: float, x: ArrayLike | None = None) -> Any:
-        """Average power of the overlap, <(y + (x + x')/2)_+^p> with p = -1/2, 0, 1/2 ... 3, and 0^p
-        = 0.
+        """Return the average power of the overlap, <(y + (x + x')/2)_+^p> with p = -1/2, 0, 1/2 ...
+        3, and 0^p = 0.
 
         Raises :class:`InputError` for another power.
         """
-        if power not in np.arange(-0.5, 3.1, 0.5):
+        if power not in _POWERS:
             raise InputError(f"power is {power!r}", mend="Give a multiple of 1/2 from -1/2 to 3")
+        overlap = np.asarray(y, float)
         if x is None:
-            return self._average(np.asarray(y, float), power, True)[()]
-        return self._average(np.asarray(y, float) + 0.5 * np.asarray(x, float), power, False)[()]
+            return self._average(overlap, power, pairs=True)[()]
+        return self._average(overlap + 0.5 * np.asarray(x, float), power, pairs=False)[()]
 
     def force(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
         """Average force F_ave (equation 25) or F^Q (equation 28), in units of (2/3) E* d^(1/2)
@@ -158,30 +166,32 @@ class _Density(Shape):
 
     @abstractmethod
     def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
-        """Return the pieces of the distribution of (x + x')/2, or of x'/2, and the number of Gauss
-        nodes on each.
+        """Return the pieces of the distribution of (x + x')/2, or without ``pairs`` of x'/2, and
+        the number of Gauss nodes on each, for an average of a ``power`` p.
         """
 
     def _average(self, overlap: Array, power: float, pairs: bool) -> Array:
-        """The integral of density(t) (y + t)_+^p over the pieces, by Gauss nodes in (y +
+        """Return the integral of density(t) (y + t)_+^p over the pieces, by Gauss nodes in u = (y +
         t)^(1/2).
         """
         pieces, order = self._divide(power, pairs)
 
         def evaluate(flat: Array) -> Array:
-            """Return the integrals (n,) at y (n,)."""
+            """Return the integrals (n,) at y (n,); arrays within are (n, 1) or (n, nodes)."""
             y = flat[:, None]
             total = np.zeros(len(y))
             for start, end, density in pieces:
-                # the part of the piece in which y + t is above zero
-                first = np.maximum(start, -y)
-                length = np.maximum(np.where(first > start, end + y, end - start), 0.0)
-                lowest = np.maximum(start + y, 0.0)
-                root, rise, fall, weight = _make_root_nodes(lowest, length, order)
-                value = density(first + rise, (first - start) + rise, fall)
-                # dt = 2 u du with u = (y + t)^(1/2)
+                # the part of the piece in which y + t is above zero, and y + t where that begins
+                closed_start = np.maximum(start, -y)
+                is_cut = closed_start > start
+                length = np.maximum(np.where(is_cut, end + y, end - start), 0.0)
+                least_overlap = np.maximum(start + y, 0.0)
+                root, rise, fall, weight = _make_root_nodes(least_overlap, length, order)
+                t = closed_start + rise
+                density_at_nodes = density(t, (closed_start - start) + rise, fall)
+                # (y + t)^p dt = 2 u^(2 p + 1) du
                 powers = _raise_to_power(root, round(2.0 * power + 1.0))
-                total += np.sum(2.0 * powers * value * weight, axis=-1)
+                total += np.sum(2.0 * powers * density_at_nodes * weight, axis=-1)
             return total
 
         return evaluate_in_blocks(evaluate, overlap, _NUMBERS_AT_ONCE // order)
@@ -197,29 +207,34 @@ class _Density(Shape):
         return np.array([-self._edge, 0.0, self._edge])
 
     def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
-        """As :meth:`Shape.nodes`."""
-        values = np.asarray(y, float)[..., np.newaxis]
+        """Return the nodes of :meth:`Shape.nodes`, of three parts of the range of x."""
+        overlap = np.asarray(y, float)[..., np.newaxis]
         edge = self._edge
-        first = np.clip(-2.0 * values - edge, -edge, edge)
+        node_count = order * self._stretch
+        # x below which a ball touches no other, and from which on a ball touches all others
+        touching_some = np.clip(-2.0 * overlap - edge, -edge, edge)
+        touching_all = np.clip(edge - 2.0 * overlap, -edge, edge)
         if whole:
-            places, shares = _make_gauss_rule(order * self._stretch)
-            positions = [(first + edge) * places - edge]
-            weights = [(first + edge) * shares * self._compute_density(positions[0])]
+            fractions, shares = _make_gauss_rule(node_count)
+            positions = [(touching_some + edge) * fractions - edge]
+            weights = [(touching_some + edge) * shares * self._compute_density(positions[0])]
         else:
-            positions = [0.5 * (first - edge)]
-            weights = [self._compute_fraction_below(first)]
-        # two parts, of balls that touch some others and all others; each begins at x = first, where
-        # s = y + x/2 is ``start`` above the singularity, and is ``length`` long
-        touching_some = (first, np.maximum(values, 0.0), np.maximum(edge - np.abs(values), 0.0))
-        touching_all = (
-            np.clip(edge - 2.0 * values, -edge, edge),
-            np.maximum(values - edge, 0.0),
-            np.clip(values, 0.0, edge),
-        )
-        for first, start, length in (touching_some, touching_all):
-            root, rise, _, weight = _make_root_nodes(start, length, order * self._stretch)
-            positions.append(first + 2.0 * rise)
-            weights.append(4.0 * root * weight * self._compute_density(positions[-1]))
+            positions = [0.5 * (touching_some - edge)]
+            weights = [self._compute_fraction_below(touching_some)]
+        # each of the two parts above begins at an x where s = y + x/2 is ``start`` above the
+        # singularity, and is ``length`` long in s
+        some_start = np.maximum(overlap, 0.0)
+        some_length = np.maximum(edge - np.abs(overlap), 0.0)
+        all_start = np.maximum(overlap - edge, 0.0)
+        all_length = np.clip(overlap, 0.0, edge)
+        for first_x, start, length in (
+            (touching_some, some_start, some_length),
+            (touching_all, all_start, all_length),
+        ):
+            root, rise, _, weight = _make_root_nodes(start, length, node_count)
+            x = first_x + 2.0 * rise
+            positions.append(x)
+            weights.append(4.0 * root * weight * self._compute_density(x))
         return Nodes(np.concatenate(positions, axis=-1), np.concatenate(weights, axis=-1))
 
 
@@ -240,14 +255,17 @@ class UniformShape(_Density):
         return (np.asarray(probability, float) - 0.5)[()]
 
     def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
+        """As :meth:`_Density._divide`; so many Gauss nodes are exact."""
         if not pairs:
-            # equal to 2/(p+1) times the first difference of s_+^(p+1) over -+1/4; degree 2p + 1 in
-            # the root
-            return [(-0.25, 0.25, lambda t, rise, fall: np.full_like(t, 2.0))], math.ceil(power) + 1
-        # equal to 4/((p+1)(p+2)) times the second difference of y_+^(p+2) over -+1/2; degree 2p + 3
-        # in the root
+            # the average equals 2/(p+1) times the first difference of s_+^(p+1) over -+1/4; the
+            # integrand is of degree 2p + 1 in the root
+            constant: Piece = (-0.25, 0.25, lambda t, rise, fall: np.full_like(t, 2.0))
+            return [constant], math.ceil(power) + 1
+        # the average equals 4/((p+1)(p+2)) times the second difference of y_+^(p+2) over -+1/2; the
+        # integrand is of degree 2p + 3 in the root
         rising: Piece = (-0.5, 0.0, lambda t, rise, fall: 4.0 * rise)
-        return [rising, (0.0, 0.5, lambda t, rise, fall: 4.0 * fall)], math.ceil(power) + 2
+        falling: Piece = (0.0, 0.5, lambda t, rise, fall: 4.0 * fall)
+        return [rising, falling], math.ceil(power) + 2
 
 
 @dataclass(frozen=True)
@@ -291,27 +309,38 @@ class NormalShape(_Density):
         """
         from scipy.special import ndtri
 
-        off = np.asarray(probability, float) - 0.5
-        tail = 0.5 * math.erfc(self.cutoff / math.sqrt(2.0)) + self._kept * (0.5 - np.abs(off))
-        return (np.sign(off) * self._std * np.clip(-ndtri(tail), 0.0, self.cutoff))[()]
+        from_median = np.asarray(probability, float) - 0.5
+        cut_tail = 0.5 * math.erfc(self.cutoff / math.sqrt(2.0))
+        # the part of the density before the cut that lies beyond |x|
+        tail = cut_tail + self._kept * (0.5 - np.abs(from_median))
+        deviation = np.clip(-ndtri(tail), 0.0, self.cutoff)  # |x| in standard deviations
+        return (np.sign(from_median) * self._std * deviation)[()]
 
     def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
+        """As :meth:`_Density._divide`; pieces are at most 3 standard deviations long."""
         from scipy.special import erf
 
         # pieces of [-b, b], at most 3 std long, that meet at 0
         ends = np.linspace(-self._edge, self._edge, 2 * self._stretch + 1).tolist()
 
         def density_of_ball(t: Array, rise: Array, fall: Array) -> Array:
+            """Return the density of t = x/2."""
             return 2.0 * self._compute_density(2.0 * t)
 
         def make_pair_piece(start: float, end: float) -> Piece:
+            """Return the piece from ``start`` to ``end`` of the distribution of pairs."""
+
             def density_of_pair(t: Array, rise: Array, fall: Array) -> Array:
-                # with x = t + v and x' = t - v this is the integral over |v| < b - |t|; b - |t|
-                # keeps its digits at the ends
-                room = rise + (start + self._edge) if end <= 0.0 else fall + (self._edge - end)
-                scale = math.sqrt(math.pi) * self._std * self._compute_density(np.zeros(())) ** 2
+                """Return the density of t = (x + x')/2."""
+                # with x = t + v and x' = t - v the density is the integral over |v| < b - |t|
+                if end <= 0.0:  # b - |t|, which keeps its digits at the ends
+                    half_range = rise + (start + self._edge)
+                else:
+                    half_range = fall + (self._edge - end)
+                peak = self._compute_density(np.zeros(()))
+                scale = math.sqrt(math.pi) * self._std * peak**2
                 gaussian = np.exp(-((t / self._std) ** 2))
-                return np.asarray(2.0 * scale * gaussian * erf(room / self._std))
+                return np.asarray(2.0 * scale * gaussian * erf(half_range / self._std))
 
             return start, end, density_of_pair
 
@@ -320,7 +349,7 @@ class NormalShape(_Density):
             pieces = [make_pair_piece(start, end) for start, end in pairwise(ends)]
         else:
             pieces = [(0.5 * start, 0.5 * end, density_of_ball) for start, end in pairwise(ends)]
-        return pieces, 24
+        return pieces, _PIECE_NODES
 
 
 @dataclass(frozen=True)
@@ -362,44 +391,45 @@ class PointShape(Shape):
         return x[find_quantiles(w, np.asarray(probability, float))][()]
 
     def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
-        """As :meth:`Shape.nodes`."""
-        return Nodes(
-            *(np.broadcast_to(values, (*np.shape(y), values.size)) for values in self._points)
-        )
+        """Return the nodes of :meth:`Shape.nodes`: the points, at each y."""
+        x, w = self._points
+        shape = (*np.shape(y), x.size)
+        return Nodes(np.broadcast_to(x, shape), np.broadcast_to(w, shape))
 
     def _average(self, overlap: Array, power: float, pairs: bool) -> Array:
-        """The sum of w (y + t)_+^p over the places t of pairs, or of single balls, with their
-        weights w.
+        """Return the sum of w (y + t)_+^p over the values t of (x + x')/2 of all pairs, or of x'/2
+        of single balls, with their weights w.
         """
         x, w = self._points
-        places, weights = self._pairs if pairs else (0.5 * x, w)
+        t, weights = self._pairs if pairs else (0.5 * x, w)
 
         def evaluate(y: Array) -> Array:
             """Return the sums (n,) at y (n,)."""
-            overlap_at_place = y[:, None] + places
-            is_closed = overlap_at_place > 0.0
+            overlaps = y[:, None] + t
+            is_closed = overlaps > 0.0
             if power:
-                open_value = np.inf if power < 0.0 else 0.0  # whose power is zero
-                root = np.sqrt(np.where(is_closed, overlap_at_place, open_value))
+                # an overlap of an open contact is replaced by a number whose power is zero
+                open_overlap = np.inf if power < 0.0 else 0.0
+                root = np.sqrt(np.where(is_closed, overlaps, open_overlap))
                 terms = _raise_to_power(root, round(2.0 * power))
             else:
                 terms = np.asarray(is_closed, float)
-            # not @, whose rounding depends on the other rows
+            # a product by @ would round each row differently beside other rows
             return np.asarray(np.sum(terms * weights, axis=-1))
 
-        return evaluate_in_blocks(evaluate, overlap, _NUMBERS_AT_ONCE // places.size)
+        return evaluate_in_blocks(evaluate, overlap, _NUMBERS_AT_ONCE // t.size)
 
 
 @lru_cache(maxsize=64)
 def _make_gauss_rule(order: int) -> tuple[Array, Array]:
-    """Gauss-Legendre nodes and weights on [0, 1]."""
+    """Return the Gauss-Legendre nodes and weights on [0, 1], (order,) each."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
 def _make_root_nodes(start: Array, length: Array, order: int) -> tuple[Array, Array, Array, Array]:
-    """Gauss nodes u = v^(1/2) for v in [start, start + length], along the last axis, which has
-    length 1 in the arguments.
+    """Make Gauss nodes u = v^(1/2) for v in [start, start + length], along the last axis, which has
+    length 1 in the arguments and length ``order`` in the results.
 
     Returns u, v - start, start + length - v and the weights of du. No two nearly equal numbers are
     subtracted.
@@ -414,20 +444,20 @@ def _make_root_nodes(start: Array, length: Array, order: int) -> tuple[Array, Ar
     return root, rise, fall, weights * step
 
 
-def evaluate_in_blocks(evaluate: Callable[[Array], Array], values: Array, size: int) -> Array:
-    """Apply ``evaluate``, which maps (n,) to (n,), to an array of any shape, ``size`` numbers at a
-    time.
+def evaluate_in_blocks(evaluate: Callable[[Array], Array], arguments: Array, size: int) -> Array:
+    """Return the results of ``evaluate``, which maps (n,) to (n,), for an array of any shape;
+    ``size`` arguments are evaluated at a time, to bound the memory.
     """
-    flat = values.reshape(-1)
+    flat = arguments.reshape(-1)
     size = max(1, size)
     starts = range(0, max(1, flat.size), size)
     blocks = [evaluate(flat[start : start + size]) for start in starts]
-    return np.concatenate(blocks).reshape(values.shape)
+    return np.concatenate(blocks).reshape(arguments.shape)
 
 
 def _raise_to_power(root: Array, exponent: int) -> Array:
-    """root^n for n from -1 to 7, by products: for most n numpy computes a general power, at ten
-    times the cost.
+    """Return root^n for an ``exponent`` n from -1 to 7, by products: for most n numpy computes a
+    general power, at ten times the cost.
     """
     if exponent < 0:
         return np.asarray(1.0 / root)
@@ -439,14 +469,16 @@ def _raise_to_power(root: Array, exponent: int) -> Array:
 
 
 def find_quantiles(weights: Array, probability: Array) -> NDArray[np.intp]:
-    """Find the indices at which the running sum of the weights exceeds each probability."""
+    """Return the index at which the running sum of the ``weights`` (n,) exceeds each probability;
+    of the shape of ``probability``.
+    """
     indices = np.searchsorted(np.cumsum(weights), probability, side="right")
     return np.minimum(indices, weights.size - 1)
 
 
 def merge(places: Array, weights: Array) -> tuple[Array, Array]:
-    """Merge equal places: return the different places with weight above zero, ascending, and the
-    sums of their weights.
+    """Return the different ``places`` with weight above zero, ascending, and the sums of the
+    ``weights`` of equal places.
     """
     has_weight = weights > 0.0
     different, index = np.unique(places[has_weight], return_inverse=True)
@@ -454,8 +486,8 @@ def merge(places: Array, weights: Array) -> tuple[Array, Array]:
 
 
 def condense(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
-    """Condense many places (ascending) to at most ``most``: the first, the last, and two in each of
-    the cells between.
+    """Return at most ``most`` places that stand for many ``places`` (ascending), and their weights:
+    the first, the last, and two in each of the cells between.
 
     The two are a Gauss quadrature: each cell keeps its weight and its first three moments, so that
     only pairs near the kink are in error. Cells are narrower where there are many balls: the edges
@@ -473,17 +505,17 @@ def condense(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Ar
     # moments of each cell, (cells,)
     mass = np.bincount(cell, weights)
     mean = np.bincount(cell, weights * places) / mass
-    off = places - mean[cell]
-    std = np.sqrt(np.bincount(cell, weights * off**2) / mass)
+    deviation = places - mean[cell]
+    std = np.sqrt(np.bincount(cell, weights * deviation**2) / mass)
     is_condensed = count > 2
-    third_moment = np.bincount(cell, weights * off**3)
-    skew = 0.5 * third_moment / (mass * np.where(is_condensed, std, 1.0) ** 3)
-    # the lower and the upper place of each cell, and their weights
-    reach = np.hypot(1.0, skew)
-    lower = mean + std * (skew - reach)
-    upper = mean + std * (skew + reach)
-    weight_of_lower = 0.5 * mass * (1.0 + skew / reach)
-    weight_of_upper = 0.5 * mass * (1.0 - skew / reach)
+    third_moment = np.bincount(cell, weights * deviation**3)
+    half_skewness = 0.5 * third_moment / (mass * np.where(is_condensed, std, 1.0) ** 3)
+    # the two nodes of the Gauss quadrature of each cell, and their weights
+    half_distance = np.hypot(1.0, half_skewness)  # in standard deviations
+    lower = mean + std * (half_skewness - half_distance)
+    upper = mean + std * (half_skewness + half_distance)
+    weight_of_lower = 0.5 * mass * (1.0 + half_skewness / half_distance)
+    weight_of_upper = 0.5 * mass * (1.0 - half_skewness / half_distance)
     # cells of one or two places keep these
     is_kept = count[cell] <= 2
     new_places = [places[is_kept], lower[is_condensed], upper[is_condensed]]
@@ -494,10 +526,13 @@ def condense(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Ar
 def _number_cells(places: Array, weights: Array, cells: int) -> tuple[Any, Any]:
     """Return the number (n,) of the cell of each place, ascending, and how many places each cell
     has; the first and the last place have cells of their own besides the ``cells``.
+
+    The edges of the cells are those of :func:`condense`.
     """
-    below = (np.cumsum(weights) - 0.5 * weights) / np.sum(weights)
-    even = 0.3 * below + 0.7 * (places - places[0]) / (places[-1] - places[0])
-    cell = np.minimum(np.floor(even * cells), cells - 1.0)
+    fraction_below = (np.cumsum(weights) - 0.5 * weights) / np.sum(weights)
+    range_below = (places - places[0]) / (places[-1] - places[0])
+    coordinate = _SHARE_OF_BALLS * fraction_below + (1.0 - _SHARE_OF_BALLS) * range_below
+    cell = np.minimum(np.floor(coordinate * cells), cells - 1.0)
     cell[0] = -1.0
     cell[-1] = cells
     _, number, count = np.unique(cell, return_inverse=True, return_counts=True)
@@ -527,19 +562,20 @@ _ROUNDED = 1e-9
 
 
 def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
-    """Uniform random numbers in (0, 1) for the sites of an array: SplitMix64 of the seed, then of
-    each index in turn.
+    """Return uniform random numbers in (0, 1), of the ``shape``, for the sites of an array:
+    SplitMix64 of the seed, then of each index in turn.
 
     Integer arithmetic makes them the same on every machine. A site keeps its number when the array
     grows along any axis, so that a longer sample begins with a shorter one. Raises
     :class:`InputError` for lengths that are not whole numbers >= 0, for more than 2^48 sites, or
     for a seed that is not a whole number from 0 to 2^64 - 1.
     """
-    given: Any = shape
-    plain = given.tolist() if isinstance(given, np.ndarray) else given
-    is_list = isinstance(plain, Sequence) and not isinstance(plain, bytes)
-    listed = tuple(plain) if is_list else (plain,)
-    lengths = tuple(whole_number("shape", length, 0) for length in listed)
+    given_shape: Any = shape
+    if isinstance(given_shape, np.ndarray):
+        given_shape = given_shape.tolist()
+    is_list = isinstance(given_shape, Sequence) and not isinstance(given_shape, bytes)
+    given_lengths = tuple(given_shape) if is_list else (given_shape,)
+    lengths = tuple(whole_number("shape", length, 0) for length in given_lengths)
     if not lengths or math.prod(lengths) > _MOST_NUMBERS:
         raise InputError(
             f"shape is {brief(shape)}",
@@ -600,7 +636,7 @@ class Spread(ABC):
         if the smallest ball would have a size at or below zero. A smaller difference has no effect,
         as deviations are taken from the distribution's own mean.
         """
-        least = positive("diameter", diameter, "m") + self.smallest
+        least_diameter = positive("diameter", diameter, "m") + self.smallest
         if self.mean is not None and abs(self.mean - diameter) > _ROUNDED * diameter:
             problem = (
                 f"the mean of the diameters is {self.mean:.12g} m, the packing's diameter is"
@@ -608,14 +644,15 @@ class Spread(ABC):
             )
             mend = f"Give the mean, {self.mean!r} m, as the diameter"
             raise InputError(problem, "Deviations of diameters are counted from their mean", mend)
-        if not least > 0.0:
-            why = f"The smallest deviation from the mean is {self.smallest:g} m"
+        if not least_diameter > 0.0:
             raise InputError(
-                f"the smallest ball has a diameter of {least:g} m", why, "Give a smaller spread"
+                f"the smallest ball has a diameter of {least_diameter:g} m",
+                f"The smallest deviation from the mean is {self.smallest:g} m",
+                "Give a smaller spread",
             )
 
     def sample(self, shape: int | Sequence[int], seed: int) -> Array:
-        """Deviations Delta of an array of balls of this shape, m: the quantiles of
+        """Return the deviations Delta, m, of an array of balls of this ``shape``: the quantiles of
         :func:`uniform_numbers`.
 
         A larger sample keeps the balls of a smaller one. The mean of a sample is near zero, and is
@@ -704,13 +741,15 @@ class _Listed(Spread):
     @cached_property
     def _table(self) -> tuple[float, Array, Array]:
         """Mean diameter, m; deviations of the different diameters, m, ascending; their
-        probabilities.
+        probabilities; both (n,).
         """
-        places, weights = merge(np.array(self.diameters), self._compute_shares())
-        # exact if diameters differ by less than a factor of 2, so that equal balls have width 0
-        off = places - places[0]
-        mean = math.fsum(weights * off)
-        return float(places[0]) + mean, off - mean, weights
+        diameters, weights = merge(np.array(self.diameters), self._compute_shares())
+        # differences are exact if diameters differ by less than a factor of 2, so that equal balls
+        # have width 0
+        above_least = diameters - diameters[0]
+        mean_above_least = math.fsum(weights * above_least)
+        mean = float(diameters[0]) + mean_above_least
+        return mean, above_least - mean_above_least, weights
 
     def _compute_deviations(self, probability: Array) -> Array:
         _, deviations, weights = self._table
@@ -735,7 +774,8 @@ class _Listed(Spread):
         """
         _, deviations, shares = self._table
         x = np.round(deviations / (self.width or 1.0) / GRAIN) * GRAIN
-        positions, weights = condense(*merge(x, shares))
+        different_x, x_weights = merge(x, shares)
+        positions, weights = condense(different_x, x_weights)
         return PointShape(tuple(positions.tolist()), tuple(weights.tolist()))
 
 
@@ -774,12 +814,10 @@ class Discrete(_Listed):
             raise InputError(
                 f"a fraction is {rarest:g}", f"A kind rarer than {_RAREST:g} is not resolved", mend
             )
-        over = math.fsum(self.fractions) - 1.0
-        if abs(over) > _ROUNDED:
-            problem = (
-                f"the fractions sum to {1.0 + over:.12g}, {abs(over):.3g}"
-                f" {'above' if over > 0.0 else 'below'} 1"
-            )
+        excess = math.fsum(self.fractions) - 1.0
+        if abs(excess) > _ROUNDED:
+            side = "above" if excess > 0.0 else "below"
+            problem = f"the fractions sum to {1.0 + excess:.12g}, {abs(excess):.3g} {side} 1"
             raise InputError(problem, "They are parts of a whole", "Divide them by their sum")
 
     def _compute_shares(self) -> Array:
@@ -819,9 +857,11 @@ class Measured(_Listed):
         name = column or "diameter"
         if column is None and len(table.headings) == 1:
             heading = table.headings[0]
+            # an error about another unit would quote the heading
             if quoted or LENGTH.measures(heading.unit):
                 name = heading.name
-        return cls(tuple(table.column(name, LENGTH).tolist()))
+        diameters = table.column(name, LENGTH)
+        return cls(tuple(diameters.tolist()))
 
 
 def given_spread(spread: Any) -> Spread:

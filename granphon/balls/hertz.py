@@ -25,7 +25,7 @@ EXPONENT = 1.5
 #: orders of the derivatives of the energy with respect to the overlap: energy, force, stiffness,
 #: slope of the stiffness
 ENERGY, FORCE, STIFFNESS, SLOPE = range(4)
-#: what these are called
+#: the names of these derivatives in messages
 QUANTITIES = ("energy", "force", "stiffness", "slope of the stiffness")
 #: d log omega / d log f of equal balls, (a - 1)/2a = 1/6, as frequencies go as k^(1/2)
 FREQUENCY_EXPONENT = (EXPONENT - 1.0) / (2.0 * EXPONENT)
@@ -53,8 +53,8 @@ LEAST_NORMAL = np.finfo(float).tiny
 def mindlin_reduction(
     tangential_load: ArrayLike, normal_load: ArrayLike, friction_coefficient: float
 ) -> Any:
-    """Factor by which a static tangential load T reduces the shear stiffness of a contact under
-    normal load N.
+    """Return the factor by which a static tangential load T reduces the shear stiffness of a
+    contact under normal load N, of the shape to which both broadcast.
 
     (1 - T / mu N)^(1/3), for a tangential load that has grown from zero at constant normal load (R.
     D. Mindlin, J. Appl. Mech. 16, 259, 1949). The text after equation (4) prints 1 - (T / mu
@@ -68,7 +68,8 @@ def mindlin_reduction(
     tangential = np.abs(real_array("tangential_load", tangential_load))
     normal = real_array("normal_load", normal_load)
     is_finite = bool(np.all(np.isfinite(tangential)) and np.all(np.isfinite(normal)))
-    if not is_finite or not np.all(normal > 0.0):
+    is_compressive = bool(np.all(normal > 0.0))
+    if not (is_finite and is_compressive):
         raise InputError(
             "a load on the contact is not finite, or its normal part is not compressive"
         )
@@ -88,14 +89,16 @@ def mindlin_reduction(
 
 
 def reduce_by_slip(mobilised: ArrayLike) -> Any:
-    """Return the part of the shear stiffness that partial slip leaves at T/mu N: (1 - T/mu
-    N)^(1/3).
+    """Return the part of the shear stiffness that partial slip leaves, (1 - T/mu N)^(1/3), of
+    contacts whose ``mobilised`` part of the friction is T/mu N, from 0 to 1.
     """
     return np.cbrt(1.0 - np.asarray(mobilised))
 
 
 def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
-    """Harmonic mean diameter d* of two balls, m, with 1/d* = (1/d_i + 1/d_j)/2 (equation 3)."""
+    """Return the harmonic mean diameter d* of two balls, m: 1/d* = (1/d_i + 1/d_j)/2 (equation
+    3).
+    """
     first_diameter = real_array("diameter", first)
     second_diameter = real_array("diameter", second)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -103,15 +106,15 @@ def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
 
 
 def contact_radius_ratio(overlap: ArrayLike, diameter: ArrayLike) -> Any:
-    """Radius of the contact circle over the radius of the balls, (delta/d)^(1/2), for equal balls
-    of diameter d.
+    """Return the radius of the contact circle over the radius of the balls, (delta/d)^(1/2), for
+    equal balls of ``diameter`` d, m, with an ``overlap`` delta, m.
     """
     return np.sqrt(real_array("overlap", overlap) / real_array("diameter", diameter))[()]
 
 
 def high_pressure_overlap(width: float) -> float:
-    """Overlap, m, from which on the pressure is high (Section III), for balls whose diameters have
-    the ``width`` W, m.
+    """Return the overlap, m, from which on the pressure is high (Section III), for balls whose
+    diameters have the ``width`` W, m.
     """
     return MUCH_LARGER * width / math.sqrt(12.0)
 
@@ -130,21 +133,22 @@ class EnergyLaw(ABC):
 
     @abstractmethod
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        """Return the energy, or its derivative of an ``order`` of 1 to 3, unchecked; zero where the
-        bodies are apart.
+        """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
+        ``overlap``, m, unchecked; zero where the bodies are apart.
         """
 
     def _find(self, overlap: ArrayLike, order: int) -> Any:
-        """Return what :meth:`_evaluate` does; raise :class:`InputError` where it is no finite
-        number.
+        """Return what :meth:`_evaluate` does; raise :class:`InputError` where the result is no
+        finite number.
         """
         delta = real_array("overlap", overlap)
-        with np.errstate(all="ignore"):
-            value = self._evaluate(delta, order)
-        # balls that are apart have zero whatever their distance, but not at what is no number
-        checked = np.where(np.isnan(delta), delta, value)
+        with np.errstate(all="ignore"):  # numbers that are not finite are refused below
+            derivative = self._evaluate(delta, order)
+        # balls that are apart have zero whatever their distance, but an overlap that is no number
+        # is refused
+        checked = np.where(np.isnan(delta), delta, derivative)
         require_finite(QUANTITIES[order], checked, "an overlap", delta, "m")
-        return value
+        return derivative
 
     def energy(self, overlap: ArrayLike) -> Any:
         """Return the energy of a contact at an ``overlap``, m, in J; its derivative is the
@@ -165,20 +169,26 @@ class EnergyLaw(ABC):
         return self._find(overlap, SLOPE)
 
 
-def require_finite(name: str, found: Any, of: str, given: Any, unit: str) -> None:
-    """Raise :class:`InputError` where a quantity of a contact, ``found`` of each ``given``, is no
-    finite number.
+def require_finite(name: str, quantity: Any, cause: str, argument: Any, unit: str) -> None:
+    """Raise :class:`InputError` unless all numbers of a ``quantity`` of contacts are finite.
+
+    The message calls the quantity ``name``, and gives the first ``argument`` with a number that is
+    not finite: ``cause`` is what the argument is, ``unit`` its unit. ``quantity`` and ``argument``
+    are of one shape.
     """
-    finite = np.isfinite(found)
-    if not np.all(finite):
-        value = float(np.ravel(given)[np.argmin(np.ravel(finite))])
-        problem = f"the {name} of a contact at {of} of {value:g} {unit} is beyond double precision"
-        raise InputError(problem, mend="Compare the units")
+    is_finite = np.isfinite(quantity)
+    if not np.all(is_finite):
+        first = np.argmin(np.ravel(is_finite))
+        number = float(np.ravel(argument)[first])
+        raise InputError(
+            f"the {name} of a contact at {cause} of {number:g} {unit} is beyond double precision",
+            mend="Compare the units",
+        )
 
 
 def require_pushing(load: Array, least: float = 0.0) -> None:
-    """Raise :class:`InputError` for a force ``load`` below the ``least`` that a contact bears,
-    N.
+    """Raise :class:`InputError` unless all forces ``load``, N, are the ``least`` that a contact
+    bears, N, or more; a negative ``least`` is a tension.
     """
     if not np.all(load >= least):
         problem = "the force of a contact is negative"
@@ -217,8 +227,8 @@ class HertzLaw(EnergyLaw):
 
     @classmethod
     def between(cls, material: Material, first: float, second: float | None = None) -> HertzLaw:
-        """The law of two balls of the diameters ``first`` and ``second``, m; of equal balls if only
-        one is given.
+        """Return the law of two balls of one material with the diameters ``first`` and ``second``,
+        m; of equal balls if only one is given.
         """
         first_diameter = positive("diameter", first, "m")
         second_diameter = first_diameter if second is None else positive("diameter", second, "m")
@@ -232,6 +242,7 @@ class HertzLaw(EnergyLaw):
         return cls(coefficient)
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """As :meth:`EnergyLaw._evaluate`."""
         delta = np.maximum(real_array("overlap", overlap), 0.0)
         root = np.sqrt(delta)
         if order == ENERGY:
@@ -245,7 +256,7 @@ class HertzLaw(EnergyLaw):
         return slope[()]
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Overlap delta = (f/c)^(2/3), m, under a ``force`` f, N (equation 1).
+        """Return the overlap delta = (f/c)^(2/3), m, under a ``force`` f, N (equation 1).
 
         Raises :class:`InputError` if a force is negative.
         """
@@ -254,15 +265,17 @@ class HertzLaw(EnergyLaw):
         with np.errstate(over="ignore"):
             ratio = load / self.coefficient
         has_all_digits = (ratio >= LEAST_NORMAL) & (ratio < np.inf)
-        root = np.cbrt(ratio)
+        cube_root = np.cbrt(ratio)
         if not np.all(has_all_digits):
-            root = np.where(has_all_digits, root, np.cbrt(load) / np.cbrt(self.coefficient))
-        require_finite("overlap", root * root, "a force", load, "N")
-        return (root**2)[()]
+            quotient_of_roots = np.cbrt(load) / np.cbrt(self.coefficient)
+            cube_root = np.where(has_all_digits, cube_root, quotient_of_roots)
+        delta = cube_root**2
+        require_finite("overlap", delta, "a force", load, "N")
+        return delta[()]
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
-        """Relative fluctuation Delta f / f of the forces over balls: zero at any ``overlap`` of
-        equal balls.
+        """Return the relative fluctuation Delta f / f of the forces over balls: zero at any
+        ``overlap`` of equal balls.
         """
         return np.zeros(np.shape(overlap))[()]
 
@@ -271,10 +284,8 @@ class HertzLaw(EnergyLaw):
         return np.asarray(real_array("overlap", overlap) > 0.0, float)[()]
 
     def least_valid_force(self, width: float) -> float:
-        """Force, N, from which on the law may be used for balls whose diameters have the ``width``
-        W, m.
-
-        It is the force at :func:`high_pressure_overlap`.
+        """Return the force, N, from which on the law may be used for balls whose diameters have
+        the ``width`` W, m: the force at :func:`high_pressure_overlap`.
         """
         return float(self.force(high_pressure_overlap(width)))
 
@@ -293,75 +304,82 @@ def press(overlap: Array) -> tuple[Array, Array]:
 def press_further(
     overlap: float, differences: Array, out: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return h_+^(3/2) - y_+^(3/2), without the loss of digits of a subtraction, and h_+^(1/2), for
-    h = y + difference.
+    """Return h_+^(3/2) - y_+^(3/2), without the loss of digits of a subtraction, and h_+^(1/2), of
+    the shape of the ``differences``, for h = y + difference and the ``overlap`` y.
+
+    ``out`` takes the first of both.
     """
-    common = max(overlap, 0.0)
-    change = np.maximum(differences, -overlap, out=out)  # h_+ - y_+
+    closed_overlap = max(overlap, 0.0)  # y_+
+    change = np.maximum(differences, -overlap, out=out)  # becomes h_+ - y_+
     if overlap < 0.0:
         change += overlap
-    root = change + common
+    root = change + closed_overlap
     np.sqrt(root, out=root)
-    if common == 0.0:
+    if closed_overlap == 0.0:
         change *= root
         return change, root
     # the difference of the powers 3/2, over that of h and y, is h^(1/2) + y/(h^(1/2) + y^(1/2))
-    factor = root + math.sqrt(common)
-    np.divide(common, factor, out=factor)
+    factor = root + math.sqrt(closed_overlap)
+    np.divide(closed_overlap, factor, out=factor)
     factor += root
     change *= factor
     return change, root
 
 
 def release(rest: Array, rest_root: Array, elongation: Array, out: tuple[Array, Array]) -> None:
-    """Write to ``out`` what an elongation e from overlaps y >= 0 at rest takes from forces, and the
-    roots h_+^(1/2).
+    """Write to ``out`` the losses of force y^(3/2) - h_+^(3/2), and the roots h_+^(1/2), of
+    contacts that an ``elongation`` e takes from overlaps y = ``rest`` >= 0 to h = y - e.
 
-    h = y - e. No digits are lost by subtraction. ``rest_root`` is y^(1/2), or the least number
-    above zero.
+    All arrays have one shape. No digits are lost by subtraction. ``rest_root`` is y^(1/2), or the
+    least number above zero.
     """
     loss, root = out
-    np.minimum(elongation, rest, out=loss)  # of h_+
+    np.minimum(elongation, rest, out=loss)  # y - h_+, which the factor makes a loss of force
     np.subtract(rest, loss, out=root)
     np.sqrt(root, out=root)
-    factor = root + rest_root  # as for press_further
+    factor = root + rest_root  # the quotient of press_further
     np.divide(rest, factor, out=factor)
     factor += root
     loss *= factor
 
 
 def stretch(rest: Array, rest_root: Array, elongation: Array) -> Array:
-    """Return the change of the stored energy by an elongation e from overlaps y >= 0 at rest, less
-    the work of the force at rest, y^(3/2) e: the result begins with e^2; h = y - e.
+    """Return the change of the stored energy by an ``elongation`` e from overlaps y = ``rest`` >= 0
+    to h = y - e, less the work of the force at rest, y^(3/2) e: the result begins with e^2.
+
+    All arrays have one shape; ``rest_root`` is that of :func:`release`.
     """
     root = np.sqrt(np.maximum(rest - elongation, 0.0))
-    gap = -np.minimum(elongation, rest) / (root + rest_root)  # of the roots
-    second_order = 2.0 * rest_root + 0.4 * gap
-    first_order = 4.0 * rest_root**2 + gap * second_order
-    energy = gap * gap * (3.0 * rest_root**3 + gap * first_order)
+    # g = h_+^(1/2) - r with r = y^(1/2): the energy (2/5) h^(5/2) is a polynomial of g, nested here
+    root_change = -np.minimum(elongation, rest) / (root + rest_root)
+    quadratic_factor = 2.0 * rest_root + 0.4 * root_change
+    linear_factor = 4.0 * rest_root**2 + root_change * quadratic_factor
+    energy = root_change * root_change * (3.0 * rest_root**3 + root_change * linear_factor)
+    # beyond the opening the contact has no force, but the work of the force at rest goes on
     return np.asarray(energy - rest_root**3 * np.minimum(rest - elongation, 0.0))
 
 
 def mean_force(overlap: Array, other: Array) -> Array:
-    """Return the mean of h_+^(3/2) on the straight way from one overlap to another: the change of
-    (2/5) h_+^(5/2) over that of h.
+    """Return the mean of h_+^(3/2) on the straight way from each ``overlap`` h to the ``other``:
+    the change of (2/5) h_+^(5/2) over that of h; all arrays have one shape.
     """
     root = np.sqrt(np.maximum(overlap, 0.0))
-    root_after = np.sqrt(np.maximum(other, 0.0))
-    sum_of_roots = root + root_after
-    closed_part = (root_after - root) * sum_of_roots
+    other_root = np.sqrt(np.maximum(other, 0.0))
+    sum_of_roots = root + other_root
+    closed_change = (other_root - root) * sum_of_roots  # of h_+
     change = other - overlap
-    # the part of the way on which the contact is closed
-    closed = np.ones_like(change)
-    np.divide(closed_part, change, out=closed, where=(overlap < 0.0) != (other < 0.0))
+    # the part of the way on which the contact is closed: 1, unless the contact opens or closes
+    closed_part = np.ones_like(change)
+    has_switched = (overlap < 0.0) != (other < 0.0)
+    np.divide(closed_change, change, out=closed_part, where=has_switched)
     # the mean between r^2 and s^2 is (2/5) (s^5 - r^5)/(s^2 - r^2), without differences of near
     # numbers: the sum of r^(4 - k) s^k over r + s
     a = root * root
-    b = root_after * root_after
-    powers = a * a + b * b + root * root_after * (a + b) + a * b
+    b = other_root * other_root
+    powers = a * a + b * b + root * other_root * (a + b) + a * b
     mean_while_closed = np.zeros_like(sum_of_roots)
     np.divide(powers, sum_of_roots, out=mean_while_closed, where=sum_of_roots > 0.0)
-    return np.asarray(0.4 * closed * mean_while_closed)
+    return np.asarray(0.4 * closed_part * mean_while_closed)
 
 
 def force_of(overlap: Any) -> Any:

@@ -119,8 +119,9 @@ class Lattice:
                 sites = np.zeros((1, periods))
             else:
                 sites = real_array("sites", self.sites)
-            fits = sites.ndim == 2 and len(sites) > 0 and sites.shape[1] in (periods, dimension)
-            if not (1 <= periods <= dimension <= 3 and fits):
+            is_cell = 1 <= periods <= dimension <= 3
+            has_sites = sites.ndim == 2 and len(sites) > 0
+            if not is_cell or not has_sites or sites.shape[1] not in (periods, dimension):
                 raise ValueError
         except ValueError as error:
             raise InputError(
@@ -135,13 +136,15 @@ class Lattice:
     def _require_balance(self) -> None:
         """Raise InputError if equal contact forces leave a ball out of balance."""
         table = self.contacts
-        pull = np.zeros((self.n_balls, self.dimension))
-        np.add.at(pull, table.j, table.normal)
-        np.add.at(pull, table.i, -table.normal)
-        if np.max(np.abs(pull)) > TOUCH:
+        # (n, d) the sum of the forces on each ball, over the force of a contact
+        force = np.zeros((self.n_balls, self.dimension))
+        np.add.at(force, table.j, table.normal)
+        np.add.at(force, table.i, -table.normal)
+        if np.max(np.abs(force)) > TOUCH:
+            ball = int(np.argmax(np.abs(force).max(axis=1)))
             raise InputError(
                 f"lattice {self.name!r} is not in equilibrium: equal contact forces push ball"
-                f" {int(np.argmax(np.abs(pull).max(axis=1)))} aside",
+                f" {ball} aside",
                 mend="Use a lattice in which the directions of each ball's contacts add up to zero",
             )
 
@@ -156,11 +159,11 @@ class Lattice:
         has_same_sites = _are_close(self.positions, registered.positions)
         if has_same_cell and has_same_sites:
             return
+        cell = brief(registered.vectors.round(6).tolist())
+        balls = counted(registered.n_balls, "ball")
         raise InputError(
             f"the lattice {self.name!r} has a cell or sites of its own",
-            f"There is a lattice of that name, with the cell"
-            f" {brief(registered.vectors.round(6).tolist())} and"
-            f" {counted(registered.n_balls, 'ball')}",
+            f"There is a lattice of that name, with the cell {cell} and {balls}",
             f"Give yours another name, or lattice={self.name!r} to the packing",
         )
 
@@ -229,13 +232,13 @@ class Lattice:
         """
         p = self.periods
         normal = self.contacts.normal
-        stress = normal[:, :p].T @ normal[:, :p] / self.measure
+        stress = normal[:, :p].T @ normal[:, :p] / self.measure  # (p, p), in f/d^(p - 1)
         pressure = float(np.trace(stress)) / p
         if np.max(np.abs(stress - pressure * np.eye(p))) > 0.5 * TOUCH:
+            unit = "f/d" if p == 2 else "f/d^2"
             raise InputError(
                 f"the stress of lattice {self.name!r} is not a pressure",
-                f"Equal contact forces stress it by {np.round(stress, 6).tolist()}"
-                f" f/d{'' if p == 2 else '^2'}",
+                f"Equal contact forces stress it by {np.round(stress, 6).tolist()} {unit}",
                 "Load it by force or overlap",
             )
         return pressure
@@ -249,19 +252,23 @@ class Lattice:
         return self.pressure_factor / spacing ** (self.periods - 1)
 
     def _repr_html_(self) -> str:
-        rows = [
+        vectors = [
+            (f"lattice vector {number}", vector, "spacing")
+            for number, vector in enumerate(self.cell, 1)
+        ]
+        rows = [  # names, numbers and units
             ("name", self.name, ""),
             ("dimension", self.dimension, ""),
             ("periods", self.periods, ""),
-            *((f"lattice vector {n}", vector, "spacing") for n, vector in enumerate(self.cell, 1)),
+            *vectors,
             ("balls in the cell", self.n_balls, ""),
             ("contacts of a ball", self.coordination, ""),
         ]
         return write_html("Lattice", rows)
 
     def units_of(self, names: Iterable[str]) -> dict[str, str]:
-        """The SI units of quantities of an array of balls: "pressure", "effective_density",
-        "modulus".
+        """Return the SI unit of each of the ``names`` of quantities of an array of balls:
+        "pressure", "effective_density", "modulus".
         """
         return {name: _UNITS[name][self.periods - 1] for name in names}
 
@@ -308,8 +315,8 @@ HCP = Lattice(
     ((1.0 / 3.0, 2.0 / 3.0, 0.25), (2.0 / 3.0, 1.0 / 3.0, 0.75)),
 )  # fmt: skip
 DIAMOND = _cubic("diamond", 4.0 / math.sqrt(3.0), _FACES, ((0.0, 0.0, 0.0), (0.25, 0.25, 0.25)))
-for _one in (CHAIN, TRIANGULAR, SQUARE, HONEYCOMB, KAGOME, SC, BCC, FCC, HCP, DIAMOND):
-    LATTICES.own(_one.name, _one)
+for _lattice in (CHAIN, TRIANGULAR, SQUARE, HONEYCOMB, KAGOME, SC, BCC, FCC, HCP, DIAMOND):
+    LATTICES.own(_lattice.name, _lattice)
 #: structures of two kinds of balls, beside the lattices that have a name
 STRUCTURES = {
     name: Lattice(name, tuple(map(tuple, cell)), ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5)))
@@ -317,12 +324,12 @@ STRUCTURES = {
 } | {"zincblende": Lattice("zincblende", LATTICES["diamond"].cell, LATTICES["diamond"].sites)}
 
 
-def _are_close(coordinates: Array, others: Array) -> bool:
-    """Whether coordinates, (n, d) and (m, d), in spacings, agree to the rounding at which balls
-    still touch.
+def _are_close(coordinates: Array, registered: Array) -> bool:
+    """Return whether coordinates, (n, d) and (m, d), in spacings, agree to the rounding at which
+    balls still touch.
     """
-    has_same_shape = coordinates.shape == others.shape
-    return has_same_shape and np.allclose(coordinates, others, rtol=0.0, atol=TOUCH)
+    has_same_shape = coordinates.shape == registered.shape
+    return has_same_shape and np.allclose(coordinates, registered, rtol=0.0, atol=TOUCH)
 
 
 def register_lattice(lattice: Lattice) -> Lattice:
@@ -343,9 +350,9 @@ def register_lattice(lattice: Lattice) -> Lattice:
 
 
 def find_lattice(lattice: str | Lattice, known: Iterable[str] = LATTICES) -> Lattice:
-    """Find the lattice of a name; a :class:`Lattice` is returned itself.
+    """Return the lattice of a name, or a given :class:`Lattice` itself.
 
-    Raises :class:`InputError` for an unknown name; the message lists those that are ``known``.
+    Raises :class:`InputError` for an unknown name; the message lists the ``known`` names.
     """
     if isinstance(lattice, Lattice):
         return lattice
@@ -386,14 +393,14 @@ def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
         largest = np.max(np.abs(vector), axis=-1, keepdims=True)
     is_direction = bool(np.all(np.isfinite(vector)) and np.all(largest > 0.0))
     if vector.shape[-1:] != (dimension,) or not is_direction:
-        noun, shown = _DIRECTIONS[dimension - 1]
+        description, example = _DIRECTIONS[dimension - 1]
         raise InputError(
             f"direction is {brief(direction)}",
-            f"A direction is {noun}",
-            f"Give {shown}, or an array (n, {dimension}) of directions",
+            f"A direction is {description}",
+            f"Give {example}, or an array (n, {dimension}) of directions",
         )
-    vector = vector / largest
-    return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
+    scaled = vector / largest  # squares of numbers as they are may leave the floating range
+    return np.asarray(scaled / np.linalg.norm(scaled, axis=-1, keepdims=True))
 
 
 def one_direction(direction: ArrayLike, dimension: int = 2) -> Array:
@@ -402,12 +409,12 @@ def one_direction(direction: ArrayLike, dimension: int = 2) -> Array:
     Raises :class:`InputError` for what :func:`as_direction` refuses, and for more than one
     direction.
     """
-    along = as_direction(direction, dimension)
-    if along.ndim > 1:
-        mend = f"Give {_DIRECTIONS[dimension - 1][1]}"
+    unit_vector = as_direction(direction, dimension)
+    if unit_vector.ndim > 1:
+        _, example = _DIRECTIONS[dimension - 1]
         raise InputError(
             f"direction is {brief(direction)}",
             "This quantity is found along one direction at a time",
-            mend,
+            f"Give {example}",
         )
-    return along
+    return unit_vector

@@ -24,6 +24,9 @@ _LEVEL = 1e-12
 _SITE = 1e-9
 #: largest Miller index
 _MOST_INDEX = 100
+#: largest number of rounds in which two vectors are shortened; rounding may let two of one length
+#: change places for ever
+_MOST_REDUCTIONS = 100
 
 
 @dataclass(frozen=True)
@@ -59,8 +62,8 @@ class Layers:
         turn = np.eye(d)
 
         def turn_upright() -> None:
-            """Set the rotation of the periods, so that those of a layer lie along x, or in the xy
-            plane.
+            """Write the rotation after which the periods of a layer lie along x, or in the xy
+            plane, to ``turn``.
             """
             q, r = np.linalg.qr((basis @ cell)[:, :p].T)
             turn[:p, :p] = (q * np.sign(np.diag(r))).T
@@ -69,14 +72,14 @@ class Layers:
         leads_down = vectors[-1, p - 1] < 0.0
         if is_tilted or leads_down:
             turn_upright()
-        if np.linalg.det(turn) < 0.0 and p > 1:
+        is_mirrored = np.linalg.det(turn) < 0.0
+        if is_mirrored and p > 1:
             basis[0] = -basis[0]
             turn_upright()
-        vectors = basis @ cell @ turn.T
-        inner = vectors[:-1]
-        stack = vectors[-1]
-        inner[:, p - 1 :] = 0.0
-        return cls(basis, turn, inner, stack)
+        turned = basis @ cell @ turn.T
+        layer_cell = turned[:-1]
+        layer_cell[:, p - 1 :] = 0.0  # exactly, where rounding has left a little
+        return cls(basis, turn, layer_cell, turned[-1])
 
     def split(self, shift: Index) -> tuple[Index, Index]:
         """Return cells (n_c, p - 1) within a layer, and layers (n_c,), of contacts that lead to
@@ -92,18 +95,20 @@ class Layers:
         sites within one layer.
 
         Sites that lie one layer or more above the lowest are moved down by whole layers. ``walls``
-        (n,) have no site.
+        (n,) says which of the n have no site: they stay.
         """
         p = len(self.basis)
-        height = (positions @ self.turn.T)[:, p - 1] / self.stack[p - 1]
-        still = np.broadcast_to(walls, height.shape)
-        lowest = np.min(height, where=~still, initial=np.inf)
-        down = np.where(still, 0.0, np.floor(height - lowest + _SITE))
-        if not np.any(down):
+        height = (positions @ self.turn.T)[:, p - 1] / self.stack[p - 1]  # in layers
+        is_wall = np.broadcast_to(walls, height.shape)
+        lowest = np.min(height, where=~is_wall, initial=np.inf)
+        layers_down = np.where(is_wall, 0.0, np.floor(height - lowest + _SITE))
+        if not np.any(layers_down):
             return positions, shift
-        moved = positions - down[:, None] * (self.stack @ self.turn)
-        lower = np.where(still[i] | still[j], 0.0, down[j] - down[i]).astype(np.intp)
-        return moved, shift + lower[:, None] * self.basis[-1]
+        moved = positions - layers_down[:, None] * (self.stack @ self.turn)
+        # a contact of two balls leads as many layers higher as ball j is moved down more than i
+        difference = layers_down[j] - layers_down[i]
+        layers_up = np.where(is_wall[i] | is_wall[j], 0.0, difference).astype(np.intp)
+        return moved, shift + layers_up[:, None] * self.basis[-1]
 
     def unfold(
         self, i: Index, j: Index, shift: Index, n: int, count: int
@@ -111,34 +116,38 @@ class Layers:
         """Return the contacts among ``count`` layers of ``n`` balls each, from those of a cell,
         ``shift`` (n_c, p).
 
-        They are balls i and j (m,), numbered layer by layer, the row of each in the cell, and its
-        cells (m, p - 1).
+        They are balls i and j (m,), numbered layer by layer, the row (m,) of each contact among
+        those of the cell, and its cells (m, p - 1) within a layer.
         """
-        inner, rise = self.split(shift)
+        cells_in_layer, rise = self.split(shift)
         # (count, n_c): the layer of ball j, where ball i is in each layer
         layer_of_j = np.arange(count)[:, None] + rise
-        layer, row = np.nonzero((layer_of_j >= 0) & (layer_of_j < count))
-        return layer * n + i[row], layer_of_j[layer, row] * n + j[row], row, inner[row]
+        is_within = (layer_of_j >= 0) & (layer_of_j < count)
+        layer, row = np.nonzero(is_within)
+        unfolded_i = layer * n + i[row]
+        unfolded_j = layer_of_j[layer, row] * n + j[row]
+        return unfolded_i, unfolded_j, row, cells_in_layer[row]
 
 
 def read_axis(value: Any) -> Any:
     """Read the number of a vector of a cell, or Miller indices, as a scene has them; raises Refused
     for another value.
     """
-    words = value
-    if isinstance(value, str):
-        words = [
-            int(word) if word.removeprefix("-").isdecimal() else word for word in value.split()
-        ]
     if is_whole(value) and 0 <= value <= 2:
         return int(value)
-    if not isinstance(words, list | tuple):
+    indices = value
+    if isinstance(value, str):
+        words = value.split()
+        # a word that is no number is refused below, in its own letters
+        indices = [int(word) if word.removeprefix("-").isdecimal() else word for word in words]
+    if not isinstance(indices, list | tuple):
         allowed = (
             "the number of a vector of the cell, 0 to 2 (on a chain 0, in a layer 0 or 1), or"
             " Miller indices, as 1 1 0"
         )
         raise Refused(show(value), allowed)
-    return each(words, partial(whole, low=-100, high=100), "Miller indices")
+    index_rule = partial(whole, low=-_MOST_INDEX, high=_MOST_INDEX)
+    return each(indices, index_rule, "Miller indices")
 
 
 def read_edges(value: Any) -> tuple[str, str]:
@@ -161,23 +170,29 @@ def find_faces(
     """Return the indices of the balls of the lower and the upper face of layers of ``n`` balls, at
     ``heights`` with ``radii``, both (count n,), m.
 
-    They are those that a plane would touch, or come nearer to than ``slack``, or where the face is
-    clamped, all of the outer layer.
+    The balls of a clamped face are all of the outer layer; those of another face are the balls that
+    a plane would touch, or come nearer to than ``slack``, m. ``edges`` says how the lower and the
+    upper face are held.
     """
     is_ball = np.isfinite(radii)  # walls are no balls
     margin = TOUCH * radii[is_ball].max()
-    faces = []
-    for side, word, first in ((-1.0, edges[0], 0), (1.0, edges[1], len(heights) - n)):
-        top = np.where(is_ball, side * heights + radii, -np.inf)
-        is_touched = top >= top.max() - slack - margin
-        is_clamped = word == "clamped"
-        faces.append(first + np.arange(n) if is_clamped else np.flatnonzero(is_touched))
-    return faces[0], faces[1]
+
+    def find_face(edge: str, outward: float, first_of_layer: int) -> Index:
+        """Return the balls of the face on the side of ``outward``, -1 or 1, by its ``edge``."""
+        if edge == "clamped":
+            return first_of_layer + np.arange(n)
+        outermost = np.where(is_ball, outward * heights + radii, -np.inf)
+        is_touched = outermost >= outermost.max() - slack - margin
+        return np.flatnonzero(is_touched)
+
+    lower_face = find_face(edges[0], -1.0, 0)
+    upper_face = find_face(edges[1], 1.0, len(heights) - n)
+    return lower_face, upper_face
 
 
 def find_outer(heights: Array) -> Flags:
-    """Return (2, n) which balls at ``heights`` lie in the outer quarter of a cut, the lower one and
-    the upper one.
+    """Return (2, n) whether each ball at ``heights`` (n,), m, lies in the lowest quarter of a cut,
+    and in the highest.
     """
     low = float(heights.min())
     high = float(heights.max())
@@ -200,21 +215,22 @@ def _find_basis(axis: Any, cell: Array) -> Index:
     inner, stack = _split_by_plane(_read_miller_indices(axis, cell))
     inner = _shorten(inner, cell)
     if len(inner):
-        # the most upright vector across the plane
-        along = np.linalg.lstsq((inner @ cell).T, stack @ cell, rcond=None)[0]
-        stack = stack - np.rint(along).astype(np.intp) @ inner
+        # whole vectors of the plane are taken from the stack, so that it stands as upright as
+        # possible
+        in_plane, *_ = np.linalg.lstsq((inner @ cell).T, stack @ cell, rcond=None)
+        stack = stack - np.rint(in_plane).astype(np.intp) @ inner
     return np.concatenate([inner, stack[None]])
 
 
 def _read_miller_indices(axis: Any, cell: Array) -> Index:
     """Return the Miller indices (p,) of a plane, of a ``cell`` (p, d); InputError if ``axis`` is
-    none.
+    not a list of such indices.
     """
     periods = len(cell)
-    words = axis.tolist() if isinstance(axis, np.ndarray) else axis
-    if not isinstance(words, list | tuple) or not all(map(is_whole, words)):
-        words = ()
-    indices = np.array(words)
+    listed = axis.tolist() if isinstance(axis, np.ndarray) else axis
+    if not isinstance(listed, list | tuple) or not all(map(is_whole, listed)):
+        listed = ()  # refused below
+    indices = np.array(listed)
     if indices.shape == (4,) and periods == 3:
         indices = _read_four_indices(indices, cell)
     is_plane = indices.shape == (periods,) and bool(np.any(indices))
@@ -233,9 +249,10 @@ def _read_four_indices(indices: Any, cell: Array) -> Any:
     """
     a, b, c = cell
     problem = f"axis is {brief(indices.tolist())}"
-    size = float(a @ a)
-    deviations = [b @ b - size, a @ b + 0.5 * size, a @ c, b @ c]
-    if np.max(np.abs(deviations)) > TOUCH * (size + float(c @ c)):
+    square = float(a @ a)
+    # differences of the products of the vectors from those of a hexagonal cell
+    deviations = [b @ b - square, a @ b + 0.5 * square, a @ c, b @ c]
+    if np.max(np.abs(deviations)) > TOUCH * (square + float(c @ c)):
         why = (
             "Four Miller indices belong to a hexagonal cell: two equal vectors at 120"
             " degrees, and one across them"
@@ -252,53 +269,57 @@ def _read_four_indices(indices: Any, cell: Array) -> Any:
 
 def _split_by_plane(indices: Index) -> tuple[Index, Index]:
     """Return whole numbers (p - 1, p) that make vectors within the plane of Miller indices (p,),
-    and (p,) those that make one that leads to the next plane: Euclid's algorithm.
+    and whole numbers (p,) that make a vector to the next plane: Euclid's algorithm.
     """
     basis = np.eye(len(indices), dtype=np.intp)
-    # the planes that each vector of the basis rises
+    # the number of planes that each vector of the basis rises
     rises = (indices // np.gcd.reduce(indices)).astype(np.intp)
     while np.count_nonzero(rises) > 1:
         rising = np.flatnonzero(rises)
-        least = rising[np.argmin(np.abs(rises[rising]))]
+        flattest = rising[np.argmin(np.abs(rises[rising]))]
         for vector in rising:
-            if vector != least:
-                times = int(np.rint(rises[vector] / rises[least]))
-                rises[vector] -= times * rises[least]
-                basis[vector] -= times * basis[least]
-    across = int(np.flatnonzero(rises)[0])
-    stack = basis[across] * int(np.sign(rises[across]))
-    return np.delete(basis, across, axis=0), stack
+            if vector != flattest:
+                quotient = int(np.rint(rises[vector] / rises[flattest]))
+                rises[vector] -= quotient * rises[flattest]
+                basis[vector] -= quotient * basis[flattest]
+    last_rising = int(np.flatnonzero(rises)[0])
+    stack = basis[last_rising] * int(np.sign(rises[last_rising]))
+    return np.delete(basis, last_rising, axis=0), stack
 
 
 def _shorten(inner: Index, cell: Array) -> Index:
-    """Return whole numbers (p - 1, p) that make the shortest vectors of the same plane."""
+    """Return whole numbers (p - 1, p) that make the shortest vectors of the plane of the vectors
+    that ``inner`` (p - 1, p) makes: Gauss's reduction of two vectors.
+    """
     if len(inner) < 2:
         return inner
-    for _ in range(100):
+    for _ in range(_MOST_REDUCTIONS):
         previous = inner.copy()
         lengths = np.linalg.norm(inner @ cell, axis=1)
         inner = inner[np.argsort(lengths, kind="stable")]
         shorter = inner[0] @ cell
         longer = inner[1] @ cell
-        inner[1] -= int(np.rint(longer @ shorter / (shorter @ shorter))) * inner[0]
+        quotient = int(np.rint(longer @ shorter / (shorter @ shorter)))
+        inner[1] -= quotient * inner[0]
         if np.array_equal(previous, inner):
             break
     return inner
 
 
 def find_axes(periods: Array) -> Array:
-    """Return unit vectors (d, d), rows, of which the first p span the ``periods`` (p, d), the first
-    being along the first.
+    """Return unit vectors (d, d), rows, of which the first p span the ``periods`` (p, d), and the
+    first is along the first period.
 
     They are x, y, z where the periods lie along x, or in the xy plane, already.
     """
     p, d = periods.shape
-    if not np.any(np.abs(periods[:, p:]) > _LEVEL * np.max(np.abs(periods))):
+    is_tilted = np.any(np.abs(periods[:, p:]) > _LEVEL * np.max(np.abs(periods)))
+    if not is_tilted:
         return np.eye(d)
-    first = periods[0] / np.linalg.norm(periods[0])
+    first_axis = periods[0] / np.linalg.norm(periods[0])
     if p == 1:
-        frames = np.array(contact_frames(first[None]))  # (3, 3, 1): vectors, components
+        frames = np.array(contact_frames(first_axis[None]))  # (3, 3, 1): vectors, components
         return frames[:d, :d, 0]
     normal = np.cross(periods[0], periods[1])
-    normal = normal / np.linalg.norm(normal)
-    return np.array([first, np.cross(normal, first), normal])
+    normal /= np.linalg.norm(normal)
+    return np.array([first_axis, np.cross(normal, first_axis), normal])

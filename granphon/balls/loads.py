@@ -26,12 +26,12 @@ balls_on_side = partial(whole, low=1, high=1_000_000)
 
 
 def force_of_frame(side_force: Any, balls_per_side: int) -> Any:
-    """Contact force f, N, in a hexagonal frame: each side is pressed with ``side_force`` F, N, onto
-    n balls.
+    """Return the contact force f, N, in a hexagonal frame, each side of which is pressed with
+    ``side_force`` F, N, onto n = ``balls_per_side`` balls.
 
     f = F / (n sqrt 3). A side is as long as the n balls that lean on it, so that P = F/(n d), and P
-    d = sqrt(3) f (equation 20). For a single ball: it passes F/n on to two contacts at 30 degrees
-    to the push. The overlap drops out.
+    d = sqrt(3) f (equation 20). Each ball passes F/n on to two contacts at 30 degrees to the push.
+    The overlap drops out.
 
     Section IV has n = 31 and "~990 N" for f = 18.446 N; the formula gives 18.438 N at 990 N, and
     18.446 N at 990.4 N.
@@ -72,13 +72,17 @@ class Load:
         one_of("kind", self.kind, LOAD_KINDS)
         _require_memory(self.array, _LOAD_BYTES)
         object.__setattr__(self, "array", read_only(finite_array(self.kind, self.array)))
-        # an overlap may be negative, and what gravity loads need not be pressed
+        # an overlap may be negative, and balls under gravity need no other load
         may_be_zero = self.gravity is not None and np.all(self.array >= 0.0)
         if self.kind != "overlap" and not may_be_zero:
             require_compressive(self.kind, self.array)
-        if (self.kind in TENSORS) != (self.tensor is not None):
+        needs_tensor = self.kind in TENSORS
+        has_tensor = self.tensor is not None
+        if needs_tensor != has_tensor:
             raise InputError("a stress or strain has a tensor, and no other load has one")
-        if (self.kind == "side_force") != (self.balls_per_side is not None):
+        needs_side = self.kind == "side_force"
+        has_side = self.balls_per_side is not None
+        if needs_side != has_side:
             raise InputError("balls_per_side belongs to a side_force, and a side_force needs it")
         if self.balls_per_side is not None:
             require("balls_per_side", balls_on_side, self.balls_per_side)
@@ -166,26 +170,30 @@ class Load:
         return f"{self.kind} = {brief(np.asarray(numbers).tolist())}"
 
 
-def _require_memory(values: Any, each: float) -> None:
-    """Raise :class:`InputError` if states at so many loads, with so many bytes ``each``, do not fit
+def _require_memory(loads: Any, bytes_of_load: float) -> None:
+    """Raise :class:`InputError` if the states at a number, list or array of ``loads`` do not fit
     into memory.
     """
     count = 1
-    if isinstance(values, np.ndarray | list | tuple):
-        count = values.size if isinstance(values, np.ndarray) else len(values)
-    require_memory(f"states at {count:,} loads", each * count, "Take fewer loads")
+    if isinstance(loads, np.ndarray):
+        count = loads.size
+    elif isinstance(loads, list | tuple):
+        count = len(loads)
+    require_memory(f"states at {count:,} loads", bytes_of_load * count, "Take fewer loads")
 
 
-def require_compressive(name: str, values: NDArray[np.float64]) -> None:
-    """Raise :class:`InputError` if one of the values is negative or zero."""
-    if np.any(values < 0.0):
-        shown = brief(values.tolist())
+def require_compressive(name: str, loads: NDArray[np.float64]) -> None:
+    """Raise :class:`InputError`, which calls the ``loads`` (any shape) by ``name``, if one of them
+    is negative or zero.
+    """
+    if np.any(loads < 0.0):
+        shown = brief(loads.tolist())
         raise InputError(
             f"{name} is {shown}: tensile",
             NO_TENSION,
             "Give a load above zero",
         )
-    if np.any(values == 0.0):
+    if np.any(loads == 0.0):
         raise InputError(
             f"{name} is zero",
             NO_STIFFNESS,

@@ -27,6 +27,8 @@ ONSET_OF_YIELD = 1.07
 #: omega R / v_T of the torsional mode of order two of a free sphere: the least positive root of x
 #: j_2'(x) = j_2(x)
 _TORSIONAL = 2.501132620409395
+#: number of terms of the series of the breathing mode: the last is far below rounding
+_BREATHING_TERMS = 20
 
 
 def read_poisson_ratio(value: Any) -> float:
@@ -66,17 +68,15 @@ class Material:
     yield_strength: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "young_modulus", positive("young_modulus", self.young_modulus, "Pa")
-        )
-        object.__setattr__(self, "density", positive("density", self.density, "kg/m^3"))
-        object.__setattr__(
-            self, "poisson_ratio", require("poisson_ratio", read_poisson_ratio, self.poisson_ratio)
-        )
+        young_modulus = positive("young_modulus", self.young_modulus, "Pa")
+        density = positive("density", self.density, "kg/m^3")
+        poisson_ratio = require("poisson_ratio", read_poisson_ratio, self.poisson_ratio)
+        object.__setattr__(self, "young_modulus", young_modulus)
+        object.__setattr__(self, "density", density)
+        object.__setattr__(self, "poisson_ratio", poisson_ratio)
         if self.yield_strength is not None:
-            object.__setattr__(
-                self, "yield_strength", positive("yield_strength", self.yield_strength, "Pa")
-            )
+            yield_strength = positive("yield_strength", self.yield_strength, "Pa")
+            object.__setattr__(self, "yield_strength", yield_strength)
 
     @property
     def contact_modulus(self) -> float:
@@ -121,15 +121,16 @@ class Material:
         elastic sphere (H. Lamb, Proc. London Math. Soc. 13, 189, 1882). ``diameter`` in m.
         """
         radius = positive("diameter", diameter, "m") / 2.0
-        unit = self.transverse_velocity / (2.0 * math.pi * radius)
+        frequency_unit = self.transverse_velocity / (2.0 * math.pi * radius)  # Hz
         sigma = self.poisson_ratio
         # the torsional mode is the same for every sigma, and the lowest except in strongly auxetic
         # materials, where the breathing mode falls to zero with the bulk modulus; the spheroidal
         # mode of order two lies between
         if sigma >= 0.0:
-            return _TORSIONAL * unit
+            return _TORSIONAL * frequency_unit
         breathing = _find_breathing_mode(sigma)
-        return (_TORSIONAL if breathing is None else breathing) * unit
+        lowest = _TORSIONAL if breathing is None else breathing
+        return lowest * frequency_unit
 
 
 def _find_breathing_mode(sigma: float) -> float | None:
@@ -139,27 +140,29 @@ def _find_breathing_mode(sigma: float) -> float | None:
     from scipy.optimize import brentq
 
     ratio_squared = (1.0 - 2.0 * sigma) / (2.0 * (1.0 - sigma))  # (v_T / v_L)^2
-    # breathing mode: tan(y)/y = 1/(1 - y^2 v_L^2/4 v_T^2), with y^2 = r x^2 and r =
-    # ``ratio_squared``. Multiplied out to r j_1(y)/y - j_0(y)/4 it has no pole. It is summed as
-    # a series in y^2, whose first term is a difference that vanishes at sigma = -1, and
-    # therefore given in closed form
-    first = -(1.0 + sigma) / (12.0 * (1.0 - sigma))
-    series = []
-    for k in range(1, 20):
-        of_j1 = ratio_squared * (2 * k + 2) / math.factorial(2 * k + 3)
-        of_j0 = 0.25 / math.factorial(2 * k + 1)
-        series.append((-1.0) ** k * (of_j1 - of_j0))
+    # the mode is the root of tan(y)/y = 1/(1 - y^2 v_L^2/4 v_T^2), with y^2 = r x^2 and r =
+    # ``ratio_squared``. Multiplied out to r j_1(y)/y - j_0(y)/4 the function has no pole. It is
+    # summed as a series in y^2. Its first coefficient is a difference that vanishes at sigma = -1,
+    # and is given in closed form
+    first_coefficient = -(1.0 + sigma) / (12.0 * (1.0 - sigma))
+    coefficients = []
+    for k in range(1, _BREATHING_TERMS):
+        j1_coefficient = ratio_squared * (2 * k + 2) / math.factorial(2 * k + 3)
+        j0_coefficient = 0.25 / math.factorial(2 * k + 1)
+        coefficients.append((-1.0) ** k * (j1_coefficient - j0_coefficient))
 
-    def breathing(x: float) -> float:
-        """Return a function that is zero at the mode, x = omega R/v_T."""
-        square = ratio_squared * x * x
-        return first / square + math.fsum(term * square**k for k, term in enumerate(series))
+    def residual(x: float) -> float:
+        """Return r j_1(y)/y - j_0(y)/4 over y^2, zero at the mode, at x = omega R/v_T."""
+        square = ratio_squared * x * x  # y^2
+        terms = [coefficient * square**k for k, coefficient in enumerate(coefficients)]
+        return first_coefficient / square + math.fsum(terms)
 
     # with uniform strain a ball would breathe at omega R / v_T = (15 K/G)^(1/2); the exact root
     # is a little lower
-    uniform = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
-    # above 1: near sigma = -1 the root is ``uniform`` to rounding
-    upper = min(1.1 * uniform, _TORSIONAL)
-    if breathing(0.5 * uniform) * breathing(upper) > 0.0:
+    uniform_strain = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
+    lower = 0.5 * uniform_strain
+    # the factor is above 1 because the root equals ``uniform_strain`` to rounding near sigma = -1
+    upper = min(1.1 * uniform_strain, _TORSIONAL)
+    if residual(lower) * residual(upper) > 0.0:
         return None
-    return float(brentq(breathing, 0.5 * uniform, upper, xtol=1e-16 * uniform))
+    return float(brentq(residual, lower, upper, xtol=1e-16 * uniform_strain))

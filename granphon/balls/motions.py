@@ -117,17 +117,17 @@ ALL = Motions("all", (0, 1, 2), (0, 1, 2))
 
 
 def allowed_motions(dimension: int) -> dict[str, Motions]:
-    """Return the motions that balls on a line, in a plane or in space (1, 2, 3) may have, by name,
-    the default first.
+    """Return the motions that balls on a line, in a plane or in space (``dimension`` 1, 2, 3) may
+    have, by name, the default first.
 
-    Each of them is left by itself by all contacts: it moves no ball in another way.
+    Contacts couple none of these sets of motions to motions outside of the set.
     """
-    among = {
+    motions_of_dimension = {
         1: (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL),
         2: (IN_PLANE, OUT_OF_PLANE, ALL),
         3: (ALL,),
     }
-    return {motions.name: motions for motions in among[dimension]}
+    return {motions.name: motions for motions in motions_of_dimension[dimension]}
 
 
 def select_motions(
@@ -136,8 +136,8 @@ def select_motions(
     bending: ArrayLike = 0.0,
     among: Motions = IN_PLANE,
 ) -> Motions:
-    """Select the motions of balls from those of ``among``: all displacements, and the rotations if
-    contacts resist any.
+    """Return the motions of balls selected from those of ``among``: all displacements, and the
+    rotations if contacts resist any.
 
     Shear and bending resist rotations across the normal of a contact, torsion those along it. So
     torsion alone resists nothing where balls of a plane turn about z only.
@@ -148,7 +148,9 @@ def select_motions(
     torsion, bending : stiffness of a contact against twist and against rolling, in units of k d^2.
     among : the motions to select from.
     """
+    resists_slip = np.any(mindlin_ratio)
+    resists_rolling = np.any(bending)
     resists_twist = np.any(torsion) and among.twist
-    if np.any(mindlin_ratio) or np.any(bending) or resists_twist:
+    if resists_slip or resists_rolling or resists_twist:
         return among
     return replace(among, rotations=())

@@ -111,7 +111,9 @@ class Packing:
             largest_overlap = max(self.diameter, self.width)
             mass = self.mass
             force = float(law.force(largest_overlap))
-            velocity_squared = force / mass * largest_overlap if mass else math.inf
+            velocity_squared = math.inf
+            if mass:  # a mass below the floating range is zero, and refused
+                velocity_squared = force / mass * largest_overlap
             scales = (
                 float(law.energy(largest_overlap)),
                 force,
@@ -141,9 +143,8 @@ class Packing:
         """The motions of each ball: :attr:`named_motions`, without rotations if no contact resists
         them.
         """
-        return select_motions(
-            self.mindlin_ratio, 1.0 if self.torsion else 0.0, self.bending, self.named_motions
-        )
+        torsion = 1.0 if self.torsion else 0.0  # "mindlin" too: any number above zero
+        return select_motions(self.mindlin_ratio, torsion, self.bending, self.named_motions)
 
     @property
     def structure(self) -> Lattice:
@@ -188,7 +189,8 @@ class Packing:
         if self.torsion != MINDLIN:
             return np.full(f.shape, float(self.torsion))
         d = self.diameter
-        radius_over_diameter = contact_radius_ratio(self.law.overlap(f), d) / 2.0
+        overlap = self.law.overlap(f)
+        radius_over_diameter = contact_radius_ratio(overlap, d) / 2.0
         twist = 8.0 / 3.0 * self.material.shear_modulus * d * radius_over_diameter**3
         return np.asarray(np.divide(twist, k, out=np.zeros(f.shape), where=k > 0.0))
 
@@ -229,8 +231,10 @@ class Packing:
         return self.material.ball_mass(1.0) / per_ball
 
     def describe(self) -> list[tuple[str, Any, str]]:
-        """Return names, values and SI units of what describes it, as a notebook shows them."""
-        ball = self.material
+        """Return the rows of the table of the packing in a notebook: name, value and SI unit of
+        each quantity.
+        """
+        material = self.material
         spread = "none" if self.spread is None else type(self.spread).__name__.lower()
         rows: list[tuple[str, Any, str]] = [
             ("lattice", self.structure.name, ""),
@@ -240,12 +244,12 @@ class Packing:
         if self.spread is not None:
             rows.append(("width of the spread", self.width, "m"))
         rows += [
-            ("Young modulus", ball.young_modulus, "Pa"),
-            ("Poisson ratio", ball.poisson_ratio, ""),
-            ("density", ball.density, "kg/m^3"),
+            ("Young modulus", material.young_modulus, "Pa"),
+            ("Poisson ratio", material.poisson_ratio, ""),
+            ("density", material.density, "kg/m^3"),
         ]
-        if ball.yield_strength is not None:
-            rows.append(("yield strength", ball.yield_strength, "Pa"))
+        if material.yield_strength is not None:
+            rows.append(("yield strength", material.yield_strength, "Pa"))
         rows += [
             ("mass of a ball", self.mass, "kg"),
             ("friction", self.friction, ""),
@@ -274,9 +278,10 @@ def read_rolling(
     """
     allowed = allowed_motions(dimension)
     if motions is not None and not is_one_of(motions, allowed):
+        extent = ("on a line", "in a plane", "in space")[dimension - 1]
         raise InputError(
             f"{called} has no motions {brief(motions)}",
-            f"It lies {('on a line', 'in a plane', 'in space')[dimension - 1]}",
+            f"It lies {extent}",
             "Use " + ", ".join(allowed),
         )
     if not isinstance(torsion, str):
@@ -284,44 +289,58 @@ def read_rolling(
     elif torsion != MINDLIN:
         raise InputError(f"torsion is {brief(torsion)}", mend=f"Give a number, or {MINDLIN}")
     bending = not_negative("bending", bending)
-    for name, value in (("torsion", torsion), ("bending", bending)):
-        if isinstance(value, float) and value > _MOST_ROLLING:
-            why = "It is a stiffness over k d^2; that of a contact is far below 1"
-            raise InputError(f"{name} is {value:g}", why, f"Give a number up to {_MOST_ROLLING:g}")
-    moving = next(iter(allowed.values())) if motions is None else allowed[motions]
-    _require_resisted(called, moving, allowed, bool(torsion), bool(bending))
+    for name, stiffness in (("torsion", torsion), ("bending", bending)):
+        if isinstance(stiffness, float) and stiffness > _MOST_ROLLING:
+            raise InputError(
+                f"{name} is {stiffness:g}",
+                "It is a stiffness over k d^2; that of a contact is far below 1",
+                f"Give a number up to {_MOST_ROLLING:g}",
+            )
+    default_motions = next(iter(allowed.values()))
+    ball_motions = default_motions if motions is None else allowed[motions]
+    _require_resisted(
+        called, ball_motions, allowed, has_torsion=bool(torsion), has_bending=bool(bending)
+    )
     return torsion, bending
 
 
 def _require_resisted(
-    called: str, moving: Motions, allowed: Mapping[str, Motions], torsion: bool, bending: bool
+    called: str,
+    ball_motions: Motions,
+    allowed: Mapping[str, Motions],
+    *,
+    has_torsion: bool,
+    has_bending: bool,
 ) -> None:
-    """Raise :class:`InputError` if the motions have no rotation that a torsion or a bending
-    resists.
+    """Raise :class:`InputError` if a torsion or a bending resists no rotation of
+    ``ball_motions``.
 
-    ``moving`` are the motions of the balls, ``allowed`` all that these balls may have.
+    ``allowed`` are all sets of motions that these balls may have, by name.
     """
 
-    def is_resisted(motions: Motions) -> bool:
-        return bool((motions.twist or not torsion) and (motions.rotate or not bending))
+    def list_idle(motions: Motions) -> list[str]:
+        """Return which of torsion and bending resists none of the motions."""
+        idle = []
+        if has_torsion and not motions.twist:
+            idle.append("torsion")
+        if has_bending and not motions.rotate:
+            idle.append("bending")
+        return idle
 
-    idle = []
-    if torsion and not moving.twist:
-        idle.append("torsion")
-    if bending and not moving.rotate:
-        idle.append("bending")
-    if not idle:
+    idle_stiffnesses = list_idle(ball_motions)
+    if not idle_stiffnesses:
         return
     missing_motions = "rotations"
     why = "have no rotation that could be resisted"
-    if moving.rotate:
+    if ball_motions.rotate:
         missing_motions = "rotations about the normals of contacts"
         why = "turn balls across the normals only: no contact twists"
-    suitable = [name for name, motions in allowed.items() if is_resisted(motions)]
+    suitable = [name for name, motions in allowed.items() if not list_idle(motions)]
+    pronoun = "it" if len(idle_stiffnesses) == 1 else "both"
     raise InputError(
-        f"{' and '.join(idle)} without {missing_motions}",
-        f"The motions {moving.name!r} of {called} {why}",
-        f"Use motions {', '.join(suitable)}, or leave {'it' if len(idle) == 1 else 'both'} out",
+        f"{' and '.join(idle_stiffnesses)} without {missing_motions}",
+        f"The motions {ball_motions.name!r} of {called} {why}",
+        f"Use motions {', '.join(suitable)}, or leave {pronoun} out",
     )
 
 
@@ -348,19 +367,17 @@ def require_shallow(modulus: float, overlap: float, load: str) -> None:
     ``load`` is what the message calls the load, and ``modulus`` the least Young modulus of the
     balls, Pa.
     """
-    if not overlap < 1.0:
-        problem = f"{load} presses the balls together by {overlap:.4g} diameters"
-        mend = "Lower the load"
-        why = (
-            "Balls cannot overlap by their diameter or more, and the contact law fails long before"
+    if overlap < 1.0:
+        return
+    why = "Balls cannot overlap by their diameter or more, and the contact law fails long before"
+    mend = "Lower the load"
+    if modulus < LEAST_YOUNG_MODULUS:
+        why += (
+            f". The Young modulus is {modulus:g} Pa, probably a wrong unit, such as GPa given"
+            f" for Pa"
         )
-        if modulus < LEAST_YOUNG_MODULUS:
-            why += (
-                f". The Young modulus is {modulus:g} Pa, probably a wrong unit, such as GPa given"
-                f" for Pa"
-            )
-            mend = "Give the Young modulus in Pa (70 GPa are 70e9), or lower the load"
-        raise InputError(problem, why, mend)
+        mend = "Give the Young modulus in Pa (70 GPa are 70e9), or lower the load"
+    raise InputError(f"{load} presses the balls together by {overlap:.4g} diameters", why, mend)
 
 
 # -- parameters by name, and packings in which some have other values ------------------------------
@@ -419,10 +436,14 @@ class Axis:
                 raise InputError(f"{name} is an empty list", mend="Give at least one value")
         else:
             axis = cls(name, real_list(name, given))
-        double = find_double(axis.values)
-        if double is not None:
-            problem = f"the sweep has {axis.describe(brief(axis.values[double]))} twice"
-            raise InputError(problem, "Both would be the same states", "Give each value once")
+        double_index = find_double(axis.values)
+        if double_index is not None:
+            double = axis.describe(brief(axis.values[double_index]))
+            raise InputError(
+                f"the sweep has {double} twice",
+                "Both would be the same states",
+                "Give each value once",
+            )
         if name == "lattice":
             axis._require_comparable_lattices()
         return axis
@@ -445,10 +466,10 @@ class Axis:
                 "Their pressures, moduli and directions have different units and sizes",
                 "Make a sweep of each dimension",
             )
-        double = find_double(self.labels)
-        if double is not None:
+        double_index = find_double(self.labels)
+        if double_index is not None:
             raise InputError(
-                f"two lattices of the sweep have the name {self.labels[double]!r}",
+                f"two lattices of the sweep have the name {self.labels[double_index]!r}",
                 "Their states could not be told apart",
                 "Give each a name of its own",
             )
@@ -483,7 +504,9 @@ class Axis:
         """
         if self.unit is None:
             return self
-        return Axis(self.name, tuple(dict.fromkeys((min(self.values), max(self.values)))))
+        least = min(self.values)
+        greatest = max(self.values)
+        return Axis(self.name, (least,) if least == greatest else (least, greatest))
 
     def describe(self, label: Any) -> str:
         """A label with the name of the parameter and its unit, such as "width = 2e-06 m"."""
@@ -495,15 +518,18 @@ def _require_parameter(name: str) -> None:
     """Raise :class:`InputError` unless ``name`` is a parameter of packings, or, as "A.diameter", of
     a kind of ball.
     """
-    kind, _, parameter = name.rpartition(".")
-    if parameter in (KIND_PARAMETERS if kind else PARAMETERS):
-        return
-    parameters = list(PARAMETERS)
+    kind, _, _ = name.rpartition(".")
     if kind:
-        parameters = [f"{kind}.{of_kind}" for of_kind in KIND_PARAMETERS]
+        owner = "a kind of ball"
+        parameters = [f"{kind}.{parameter}" for parameter in KIND_PARAMETERS]
+    else:
+        owner = "a packing"
+        parameters = list(PARAMETERS)
+    if name in parameters:
+        return
     guess = closest(name, parameters)
     raise InputError(
-        f"{'a kind of ball' if kind else 'a packing'} has no parameter {name!r}",
+        f"{owner} has no parameter {name!r}",
         "It has " + ", ".join(parameters),
         f"Did you mean {guess}?" if guess else "Use one of these",
     )
@@ -511,10 +537,10 @@ def _require_parameter(name: str) -> None:
 
 def _list_values(given: Any) -> tuple[Any, ...]:
     """Return the values of an argument that is one value or several; a text is one value."""
-    plain = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
-    if isinstance(plain, Iterable) and not isinstance(plain, str):
-        return tuple(plain)
-    return (plain,)
+    argument = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
+    if isinstance(argument, Iterable) and not isinstance(argument, str):
+        return tuple(argument)
+    return (argument,)
 
 
 def _label_spreads(spreads: Sequence[Any]) -> tuple[str, ...]:
@@ -531,8 +557,8 @@ def _label_spreads(spreads: Sequence[Any]) -> tuple[str, ...]:
 
 
 def find_double(values: Sequence[Any]) -> int | None:
-    """Return the index of the first value that stands before already; None if there is none."""
-    if all(isinstance(value, Hashable) for value in values):
+    """Return the index of the first value that equals an earlier one; None if all differ."""
+    if all(isinstance(value, Hashable) for value in values):  # a set needs no pairwise comparison
         earlier = set[Any]()
         for index, value in enumerate(values):
             if value in earlier:
@@ -552,16 +578,18 @@ def change_width(spread: Spread | None, width: float) -> Uniform | Normal | Disc
     Raises :class:`InputError` if the width is negative or not finite, if listed diameters are all
     the same, or if the distribution is not one of granphon's own.
     """
-    uniform = Uniform(width)  # says what is wrong with the width
+    uniform = Uniform(width)  # refuses a width that is negative or not finite
     if spread is None or isinstance(spread, Uniform):
         return uniform
     if isinstance(spread, Normal):
-        return Normal(uniform.width / Normal(1.0, spread.cutoff).width, spread.cutoff)
+        width_over_std = Normal(1.0, spread.cutoff).width
+        return Normal(uniform.width / width_over_std, spread.cutoff)
     if isinstance(spread, Discrete | Measured):
         return _scale_listed(spread, uniform.width)
-    problem = f"a {type(spread).__name__} cannot be given another width"
     raise InputError(
-        problem, "The parameters of this class are not known", "Give the spreads themselves"
+        f"a {type(spread).__name__} cannot be given another width",
+        "The parameters of this class are not known",
+        "Give the spreads themselves",
     )
 
 
@@ -584,8 +612,8 @@ def _scale_listed(spread: Discrete | Measured, width: float) -> Discrete | Measu
 
 
 def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
-    """The packing with other values of some of its :data:`PARAMETERS`, or of those of kinds of
-    balls if it has these.
+    """Return the packing with other values of some of its :data:`PARAMETERS`; a crystal with other
+    values of its :data:`KIND_PARAMETERS`.
 
     A ``width`` scales the spread (:func:`change_width`); a ``diameter`` leaves the spread as it is.
     Raises :class:`InputError` if such a packing is not possible.
@@ -599,24 +627,27 @@ def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
             "It has " + ", ".join(PARAMETERS),
             "Use one",
         )
-    of_material = {name: value for name, value in values.items() if name in _MATERIAL}
-    of_packing = {name: value for name, value in values.items() if name not in _MATERIAL}
-    if "width" in of_packing:
-        width = of_packing.pop("width")
-        of_packing["spread"] = change_width(of_packing.get("spread", packing.spread), width)
-    return replace(packing, material=replace(packing.material, **of_material), **of_packing)
+    material_values = {name: value for name, value in values.items() if name in _MATERIAL}
+    packing_values = {name: value for name, value in values.items() if name not in _MATERIAL}
+    if "width" in packing_values:
+        width = packing_values.pop("width")
+        spread = packing_values.get("spread", packing.spread)
+        packing_values["spread"] = change_width(spread, width)
+    material = replace(packing.material, **material_values)
+    return replace(packing, material=material, **packing_values)
 
 
 def count_combinations(axes: Sequence[Axis]) -> int:
-    """Count the combinations of values; raise :class:`InputError` if there are too many for a
-    sweep.
+    """Return the number of combinations of the values of all ``axes``; raise :class:`InputError`
+    if there are too many for a sweep.
     """
     count = math.prod(len(axis.values) for axis in axes)
     if count > MOST_COMBINATIONS:
-        sides = " x ".join(f"{counted(len(axis.values), 'value')} of {axis.name}" for axis in axes)
-        problem = f"{sides} make {count} packings"
+        sides = [f"{counted(len(axis.values), 'value')} of {axis.name}" for axis in axes]
         raise InputError(
-            problem, f"A sweep has no more than {MOST_COMBINATIONS}", "Give fewer values"
+            f"{' x '.join(sides)} make {count} packings",
+            f"A sweep has no more than {MOST_COMBINATIONS}",
+            "Give fewer values",
         )
     return count
 
@@ -635,10 +666,11 @@ def combine(packing: BallsT, axes: Sequence[Axis]) -> list[tuple[str, BallsT]]:
     combinations = []
     for values, labels in zip(all_values, all_labels, strict=True):
         words = [axis.describe(label) for axis, label in zip(axes, labels, strict=True)]
-        where = ", ".join(words)
+        combination = ", ".join(words)
+        changes = dict(zip(names, values, strict=True))
         try:
-            combined = change_packing(packing, dict(zip(names, values, strict=True)))
+            changed_packing = change_packing(packing, changes)
         except InputError as error:
-            raise InputError(f"{where}: {error}") from error
-        combinations.append((where, combined))
+            raise InputError(f"{combination}: {error}") from error
+        combinations.append((combination, changed_packing))
     return combinations

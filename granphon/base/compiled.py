@@ -1,11 +1,11 @@
 """Loops over contacts or balls that NumPy could only make in many passes, compiled by Numba when
 they are first called.
 
-What it compiles is kept beside the module, as Python's own bytecode is, or in the user's cache
-where that cannot be written. Nothing depends on what is kept: where it is damaged or cannot be
-written, loops are compiled in each process. The first loop that a process compiles says so on
-stderr, as it may take some ten seconds; one that is read says nothing. Without Numba they are loops
-of Python, which give the same numbers, hundreds of times slower.
+Numba keeps the compiled loops in a cache: beside the module, as Python keeps its bytecode, or in
+the user's cache folder where the module's folder cannot be written. Nothing depends on the cache:
+where it is damaged or cannot be written, loops are compiled in each process. The first loop that a
+process compiles is announced on stderr, as compilation may take some ten seconds. Without Numba
+they are loops of Python, which give the same numbers, hundreds of times slower.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from granphon.base.threads import hold_back_signals
 _Loop = TypeVar("_Loop", bound=Callable[..., Any])
 
 _SLOW = "The same takes hundreds of times longer"
-#: what is said where loops are not compiled; empty where they are
+#: the message that says why loops are not compiled; empty where they are
 UNCOMPILED = ""
 if njit is None:
     UNCOMPILED = message("numba is not installed", _SLOW, "Install it: pip install numba")
@@ -40,89 +40,92 @@ def compiled(loop: _Loop) -> _Loop:
     """Return the ``loop``, a function of arrays and numbers, compiled with the arithmetic of NumPy:
     x/0 is no error.
 
-    Where what was compiled cannot be read or kept, the first loop of a process that meets it issues
-    a
-    :class:`~granphon.base.errors.CacheWarning`.
+    Where a compiled loop cannot be read from the cache, or not be kept there, the first such loop
+    of a process issues a :class:`~granphon.base.errors.CacheWarning`.
     """
     if UNCOMPILED:
         return loop
-    made: Any
-    nowhere = ""
+    dispatcher: Any  # Numba's object that compiles the loop for each signature, and calls it
+    why_no_cache = ""
     try:
-        made = njit(cache=True, error_model="numpy")(loop)
-        _end_no_run(made._cache)
-    except RuntimeError:
-        made = njit(error_model="numpy")(loop)
-        nowhere = "There is no folder that can be written"
-    compile_for = made.compile
+        dispatcher = njit(cache=True, error_model="numpy")(loop)
+        _survive_cache_errors(dispatcher._cache)
+    except RuntimeError:  # Numba has found no folder for its cache
+        dispatcher = njit(error_model="numpy")(loop)
+        why_no_cache = "There is no folder that can be written"
+    compile_for = dispatcher.compile
 
     def compile_whole(signature: Any) -> Any:
-        """Compile as Numba does, which could lose a Ctrl-C and end in an error of its own: it comes
-        when this is done.
+        """Compile the loop for one signature of argument types, as Numba does.
+
+        A Ctrl-C waits until the end: in the middle, Numba could lose the Ctrl-C, or fail with an
+        error of its own.
         """
-        if nowhere:
-            _warn(nowhere)
+        if why_no_cache:
+            _warn_of_cache(why_no_cache)
         with hold_back_signals():
             return compile_for(signature)
 
-    made.compile = compile_whole
-    compile_anew = made._compiler.compile
+    dispatcher.compile = compile_whole
+    compile_anew = dispatcher._compiler.compile
 
-    def compile_aloud(arguments: Any, returned: Any) -> Any:
-        _say()
+    def announce_and_compile(arguments: Any, returned: Any) -> Any:
+        _announce_compilation()
         return compile_anew(arguments, returned)
 
-    made._compiler.compile = compile_aloud
-    return cast("_Loop", made)
+    dispatcher._compiler.compile = announce_and_compile
+    return cast("_Loop", dispatcher)
 
 
-def _end_no_run(cache: Any) -> None:
-    """Have a cache of Numba go on without what it can neither read nor write, of which it forgets
-    all.
+def _survive_cache_errors(cache: Any) -> None:
+    """Replace the two methods by which Numba reads and writes its ``cache``: instead of raising an
+    error they issue a warning and clear the index, so that the loop is compiled anew.
     """
 
-    def attempt(access: Callable[..., Any]) -> Callable[..., Any]:
-        def go_on(*arguments: Any) -> Any:
+    def forgiving(access: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a method that does as ``access`` does, or returns None where that fails."""
+
+        def access_or_warn(*arguments: Any) -> Any:
             try:
                 return access(*arguments)
-            except Exception as error:  # what is read of a file that was cut may raise anything
+            except Exception as error:  # reading a file that was cut may raise anything
                 # the index goes: it may name a file that another version of the loop has left
                 with suppress(OSError):
                     os.unlink(cache._cache_file._index_path)
-                _warn(f"{cache.cache_path}: {str(error) or type(error).__name__}")
+                reason = str(error) or type(error).__name__
+                _warn_of_cache(f"{cache.cache_path}: {reason}")
                 return None
 
-        return go_on
+        return access_or_warn
 
-    cache.load_overload = attempt(cache.load_overload)
-    cache.save_overload = attempt(cache.save_overload)
+    cache.load_overload = forgiving(cache.load_overload)
+    cache.save_overload = forgiving(cache.save_overload)
 
 
-#: what is said on stderr when a loop is compiled
+#: the line on stderr when a loop is compiled
 COMPILING = "granphon: loops are compiled, once on this machine; this may take some ten seconds"
-#: whether this process has said so
-_told: list[str] = []
+#: the announcements that this process has made; empty before
+_announcements: list[str] = []
 
 
-def _say() -> None:
+def _announce_compilation() -> None:
     """Say on stderr that loops are compiled, once in a process."""
-    if not _told:
-        _told.append(COMPILING)
+    if not _announcements:
+        _announcements.append(COMPILING)
         print(COMPILING, file=sys.stderr, flush=True)
 
 
-#: what this process has said about the cache
-_said: list[str] = []
+#: the warning about the cache that this process has issued; empty before
+_issued_warnings: list[str] = []
 
 
-def _warn(reason: str) -> None:
-    """Issue the warning of a process that compiles what a cache should hold."""
-    if not _said:
-        _said.append(
-            message(
-                "what numba has compiled cannot be read, or not be kept",
-                reason,
-                "It is compiled anew",
-            )
+def _warn_of_cache(reason: str) -> None:
+    """Issue, once in a process, the warning that loops are compiled which a cache should hold."""
+    if not _issued_warnings:
+        warning = message(
+            "what numba has compiled cannot be read, or not be kept",
+            reason,
+            "It is compiled anew",
         )
-        warnings.warn(_said[0], CacheWarning, stacklevel=2)
+        _issued_warnings.append(warning)
+        warnings.warn(warning, CacheWarning, stacklevel=2)

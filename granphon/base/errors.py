@@ -32,6 +32,8 @@ EXTRAS = {
     ),
     "distributed": ("distributed", "dask"),
 }
+#: decimal digits that one bit of a whole number stands for: the decimal logarithm of 2
+_DIGITS_PER_BIT = 0.30103
 #: what ends a line, with the white space around it
 _BREAK = re.compile(r"\s*[\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*")
 
@@ -40,14 +42,15 @@ class GranphonError(Exception):
     """Root of every error that granphon raises on purpose.
 
     ``load_index`` is the index, among several loads, of the one that cannot be carried; None if the
-    error is not about a load. It is kept when the error comes back from a worker process. ``block``
-    holds the keys that lead to the part of a scene that the error is about, as ("motion",); None if
-    it is not known. ``option`` is the name of the option of a medium that the error is about, as
-    the start of a loading; None if it is about none. ``reached`` is what was found at the loads of
-    a path before the error, a state or the data set of a sweep; None if there is none.
+    error is not about a load. The index is kept when the error comes back from a worker process.
+    ``block`` holds the keys that lead to the part of a scene that the error is about, as
+    ("motion",); None if that part is not known. ``option`` is the name of the option of a medium
+    that the error is about, as the start of a loading; None if the error is about none. ``reached``
+    is the state, or the data set of a sweep, at the loads of a path before the error; None if there
+    is none.
 
-    It is made of sentences: what is wrong and where, why it matters, how to mend it; its text is
-    their :func:`message`.
+    The constructor takes sentences: what is wrong and where, why it matters, how to mend it. The
+    text of the error is their :func:`message`.
     """
 
     load_index: int | None = None
@@ -60,11 +63,12 @@ class GranphonError(Exception):
         self.args = (message(what, why, mend),)
 
     def restate(self, text: str) -> Self:
-        """Return an error of the same kind with another text, and with all else that this one
-        knows.
+        """Return an error of the same class with another text, and with the attributes of this
+        error.
         """
         restated = copy(self)
-        # as the constructor makes it, by which errors are unpickled
+        # the text goes through message as in the constructor, because unpickling calls the
+        # constructor with args, and must find the same text
         restated.args = (message(text),)
         return restated
 
@@ -78,29 +82,36 @@ class Refused(InputError):
 
     ``found`` says what the value is, ``allowed`` what the rule takes, ``mend`` what was probably
     meant. ``path`` holds the keys and list indices that lead from the value given to the rule to
-    the part of it that is refused.
+    the part of the value that is refused.
     """
 
     def __init__(
         self, found: str, allowed: str, mend: str = "", path: tuple[str | int, ...] = ()
     ) -> None:
-        # a mend that is no sentence, such as the text of another error, goes on with this sentence
-        tail = f"; {mend}" if mend[:1].islower() else f". {mend}".rstrip()
-        super().__init__(f"found {found}; allowed: {allowed}{tail}")
+        ending = "."
+        if mend[:1].islower():
+            # a mend in lower case, such as the text of another error, is no sentence of its own
+            ending = f"; {mend}"
+        elif mend:
+            ending = f". {mend}".rstrip()
+        super().__init__(f"found {found}; allowed: {allowed}{ending}")
         self.found = found
         self.allowed = allowed
         self.mend = mend
         self.path = path
 
     def __reduce__(self) -> tuple[type[Refused], tuple[object, ...], dict[str, object]]:
-        # keeps all fields, and the text of a refusal that is restated, in a copy and through a
-        # worker process
+        """Return class, arguments and attributes, from which a copy or pickle is made.
+
+        The attributes hold ``args`` too, so that a restated refusal keeps its text.
+        """
         arguments = (self.found, self.allowed, self.mend, self.path)
-        return Refused, arguments, vars(self) | {"args": self.args}
+        attributes = vars(self) | {"args": self.args}
+        return Refused, arguments, attributes
 
     def under(self, *keys: str | int) -> Refused:
-        """The same refusal with ``keys`` put before its path: the place of the value in what
-        surrounds it.
+        """Return the same refusal with ``keys`` before its path: the keys lead to the value from
+        the block or list around the value.
         """
         return Refused(self.found, self.allowed, self.mend, (*keys, *self.path))
 
@@ -199,28 +210,29 @@ class CacheWarning(UserWarning):
 
 @contextmanager
 def needing(what: str) -> Iterator[None]:
-    """Raise :class:`MissingPackageError` where a block imports a package that is not installed;
-    ``what`` needs it.
+    """Raise :class:`MissingPackageError` where a block imports a package that is not installed.
 
-    The error names the extra of granphon that brings the package, or else the package itself, which
-    granphon comes with.
+    ``what`` is the subject of the message: a file or feature that needs the package. The message
+    names the extra of granphon that brings the package, or else the package itself.
     """
     try:
         yield
     except ModuleNotFoundError as error:
-        name = str(error.name).partition(".")[0]
-        if name in ("None", "granphon"):
+        package = str(error.name).partition(".")[0]
+        if package in ("None", "granphon"):  # a module of granphon itself, or an unnamed one
             raise
-        package = next(
-            (f'"granphon[{extra}]"' for extra, brings in EXTRAS.items() if name in brings), name
-        )
-        problem = f"{what} needs {name}, which is not installed"
-        raise MissingPackageError(problem, mend=f"Install it: pip install {package}") from None
+        to_install = package
+        for extra, packages in EXTRAS.items():
+            if package in packages:
+                to_install = f'"granphon[{extra}]"'
+                break
+        problem = f"{what} needs {package}, which is not installed"
+        raise MissingPackageError(problem, mend=f"Install it: pip install {to_install}") from None
 
 
 def require_installed(what: str, *packages: str) -> None:
-    """Raise what :func:`needing` raises if one of ``packages``, which ``what`` needs, is not
-    installed; none is imported.
+    """Raise :class:`MissingPackageError`, as :func:`needing` does, if one of ``packages``, which
+    ``what`` needs, is not installed. No package is imported.
     """
     for package in packages:
         with needing(what):
@@ -229,26 +241,30 @@ def require_installed(what: str, *packages: str) -> None:
 
 
 def message(what: str, why: str = "", mend: str = "") -> str:
-    """Join the parts of an error message (what is wrong, why it matters, how to mend it) into one
-    line.
+    """Return the sentences of an error message (what is wrong, why it matters, how to mend it) on
+    one line, each with its full stop.
 
     Letters that cannot be printed are escaped, as a message may quote a file of unknown origin.
     """
-    sentences = [one_line(part).rstrip() for part in (what, why, mend) if part]
-    # three dots stay: they say that something has been cut off
-    return " ".join(
-        sentence if sentence.endswith(("?", "...")) else sentence.rstrip(". ") + "."
-        for sentence in sentences
-    )
+    sentences = []
+    for words in (what, why, mend):
+        if not words:
+            continue
+        sentence = one_line(words).rstrip()
+        # three dots stay: they say that text has been cut off
+        if not sentence.endswith(("?", "...")):
+            sentence = sentence.rstrip(". ") + "."
+        sentences.append(sentence)
+    return " ".join(sentences)
 
 
 def brief(value: object, most: int = 80) -> str:
-    """A value as a message shows it: its repr on one line, cut to ``most`` characters.
+    """Return a value as a message shows it: its repr on one line, cut to ``most`` characters.
 
     A whole number beyond the range of floats is described by its number of digits.
     """
     if _is_too_large(value):
-        digits = int(0.30103 * value.bit_length()) + 1  # the logarithm of 2
+        digits = int(_DIGITS_PER_BIT * value.bit_length()) + 1
         return f"a whole number of about {digits} digits, which is too large"
     if isinstance(value, list | tuple) and any(map(_is_too_large, value)):
         return "a list with a number that is too large"
@@ -258,7 +274,10 @@ def brief(value: object, most: int = 80) -> str:
         return "an array with a number that is too large"
     except RecursionError:
         return "a list that is nested without end"
-    return text if len(text) <= most else text[: most - 3] + "..."
+    if len(text) <= most:
+        return text
+    ellipsis = "..."
+    return text[: most - len(ellipsis)] + ellipsis
 
 
 def _is_too_large(value: object) -> TypeGuard[int]:
@@ -267,10 +286,14 @@ def _is_too_large(value: object) -> TypeGuard[int]:
 
 
 def one_line(text: str) -> str:
-    """A text on one line, with letters that cannot be printed as escapes: a terminal would obey
-    them.
+    """Return a text on one line, with letters that cannot be printed as escapes: a terminal would
+    obey control characters.
     """
-    joined = _BREAK.sub(" ", text)
-    if joined.isprintable():
-        return joined
-    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in joined)
+    line = _BREAK.sub(" ", text)
+    if line.isprintable():
+        return line
+    letters = []
+    for letter in line:
+        escaped = repr(letter)[1:-1]  # without its quotes
+        letters.append(letter if letter.isprintable() else escaped)
+    return "".join(letters)

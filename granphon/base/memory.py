@@ -13,6 +13,8 @@ from granphon.base.errors import InputError
 
 #: memory that any machine is taken to have, bytes: to ask the system takes longer than small work
 _ALWAYS = 1e8
+#: the unit of the kernel's "kB", bytes
+_KIBIBYTE = 1024.0
 #: for both versions of control groups, by the name of the controller: the folder, the files of the
 #: limit and of the use, and the entry of memory.stat with the cache that can be given back
 _GROUPS = {
@@ -30,10 +32,10 @@ def available_memory(root: Path = Path("/")) -> float:
     """Return the memory that this process may still take, bytes; infinite if the system does not
     report it.
 
-    On Linux it is the least of the memory that the kernel reports as available and of what is left
-    of the limits of the process itself (of its addresses), of its control group and of the groups
-    above it. Elsewhere it is the free memory, or failing that the total memory. ``root`` is the
-    folder of the system's files.
+    On Linux the available memory is the least of three: the memory that the kernel reports as
+    available, what is left of the limit of the process (of its addresses), and what is left of the
+    limits of its control group and of the groups above. Elsewhere it is the free memory, or failing
+    that the total memory. ``root`` is the folder of the system's files.
     """
     return min(_free_memory(root), _free_addresses(root), _free_of_groups(root))
 
@@ -48,39 +50,44 @@ def _read_words(path: Path) -> list[list[str]]:
 
 
 def _read_number(path: Path, name: str = "") -> float | None:
-    """Return the number after a name, perhaps with a unit behind, or alone in a file; None if there
-    is none ("max").
+    """Return the number on the line of a file that begins with a ``name``, or on the first line
+    without a name; None if there is no number, as in "max".
+
+    The number ends the line ("inactive_file 512"), or stands before its unit ("VmSize: 512 kB").
     """
     for words in _read_words(path):
         if words and name in ("", words[0]):
-            number = words[-2] if len(words) > 2 else words[-1]
+            has_unit = len(words) > 2
+            number = words[-2] if has_unit else words[-1]
             return float(number) if number.isdigit() else None
     return None
 
 
 def _free_memory(root: Path) -> float:
     """Return the memory of the machine that is available, bytes; infinite if that is not known."""
-    free = _read_number(root / "proc/meminfo", "MemAvailable:")
-    if free is not None:
-        return free * 1024.0
+    kibibytes = _read_number(root / "proc/meminfo", "MemAvailable:")
+    if kibibytes is not None:
+        return kibibytes * _KIBIBYTE
+    # outside Linux: the free pages, or else all pages
     names = getattr(os, "sysconf_names", ())
-    pages = next((name for name in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES") if name in names), None)
-    if pages is None or "SC_PAGE_SIZE" not in names:
+    page_counts = [name for name in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES") if name in names]
+    if not page_counts or "SC_PAGE_SIZE" not in names:
         return math.inf
-    return float(os.sysconf(pages)) * float(os.sysconf("SC_PAGE_SIZE"))
+    return float(os.sysconf(page_counts[0])) * float(os.sysconf("SC_PAGE_SIZE"))
 
 
 def _free_addresses(root: Path) -> float:
-    """Return what is left of the limit of addresses of this process, bytes; infinite without a
-    limit.
+    """Return what is left of the limit of addresses of this process (ulimit -v), bytes; infinite
+    without a limit.
     """
-    used = _read_number(root / "proc/self/status", "VmSize:")
+    used_kibibytes = _read_number(root / "proc/self/status", "VmSize:")
     for words in _read_words(root / "proc/self/limits"):
+        # the line is "Max address space", the limit in bytes or "unlimited", and more columns
         if words[:3] == ["Max", "address", "space"]:
             limit = words[3]
-            if not limit.isdigit() or used is None:
+            if not limit.isdigit() or used_kibibytes is None:
                 return math.inf
-            return max(float(limit) - used * 1024.0, 0.0)
+            return max(float(limit) - used_kibibytes * _KIBIBYTE, 0.0)
     return math.inf
 
 
@@ -88,33 +95,34 @@ def _free_of_groups(root: Path) -> float:
     """Return what is left of the limits of the control groups of this process, bytes; infinite
     without limits.
     """
-    least = math.inf
+    free = math.inf
     for words in _read_words(root / "proc/self/cgroup"):
-        _, _, hierarchy = " ".join(words).partition(":")
-        controllers, _, path = hierarchy.partition(":")
-        kind = "memory" if "memory" in controllers.split(",") else controllers
-        if kind not in _GROUPS:
+        # a line is "number:controllers:path"; version 2 of control groups names no controllers
+        _, _, controllers_and_path = " ".join(words).partition(":")
+        controllers, _, path = controllers_and_path.partition(":")
+        controller = "memory" if "memory" in controllers.split(",") else controllers
+        if controller not in _GROUPS:
             continue
-        place, limit, use, cache = _GROUPS[kind]
+        hierarchy, limit_file, use_file, cache_entry = _GROUPS[controller]
         group = Path(path.lstrip("/"))
         # limits of groups above count too; in a container some may be missing
-        for folder in (group, *group.parents):
-            control_group = root / place / folder
-            most = _read_number(control_group / limit)
-            used = _read_number(control_group / use)
-            if most is None or used is None:
+        for ancestor in (group, *group.parents):
+            folder = root / hierarchy / ancestor
+            limit = _read_number(folder / limit_file)
+            used = _read_number(folder / use_file)
+            if limit is None or used is None:
                 continue
-            cached = _read_number(control_group / "memory.stat", cache) or 0.0
-            least = min(least, max(most - used + cached, 0.0))
-    return least
+            cached = _read_number(folder / "memory.stat", cache_entry) or 0.0
+            free = min(free, max(limit - used + cached, 0.0))
+    return free
 
 
 def require_memory(what: str, needed: float, mend: str) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if work needs more memory, bytes, than this
     machine has available.
 
-    ``what`` says what takes it, as the subject of a sentence in the plural, and ``mend`` how to
-    take less.
+    In the message, ``what`` is the subject of "take ... of memory", such as "64 states", and
+    ``mend`` says how to take less.
     """
     if needed <= _ALWAYS:
         return

@@ -50,11 +50,11 @@ silent = Silent()
 
 
 class Terminal:
-    """A progress that draws a line on stderr for the work under way, and wipes it when the work is
-    over.
+    """A progress that draws a line on stderr for the work under way, and wipes the line when the
+    work is over.
 
-    For work of known size, the line shows how many parts are done, and the time that the rest will
-    take at the average rate so far. ``clock`` returns the time, s.
+    For work of known size, the line shows how many pieces are complete, and the time that the
+    remaining pieces will take at the average rate so far. ``clock`` returns the time, s.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -62,7 +62,9 @@ class Terminal:
 
     @contextmanager
     def step(self, label: str, total: float | None = None) -> Iterator[Step]:
-        """Begin a step."""
+        """Begin a step of ``total`` pieces of work (None: not known); give the object whose
+        ``advance`` moves the line.
+        """
         from rich.console import Console
         from rich.progress import (
             BarColumn,
@@ -84,25 +86,25 @@ class Terminal:
                 TextColumn("left"),
                 TimeRemainingColumn(),
             ]
-        # the rate is averaged since the work began: a single part may take longer than any shorter
-        # averaging period
-        with Progress(
+        drawing = Progress(
             *columns,
             console=Console(stderr=True),
-            transient=True,
+            transient=True,  # the line is wiped at the end
             get_time=self._clock,
+            # the rate is averaged since the work began: a single piece may take longer than any
+            # shorter averaging period
             speed_estimate_period=math.inf,
-        ) as drawing:
+        )
+        with drawing:
             task = drawing.add_task(label, total=total)
             step: Any = SimpleNamespace(advance=lambda amount=1.0: drawing.advance(task, amount))
             yield step
 
 
 def on_stderr(quiet: bool = False) -> Progress:
-    """A :class:`Terminal` if stderr is a terminal, rich is installed and ``quiet`` is off, else
-    :data:`silent`.
+    """Return a :class:`Terminal` if stderr is a terminal, rich is installed and ``quiet`` is off,
+    else :data:`silent`.
     """
     is_terminal = sys.stderr is not None and sys.stderr.isatty()
-    if quiet or not is_terminal or find_spec("rich") is None:
-        return silent
-    return Terminal()
+    can_draw = is_terminal and find_spec("rich") is not None
+    return Terminal() if can_draw and not quiet else silent

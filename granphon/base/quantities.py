@@ -147,20 +147,23 @@ class Quantity:
             return 0.0
         if number.startswith("-") and self.least != "any":
             raise Refused(f"{show(value)}, which is {self.negative}", self.allowed)
-        exact = _round_product(number, factor)
-        if not 0.0 < abs(exact) < math.inf:
+        si_value = _round_product(number, factor)
+        if not 0.0 < abs(si_value) < math.inf:
             raise Refused(
                 f"{show(value)}, which is too small or too large for double precision", self.allowed
             )
-        return exact
+        return si_value
 
     def _split(self, value: Any) -> tuple[str, str]:
-        """Return the number and the unit that a text holds; :class:`Refused` if it lacks either."""
-        tip = f"Write the unit too, such as '{self.example}'."
-        if isinstance(value, int | float) and not isinstance(value, bool):
+        """Return the number and the unit that a text holds, as texts; :class:`Refused` if the text
+        lacks either.
+        """
+        mend = f"Write the unit too, such as '{self.example}'."
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if is_number:
             if isinstance(value, float) and not math.isfinite(value):
                 raise Refused(f"{show(value)}, which is not a finite number", self.allowed)
-            raise Refused(f"{show(value)}, without a unit", self.allowed, tip)
+            raise Refused(f"{show(value)}, without a unit", self.allowed, mend)
         if not isinstance(value, str):
             raise Refused(show(value), self.allowed)
         text = value.strip()
@@ -176,13 +179,14 @@ class Quantity:
             raise Refused(f"{show(value)}, which does not start with a number", self.allowed)
         number, _, unit = match.groups()
         if not unit:
-            raise Refused(f"{show(value)}, without a unit", self.allowed, tip)
+            raise Refused(f"{show(value)}, without a unit", self.allowed, mend)
         return number, unit
 
     def _require_factor(self, value: str, number: str, unit: str) -> Fraction:
-        """Return the exact factor from ``unit`` to the SI unit; :class:`Refused` if there is none.
+        """Return the exact factor from ``unit`` to the SI unit; :class:`Refused` if ``unit`` is no
+        unit of this kind of quantity.
 
-        ``value`` is the whole text, which the message shows.
+        ``value`` is the whole text, which the message shows, and ``number`` its number.
         """
         try:
             return _find_factor(self, unit)
@@ -191,37 +195,39 @@ class Quantity:
             raise Refused(f"{show(value)}, {reason}", self.allowed, mend) from None
 
     def read_many(self, numbers: Sequence[str], unit: str) -> NDArray[np.float64] | None:
-        """Read many numbers of one ``unit``, each with the same result as :meth:`read`, to the last
-        bit.
+        """Return the SI values (n,) of the texts of n ``numbers`` of one ``unit``, each the same as
+        that of :meth:`read`, to the last bit.
 
         Where the unit is a power of ten times the SI unit, the decimal point of the text is
         shifted; other products are quotients of whole numbers. Both are exact before they are
-        rounded. Returns None if the text is not of this unit, or if a number must be read by
-        :meth:`read`, which refuses it.
+        rounded. Returns None where only :meth:`read` will do: if ``unit`` is not of this kind of
+        quantity, or if a number is to be refused or has an unusual form.
         """
         import numpy as np  # here alone, so that the command's help needs no numpy
 
         length = max(map(len, numbers), default=0) + len(unit)
-        if length >= _MOST_SIGNS or not self.measures(unit) or not is_plain(numbers):
+        are_short = length < _MOST_SIGNS
+        if not are_short or not self.measures(unit) or not is_plain(numbers):
             return None
         try:
             values = np.array(_round_products(numbers, _find_factor(self, unit)))
         except (ValueError, OverflowError):
             return None
-        size = np.abs(values)
-        is_zero = size == 0.0
-        zeros = {numbers[index] for index in np.flatnonzero(is_zero).tolist()}
-        if not all(_is_zero(text) for text in zeros):
+        sizes = np.abs(values)
+        is_zero = sizes == 0.0
+        texts_of_zeros = {numbers[index] for index in np.flatnonzero(is_zero).tolist()}
+        if not all(_is_zero(text) for text in texts_of_zeros):
             return None  # a number below the floating range was rounded to zero
-        is_far_from_ends = (size > _TINY) & (size < 1.0 / _TINY)
-        is_allowed = {
-            "above zero": values > 0.0,
-            "zero or above": values >= 0.0,
-            "any": np.isfinite(values),
-        }[self.least]
+        is_far_from_ends = (sizes > _TINY) & (sizes < 1.0 / _TINY)
+        if self.least == "above zero":
+            is_allowed = values > 0.0
+        elif self.least == "zero or above":
+            is_allowed = values >= 0.0
+        else:
+            is_allowed = np.isfinite(values)
         if not np.all((is_zero | is_far_from_ends) & is_allowed):
             return None
-        return values + 0.0  # zeros lose their sign
+        return values + 0.0  # -0.0 + 0.0 is 0.0: zeros lose their sign
 
     def measures(self, unit: str) -> bool:
         """Whether ``unit`` is one of this kind of quantity."""
@@ -231,8 +237,8 @@ class Quantity:
             return False
 
     def factor(self, unit: str) -> float:
-        """Return what one ``unit`` is in the SI unit; ValueError if it is not one of this kind of
-        quantity.
+        """Return the size of one ``unit`` in the SI unit; ValueError if ``unit`` is no unit of this
+        kind of quantity.
         """
         return float(_find_factor(self, unit))
 
@@ -242,8 +248,8 @@ class Quantity:
 
 
 def is_plain(texts: Sequence[str]) -> bool:
-    """Whether texts have only what numbers are written with: a float that can be read from one is
-    then :data:`NUMBER`.
+    """Whether texts consist only of digits, signs, points and "e": of such texts, ``float`` reads
+    those alone that match :data:`NUMBER`.
     """
     joined = "".join(texts)
     return joined.isascii() and not joined.encode().translate(None, b"0123456789+-.eE")
@@ -257,8 +263,9 @@ def _is_zero(number: str) -> bool:
 
 def _round_product(number: str, factor: Fraction) -> float:
     """Return the float nearest to a number times a factor; infinity if it is too large."""
-    if not float(number):
-        return 0.0  # below the floating range: the exact power of ten may be huge
+    if float(number) == 0.0:
+        # the number is below the floating range, and its exact power of ten may be huge
+        return 0.0
     try:
         return float(Fraction(number) * factor)
     except OverflowError:
@@ -266,11 +273,12 @@ def _round_product(number: str, factor: Fraction) -> float:
 
 
 def _round_products(numbers: Sequence[str], factor: Fraction) -> list[float]:
-    """Return the float nearest to each number times a factor; ValueError for what is no number, and
-    OverflowError for a product that is too large.
+    """Return the float nearest to each number times a factor; ValueError for a text that is no
+    number, and OverflowError for a product that is too large.
     """
     if factor == 1:
         return list(map(float, numbers))
+    # the power of ten that the factor is, if it is one
     power = len(str(factor.numerator)) - len(str(factor.denominator))
     if factor == Fraction(10) ** power:
         return [_shift_point(text, power) for text in numbers]
@@ -278,14 +286,20 @@ def _round_products(numbers: Sequence[str], factor: Fraction) -> list[float]:
 
 
 def _suggest(number: str, unit: str, common_units: Sequence[str]) -> str:
-    """Return how to mend a text whose ``unit`` is refused; empty if there is no guess."""
-    comma = re.match(r",\s*([0-9]+)(?![0-9,.])", unit)  # "211,65 GPa"
+    """Return how to mend a text whose ``unit`` is refused, as a sentence; empty if there is no
+    guess.
+    """
+    # of "211,65 GPa" the number is "211" and the unit ",65 GPa"
+    comma = re.match(r",\s*([0-9]+)(?![0-9,.])", unit)
     if comma and "." not in number:
-        return f"Write decimals with a point: '{number}.{comma[1]}{unit[comma.end() :]}'."
-    if not unit[0].isalpha() and unit[0] != "%":
+        decimals = comma[1]
+        unit_after_number = unit[comma.end() :]
+        return f"Write decimals with a point: '{number}.{decimals}{unit_after_number}'."
+    starts_as_unit = unit[0].isalpha() or unit[0] == "%"
+    guess = closest(unit, common_units) if starts_as_unit else None
+    if guess is None or guess == unit:
         return ""
-    guess = closest(unit, common_units)
-    return f"Did you mean '{number} {guess}'?" if guess and guess != unit else ""
+    return f"Did you mean '{number} {guess}'?"
 
 
 def _shift_point(text: str, power: int) -> float:
@@ -300,24 +314,23 @@ def _multiply(text: str, factor: Fraction) -> float:
     """Return the float nearest to the number in a text times a factor: Python rounds a quotient of
     whole numbers once.
     """
-    rough = float(text)
-    if not _TINY < abs(rough) < 1.0 / _TINY:
-        # zero, or what is not taken; its powers of ten may be huge
-        return rough
+    number = float(text)
+    if not _TINY < abs(number) < 1.0 / _TINY:
+        # the caller takes zero alone of such numbers; the exact power of ten of others may be huge
+        return number
     digits, _, exponent = text.lower().partition("e")
     whole, _, decimals = digits.partition(".")
-    shift = int(exponent or 0) - len(decimals)
-    above = 10 ** max(shift, 0)
-    below = 10 ** max(-shift, 0)
-    numerator: int = int(whole + decimals) * factor.numerator * above
-    denominator: int = factor.denominator * below
+    # the number is int(whole + decimals) * 10**power
+    power = int(exponent or 0) - len(decimals)
+    numerator: int = int(whole + decimals) * factor.numerator * 10 ** max(power, 0)
+    denominator: int = factor.denominator * 10 ** max(-power, 0)
     return numerator / denominator
 
 
 @lru_cache(maxsize=256)  # all cells of a column have the same unit
 def _find_factor(kind: Quantity, unit: str) -> Fraction:
-    """The exact factor from a unit to the SI unit of its ``kind``; ValueError says why it is not a
-    unit of that kind.
+    """Return the exact factor from a unit to the SI unit of a ``kind`` of quantity; ValueError says
+    why the unit is not one of that kind.
     """
     if not _UNIT_PATTERN.fullmatch(unit):
         raise ValueError("which is not one number and one unit")
@@ -332,8 +345,8 @@ def _find_factor(kind: Quantity, unit: str) -> Fraction:
 
 
 def _measure(unit: str) -> tuple[Fraction, Counter[str]]:
-    """The exact factor from a unit to base units (m, s, g, K), and the powers of these; KeyError if
-    a name is not known.
+    """Return the exact factor from a unit to base units (m, s, g, K), and the power of each base
+    unit by its name; KeyError if a name is not known.
     """
     factor = Fraction(1)
     powers = Counter[str]()
@@ -345,14 +358,16 @@ def _measure(unit: str) -> tuple[Fraction, Counter[str]]:
         factor *= unit_factor**exponent
         for base, count in unit_powers.items():
             powers[base] += count * exponent
-    return factor, powers  # counters are equal where they differ by zeros alone
+    # powers of zero stay: counters that differ by zeros alone are equal
+    return factor, powers
 
 
 def is_si(unit: str, wanted: str = "") -> bool:
-    """Whether a text is a unit without a factor to SI, as "m/(N s)" or "1", not "kN"; and measures
-    what ``wanted`` does.
+    """Whether a text is a unit without a factor to SI, as "m/(N s)" or "1", not "kN", and has the
+    dimension of the unit ``wanted``; empty: of any dimension.
     """
-    plain = re.sub(r"\s*(\*\*|[*/^])\s*", r"\1", unit.strip())  # pint writes "meter / second ** 2"
+    # the forms of pint, "meter / second ** 2", and of "m/(N s)" become "m/N/s"
+    plain = re.sub(r"\s*(\*\*|[*/^])\s*", r"\1", unit.strip())
     plain = re.sub(r"/\((\S+) (\S+)\)", r"/\1/\2", plain)
     plain = plain.replace(" ", "*")
     if plain in ("", "1", "rad", "radian", "dimensionless"):
@@ -363,9 +378,12 @@ def is_si(unit: str, wanted: str = "") -> bool:
         factor, powers = _measure(plain)
         if factor != Fraction(1000) ** powers["g"]:  # the SI unit of mass is 1000 g
             return False
-        return not wanted or powers == _measure(wanted)[1]
+        if not wanted:
+            return True
+        _, wanted_powers = _measure(wanted)
     except KeyError:
         return False
+    return powers == wanted_powers
 
 
 @cache
@@ -374,17 +392,19 @@ def _find_unit(name: str) -> tuple[Fraction, Counter[str]]:
     prefix or in the plural; KeyError if the name is not known.
     """
     singular = name.removesuffix("s") if len(name) > _PLURAL else name
-    spellings = dict.fromkeys((name, singular))
+    spellings = dict.fromkeys((name, singular))  # in this order, each once
     for spelling, (prefix, power) in itertools.product(spellings, _PREFIXES.items()):
-        symbol = spelling.removeprefix(prefix)
-        if symbol not in _NAMES or spelling != prefix + symbol:
+        unit_name = spelling.removeprefix(prefix)
+        is_known = unit_name in _NAMES and spelling == prefix + unit_name
+        if not is_known:
             continue
-        definition = _NAMES[symbol]
+        prefix_factor = Fraction(10) ** power
+        definition = _NAMES[unit_name]
         if not definition:  # a base unit
-            return Fraction(10) ** power, Counter([symbol])
-        times, _, unit = definition.partition(" ")
+            return prefix_factor, Counter([unit_name])
+        number, _, unit = definition.partition(" ")
         factor, powers = _measure(unit)
-        return Fraction(10) ** power * Fraction(times) * factor, powers
+        return prefix_factor * Fraction(number) * factor, powers
     raise KeyError(name)
 
 
@@ -430,8 +450,8 @@ _PRESSURES = {
 
 
 def load_quantities(periods: int) -> dict[str, Quantity]:
-    """The quantity of each kind of load on balls along a line, in a layer or in space (1, 2, 3
-    ``periods``).
+    """Return the quantity of each kind of load, by its name, on balls along a line, in a layer or
+    in space (1, 2, 3 ``periods``).
 
     A pressure is a force on a line, a force per length of the boundary of a layer, and a force per
     area in space.
@@ -440,22 +460,24 @@ def load_quantities(periods: int) -> dict[str, Quantity]:
 
 
 def tensor_quantities(periods: int) -> dict[str, Quantity]:
-    """The quantity of a component of a strain, or of a stress, which is a pressure of any sign:
-    :func:`load_quantities`.
+    """Return the quantity of a component of the "stress" and of the "strain" on balls along a line,
+    in a layer or in space (1, 2, 3 ``periods``).
+
+    A stress is a pressure of any sign, in the units of :func:`load_quantities`.
     """
     if periods == 2:
         return TENSORS
     pressure = _PRESSURES[periods]
-    return TENSORS | {
-        "stress": replace(
-            pressure, example=f"-{pressure.example}", least="any", negative="negative"
-        )
-    }
+    example = f"-{pressure.example}"
+    stress = replace(pressure, example=example, least="any", negative="negative")
+    return TENSORS | {"stress": stress}
 
 
 def find_load_unit(kind: str, periods: int, pressed_axes: int | None = None) -> str:
-    """Return the SI unit of a kind of load; empty if it has none. A pressure acts along the
-    ``pressed_axes``.
+    """Return the SI unit of a ``kind`` of load; empty if the kind has none.
+
+    ``periods`` is the number of periods of the packing, and ``pressed_axes`` the number of axes
+    along which a pressure acts; None if these are the same.
     """
     quantities = load_quantities(pressed_axes or periods) | tensor_quantities(periods)
     return quantities[kind].unit.removeprefix("1")

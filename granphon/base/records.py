@@ -24,11 +24,17 @@ from granphon.base.errors import InputError, MissingFileError, OutputError, Stop
 
 Array = NDArray[Any]
 
+#: where a file holds the number of its records, bytes from the beginning, and how
+_COUNT_OFFSET = 4
+_COUNT_FORMAT = ">i"
+#: size of a number of a variable, bytes
+_FLOAT_BYTES = 8
+
 
 def hold(file: BinaryIO) -> None:
-    """Lock a file for one writer until it is closed, where the system can.
+    """Lock a file for one writer until the file is closed, where the system has such locks.
 
-    Raises :class:`~granphon.base.errors.OutputError` where another has it.
+    Raises :class:`~granphon.base.errors.OutputError` where another process has locked the file.
     """
     try:
         from fcntl import LOCK_EX, LOCK_NB, flock
@@ -44,15 +50,16 @@ def hold(file: BinaryIO) -> None:
 
 
 class RecordFile:
-    """A file that is being written. What is at the path is replaced.
+    """A file that is being written. A file that is at the path is replaced.
 
     Parameters
     ----------
-    path : or an open binary file.
-    fixed : arrays that do not grow, with the names of their dimensions.
-    growing : shapes of the entries of variables that grow, with the names of their dimensions.
-    units : of variables.
-    about : texts about the file.
+    path : the path of the file, or an open binary file.
+    fixed : for each variable that does not grow its array and the names of its dimensions.
+    growing : for each variable that grows the shape of its entry in one record, and the names of
+        the dimensions of that entry.
+    units : the SI unit of each variable that has one.
+    about : texts about the file, by their names.
 
     Raises :class:`OSError` where the file cannot be written, and
     :class:`~granphon.base.errors.OutputError` where another run is writing it.
@@ -66,25 +73,29 @@ class RecordFile:
         units: Mapping[str, str],
         about: Mapping[str, str],
     ) -> None:
-
         self._count = 0
         self._growing = growing
-        start = _write_head(fixed, growing, units, about)
-        # it is open as long as the object is
-        self._file = open(path, "wb") if isinstance(path, str | os.PathLike) else path  # noqa: SIM115
-        if self._file is not path:
+        head = _write_head(fixed, growing, units, about)
+        if isinstance(path, str | os.PathLike):
+            # the file stays open until close is called
+            self._file: BinaryIO = open(path, "wb")  # noqa: SIM115
             hold(self._file)
-        self._file.write(_set_count(start, 0))
+        else:
+            self._file = path
+        self._file.write(_set_count(head, 0))
         self._file.flush()
 
     def append(self, values: Mapping[str, Any]) -> None:
-        """Write a record; it is in the file when this returns."""
-        numbers = [np.asarray(values[name]).astype(">f8") for name in self._growing]
-        self._file.write(b"".join(array.tobytes() for array in numbers))
+        """Write a record, the entry of each variable that grows; the record is in the file when the
+        method returns.
+        """
+        entries = [np.asarray(values[name]).astype(">f8") for name in self._growing]
+        self._file.write(b"".join(entry.tobytes() for entry in entries))
+        # the count is raised after the record is in the file: readers see whole records alone
         self._file.flush()
         self._count += 1
-        self._file.seek(4)
-        self._file.write(struct.pack(">i", self._count))
+        self._file.seek(_COUNT_OFFSET)
+        self._file.write(struct.pack(_COUNT_FORMAT, self._count))
         self._file.seek(0, os.SEEK_END)
         self._file.flush()
 
@@ -99,58 +110,72 @@ def _write_head(
     units: Mapping[str, str],
     about: Mapping[str, str],
 ) -> bytes:
-    """Return the bytes of a file without records; the arguments are those of the class."""
+    """Return the bytes of a file without records; the arguments are those of
+    :class:`RecordFile`.
+    """
     from scipy.io import netcdf_file
 
     sizes: dict[str, int] = {}
-    for array, names in fixed.values():
-        sizes |= zip(names, array.shape, strict=True)
-    for shape, names in growing.values():
-        sizes |= zip(names, shape, strict=True)
-    head = BytesIO()
-    layout: Any = netcdf_file(head, "w", version=2)
-    for name, size in {"time": None, **sizes}.items():
-        layout.createDimension(name, size)
+    for array, dimensions in fixed.values():
+        sizes |= zip(dimensions, array.shape, strict=True)
+    for shape, dimensions in growing.values():
+        sizes |= zip(dimensions, shape, strict=True)
+    stream = BytesIO()
+    file: Any = netcdf_file(stream, "w", version=2)
+    file.createDimension("time", None)  # None: the dimension that grows
+    for dimension, size in sizes.items():
+        file.createDimension(dimension, size)
     for name, text in about.items():
-        setattr(layout, name, text)
-    for name, (array, names) in fixed.items():
-        layout.createVariable(name, "d", names)[...] = array
-    for name, (shape, names) in growing.items():
-        layout.createVariable(name, "d", ("time", *names))[0] = np.zeros(shape)
-    for name, variable in layout.variables.items():
+        setattr(file, name, text)
+    for name, (array, dimensions) in fixed.items():
+        variable = file.createVariable(name, "d", dimensions)
+        variable[...] = array
+    for name, (shape, dimensions) in growing.items():
+        variable = file.createVariable(name, "d", ("time", *dimensions))
+        variable[0] = np.zeros(shape)
+    for name, variable in file.variables.items():
         if name in units:
             variable.units = units[name]
-    layout.flush()
-    # one record is written, because scipy finds from it how long records are, and cut off again
-    numbers_of_record = sum(int(np.prod(shape, dtype=int)) for shape, _ in growing.values())
-    return head.getvalue()[: -8 * numbers_of_record]
+    file.flush()
+    # scipy finds the length of records from one that is written, which is cut off again
+    numbers_in_record = sum(int(np.prod(shape, dtype=int)) for shape, _ in growing.values())
+    return stream.getvalue()[: -_FLOAT_BYTES * numbers_in_record]
 
 
 def _set_count(data: bytes, count: int) -> bytes:
-    """Return the bytes of a file whose header says that there are so many records."""
-    return data[:4] + struct.pack(">i", count) + data[8:]
+    """Return the bytes of a file with ``count`` as the number of records in its header."""
+    after_count = _COUNT_OFFSET + struct.calcsize(_COUNT_FORMAT)
+    return data[:_COUNT_OFFSET] + struct.pack(_COUNT_FORMAT, count) + data[after_count:]
 
 
 def _mend(path: str | os.PathLike[str], name: str) -> BytesIO | None:
-    """Return the data of a file that was cut, with a header that counts the records that are whole;
-    None of others.
+    """Return the data of a file that was cut, with a header that counts the whole records alone,
+    and warn; None if the file was not cut, or is no file of records.
+
+    ``name`` names the file in the warning.
     """
     from scipy.io import netcdf_file
 
     try:
         data = Path(path).read_bytes()
         with netcdf_file(BytesIO(_set_count(data, 1)), "r") as file:
-            variables = file.variables.values()
-            size = sum(8 * variable.data.size for variable in variables if not variable.isrec)
-            size_of_record = sum(8 * variable.data.size for variable in variables if variable.isrec)
-            count = (len(data) - file.fp.tell() - size) // size_of_record
-        (said,) = struct.unpack(">i", data[4:8])
-    except Exception:  # of data that may be anything
+            fixed_bytes = 0
+            record_bytes = 0
+            for variable in file.variables.values():
+                if variable.isrec:
+                    record_bytes += _FLOAT_BYTES * variable.data.size
+                else:
+                    fixed_bytes += _FLOAT_BYTES * variable.data.size
+            header_bytes = file.fp.tell()
+            count = (len(data) - header_bytes - fixed_bytes) // record_bytes
+        (stated_count,) = struct.unpack_from(_COUNT_FORMAT, data, _COUNT_OFFSET)
+    except Exception:  # the data may be anything, and scipy raise anything
         return None
-    if not 0 < count < said:
+    was_cut = 0 < count < stated_count
+    if not was_cut:
         return None
     warnings.warn(
-        f"{name} was cut: {count} of its {said} records are whole",
+        f"{name} was cut: {count} of its {stated_count} records are whole",
         StoppedEarlyWarning,
         stacklevel=4,
     )
@@ -160,37 +185,20 @@ def _mend(path: str | os.PathLike[str], name: str) -> BytesIO | None:
 def read_records(
     path: str | os.PathLike[str] | BinaryIO, about: Mapping[str, str], frames: slice = slice(None)
 ) -> tuple[dict[str, Array], dict[str, str]]:
-    """Return the arrays of a file of records, those that grow at the ``frames`` alone, and all that
-    it says about itself.
+    """Return the arrays of a file of records by their names, and the texts about the file by
+    theirs.
 
-    Arrays that grow stay in the file: they are :class:`numpy.memmap`, whose numbers are read as
-    they are used. ``path`` may be an open binary file too, which is read into memory.
+    An array that grows has the records as its first axis, only those of ``frames``. Such an array
+    stays in the file: it is a :class:`numpy.memmap`, whose numbers are read as they are used.
+    ``path`` may be an open binary file too, which is read into memory.
 
-    Raises :class:`~granphon.base.errors.InputError` for a file that is not there, that is no such
-    file, or about which its texts say something else than ``about``. Of a file that was cut the
-    records that are whole are read into memory, with a
-    :class:`~granphon.base.errors.StoppedEarlyWarning`.
+    Raises :class:`~granphon.base.errors.InputError` for a file that does not exist, that is no file
+    of records, or whose texts are not those of ``about``. Of a file that was cut the whole records
+    are read into memory, with a :class:`~granphon.base.errors.StoppedEarlyWarning`.
     """
-    from scipy.io import netcdf_file
-
     name = os.fspath(path) if isinstance(path, str | os.PathLike) else "the data"
     try:
-        with warnings.catch_warnings():
-            # of arrays that outlive the file: its mapping lives with them
-            warnings.simplefilter("ignore", RuntimeWarning)
-            with netcdf_file(path, "r") as file:
-                attributes = {key: getattr(file, key, b"").decode() for key in about}
-                if attributes != dict(about):
-                    problem = f"{name} is {attributes}, not {dict(about)}"
-                    raise InputError(problem, mend="Give a file that this version has written")
-                arrays: dict[str, Array] = {}
-                for key, variable in file.variables.items():
-                    if variable.isrec:
-                        arrays[key] = variable.data[frames].view(np.memmap)
-                    else:
-                        arrays[key] = np.array(variable.data, float)
-                words = vars(file)["_attributes"]
-                return arrays, {key: value.decode() for key, value in words.items()}
+        return _read_whole(path, name, about, frames)
     except FileNotFoundError:
         raise MissingFileError(f"there is no file {name}") from None
     except (
@@ -204,7 +212,33 @@ def read_records(
     ) as error:
         if isinstance(error, InputError):
             raise
-        whole = _mend(path, name) if isinstance(path, str | os.PathLike) else None
-        if whole is not None:
-            return read_records(whole, about, frames)
+        mended = _mend(path, name) if isinstance(path, str | os.PathLike) else None
+        if mended is not None:
+            return read_records(mended, about, frames)
         raise InputError(f"{name} is not a file of records: {error}") from None
+
+
+def _read_whole(
+    path: str | os.PathLike[str] | BinaryIO, name: str, about: Mapping[str, str], frames: slice
+) -> tuple[dict[str, Array], dict[str, str]]:
+    """Return what :func:`read_records` does, from a file that was not cut; errors are those of
+    scipy, or an InputError that calls the file ``name`` if its texts are not those of ``about``.
+    """
+    from scipy.io import netcdf_file
+
+    with warnings.catch_warnings():
+        # scipy warns of arrays that outlive the file, whose mapping lives as long as they do
+        warnings.simplefilter("ignore", RuntimeWarning)
+        with netcdf_file(path, "r") as file:
+            stated = {key: getattr(file, key, b"").decode() for key in about}
+            if stated != dict(about):
+                problem = f"{name} is {stated}, not {dict(about)}"
+                raise InputError(problem, mend="Give a file that this version has written")
+            arrays: dict[str, Array] = {}
+            for key, variable in file.variables.items():
+                if variable.isrec:
+                    arrays[key] = variable.data[frames].view(np.memmap)
+                else:
+                    arrays[key] = np.array(variable.data, float)
+            texts = vars(file)["_attributes"]
+            return arrays, {key: text.decode() for key, text in texts.items()}

@@ -13,10 +13,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import ItemsView, Iterator, Mapping
-from contextlib import suppress
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from granphon.base.errors import InputError, one_line
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 T = TypeVar("T")
 #: group of the entry points
@@ -26,8 +28,8 @@ _PROGRAM = "the program"
 
 
 class Registry(Mapping[str, T]):
-    """What is known of one kind by its name, in the order in which it was added; ``what`` is the
-    kind in words.
+    """The entries of one kind by their names, in the order in which they were added; ``what`` is
+    the kind in words, such as "observable".
     """
 
     #: every registry, by its kind
@@ -36,9 +38,10 @@ class Registry(Mapping[str, T]):
     def __init__(self, what: str) -> None:
         self.what = what
         self._entries = dict[str, T]()
-        #: who has added each entry that is not granphon's own
+        #: who has added each entry that is not granphon's own, in words
         self._sources = dict[str, str]()
-        self._made = dict[str, Any]()
+        #: the identity, by :func:`_identify`, of each entry that is not granphon's own
+        self._identities = dict[str, Any]()
         self.every[what] = self
 
     def own(self, name: str, entry: T) -> T:
@@ -47,32 +50,38 @@ class Registry(Mapping[str, T]):
         return entry
 
     def add(self, name: str, entry: T, made: Any) -> T:
-        """Add an entry, and return it; ``made`` is the function, class or object that someone gave
-        for it.
+        """Add an entry, and return it; ``made`` is the function, class or object of the caller that
+        the entry is made from.
 
-        The same may be added again: an equal object, or a function or class defined anew under its
-        own name in the same module, as by a cell of a notebook that runs twice. It takes the place
-        of the former. Raises
-        :class:`~granphon.base.errors.InputError` if another of this name is there.
+        The same object may be added again, and takes the place of the former: an equal object, or a
+        function or class defined anew under its own name in the same module, as by a cell of a
+        notebook that runs twice. Raises :class:`~granphon.base.errors.InputError` if there is
+        another entry of this name.
         """
-        # imported here: what only lists the plug-ins needs no NumPy
+        # imported here, so that a command that only lists the plug-ins loads no NumPy
         from granphon.base.validation import label, require
 
         require(f"the name of a {self.what}", label, name)
         source = getattr(_plugins, "loading", "") or _PROGRAM
-        name_of_object = _identify(made)
-        again = False  # whether the entry is the same as one that is there
-        holder = self._sources.get(name, "granphon" if name in self._entries else None)
-        with suppress(ValueError):  # of objects that hold arrays
-            again = holder == source and bool(self._made[name] == name_of_object)
-        if holder is not None and not again:
+        identity = _identify(made)
+        if name in self._entries and not self._has_same(name, source, identity):
+            holder = self._sources.get(name, "granphon")
             raise InputError(
                 f"the {self.what} {name!r} exists already, of {holder}", mend="Give another name"
             )
         self._entries[name] = entry
         self._sources[name] = source
-        self._made[name] = name_of_object
+        self._identities[name] = identity
         return entry
+
+    def _has_same(self, name: str, source: str, identity: Any) -> bool:
+        """Whether the entry of a name was added by the same ``source`` from the same object."""
+        if self._sources.get(name) != source:
+            return False
+        try:
+            return bool(self._identities[name] == identity)
+        except ValueError:  # objects that hold arrays cannot be compared
+            return False
 
     def remove(self, name: str) -> None:
         """Take out an entry that was added; nothing if there is none of this name."""
@@ -97,14 +106,14 @@ class Registry(Mapping[str, T]):
 
     @property
     def failures(self) -> str:
-        """A sentence on plug-ins that failed, one of which may have what is not found here; empty
-        if none has.
+        """A sentence on plug-ins that failed, as one of them may have a name that is missing here;
+        empty if no plug-in failed.
         """
-        sentence = "; ".join(
-            f"{name} could not be loaded: {one_line(why)}"
-            for name, why in load_plugins().items()
-            if why
-        )
+        clauses = []
+        for plugin, why in load_plugins().items():
+            if why:
+                clauses.append(f"{plugin} could not be loaded: {one_line(why)}")
+        sentence = "; ".join(clauses)
         return sentence[:1].upper() + sentence[1:]
 
     def drop(self, source: str) -> None:
@@ -133,11 +142,11 @@ class Registry(Mapping[str, T]):
 
 
 def _identify(made: Any) -> Any:
-    """Return what is equal for the same: a function's or class's name and module, a lambda's code,
-    or itself.
+    """Return a value that is equal for an object defined twice: module and name of a function or
+    class, the code of a lambda or local function, and any other object itself.
     """
     name = getattr(made, "__qualname__", None)
-    if name is not None and "<" not in name:
+    if name is not None and "<" not in name:  # "<lambda>", "<locals>" are no names
         return made.__module__, name
     code = getattr(made, "__code__", None)
     if code is None:
@@ -145,7 +154,7 @@ def _identify(made: Any) -> Any:
     return code.co_code, code.co_consts, code.co_names, made.__closure__
 
 
-#: what is loading, in each thread
+#: its attribute ``loading`` names the plug-in that a thread is loading; empty or absent otherwise
 _plugins = threading.local()
 _lock = threading.RLock()
 #: plug-ins that were loaded, each with why it failed; None where it did not, or has not ended
@@ -153,36 +162,47 @@ _loaded: dict[str, str | None] = {}
 
 
 def load_plugins() -> dict[str, str | None]:
-    """Load the plug-ins that are installed, once; return them in words, each with why it failed, or
-    None.
+    """Load the plug-ins that are installed, once in a process.
+
+    Returns for each plug-in, in words, why it failed, or None if it did not fail.
     """
     with _lock:
         if not _loaded:
-            _loaded["granphon"] = None  # a plug-in that asks for names meets those that are there
-            from importlib.metadata import entry_points  # which takes 30 ms
+            # set first: a plug-in that asks for a name while it loads must not load all again
+            _loaded["granphon"] = None
+            from importlib.metadata import entry_points  # here, as this import takes 30 ms
 
             for point in entry_points(group=GROUP):
-                source = f"the plug-in {point.name}"
-                if point.dist:
-                    source += f" of {point.dist.name}"
-                _plugins.loading = source
-                _loaded[source] = None
-                try:
-                    plugin = point.load()
-                    if callable(plugin):
-                        plugin()
-                except Exception as error:
-                    _loaded[source] = f"{type(error).__name__}: {error}"
-                    for registry in Registry.every.values():
-                        registry.drop(source)
-                finally:
-                    _plugins.loading = ""
+                _load_plugin(point)
         return {name: why for name, why in _loaded.items() if name != "granphon"}
 
 
+def _load_plugin(point: EntryPoint) -> None:
+    """Load one plug-in, and call it if it is a function; note in ``_loaded`` why it failed, and
+    take out its entries then.
+    """
+    source = f"the plug-in {point.name}"
+    if point.dist:
+        source += f" of {point.dist.name}"
+    _plugins.loading = source
+    _loaded[source] = None
+    try:
+        plugin = point.load()
+        if callable(plugin):
+            plugin()
+    except Exception as error:
+        _loaded[source] = f"{type(error).__name__}: {error}"
+        for registry in Registry.every.values():
+            registry.drop(source)
+    finally:
+        _plugins.loading = ""
+
+
 def list_added(what: str) -> tuple[str, ...]:
-    """Return the names of a kind that plug-ins and the program have added; none where nothing has
-    asked for the kind yet.
+    """Return the sorted names of a kind that plug-ins and the program have added; none where
+    nothing has asked for the kind yet.
     """
     load_plugins()
-    return tuple(sorted(Registry.every[what]._sources)) if what in Registry.every else ()
+    if what not in Registry.every:
+        return ()
+    return tuple(sorted(Registry.every[what]._sources))

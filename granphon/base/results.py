@@ -27,6 +27,8 @@ from granphon.base.text import (
 #: most letters of a value, and most entries of an array or a tuple that are all written out
 _MOST_LETTERS = 160
 _MOST_ENTRIES = 6
+#: share of the larger end of a range, below which the other end is taken for rounding
+_ROUNDING = 1e-14
 #: keys that the plain data of a result hold besides its class and its fields
 _ABOUT = ("schema", "units", "digest")
 #: the kinds of entries, as NumPy's letters have them, from which an array of a kind is made
@@ -38,6 +40,8 @@ _RANGES: dict[str, Callable[[Any], Any]] = {
     "zero or above, or infinite": lambda values: values >= 0.0,
     "above zero": lambda values: np.isfinite(values) & (values > 0.0),
 }
+#: the kinds of entries that are numbers
+_NUMBER_KINDS = "iufc"
 #: types of values that plain data hold as they are
 _SCALARS = frozenset({str, float, int, bool, NoneType})
 
@@ -49,26 +53,34 @@ def write_html(title: str, rows: Iterable[tuple[str, Any, str]]) -> str:
     A value is described by :func:`describe_value`. The unit "1", of a number without a unit, is
     left blank.
     """
-    lines = []
+    html_rows = []
     for name, value, unit in rows:
-        shown = _clean(describe_value(value))
-        shown_unit = "" if unit == "1" else _clean(unit)
-        lines.append(f"<tr><th>{_clean(name)}</th><td>{shown}</td><td>{shown_unit}</td></tr>")
-    body = "".join(lines)
+        value_text = _clean(describe_value(value))
+        unit_text = "" if unit == "1" else _clean(unit)
+        cells = f"<th>{_clean(name)}</th><td>{value_text}</td><td>{unit_text}</td>"
+        html_rows.append(f"<tr>{cells}</tr>")
+    body = "".join(html_rows)
     head = "<tr><th>name</th><th>value</th><th>unit</th></tr>"
     caption = f"<caption>{_clean(title)}</caption>"
     return f"<table>{caption}<thead>{head}</thead><tbody>{body}</tbody></table>"
 
 
 def _clean(text: str) -> str:
-    """Escape a text; what cannot be printed, which HTML may not hold, becomes a question mark."""
+    """Escape a text for HTML; a letter that cannot be printed, which HTML may not hold, becomes a
+    question mark.
+    """
     return escape("".join(letter if letter.isprintable() else "?" for letter in text))
 
 
 def describe_value(value: Any) -> str:
-    """Return a short text of a value: a number with six digits, an array by its shape and range."""
+    """Return a short text of a value of any kind: a number with six digits, an array by its shape
+    and range, a dataclass by its name.
+    """
     if isinstance(value, str):
-        return value if len(value) <= _MOST_LETTERS else f"{value[: _MOST_LETTERS - 4]} ..."
+        if len(value) <= _MOST_LETTERS:
+            return value
+        ellipsis = " ..."
+        return value[: _MOST_LETTERS - len(ellipsis)] + ellipsis
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, float | np.floating):
@@ -89,8 +101,8 @@ def describe_value(value: Any) -> str:
 
 
 def _describe_list(values: Sequence[Any]) -> str:
-    """Return the first entries of a list, and how many there are; of a long list of numbers what is
-    returned of an array.
+    """Return the first entries of a list as text, with the number of entries if more follow; a long
+    list of numbers is described as an array.
     """
     if not values:
         return "none"
@@ -99,32 +111,37 @@ def _describe_list(values: Sequence[Any]) -> str:
         return _describe_array(np.asarray(values))
     if count > 1 and all(is_dataclass(entry) for entry in values):
         return f"{count} of {type(values[0]).__name__}"
-    words = [describe_value(entry) for entry in values[:_MOST_ENTRIES]]
-    mark = "; " if any(", " in word for word in words) else ", "
+    texts = [describe_value(entry) for entry in values[:_MOST_ENTRIES]]
+    separator = "; " if any(", " in text for text in texts) else ", "
     ending = f", ... ({count} in all)" if count > _MOST_ENTRIES else ""
-    return mark.join(words) + ending or "none"
+    return separator.join(texts) + ending or "none"
 
 
 def _describe_array(values: np.ndarray[Any, Any]) -> str:
-    """Return the entries of a small array in a row, else the shape, and the least and the greatest
-    entry.
+    """Return the entries of a small array of one axis as text; of other arrays the shape, and the
+    least and the greatest entry, of complex entries by their magnitudes.
     """
     kind = values.dtype.kind
-    if values.ndim <= 1 and 0 < values.size <= _MOST_ENTRIES and kind != "c":
-        return ", ".join(describe_value(one) for one in np.ravel(values).tolist())
+    is_small = 0 < values.size <= _MOST_ENTRIES
+    if is_small and values.ndim <= 1 and kind != "c":
+        return ", ".join(describe_value(entry) for entry in np.ravel(values).tolist())
     shape = " x ".join(map(str, values.shape))
-    if not values.size or kind not in "biufc":
+    holds_numbers = kind in "biufc"
+    if not values.size or not holds_numbers:
         return f"array {shape}"
     if kind == "b":
         return f"array {shape}, {np.count_nonzero(values)} of them true"
-    size = np.abs(values) if kind == "c" else values
-    finite = size[np.isfinite(size)]
-    ending = f", {size.size - finite.size} not finite" if finite.size < size.size else ""
+    numbers = np.abs(values) if kind == "c" else values
+    finite = numbers[np.isfinite(numbers)]
+    n_not_finite = numbers.size - finite.size
+    ending = f", {n_not_finite} not finite" if n_not_finite else ""
     if not finite.size:
         return f"array {shape}{ending}"
     ends = np.array([finite.min(), finite.max()])
-    if kind == "f":  # an end that is rounding of the other is zero
-        ends[np.abs(ends) < 1e-14 * np.max(np.abs(ends))] = 0.0
+    if kind == "f":
+        # an end that is no more than rounding beside the other end is written as zero
+        is_rounding = np.abs(ends) < _ROUNDING * np.max(np.abs(ends))
+        ends[is_rounding] = 0.0
     low = describe_value(ends[0].item())
     high = describe_value(ends[1].item())
     prefix = "magnitudes " if kind == "c" else ""
@@ -145,14 +162,15 @@ class Result:
     """Base of the frozen result classes.
 
     An annotation ``Annotated[Array, "f n 3", "m/s", "finite"]`` says the shape of a field, its SI
-    unit, and the range of its numbers where plain data are read, one of ``_RANGES``. What there is
-    none of is left out at the end, and "" before; of a number the shape is "". They are in
-    ``_shapes``, ``units`` and ``_ranges`` of the class; the units of properties are written there.
-    When the meaning of a field changes, a subclass has a higher ``_schema``. ``_notebook_fields``
-    names properties, quick to find, that a notebook shows after the fields. Arrays are made
-    read-only; scalars stay floats. Two results are equal if all their compared fields are equal,
-    array by array; ``repr`` shows a large array by its shape. ``class Spectrum(Result,
-    array="values")`` has a field that ``np.asarray`` of it is.
+    unit, and the range of its numbers where plain data are read, one of ``_RANGES``. A field
+    without one of the three has "" in its place, or nothing at the end; the shape of a number is
+    "". The class keeps the three in ``_shapes``, ``units`` and ``_ranges``; a subclass writes the
+    units of its properties into ``units`` itself. When the meaning of a field changes, a subclass
+    has a higher ``_schema``. ``_notebook_fields`` names properties, quick to find, that a notebook
+    shows after the fields. Arrays are made read-only; scalars stay floats. Two results are equal if
+    all their compared fields are equal, array by array; ``repr`` shows a large array by its shape.
+    ``class Spectrum(Result, array="values")`` declares the field that ``np.asarray`` returns of a
+    spectrum.
 
     A shape is a text of sizes parted by spaces: a number; a letter, which means the same size in
     all shapes of the class; or a letter plus a number, "s+1". "..." at the beginning stands for the
@@ -167,6 +185,9 @@ class Result:
     _notebook_fields: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls, array: str = "", **options: Any) -> None:
+        """Collect shapes, units and ranges from the annotations of a subclass; ``array`` names the
+        field that ``np.asarray`` returns of a result.
+        """
         super().__init_subclass__(**options)
         shapes = {}
         units = {}
@@ -180,6 +201,7 @@ class Result:
                 units[name] = unit
             if within:
                 ranges[name] = within
+        # the annotations are those of the subclass alone; the fields of its bases are inherited
         cls._shapes = cls._shapes | shapes
         cls.units = cls.units | units
         cls._ranges = cls._ranges | ranges
@@ -191,16 +213,17 @@ class Result:
             cls.__array__ = make_array  # type: ignore[attr-defined]
 
     def __post_init__(self) -> None:
+        """Make arrays read-only, and NumPy's scalars numbers of Python."""
         for name, value in list(vars(self).items()):
             if type(value) in _SCALARS or type(value) is tuple:
-                # most values, which are kept as they are
+                # most values are of these types, and are kept as they are
                 continue
             has_one_number = isinstance(value, np.ndarray) and value.ndim == 0
             if isinstance(value, np.generic) or has_one_number:
                 object.__setattr__(self, name, value.item())
             elif isinstance(value, np.ndarray):
-                # a view would change with the array behind it; what stays in a file is read as it
-                # is used
+                # a view is copied, as it would change with the array behind it; but an array that
+                # stays in a file is read from there as it is used
                 is_view = value.base is not None and not isinstance(value, np.memmap)
                 if value.flags.writeable or is_view:
                     object.__setattr__(self, name, read_only(value))
@@ -217,8 +240,8 @@ class Result:
 
     @classmethod
     def _of_fields(cls, *values: Any) -> Self:
-        """Build a result from its fields; a class whose constructor takes other arguments has its
-        own.
+        """Build a result from the values of its fields, in their order; a class whose constructor
+        takes other arguments overrides the method.
         """
         return cls(*values)
 
@@ -236,14 +259,18 @@ class Result:
         return write_html(type(self).__name__, self._list_values())
 
     def _list_values(self) -> list[tuple[str, Any, str]]:
-        """Name, value and unit of what is shown of a result: no field that is None or empty."""
+        """Return name, value and SI unit of each field and property that is shown of a result: none
+        that is None or empty.
+        """
         units = self._field_units()
+        names = [f.name for f in fields(self) if f.repr]
         rows = []
-        for name in (*(f.name for f in fields(self) if f.repr), *self._notebook_fields):
+        for name in (*names, *self._notebook_fields):
+            # a property raises where a result does not have it, as the pressure of some lattices
             with suppress(GranphonError):
-                # a property that this result does not have, such as the pressure of some lattices
                 value = getattr(self, name)
-                if value is not None and not (isinstance(value, tuple) and not value):
+                is_empty = isinstance(value, tuple) and not value
+                if value is not None and not is_empty:
                     rows.append((name, value, units.get(name, "")))
         return rows
 
@@ -268,24 +295,26 @@ class Result:
         that of the data. Without a digest, damage that passes the other checks is not noticed, and
         there is an :class:`~granphon.base.errors.UnverifiedFileWarning`.
         """
-        given: dict[str, Any] = {}
+        entries: dict[str, Any] = {}
         if isinstance(cast("object", data), Mapping):
-            given = dict(data)
-        if _read_class_name(given) != cls.__name__:
+            entries = dict(data)
+        subject = f"a {cls.__name__} in plain data"
+        if _read_class_name(entries) != cls.__name__:
             raise InputError(
-                f"these data describe a {show(given.get('class'))}, not a {cls.__name__!r}"
+                f"these data describe a {show(entries.get('class'))}, not a {cls.__name__!r}"
             )
-        require_schema(
-            f"a {cls.__name__} in plain data", given.get("schema", cls._schema), cls._schema
-        )
+        require_schema(subject, entries.get("schema", cls._schema), cls._schema)
+        has_digest = "digest" in entries
         try:
-            content = {name: value for name, value in given.items() if name not in _ABOUT}
+            content = {name: value for name, value in entries.items() if name not in _ABOUT}
             restored: Self = restore(content, cls)
-            # after the other checks, whose errors say more
-            if "digest" in given and plain(given.pop("digest")) != digest(plain(given)):
-                raise damage_error(f"a {cls.__name__} in plain data", "under 'digest'")
+            # the digest is checked after the content, whose errors say more
+            if has_digest:
+                stated_digest = plain(entries.pop("digest"))
+                if stated_digest != digest(plain(entries)):
+                    raise damage_error(subject, "under 'digest'")
             # an array as a unit becomes a list, which is refused
-            units = plain(given.get("units", restored._field_units()))
+            units = plain(entries.get("units", restored._field_units()))
         except RecursionError:
             raise InputError(
                 f"the {cls.__name__} data are nested too deeply, or contain themselves"
@@ -295,8 +324,8 @@ class Result:
             raise InputError(
                 f"the units of the {cls.__name__} data are not those of the class", mend=mend
             )
-        if "digest" not in data:
-            warn_unverified(f"a {cls.__name__} in plain data")
+        if not has_digest:
+            warn_unverified(subject)
         return restored
 
     def _field_units(self) -> dict[str, str]:
@@ -304,37 +333,47 @@ class Result:
         return dict(self.units)
 
     def _check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if fields in ``_shapes`` are not numbers
-        or their shapes disagree.
+        """Raise :class:`~granphon.base.errors.InputError` if fields in ``_shapes`` are not numbers,
+        if their shapes disagree, or if numbers are out of their range in ``_ranges``.
 
         Called for results that were read; those that granphon computes pass by construction.
         """
         sizes: dict[str, Any] = {}
         for name, layout in self._shapes.items():
-            value = getattr(self, name)
-            if value is None and layout.endswith("?"):
-                continue
-            shape = (len(value),) if isinstance(value, tuple) else np.shape(value)
-            if not isinstance(value, tuple) and np.asarray(value).dtype.kind not in "iufc":
-                raise InputError(f"{name} of the {type(self).__name__} does not hold numbers")
-            layouts = layout.rstrip("?").split("|")
-            if not any(_fits(words.split(), shape, sizes) for words in layouts):
-                so_far = ", ".join(f"{letter} = {size}" for letter, size in sizes.items())
-                allowed = layout.replace("|", ") or (")
-                problem = (
-                    f"{name} of the {type(self).__name__} has the shape {shape} instead of"
-                    f" ({allowed})"
-                )
-                raise InputError(problem, so_far and f"The other fields have {so_far}")
-        for name, within in self._ranges.items():
+            self._check_shape(name, layout, sizes)
+        for name, allowed_range in self._ranges.items():
             values = np.asarray(getattr(self, name))
-            if values.dtype.kind not in "iufc":
+            if values.dtype.kind not in _NUMBER_KINDS:
                 continue
-            is_wrong = ~_RANGES[within](values)
+            is_wrong = ~_RANGES[allowed_range](values)
             if np.any(is_wrong):
                 number = describe_value(values[is_wrong].flat[0])
                 problem = f"{name} of the {type(self).__name__} is {number}"
-                raise InputError(problem, mend=f"Give numbers that are {within}")
+                raise InputError(problem, mend=f"Give numbers that are {allowed_range}")
+
+    def _check_shape(self, name: str, layout: str, sizes: dict[str, Any]) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if the field ``name`` does not hold
+        numbers, or has another shape than its ``layout`` in ``_shapes``.
+
+        ``sizes`` holds the sizes that letters of layouts stand for, and takes those of new letters.
+        """
+        value = getattr(self, name)
+        if value is None and layout.endswith("?"):
+            return
+        if isinstance(value, tuple):  # of numbers or objects, which restore has checked
+            shape: tuple[int, ...] = (len(value),)
+        else:
+            shape = np.shape(value)
+            if np.asarray(value).dtype.kind not in _NUMBER_KINDS:
+                raise InputError(f"{name} of the {type(self).__name__} does not hold numbers")
+        layouts = layout.rstrip("?").split("|")
+        if not any(_fits(words.split(), shape, sizes) for words in layouts):
+            known_sizes = ", ".join(f"{letter} = {size}" for letter, size in sizes.items())
+            allowed = layout.replace("|", ") or (")
+            problem = (
+                f"{name} of the {type(self).__name__} has the shape {shape} instead of ({allowed})"
+            )
+            raise InputError(problem, known_sizes and f"The other fields have {known_sizes}")
 
     def _require_finite(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if an array among ``_shapes`` holds an
@@ -350,25 +389,28 @@ class Result:
 
 
 def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> bool:
-    """Whether a shape fits the words of ``layout``; ``sizes`` collects the sizes that the letters
-    stand for.
+    """Whether a shape fits the words of ``layout``, as :class:`Result` describes them; ``sizes``
+    holds the sizes that letters stand for, and takes those of new letters.
     """
+    words = layout
+    axes = shape
     if layout[:1] == ["..."]:
-        layout = layout[1:]
-        head = shape[: max(len(shape) - len(layout), 0)]
-        shape = shape[len(head) :]
-        if sizes.setdefault("...", head) != head:
+        words = layout[1:]
+        n_load_axes = max(len(shape) - len(words), 0)
+        load_shape = shape[:n_load_axes]
+        axes = shape[n_load_axes:]
+        if sizes.setdefault("...", load_shape) != load_shape:
             return False
-    if len(layout) != len(shape):
+    if len(words) != len(axes):
         return False
-    for word, size in zip(layout, shape, strict=True):
+    for word, size in zip(words, axes, strict=True):
         if word.isdigit():
-            length = int(word)
+            required_size = int(word)
         else:
             letter, _, digits = word.partition("+")
             margin = int(digits or 0)
-            length = sizes.setdefault(letter, size - margin) + margin
-        if size != length:
+            required_size = sizes.setdefault(letter, size - margin) + margin
+        if size != required_size:
             return False
     return True
 
@@ -378,27 +420,26 @@ def _are_equal(value: Any, other: Any) -> bool:
     equals nan.
     """
     if not isinstance(value, np.ndarray) and not isinstance(other, np.ndarray):
-        # objects that hold arrays are compared by what they hold
+        # objects that hold arrays, and are not equal themselves, are compared by their plain data
         return not (value != other and plain(value) != plain(other))
-    may_be_nan = all(
+    # NumPy cannot look for nan in arrays of other kinds
+    may_hold_nan = all(
         isinstance(array, np.ndarray) and array.dtype.kind in "fc" for array in (value, other)
     )
-    return bool(np.array_equal(value, other, equal_nan=may_be_nan))
+    return bool(np.array_equal(value, other, equal_nan=may_hold_nan))
 
 
 def plain(value: Any) -> Any:
-    """A value as plain data: a dataclass becomes a mapping of its class and fields, an array a
-    list.
+    """Return a value as plain data: a dataclass becomes a mapping of its class name and fields, an
+    array a list, a complex array a mapping of its "real" and "imag" lists.
 
     Values of other kinds are returned as they are.
     """
     if type(value) in _SCALARS:
         return value
     if is_dataclass(value) and not isinstance(value, type):
-        return {
-            "class": type(value).__name__,
-            **{f.name: plain(getattr(value, f.name)) for f in fields(value)},
-        }
+        values_of_fields = {f.name: plain(getattr(value, f.name)) for f in fields(value)}
+        return {"class": type(value).__name__, **values_of_fields}
     if isinstance(value, np.ndarray):
         if np.iscomplexobj(value):
             return {"real": value.real.tolist(), "imag": value.imag.tolist()}
@@ -406,15 +447,15 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
+        return [plain(entry) for entry in value]
     if isinstance(value, Mapping):
-        return {name: plain(v) for name, v in value.items()}
+        return {name: plain(entry) for name, entry in value.items()}
     return value
 
 
 def _list_remarks(hint: Any) -> tuple[Any, ...]:
-    """What an annotation says beside the type: the kind of the entries of an array, the shape and
-    the unit of a field.
+    """Return the remarks of an annotation beside the type: the kind of the entries of an array, the
+    shape, the unit and the range of a field; none without ``Annotated``.
     """
     return get_args(hint)[1:] if get_origin(hint) is Annotated else ()
 
@@ -427,67 +468,87 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     which calls the value ``name``, if the data are of another kind.
     """
     remarks = _list_remarks(hint)
-    hint = get_args(hint)[0] if remarks else hint
-    dtype = next((remark for remark in remarks if isinstance(remark, np.dtype)), None)
-    origin = get_origin(hint)
-    inner = get_args(hint)
-    expected = str(hint) if inner else getattr(hint, "__name__", str(hint))
+    kind = get_args(hint)[0] if remarks else hint
+    dtypes = [remark for remark in remarks if isinstance(remark, np.dtype)]
+    dtype = dtypes[0] if dtypes else None
+    origin = get_origin(kind)
+    inner_kinds = get_args(kind)
+    expected = str(kind) if inner_kinds else getattr(kind, "__name__", str(kind))
     if origin in (Union, UnionType):
-        return _restore_union(value, inner, name)
-    may_be_array = hint is Any and isinstance(value, Mapping | list | tuple | np.ndarray)
+        return _restore_union(value, inner_kinds, name)
+    may_be_array = kind is Any and isinstance(value, Mapping | list | tuple | np.ndarray)
     if dtype is not None or may_be_array:
         expected = "an array of numbers"
         array = _make_array(value, dtype)
         if array is not None:
             return array
     elif origin is tuple and isinstance(value, list | tuple):
-        kinds = [inner[0]] * len(value) if inner[1:] == (...,) else inner
+        has_any_length = inner_kinds[1:] == (...,)
+        kinds = [inner_kinds[0]] * len(value) if has_any_length else inner_kinds
         if len(kinds) == len(value):
-            return tuple(restore(v, kind, name) for v, kind in zip(value, kinds, strict=True))
+            pairs = zip(value, kinds, strict=True)
+            return tuple(restore(entry, entry_kind, name) for entry, entry_kind in pairs)
     elif origin is dict and isinstance(value, Mapping):
+        key_kind, entry_kind = inner_kinds
         return {
-            restore(key, inner[0], name): restore(v, inner[1], f"{name}.{key}")
-            for key, v in value.items()
+            restore(key, key_kind, name): restore(entry, entry_kind, f"{name}.{key}")
+            for key, entry in value.items()
         }
-    elif is_dataclass(hint):
-        if isinstance(value, hint):  # type: ignore[arg-type]  # a class
+    elif is_dataclass(kind):
+        if isinstance(value, kind):  # type: ignore[arg-type]  # a class
             return value
         if isinstance(value, Mapping) and _read_class_name(value) == expected:
-            return _restore_object(value, hint)
-    elif hint is Any or hint in _SCALARS:
-        # a whole number is a float too, and a truth value is no number
-        allowed = {Any: (*_SCALARS, np.generic), float: (float, int)}.get(hint, (hint,))
-        if isinstance(value, allowed) and (not isinstance(value, bool) or bool in allowed):
-            return value
+            return _restore_object(value, kind)
+    elif (kind is Any or kind in _SCALARS) and _is_scalar_of(value, kind):
+        return value
     raise InputError(f"{name}: found {_name_kind(value)} where {expected} is needed")
 
 
+def _is_scalar_of(value: Any, kind: Any) -> bool:
+    """Whether a value is a scalar of a ``kind``, one of ``_SCALARS`` or Any: a whole number is a
+    float too, and a truth value is no number.
+    """
+    allowed: tuple[Any, ...] = (kind,)
+    if kind is Any:
+        allowed = (*_SCALARS, np.generic)
+    elif kind is float:
+        allowed = (float, int)
+    if isinstance(value, bool):  # which isinstance takes for a whole number
+        return bool in allowed
+    return isinstance(value, allowed)
+
+
 def _restore_union(value: Any, hints: tuple[Any, ...], name: str) -> Any:
-    """Build an object of the first of the types ``hints`` that takes plain data."""
+    """Build an object of the first of the types ``hints`` that takes plain data; the error of the
+    last type is raised if none does.
+    """
+    candidates = hints
     if isinstance(value, Mapping):
-        # if the value names a class among the types, it must be that one
+        # if the value names a class among the types, it must be an object of that class
         class_name = _read_class_name(value)
         named = tuple(hint for hint in hints if getattr(hint, "__name__", None) == class_name)
-        hints = named or hints
-    for hint in hints[:-1]:
+        candidates = named or hints
+    for hint in candidates[:-1]:
         with suppress(InputError):
             return restore(value, hint, name)
-    return restore(value, hints[-1], name)
+    return restore(value, candidates[-1], name)
 
 
 def _restore_object(data: Mapping[str, Any], kind: Any) -> Any:
-    """Build an object of the dataclass ``kind`` from the mapping of its fields."""
+    """Build an object of the dataclass ``kind`` from the mapping of its fields; InputError if no
+    such object can be made.
+    """
     if issubclass(kind, Result) and not set(_ABOUT).isdisjoint(data):
-        return kind.from_dict(data)  # a field written by its own to_dict
+        return kind.from_dict(data)  # these data were written by to_dict of the field itself
     names = [f.name for f in fields(kind)]
-    problem = f"the {kind.__name__} data"
+    subject = f"the {kind.__name__} data"
     hints = get_type_hints(kind, include_extras=True)
     missing = [name for name in names if name not in data]
     if missing:
-        raise InputError(f"{problem} lack {', '.join(missing)}")
+        raise InputError(f"{subject} lack {', '.join(missing)}")
     unknown = [show(name) for name in data if name not in (*names, "class")]
     if unknown:
-        raise InputError(f"{problem} have {list_names(unknown)}, which the class does not have")
+        raise InputError(f"{subject} have {list_names(unknown)}, which the class does not have")
     values = {name: restore(data[name], hints[name], f"{kind.__name__}.{name}") for name in names}
     try:
         if not issubclass(kind, Result):
@@ -501,13 +562,13 @@ def _restore_object(data: Mapping[str, Any], kind: Any) -> Any:
         why = str(error)
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         why = f"{type(error).__name__}: {error}"
-    raise InputError(f"no {kind.__name__} can be made from {problem}", why)
+    raise InputError(f"no {kind.__name__} can be made from {subject}", why)
 
 
 def _name_kind(value: Any) -> str:
-    """Return what plain data are, in words for a message."""
+    """Return the kind of plain data, in words for a message."""
     if isinstance(value, Mapping):
-        return f"data of a {show(value.get('class'))}" if "class" in value else "a mapping"
+        return f"data of a {show(value['class'])}" if "class" in value else "a mapping"
     kind = f"a {type(value).__name__}"
     return kind if isinstance(value, list | tuple) else f"{kind}, {show(value)},"
 
@@ -519,35 +580,40 @@ def _read_class_name(data: Mapping[str, Any]) -> str:
 
 
 def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any] | None:
-    """Return plain data as an array of a type, or of any with None; None if they are ragged, or no
-    such numbers.
+    """Return plain data, lists of any depth, as an array of ``dtype``, or of the type of its
+    entries if that is None; None if lists are ragged, or entries are no such numbers.
     """
-    if (dtype is None or dtype.kind == "c") and isinstance(value, Mapping):
+    may_be_complex = dtype is None or dtype.kind == "c"
+    if may_be_complex and isinstance(value, Mapping):
         return _make_complex_array(value)
     if not isinstance(value, list | tuple | np.ndarray):
         return None
     try:
         array = np.asarray(value)
         if not isinstance(value, np.ndarray) and array.dtype.kind != "b":
-            # NumPy takes truth values among numbers for numbers
+            # NumPy takes truth values among numbers for numbers, which are refused here
             entries = np.asarray(value, object).ravel()
             if any(isinstance(entry, bool) for entry in entries):
                 return None
-    except (ValueError, OverflowError):  # ragged, or too large
+    except (ValueError, OverflowError):  # the lists are ragged, or a number is too large
         return None
-    kinds = "biufc" if dtype is None else _KINDS[dtype.kind]
-    if array.size and array.dtype.kind not in kinds:
+    allowed_kinds = "biufc" if dtype is None else _KINDS[dtype.kind]
+    if array.size and array.dtype.kind not in allowed_kinds:
         return None
-    return array if dtype is None or array.dtype == dtype else array.astype(dtype)
+    if dtype is None or array.dtype == dtype:
+        return array
+    return array.astype(dtype)
 
 
 def _make_complex_array(data: Mapping[str, Any]) -> np.ndarray[Any, Any] | None:
-    """Return the complex array of a mapping of its real and imaginary numbers; None if it has other
-    keys, or the two are no such arrays of one shape.
+    """Return the complex array of the lists "real" and "imag" of a mapping; None if the mapping has
+    other keys, or if the two are no arrays of real numbers of one shape.
     """
+    if len(data) != 2:
+        return None
     real = _make_array(data.get("real"), np.dtype(float))
     imaginary = _make_array(data.get("imag"), np.dtype(float))
-    if len(data) != 2 or real is None or imaginary is None or real.shape != imaginary.shape:
+    if real is None or imaginary is None or real.shape != imaginary.shape:
         return None
     array = np.empty(real.shape, complex)
     array.real = real

@@ -35,34 +35,37 @@ _PREFIXES = ("y", "z", "a", "f", "p", "n", "u", "m", "", "k", "M", "G", "T", "P"
 
 
 def _multiple(value: float, unit: str) -> tuple[float, str]:
-    """Size and name of the decimal multiple in which ``value`` lies between 1 and 1000, or of the
-    nearest one.
+    """Return size and name of the decimal multiple of ``unit`` in which ``value`` lies between 1
+    and 1000, or of the nearest multiple.
     """
-    place = max(bisect_right(_SIZES, value) - 1, 0)
-    return _SIZES[place], _PREFIXES[place] + unit
+    index = max(bisect_right(_SIZES, value) - 1, 0)
+    return _SIZES[index], _PREFIXES[index] + unit
 
 
 def prefixed(value: float, unit: str) -> tuple[float, str]:
-    """The decimal multiple of ``unit`` in which people write ``value``: its size, such as 1e-6, and
-    its name, such as "um".
+    """Return the decimal multiple of ``unit`` in which people write ``value``, in that unit: the
+    size of the multiple, such as 1e-6, and its name, such as "um".
 
     A value that is below a multiple only by rounding (1e-8 of it) counts as that multiple. Zero,
     values beyond the range of the prefixes, and units that take none ("1", "1/m", "m^2", "kg/m^3")
     keep the ``unit`` itself, of size 1. So do times of a second and more.
     """
-    size = abs(value) * (1.0 + 1e-8)
-    first = re.split(r"[ */]", unit)[0]
-    takes_prefix = first.isalpha() and first != "kg" and not (first == "s" and size >= 1.0)
-    if takes_prefix and _SIZES[0] <= size < 1e3 * _SIZES[-1]:
-        return _multiple(size, unit)
+    magnitude = abs(value) * (1.0 + 1e-8)
+    leading_unit = re.split(r"[ */]", unit)[0]
+    is_long_time = leading_unit == "s" and magnitude >= 1.0
+    takes_prefix = leading_unit.isalpha() and leading_unit != "kg" and not is_long_time
+    is_in_range = _SIZES[0] <= magnitude < 1e3 * _SIZES[-1]
+    if takes_prefix and is_in_range:
+        return _multiple(magnitude, unit)
     return 1.0, unit
 
 
 def write_quantity(value: float, unit: str, digits: int = 5) -> str:
-    """Text of a value in the SI unit ``unit``, with some ``digits`` and a decimal prefix, such as
-    "8 mm".
+    """Return the text of a value in the SI unit ``unit``, with ``digits`` significant digits and a
+    decimal prefix, such as "8 mm".
     """
-    rounded = float(f"{value:.{digits}g}")  # 999.6 um are 1 mm, in three digits
+    # the prefix is that of the rounded value: 999.6 um are 1 mm in three digits
+    rounded = float(f"{value:.{digits}g}")
     size, name = prefixed(rounded, unit)
     return f"{rounded / size:.{digits}g}{write_unit(name)}"
 
@@ -73,18 +76,19 @@ def write_unit(unit: str) -> str:
 
 
 def write_uncertain(value: float, error: float, unit: str) -> str:
-    """Text of a value with its standard error, such as "1.11180 +/- 0.00039 km/s": the error has
-    two digits.
+    """Return the text of a value with its standard error, both in the SI unit ``unit``, such as
+    "1.11180 +/- 0.00039 km/s": the error has two digits.
 
-    The multiple of the unit is that of the larger of the two. An error below a millionth of the
-    value, or of more digits than its multiple has, stands alone.
+    Value and error have one multiple of the unit, that of the larger of the two. An error below a
+    millionth of the value, or of a thousand multiples and more, has a multiple of its own.
     """
     size, name = prefixed(max(abs(value), error), unit)
-    if not 1e-6 * abs(value) < error or error >= 1e3 * size:
+    is_tiny = not 1e-6 * abs(value) < error  # or nan
+    if is_tiny or error >= 1e3 * size:
         return f"{write_quantity(value, unit)} +/- {write_quantity(error, unit, 2)}"
-    places = max(1 - math.floor(math.log10(error / size)), 0)
-    nearest = round(value / size, places) + 0.0  # no zero is negative
-    return f"{nearest:.{places}f} +/- {error / size:.{places}f}{write_unit(name)}"
+    decimals = max(1 - math.floor(math.log10(error / size)), 0)
+    rounded = round(value / size, decimals) + 0.0  # -0.0 becomes 0.0
+    return f"{rounded:.{decimals}f} +/- {error / size:.{decimals}f}{write_unit(name)}"
 
 
 @dataclass(frozen=True)
@@ -111,8 +115,8 @@ class HertzPrefix:
 
     @classmethod
     def named(cls, name: str) -> HertzPrefix:
-        """The unit called ``name``, such as "kHz"; raises :class:`InputError` if there is no such
-        unit.
+        """Return the unit called ``name``, such as "kHz"; raises :class:`InputError` if there is no
+        such unit.
         """
         sizes = {prefix + "Hz": size for size, prefix in zip(_SIZES, _PREFIXES, strict=True)}
         if name not in sizes:
@@ -188,9 +192,9 @@ class Units:
 
     @classmethod
     def from_info(cls, info: Mapping[str, Any]) -> Units:
-        """Read the scales from the ``info`` of Atoms that :func:`~granphon.atoms` made.
+        """Read the scales, SI, from the ``info`` of Atoms that :func:`~granphon.atoms` made.
 
-        Raises :class:`InputError` if one is missing, or is not a finite number above zero.
+        Raises :class:`InputError` if a scale is missing, or is not a finite number above zero.
         """
         missing = [key for key in _INFO.values() if key not in info]
         if missing:
@@ -235,29 +239,32 @@ class WidthUnits:
         """Unit of the derivative of stiffness by overlap, c W^(-1/2), N/m^2."""
         return self._value(-1)
 
-    def _parts(self, n: int) -> tuple[float, int]:
-        """Two factors of c W^(n/2), both in the floating range: a number near one, and an exponent
-        of two.
+    def _split(self, n: int) -> tuple[float, int]:
+        """Return c W^(n/2) as the number m, near one, and the exponent e of m 2^e: both are in the
+        floating range, where the product may not be.
         """
-        root, twos = math.frexp(math.sqrt(self.width))
-        number, power = math.frexp(self.coefficient)
-        return number * root**n, power + n * twos
+        root_mantissa, root_exponent = math.frexp(math.sqrt(self.width))
+        mantissa, exponent = math.frexp(self.coefficient)
+        return mantissa * root_mantissa**n, exponent + n * root_exponent
 
     def _value(self, n: int) -> float:
-        """Unit c W^(n/2) in SI; :class:`InputError` if it is above the floating range."""
+        """Return the unit c W^(n/2) in SI; :class:`InputError` if the unit is above the floating
+        range.
+        """
+        mantissa, exponent = self._split(n)
         try:
-            return math.ldexp(*self._parts(n))
+            return math.ldexp(mantissa, exponent)
         except OverflowError:
             problem = f"a width of {self.width:g} m is beyond double precision"
             why = f"c W^({n}/2) is above the largest number, at c = {self.coefficient:g} N/m^(3/2)"
             raise InputError(problem, why, "Give a smaller width") from None
 
     def reduced_force(self, force: Any) -> Any:
-        """Reduced force f* of Section IV; ``force`` in N, a number or an array."""
+        """Return the reduced force f* of Section IV; ``force`` in N, a number or an array."""
         from numpy import ldexp  # here alone, so that the command's help needs no numpy
 
-        number, twos = self._parts(3)
-        return ldexp(force / number, -twos)
+        mantissa, exponent = self._split(3)
+        return ldexp(force / mantissa, -exponent)
 
     def reduced_overlap(self, overlap: Any) -> Any:
         """Reduced overlap y = (d - a)/W; ``overlap`` in m, a number or an array."""
@@ -271,8 +278,8 @@ class WidthUnits:
 
 
 def file_header(unit: HertzPrefix, scales: Units, coordinates: Sequence[str]) -> list[str]:
-    """Lines of the block ``granphon`` at the head of files for phonopy: frequency unit,
-    coordinates, scales in SI.
+    """Return the lines of the block ``granphon`` at the head of files for phonopy: the ``unit`` of
+    frequency, the names of the ``coordinates`` of a ball, and the ``scales`` in SI.
     """
     return [
         "granphon:",
@@ -284,16 +291,16 @@ def file_header(unit: HertzPrefix, scales: Units, coordinates: Sequence[str]) ->
     ]
 
 
-def read_header(path: object, own: Mapping[str, Any]) -> tuple[float, Units]:
-    """The frequency unit, Hz, and the scales from a block of the file ``path`` that
+def read_header(path: object, block: Mapping[str, Any]) -> tuple[float, Units]:
+    """Return the unit of frequency, Hz, and the scales from the ``block`` of the file ``path`` that
     :func:`file_header` made.
 
     Raises :class:`~granphon.base.errors.SchemaError` for another schema, and
     :class:`~granphon.base.errors.InputError` for a frequency unit or scales that cannot be right.
     """
-    require_schema(path, own["schema"], _HEADER_SCHEMA)
-    hertz = HertzPrefix.named(own["frequency_unit"]).hertz
-    scales = Units.from_info(own)
-    if own["hertz"] != hertz:
+    require_schema(path, block["schema"], _HEADER_SCHEMA)
+    hertz = HertzPrefix.named(block["frequency_unit"]).hertz
+    scales = Units.from_info(block)
+    if block["hertz"] != hertz:
         raise InputError("its unit of frequency and the size of it contradict each other")
     return hertz, scales

@@ -38,7 +38,7 @@ LIST = ".granphon-files"
 LIST_SCHEMA = 1
 #: the file that is locked by the run that writes into a folder
 LOCK = ".granphon-lock"
-#: how much of a file is read to know its kind, bytes
+#: length of the head of a file, by which the kind of the file is known, bytes
 _HEAD_BYTES = 1000
 #: how names of folders begin in which new files are collected, and the name of such a folder when
 #: it is complete
@@ -72,12 +72,13 @@ def has_locks(descriptor: int) -> bool:
 
 
 def read_written_files(folder: StrPath, what: str = "files") -> dict[str, str]:
-    """Name and SHA-256 of each file that granphon wrote into ``folder``, from its list; empty if
-    there is no list.
+    """Return the SHA-256 of each file that granphon wrote into ``folder``, by its name, from the
+    list there; empty if there is no list that can be read.
 
     With ``what`` = "old", of each file that is to leave the folder. Only bare names count: others
     lead into another folder.
     """
+    # the content of the list may be anything
     with suppress(GranphonError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         data = json.loads(read_bytes(Path(folder) / LIST))
         if data["schema"] == LIST_SCHEMA:
@@ -157,11 +158,12 @@ class ResultFiles:
         """
         if any(name.endswith(".nc") for name in self.names):
             require_installed("A netCDF file", "h5netcdf", "h5py")
+        # errors are suppressed, as the check that follows reports what is wrong with the folder
         with suppress(OSError, ValueError):
-            # the check that follows reports what is wrong with the folder
-            if (self._target / NEW).is_dir() or any(self._target.glob(PREFIX + "*")):
-                with _hold_lock(self._target) as alone:
-                    _finish(self._target, alone)
+            was_cut_off = (self._target / NEW).is_dir() or any(self._target.glob(PREFIX + "*"))
+            if was_cut_off:
+                with _hold_lock(self._target) as is_alone:
+                    _finish(self._target, is_alone=is_alone)
         self._check()
 
     @contextmanager
@@ -170,94 +172,93 @@ class ResultFiles:
         end of the block.
 
         Errors are those of :meth:`require_free`; also raises
-        :class:`~granphon.base.errors.OutputError` if another run has the lock. Folders that were
-        made here and are still empty at the end are removed again.
+        :class:`~granphon.base.errors.OutputError` if another run has the lock. Folders that the
+        method has made and that are still empty at the end are removed again.
         """
         self.require_free()
         target = self._target
-        made = list[Path]()
+        made_folders = list[Path]()
         try:
             with explaining(target):
                 missing = [folder for folder in (target, *target.parents) if not folder.exists()]
                 for folder in reversed(missing):  # the outermost first
                     folder.mkdir(exist_ok=True)
-                    made.append(folder)
-            with _hold_lock(target) as alone:
+                    made_folders.append(folder)
+            with _hold_lock(target) as is_alone:
                 with explaining(target):
-                    _finish(target, alone)
+                    _finish(target, is_alone=is_alone)
                 # checked again: another run may have written files before the lock was taken
                 self._check()
                 yield self
         finally:
-            for folder in reversed(made):
+            for folder in reversed(made_folders):
                 with suppress(OSError):  # a folder that holds a result is not empty, and stays
                     folder.rmdir()
 
     @contextmanager
     def staging(self, optional: Sequence[str] = ()) -> Iterator[Path]:
-        """Make a temporary folder for the files, which all move into their folder at the end of the
-        block.
+        """Make a temporary folder for the new files, which all move into the folder of the results
+        at the end of the block.
 
-        The folder must be under lock, see :meth:`open`. Files that are also in ``optional`` need
-        not be written. If the block fails, the folder is left as it was found. If what follows it
-        fails, the next run that looks at the folder completes it. Raises
-        :class:`~granphon.base.errors.OutputError` for any failure of the file system.
+        The folder of the results must be under lock, see :meth:`open`. Files that are also in
+        ``optional`` need not be written. If the block fails, the folder of the results is left as
+        it was found. If moving the files fails, the next run that looks at the folder moves those
+        that are left. Raises :class:`~granphon.base.errors.OutputError` for any failure of the file
+        system.
         """
         target = self._target
-        place = None
+        staging_folder = None
         with explaining(target):
             try:
-                place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=target))
-                yield place
+                staging_folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=target))
+                yield staging_folder
                 self._check()
-                made = [
-                    name
-                    for name in self.names
-                    if name not in optional or os.path.lexists(place / name)
-                ]
-                self._write_list(place, made)
-                for name in (*made, LIST):
-                    with open(place / name, "r+b") as stream:
+                new_names = []
+                for name in self.names:
+                    if name not in optional or os.path.lexists(staging_folder / name):
+                        new_names.append(name)
+                self._write_list(staging_folder, new_names)
+                for name in (*new_names, LIST):
+                    with open(staging_folder / name, "r+b") as stream:
                         os.fsync(stream.fileno())
-                os.rename(place, target / NEW)  # from here on the result counts
+                os.rename(staging_folder, target / NEW)  # from here on the result counts
                 _finish(target)
             except BaseException:
-                _finish(target)  # an interruption does not end it half way
+                # where a Ctrl-C has come while the files moved, the rest of them is moved
+                _finish(target)
                 raise
             finally:
-                if place is not None:
-                    shutil.rmtree(place, ignore_errors=True)
+                if staging_folder is not None:
+                    shutil.rmtree(staging_folder, ignore_errors=True)
 
-    def _write_list(self, place: Path, made: Sequence[str]) -> None:
-        """Write into the folder ``place``, beside the new files that were ``made``, the list of the
-        folder as it is to be: digests of its files, and of the old ones that make way.
+    def _write_list(self, staging_folder: Path, new_names: Sequence[str]) -> None:
+        """Write the list of the folder of the results as it is to be, with the digests of its files
+        and of the old ones that make way, into the ``staging_folder`` that holds the new files.
         """
         target = self._target
-        # what has a known text may be absent there
         written = read_written_files(target)
         existing = [name for name in (*self.names, *self._stale) if os.path.lexists(target / name)]
+        # a file of a known text may make way too, though the list of the folder does not name it
         old = {name: written.get(name) or _digest_file(target / name) for name in existing}
         files = {name: digest for name, digest in written.items() if name not in old}
-        files |= {name: _digest_file(place / name) for name in made}
+        files |= {name: _digest_file(staging_folder / name) for name in new_names}
         content = json.dumps({"schema": LIST_SCHEMA, "files": files, "old": old}, indent=1)
-        (place / LIST).write_text(content, encoding="utf-8")
+        (staging_folder / LIST).write_text(content, encoding="utf-8")
 
     def _check(self) -> None:
         """Raise :class:`~granphon.base.errors.OutputError` if the files cannot be written into
         their folder, or would replace files that are not an earlier result of granphon.
         """
         target = self._target
-        if any("\0" in part for part in (str(target), *self.names)):
+        if any("\0" in name for name in (str(target), *self.names)):
             raise OutputError(
                 f"{str(target)!r} cannot be written: a null character is part of the name"
             )
         with explaining(target):
-            nearest = target
-            while not os.path.lexists(nearest) and nearest != nearest.parent:
-                nearest = nearest.parent
-            if not nearest.is_dir():
+            ancestor = _find_existing_ancestor(target)
+            if not ancestor.is_dir():
                 raise OutputError(
-                    f"{nearest} is not a folder",
+                    f"{ancestor} is not a folder",
                     f"{target} cannot be made",
                     "Choose another folder",
                 )
@@ -270,24 +271,25 @@ class ResultFiles:
                 )
             self._require_own(existing, written)
             if existing and not self.force:
-                self._refuse_existing(existing, written)
+                raise self._make_existing_error(existing, written)
             for name in self._stale:
                 self._require_removable(name, written[name])
-            if not os.access(nearest, os.W_OK | os.X_OK):
-                problem = f"there is no permission to write to {_name(nearest)}"
+            if not os.access(ancestor, os.W_OK | os.X_OK):
+                problem = f"there is no permission to write to {_name(ancestor)}"
                 raise OutputError(problem, mend="Choose another folder")
 
     def _require_own(self, existing: Sequence[str], written: Mapping[str, str]) -> None:
-        """Raise :class:`FileExistsInRunError` if an existing file is read by this run, or is none
-        that granphon wrote; ``written`` are the digests of files that granphon wrote.
+        """Raise :class:`FileExistsInRunError` if one of the ``existing`` files is read by this run,
+        or was not written by granphon; ``written`` holds the SHA-256 of each file that granphon
+        wrote, by its name.
         """
         target = self._target
-        kept = "Such a file is never replaced, not even with --force"
+        why = "Such a file is never replaced, not even with --force"
         known_digests = [hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known]
         for name in existing:
             if self._is_read(name):
                 problem = f"{target / name} is read by this run, and would be overwritten"
-                raise FileExistsInRunError(problem, kept, "Choose another folder")
+                raise FileExistsInRunError(problem, why, "Choose another folder")
             digests = list(known_digests)
             reason = "there is no record that granphon wrote it"
             if name in written:
@@ -295,36 +297,40 @@ class ResultFiles:
                 reason = "granphon wrote it, and it has been changed since"
             if not _is_written(target / name, *digests):
                 problem = f"{_name(target)} already holds {name}: {reason}"
-                raise FileExistsInRunError(problem, kept, "Move it away, or choose another folder")
+                raise FileExistsInRunError(problem, why, "Move it away, or choose another folder")
 
-    def _refuse_existing(self, existing: Sequence[str], written: Mapping[str, str]) -> None:
-        """Raise :class:`FileExistsInRunError` that names an earlier result, and what it lacks."""
+    def _make_existing_error(
+        self, existing: Sequence[str], written: Mapping[str, str]
+    ) -> FileExistsInRunError:
+        """Return the error that names the ``existing`` files of an earlier result, and the files
+        that are missing of it.
+        """
         missing = [name for name in self.names if name in written and name not in existing]
         problem = f"{_name(self._target)} already holds {', '.join(existing)}"
         if missing:
             problem += f", but not {', '.join(missing)}, which granphon wrote there too"
         mend = "Use --force (force=True) to replace it, or choose another folder"
-        raise FileExistsInRunError(
+        return FileExistsInRunError(
             problem, "An existing result is not overwritten unless asked for", mend
         )
 
     def _require_removable(self, name: str, digest: str) -> None:
         """Raise :class:`FileExistsInRunError` if a file of an earlier run is read by this run, or
-        has another ``digest`` than when granphon wrote it.
+        does not have the SHA-256 ``digest`` that it had when granphon wrote it.
         """
         target = self._target
+        reason = ""
         if self._is_read(name):
             reason = "this run reads it"
         elif not _is_written(target / name, digest):
             reason = "it has been changed since"
-        else:
-            return
-        raise FileExistsInRunError(
-            f"{_name(target)} holds {name} of an earlier run, and {reason}",
-            "It would stand beside a result that it does not belong to, and granphon"
-            " does not remove it",
-            "Move it away, or choose another folder",
-        )
+        if reason:
+            raise FileExistsInRunError(
+                f"{_name(target)} holds {name} of an earlier run, and {reason}",
+                "It would stand beside a result that it does not belong to, and granphon"
+                " does not remove it",
+                "Move it away, or choose another folder",
+            )
 
     @property
     def _stale(self) -> list[str]:
@@ -343,44 +349,60 @@ class ResultFiles:
         return False
 
 
-def _finish(target: Path, alone: bool = False) -> None:
-    """Move the files of a result that counts to their places; if no run is under way, remove what
-    killed ones have left.
+def _find_existing_ancestor(path: Path) -> Path:
+    """Return the path itself if it exists, or else the nearest folder above it that exists."""
+    ancestor = path
+    while not os.path.lexists(ancestor) and ancestor != ancestor.parent:
+        ancestor = ancestor.parent
+    return ancestor
+
+
+def _finish(target: Path, is_alone: bool = False) -> None:
+    """Move the files of a result that counts from the folder :data:`NEW` into the folder
+    ``target``; if ``is_alone``, no other run is under way, and staging folders that killed runs
+    have left are removed.
     """
-    new = target / NEW
-    if new.is_dir() and not new.is_symlink():
-        _move_files(new, target)
-    if not alone:
+    new_folder = target / NEW
+    if new_folder.is_dir() and not new_folder.is_symlink():
+        _move_files(new_folder, target)
+    if not is_alone:
         return
-    for place in target.glob(PREFIX + "*"):
-        if place.is_dir() and not place.is_symlink():
-            shutil.rmtree(place, ignore_errors=True)
+    for staging_folder in target.glob(PREFIX + "*"):
+        if staging_folder.is_dir() and not staging_folder.is_symlink():
+            shutil.rmtree(staging_folder, ignore_errors=True)
 
 
-def _move_files(new: Path, target: Path) -> None:
-    """Move the files of the folder ``new`` into the folder ``target``, where old ones make way, and
-    remove ``new``.
+def _move_files(new_folder: Path, target: Path) -> None:
+    """Move the files of a ``new_folder`` into the folder ``target``, where old ones make way, and
+    remove the ``new_folder``.
+
+    An earlier call may have been interrupted at any line: the files that it has moved are not in
+    the ``new_folder`` any more.
     """
-    files = read_written_files(new)
-    old = read_written_files(new, "old")
-    waiting = [name for name in files if (new / name).is_file() and not (new / name).is_symlink()]
+    files = read_written_files(new_folder)
+    old = read_written_files(new_folder, "old")
+    waiting = []
+    for name in files:
+        path = new_folder / name
+        if path.is_file() and not path.is_symlink():
+            waiting.append(name)
     for name, digest in old.items():
-        is_replaced = name in waiting or name not in files
-        if is_replaced and _is_written(target / name, digest):
+        is_in_the_way = name in waiting or name not in files
+        if is_in_the_way and _is_written(target / name, digest):
             (target / name).unlink()
     for name in waiting:
-        if os.path.lexists(target / name):  # the user has put it there meanwhile
-            (new / name).unlink()
+        if os.path.lexists(target / name):  # the user has put a file of this name there meanwhile
+            (new_folder / name).unlink()
         else:
-            os.rename(new / name, target / name)
+            os.rename(new_folder / name, target / name)
     if files or old:
-        os.replace(new / LIST, target / LIST)
-    with suppress(OSError):  # what granphon did not put there stays
-        new.rmdir()
+        os.replace(new_folder / LIST, target / LIST)
+    with suppress(OSError):  # a folder with files of another program is not empty, and stays
+        new_folder.rmdir()
 
 
 def _name(folder: Path) -> Path:
-    """Return a folder as messages name it: its whole path in the place of "." and "..", which say
+    """Return a folder as messages name it: by its whole path where it is "." or "..", which say
     nothing in a sentence.
     """
     return folder.resolve() if folder.name in ("", "..") else folder
@@ -388,8 +410,9 @@ def _name(folder: Path) -> Path:
 
 @contextmanager
 def explaining(target: Path, why: str = "It is left as it was") -> Iterator[None]:
-    """Turn errors of the file system into :class:`~granphon.base.errors.OutputError`; ``why`` says
-    what the file is now.
+    """Turn errors of the file system in the block, which writes ``target``, a file or a folder,
+    into :class:`~granphon.base.errors.OutputError`; ``why`` says in what state the failure leaves
+    ``target``.
     """
     try:
         yield
@@ -397,10 +420,12 @@ def explaining(target: Path, why: str = "It is left as it was") -> Iterator[None
         raise
     except OSError as error:
         problem = f"{_name(target)} cannot be written: {error.strerror or error}"
-        if os.path.isdir(target / NEW):
-            why_half = f"The files of the new result are in {NEW} there"
-            mend_half = "Any command that uses the folder moves them to their places"
-            raise OutputError(problem, why_half, mend_half) from None
+        if os.path.isdir(target / NEW):  # the result counts, and some of its files have not moved
+            raise OutputError(
+                problem,
+                f"The files of the new result are in {NEW} there",
+                "Any command that uses the folder moves them to their places",
+            ) from None
         mend = "Choose another folder"
         if error.errno == errno.ENOSPC:
             mend = "Free some space, or choose another folder"
@@ -409,13 +434,14 @@ def explaining(target: Path, why: str = "It is left as it was") -> Iterator[None
 
 @contextmanager
 def _hold_lock(target: Path) -> Iterator[bool]:
-    """Hold the lock during the block; yield whether it is certain that no other run is under way.
+    """Hold the lock of the folder ``target`` during the block; give whether it is certain that no
+    other run is under way, which it is not on a file system without locks.
 
-    On a file system that does not support locks, it is not.
+    Raises :class:`~granphon.base.errors.OutputError` if another run has the lock.
     """
     path = target / LOCK
-    is_own = False
-    while not is_own:
+    is_locked = False
+    while not is_locked:
         descriptor = _open_lock(path)
         try:
             _lock(descriptor)
@@ -429,11 +455,11 @@ def _hold_lock(target: Path) -> Iterator[bool]:
             raise OutputError(
                 problem, why, "Wait until it ends, or choose another folder"
             ) from None
+        # another run may have removed the file after it was opened here and before it was locked:
+        # then the lock holds nobody back, and the loop tries again
         with suppress(OSError):
-            # another run may have removed the file between opening and locking it here; then try
-            # again
-            is_own = os.path.samestat(os.fstat(descriptor), os.stat(path))
-        if not is_own:
+            is_locked = os.path.samestat(os.fstat(descriptor), os.stat(path))
+        if not is_locked:
             os.close(descriptor)
     try:
         yield True
@@ -447,10 +473,12 @@ def _open_lock(path: Path) -> int:
     """Open the file of a lock, which is made if need be, and return its descriptor; OutputError if
     granphon did not make that file.
     """
+    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
     with explaining(path.parent):
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        descriptor = os.open(path, flags, 0o666)
     status = os.fstat(descriptor)
-    if stat.S_ISREG(status.st_mode) and not status.st_size:
+    is_empty_file = stat.S_ISREG(status.st_mode) and status.st_size == 0
+    if is_empty_file:
         return descriptor
     os.close(descriptor)
     raise OutputError(
@@ -463,8 +491,9 @@ def _open_lock(path: Path) -> int:
 def write_text(path: StrPath, text: str, replace: bool = False) -> None:
     """Write a text in UTF-8, whole or not at all; its folder is made if need be.
 
-    A file that is there makes way for another of its kind: one whose head names granphon too or, if
-    the new one's does not, begins with the same line. With ``replace`` any file does.
+    An existing file makes way for a text of its kind: one that names granphon in its head as the
+    existing file does or, if the text does not name granphon, one that begins with the same line.
+    With ``replace`` any existing file makes way.
 
     Raises
     ------
@@ -482,37 +511,39 @@ def write_text(path: StrPath, text: str, replace: bool = False) -> None:
             if old_head and not _are_alike(old_head, data[:_HEAD_BYTES]):
                 problem = f"{target} is there, and is no such file of granphon"
                 raise FileExistsInRunError(problem, mend="Give another name")
-        with put_beside(target) as place, open(place, "xb") as stream:
+        with put_beside(target) as temporary, open(temporary, "xb") as stream:
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
 
 
 def _are_alike(old_head: bytes, new_head: bytes) -> bool:
-    """Whether the heads of two files are of one kind: both name granphon or, if the new one does
-    not, begin with the same line.
+    """Whether the heads of two files are of one kind: both name granphon or, if the new head does
+    not, both begin with the same line.
     """
     if b"granphon" in new_head:
         return b"granphon" in old_head
-    return old_head.split(b"\n")[0] == new_head.split(b"\n")[0]
+    old_line = old_head.split(b"\n")[0]
+    new_line = new_head.split(b"\n")[0]
+    return old_line == new_line
 
 
 @contextmanager
 def put_beside(target: Path) -> Iterator[Path]:
-    """Give the path of a file that takes the place of ``target`` after the block, or is removed if
-    that fails.
+    """Give the path of a temporary file in the folder of ``target``: the file takes the place of
+    ``target`` after the block, or is removed if the block fails.
 
     The folder is made if need be. Raises :class:`~granphon.base.errors.OutputError` for a failure
     of the file system.
     """
-    place = target.with_name(f".granphon-{uuid4().hex}")
+    temporary = target.with_name(f".granphon-{uuid4().hex}")
     with explaining(target):
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
-            yield place
-            os.replace(place, target)
+            yield temporary
+            os.replace(temporary, target)
         except ValueError as error:  # a null character in the name
             raise OSError(str(error)) from None
         finally:
             with suppress(OSError, ValueError):
-                place.unlink()
+                temporary.unlink()

@@ -30,6 +30,8 @@ from granphon.base.quantities import NUMBER, Quantity, is_plain
 from granphon.base.text import closest, counted, decode, list_names, read_bytes
 
 _POINT = "Write decimals with a point"
+#: the most characters of a cell that a message quotes
+_MOST_QUOTED = 40
 #: longest cell that csv reads, in characters
 _LONGEST_CELL = csv.field_size_limit()
 
@@ -43,8 +45,8 @@ class Heading:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read ``name``, ``name (unit)``, ``name [unit]``, or one with its unit at the end,
-        ``total_per_Hz`` of dos.csv. A unit may have brackets of its own, as m/(N s).
+        """Read the heading ``name``, ``name (unit)`` or ``name [unit]``, or a name that ends with
+        its unit, as ``total_per_Hz`` of dos.csv. A unit may have brackets of its own, as m/(N s).
         """
         unit_text = r"(?:[^()\[\]]|\([^()\[\]]*\))*?"
         pattern = rf"(.*?)\s*(?:[(\[]\s*({unit_text})\s*[)\]])?"
@@ -63,7 +65,7 @@ class Heading:
 
     @property
     def key(self) -> str:
-        """The name in the form in which names are compared: in lower case, words joined by
+        """The name in the form in which names are compared: lower case, with words joined by
         underscores.
         """
         return re.sub(r"[\s_-]+", "_", self.name.lower())
@@ -90,117 +92,122 @@ class Table:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], quoted: bool = True) -> Self:
-        """Read a file in UTF-8; :class:`~granphon.base.errors.InputError` names file and line of
-        what cannot be read.
+        """Return the table of a file in UTF-8.
 
         ``quoted`` says whether errors may quote the content of the file, whatever that is; False
-        for a file that a scene has named.
+        for a file that a scene has named. Raises :class:`~granphon.base.errors.InputError`, which
+        names file and line, for a file that cannot be read as a table.
         """
         return cls.parse(str(path), read_bytes(path), quoted)
 
     @classmethod
     def parse(cls, name: str, raw: bytes, quoted: bool = True) -> Self:
-        """The table in the bytes ``raw`` of a file called ``name``; errors and ``quoted`` as for
-        :meth:`read`.
+        """Return the table in the bytes ``raw`` of a file called ``name``; errors and ``quoted`` as
+        for :meth:`read`.
         """
-        # the number and the text of each line that counts
-        lines = [
-            (number, line)
-            for number, line in enumerate(decode(name, raw).splitlines(), 1)
-            if line.strip()[:1] not in ("", "#")
-        ]
+        # number, counted from 1, and text of each line that is not empty and no comment
+        lines = []
+        for number, line in enumerate(decode(name, raw).splitlines(), 1):
+            if line.strip()[:1] not in ("", "#"):
+                lines.append((number, line))
         if not lines:
             raise InputError(
                 f"{name} is empty", mend="Give each column a heading, with numbers below it"
             )
-        number, head = lines.pop(0)
-        mark = next((mark for mark in "\t;" if mark in head), ",")
-        headings = _read_headings(f"{name}:{number}", head, mark, quoted)
-        numbers = tuple(number for number, _ in lines)
-        texts = [line for _, line in lines]
-        columns = _split_evenly(texts, mark, len(headings))
+        head_number, head = lines[0]
+        rows = lines[1:]
+        separator = ","
+        if "\t" in head:
+            separator = "\t"
+        elif ";" in head:
+            separator = ";"
+        headings = _read_headings(f"{name}:{head_number}", head, separator, quoted)
+        row_numbers = tuple(number for number, _ in rows)
+        row_texts = [text for _, text in rows]
+        columns = _split_evenly(row_texts, separator, len(headings))
         if columns is None:
-            columns = _split_columns(name, lines, mark, len(headings))
-        return cls(name, headings, numbers, columns, quoted)
+            columns = _split_columns(name, rows, separator, len(headings))
+        return cls(name, headings, row_numbers, columns, quoted)
 
     def __contains__(self, name: str) -> bool:
-        return self._find_places(name) != []
+        return self._find_columns(name) != []
 
     def column(
         self, name: str, kind: Quantity, mend: str = "Name the column that is meant"
     ) -> NDArray[np.float64]:
-        """The numbers of the column called ``name``, (rows,), converted to the SI unit of their
-        ``kind``.
+        """Return the numbers of the column called ``name``, (rows,), converted to the SI unit of
+        their ``kind``.
 
         ``name`` may carry a unit, ``"v (km/s)"``, which then replaces that of the heading. Case
         does not matter. ``mend`` is the advice of the message if the column is not found. Raises
-        :class:`~granphon.base.errors.InputError` if there is no such column or more than one, if it
-        has no unit, if there are no rows, or if a cell is not what the kind allows.
+        :class:`~granphon.base.errors.InputError` if there is no such column or more than one, if
+        the column has no unit, if there are no rows, or if the kind does not allow the text of a
+        cell.
         """
         requested = Heading.parse(name)
-        place = self._require_one(name, kind, mend)
+        index = self._require_one(name, kind, mend)
         if not self.lines:
             raise InputError(
                 f"{self.name} has no rows below its headings", mend="Write numbers there"
             )
-        heading = self.headings[place]
+        heading = self.headings[index]
         unit = requested.unit or heading.unit
         if not unit:
-            mend = (
-                f"Write the heading '{heading.name} ({kind.unit})', or with the unit that is meant"
+            raise InputError(
+                f"{self.name}: the column {heading.name!r} has no unit",
+                mend=f"Write the heading '{heading.name} ({kind.unit})', or with the unit that is"
+                f" meant",
             )
-            raise InputError(f"{self.name}: the column {heading.name!r} has no unit", mend=mend)
-        quoted = self.quoted or kind.measures(heading.unit)
-        if not quoted and not kind.measures(unit):
-            problem = (
+        may_quote = self.quoted or kind.measures(heading.unit)
+        if not may_quote and not kind.measures(unit):
+            raise InputError(
                 f"{self.name}: the column {requested.name!r} has a unit that is not a unit of"
-                f" {kind.name}"
+                f" {kind.name}",
+                mend=f"Write the heading '{requested.name} ({kind.unit})', or with another unit of"
+                f" this kind",
             )
-            mend = (
-                f"Write the heading '{requested.name} ({kind.unit})', or with another unit of this"
-                f" kind"
-            )
-            raise InputError(problem, mend=mend)
-        values = kind.read_many(self.columns[place], unit)
+        values = kind.read_many(self.columns[index], unit)
         if values is None:  # read one by one, so that the error names the first bad cell
-            values = self._read_cells(place, kind, unit, quoted)
+            values = self._read_cells(index, kind, unit, may_quote)
         return values
 
     def _require_one(self, name: str, kind: Quantity, mend: str) -> int:
-        """Return the place of the column with a name, which may carry a unit; InputError if there
-        is none, or more than one.
+        """Return the index of the column called ``name``, which may carry a unit; InputError, with
+        the advice ``mend``, if there is no such column, or more than one.
         """
-        places = self._find_places(name)
-        if len(places) == 1:
-            return places[0]
+        indices = self._find_columns(name)
+        if len(indices) == 1:
+            return indices[0]
         requested = Heading.parse(name)
         names = [heading.name for heading in self.headings]
         guess = closest(requested.name, names)
-        if guess and not places:
-            mend = f"Did you mean {guess!r}? {mend}"
-        headed = f"must be headed '{requested.name} ({kind.unit})'"
+        advice = f"Did you mean {guess!r}? {mend}" if guess and not indices else mend
+        obligation = f"must be headed '{requested.name} ({kind.unit})'"
         if self.quoted:
             why = f"Its columns are {list_names(map(repr, names))}"
         elif len(names) == 1:
-            why = f"It has one column, which {headed}"
+            why = f"It has one column, which {obligation}"
         else:
-            why = f"It has {len(names)} columns, of which one {headed}"
-        count = "two columns" if places else "no column"
-        raise InputError(f"{self.name} has {count} named {requested.name!r}", why, mend)
+            why = f"It has {len(names)} columns, of which one {obligation}"
+        count = "two columns" if indices else "no column"
+        raise InputError(f"{self.name} has {count} named {requested.name!r}", why, advice)
 
     def _read_cells(
-        self, place: int, kind: Quantity, unit: str, quoted: bool
+        self, index: int, kind: Quantity, unit: str, may_quote: bool
     ) -> NDArray[np.float64]:
-        """Return the numbers of the column at a place, (rows,), SI, read one by one; InputError
-        names the first bad cell, and quotes the cell if it may be ``quoted``.
+        """Return the numbers of the column of an ``index``, (rows,), SI, read one by one;
+        InputError names the line of the first bad cell, and quotes the cell if it ``may_quote``.
         """
         values = []
-        for line, cell in zip(self.lines, self.columns[place], strict=True):
-            where = f"{self.name}:{line}: {self.headings[place].name}"
+        for line, cell in zip(self.lines, self.columns[index], strict=True):
+            where = f"{self.name}:{line}: {self.headings[index].name}"
             if not re.fullmatch(NUMBER, cell):
-                content = f"found {cell[:40]!r}" if quoted else "found a text"
                 if not cell:
                     content = "found nothing"
+                elif may_quote:
+                    content = f"found {cell[:_MOST_QUOTED]!r}"
+                else:
+                    content = "found a text"
                 has_comma = re.fullmatch(NUMBER, cell.replace(",", ".", 1))
                 mend = _POINT if has_comma else ""
                 raise InputError(f"{where}: {content}, where a number is needed", mend=mend)
@@ -211,54 +218,55 @@ class Table:
         return np.array(values)
 
     def numbers(self, name: str) -> NDArray[np.float64]:
-        """The numbers of the column called ``name``, (rows,), in the unit of its heading; nan and
-        inf are taken.
+        """Return the numbers of the column called ``name``, (rows,), in the unit of its heading;
+        nan and inf are taken.
 
         Raises KeyError if there is no such column, :class:`~granphon.base.errors.InputError` if a
         cell is not a number.
         """
-        places = self._find_places(name)
-        if not places:
+        indices = self._find_columns(name)
+        if not indices:
             raise KeyError(name)
-        cells = self.columns[places[0]]
+        cells = self.columns[indices[0]]
         convert = float if is_plain(cells) else plain_float
-        values: list[float] = []  # after an error it holds what was read before
+        values: list[float] = []
         try:
             values.extend(map(convert, cells))
         except ValueError:
-            line = self.lines[len(values)]
-            cell = brief(cells[len(values)], 40)
+            # the numbers before the bad cell are in the list
+            bad_row = len(values)
+            cell = brief(cells[bad_row], _MOST_QUOTED)
             raise InputError(
-                f"line {line}, {name}: found {cell}, where a number is needed"
+                f"line {self.lines[bad_row]}, {name}: found {cell}, where a number is needed"
             ) from None
         return np.array(values)
 
     def unit(self, name: str) -> str:
-        """The unit of the column called ``name``: that in ``name`` if it carries one, else that of
-        the heading.
+        """Return the unit of the column called ``name``: the unit in ``name`` if there is one, else
+        that of the heading.
 
-        Empty if neither has a unit, or there is no such column.
+        The unit is empty if neither has one, or if there is no such column.
         """
-        unit = Heading.parse(name).unit
-        places = self._find_places(name)
-        if unit or not places:
-            return unit
-        return self.headings[places[0]].unit
+        requested_unit = Heading.parse(name).unit
+        indices = self._find_columns(name)
+        if requested_unit or not indices:
+            return requested_unit
+        return self.headings[indices[0]].unit
 
     @cached_property
     def keys(self) -> tuple[str, ...]:
         """The names of the columns in the form in which they are compared."""
         return tuple(heading.key for heading in self.headings)
 
-    def _find_places(self, name: str) -> list[int]:
-        """Return the places of the columns with a name, which may carry a unit."""
-        key_of_name = Heading.parse(name).key
-        return [place for place, key in enumerate(self.keys) if key == key_of_name]
+    def _find_columns(self, name: str) -> list[int]:
+        """Return the indices of the columns called ``name``, which may carry a unit."""
+        requested_key = Heading.parse(name).key
+        return [index for index, key in enumerate(self.keys) if key == requested_key]
 
 
 def plain_float(cell: str) -> float:
-    """The number in a cell, nan and inf too; ValueError for what only Python takes for one: 1_0,
-    digits of other scripts.
+    """Return the number in a cell, nan and inf too; ValueError for texts that Python alone takes
+    for numbers: 1_0, digits of other scripts.
     """
     if "_" in cell or not cell.isascii():
         raise ValueError(cell)
@@ -271,13 +279,13 @@ def write_table(
     rows: Iterable[Sequence[Any]],
     comments: Iterable[str] = (),
 ) -> None:
-    """Write a table into an open text file; ``comments`` stand below the headings, each on a line
-    that begins with #.
+    """Write a table, the headings and then the rows, into an open text file; ``comments`` stand
+    below the headings, each on a line that begins with #.
     """
-    table = csv.writer(stream, lineterminator="\n")
-    table.writerow([str(heading) for heading in headings])
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow([str(heading) for heading in headings])
     stream.writelines(f"# {comment}\n" for comment in comments)
-    table.writerows(rows)
+    writer.writerows(rows)
 
 
 def table_text(
@@ -289,64 +297,73 @@ def table_text(
     return stream.getvalue()
 
 
-def _read_headings(where: str, head: str, mark: str, quoted: bool) -> tuple[Heading, ...]:
-    """Return the headings in the first line of a table; InputError if one is a number, which the
-    message shows if the line may be ``quoted``.
+def _read_headings(where: str, head: str, separator: str, may_quote: bool) -> tuple[Heading, ...]:
+    """Return the headings in the first line ``head`` of a table; InputError, which names the place
+    ``where``, if a heading is a number, and shows the number if the message ``may_quote``.
     """
-    headings = tuple(Heading.parse(title) for title in _split_cells(where, head, mark))
+    headings = tuple(Heading.parse(title) for title in _split_cells(where, head, separator))
     numbers = [heading.name for heading in headings if re.fullmatch(NUMBER, heading.name)]
     if numbers:
-        number = f"the number {numbers[0]}" if quoted else "a number"
+        content = f"the number {numbers[0]}" if may_quote else "a number"
         raise InputError(
-            f"{where}: found {number} where the columns are headed",
+            f"{where}: found {content} where the columns are headed",
             mend="Give each column a heading, such as 'force (N), velocity (m/s)'",
         )
     return headings
 
 
-def _split_evenly(texts: list[str], mark: str, count: int) -> tuple[tuple[str, ...], ...] | None:
-    """Return ``count`` columns of cells, split from all lines at once; None if lines have quotes,
-    other numbers of cells, or may be too long.
+def _split_evenly(
+    lines: list[str], separator: str, count: int
+) -> tuple[tuple[str, ...], ...] | None:
+    """Return ``count`` columns of cells, one cell for each line, split from all lines at once,
+    which is fast; None if lines have quotes, other numbers of cells, or may be too long.
     """
-    joined = mark.join(texts)
+    joined = separator.join(lines)
     if '"' in joined:
         return None
-    if any(text.count(mark) != count - 1 or len(text) >= _LONGEST_CELL for text in texts):
-        return None
-    cells = joined.split(mark) if texts else []
-    return tuple(tuple(map(str.strip, cells[place::count])) for place in range(count))
+    for line in lines:
+        if line.count(separator) != count - 1 or len(line) >= _LONGEST_CELL:
+            return None
+    cells = joined.split(separator) if lines else []  # row by row
+    return tuple(tuple(map(str.strip, cells[column::count])) for column in range(count))
 
 
 def _split_columns(
-    name: str, lines: list[tuple[int, str]], mark: str, count: int
+    name: str, lines: list[tuple[int, str]], separator: str, count: int
 ) -> tuple[tuple[str, ...], ...]:
-    """Return ``count`` columns of cells, split line by line; InputError names the line that has too
-    many. ``lines`` are pairs of a number and a text.
+    """Return ``count`` columns of cells, split line by line; InputError names the file ``name`` and
+    the line that has too many cells. ``lines`` are pairs of a number and a text.
 
-    A short line is filled with empty cells; of a long one, only empty cells are dropped.
+    A short line is filled with empty cells; of a long line, only empty cells are dropped.
     """
     rows = []
     for number, text in lines:
-        row = _split_cells(f"{name}:{number}", text, mark)
-        if any(row[count:]):
+        cells = _split_cells(f"{name}:{number}", text, separator)
+        has_cells_without_heading = any(cells[count:])
+        if has_cells_without_heading:
             problem = (
-                f"{name}:{number}: found {counted(len(row), 'cell')} below"
+                f"{name}:{number}: found {counted(len(cells), 'cell')} below"
                 f" {counted(count, 'heading')}"
             )
             raise InputError(
                 problem, mend=f"{_POINT}, and separate all columns by the same character"
             )
-        rows.append(row[:count] + ("",) * (count - len(row)))
-    return tuple(zip(*rows, strict=True)) or ((),) * count
+        n_missing = max(count - len(cells), 0)
+        rows.append((*cells[:count], *[""] * n_missing))
+    if not rows:
+        return tuple(() for _ in range(count))
+    return tuple(zip(*rows, strict=True))
 
 
-def _split_cells(where: str, line: str, mark: str) -> tuple[str, ...]:
-    """Return the cells of a line, without spaces around them; InputError for wrong quotes."""
+def _split_cells(where: str, line: str, separator: str) -> tuple[str, ...]:
+    """Return the cells of a line, without spaces around them; InputError, which names the place
+    ``where``, for wrong quotes.
+    """
     if '"' not in line and len(line) < _LONGEST_CELL:
-        # gives the same cells as csv, at a tenth of the cost
-        return tuple(map(str.strip, line.split(mark)))
+        # str.split gives the same cells as csv, at a tenth of the cost
+        return tuple(map(str.strip, line.split(separator)))
     try:
-        cells = next(csv.reader([line], delimiter=mark, skipinitialspace=True))
+        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
     except csv.Error as error:
         raise InputError(f"{where} cannot be split into columns", str(error)) from None
     return tuple(cell.strip() for cell in cells)

@@ -48,6 +48,9 @@ MOST_SCENE_BYTES = 100_000
 MAX_DEPTH = 12
 #: what is found and allowed where the nesting is deeper
 _TOO_DEEP = f"found more than {MAX_DEPTH} levels of nesting", "plain data"
+#: the most characters of a value that a message shows, and the most entries of a list
+_MOST_SHOWN = 60
+_MOST_ENTRIES = 8
 #: longest name in a list of names of a message, in letters
 _LONGEST_NAME = 60
 #: the most digits of a whole number: as many as Python converts whatever its own limit is, and more
@@ -77,7 +80,7 @@ Path_ = tuple[str | int, ...]
 
 
 def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> bytes:
-    """Read the bytes of a regular file that holds no more than ``limit`` of them.
+    """Return the bytes of a regular file that holds no more than ``limit`` bytes.
 
     Raises
     ------
@@ -86,17 +89,21 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
         is read, or may not be read; or ``path`` is not a path.
     """
     require_path(path)
-    try:
+
+    def open_at_once(name: str, flags: int) -> int:
         # without O_NONBLOCK, opening a pipe that nobody writes to would never return
-        flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
-        with open(path, "rb", opener=lambda name, mode: os.open(name, mode | flags)) as stream:
+        more_flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
+        return os.open(name, flags | more_flags)
+
+    try:
+        with open(path, "rb", opener=open_at_once) as stream:
             status = os.fstat(stream.fileno())
             if not stat.S_ISREG(status.st_mode):
                 raise InputError(
                     f"{path} cannot be read: it is a device or a pipe", mend="Give a regular file"
                 )
-            # ask for little more than the file holds, as Python allocates the requested size at
-            # once
+            # one byte more than the file holds shows whether it grows; no more, because Python
+            # allocates the requested size at once
             raw = stream.read(status.st_size + 1) if status.st_size <= limit else b""
     except InputError:
         raise
@@ -109,9 +116,10 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path} cannot be read: {reason}") from None
-    if max(len(raw), status.st_size) > limit:
-        size = f"{limit // 1_000_000} MB" if limit >= 1_000_000 else f"{limit // 1000} kB"
-        raise InputError(f"{path} holds more than {size}", mend="Is this the right file?")
+    size = max(len(raw), status.st_size)
+    if size > limit:
+        limit_text = f"{limit // 1_000_000} MB" if limit >= 1_000_000 else f"{limit // 1000} kB"
+        raise InputError(f"{path} holds more than {limit_text}", mend="Is this the right file?")
     if len(raw) > status.st_size:
         raise InputError(
             f"{path} has grown while it was read", "Somebody is writing it", "Read it again"
@@ -132,37 +140,39 @@ def require_path(path: str | os.PathLike[str]) -> None:
 
 
 def read_utf8(path: str | os.PathLike[str]) -> str:
-    """The text of a file in UTF-8, with line feeds as the ends of lines; errors as of
-    :func:`read_bytes`, :func:`decode`.
+    """Return the text of a file in UTF-8, with line feeds as the ends of lines; errors are those of
+    :func:`read_bytes` and :func:`decode`.
     """
     return decode(str(path), read_bytes(path)).replace("\r\n", "\n")
 
 
 def decode(name: str, raw: bytes) -> str:
-    """The text of a file called ``name`` that is in UTF-8, with or without a byte order mark.
+    """Return the text of the bytes ``raw`` of a file called ``name`` that is in UTF-8, with or
+    without a byte order mark.
 
     For another encoding :class:`~granphon.base.errors.InputError` names the line, the byte, and a
     guess of the encoding.
     """
-    if b"\0" not in raw and not raw.startswith(_MARKS_OF_UTF_16):
-        try:
-            return raw.decode("utf-8-sig")
-        except UnicodeDecodeError as error:
-            # in Latin-1 and related encodings every byte but the control characters is a letter or
-            # a sign
-            has_controls = re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw)
-            raise _explain_encoding(
-                name, raw, error.start, "" if has_controls else "Latin-1"
-            ) from None
     if raw.startswith(_MARKS_OF_UTF_16):
-        raise _explain_encoding(name, raw, 0, "UTF-16")
-    is_wide = len(raw) % 2 == 0 and raw.count(b"\0") >= len(raw) // 3
-    raise _explain_encoding(name, raw, raw.find(b"\0"), "UTF-16" if is_wide else "")
+        raise _make_encoding_error(name, raw, 0, "UTF-16")
+    if b"\0" in raw:
+        # UTF-16 without a mark has two bytes for each letter, about half of them zero in English
+        is_wide = len(raw) % 2 == 0 and raw.count(b"\0") >= len(raw) // 3
+        guess = "UTF-16" if is_wide else ""
+        raise _make_encoding_error(name, raw, raw.find(b"\0"), guess)
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        # Latin-1 and related encodings have a letter or a sign for every byte that is no control
+        # character
+        has_controls = re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw)
+        guess = "" if has_controls else "Latin-1"
+        raise _make_encoding_error(name, raw, error.start, guess) from None
 
 
-def _explain_encoding(name: str, raw: bytes, position: int, guess: str) -> InputError:
-    """Return the error of a file that is not in UTF-8, from the ``position`` of the first byte that
-    is foreign to it, and a ``guess`` of its encoding, which may be empty.
+def _make_encoding_error(name: str, raw: bytes, position: int, guess: str) -> InputError:
+    """Return the error of a file called ``name`` that is not in UTF-8: ``position`` is the index of
+    the first byte that UTF-8 does not have there, and ``guess`` the probable encoding, or empty.
     """
     line = raw.count(b"\n", 0, position) + 1
     problem = (
@@ -171,10 +181,11 @@ def _explain_encoding(name: str, raw: bytes, position: int, guess: str) -> Input
     )
     if not guess:
         return InputError(problem, "The file does not look like text", "Is this the right file?")
-    mend = (
-        f"Save it as UTF-8 where it was made, or convert it: iconv -f {guess} -t UTF-8 FILE > NEW"
+    return InputError(
+        problem,
+        f"The file looks like {guess}",
+        f"Save it as UTF-8 where it was made, or convert it: iconv -f {guess} -t UTF-8 FILE > NEW",
     )
-    return InputError(problem, f"The file looks like {guess}", mend)
 
 
 # -- plain YAML ------------------------------------------------------------------------------------
@@ -196,23 +207,28 @@ class Document:
     lines: Mapping[Path_, int] = field(repr=False)
 
     def line(self, path: Sequence[str | int]) -> int:
-        """Line number of the key at ``path``, or of the nearest block around it."""
+        """Return the number of the line of the key at ``path``, or of the nearest block around the
+        key that has a line; 1 if there is none.
+        """
         for length in range(len(path), -1, -1):
-            if tuple(path[:length]) in self.lines:
-                return self.lines[tuple(path[:length])]
+            outer_path = tuple(path[:length])
+            if outer_path in self.lines:
+                return self.lines[outer_path]
         return 1
 
     def error(self, path: Sequence[str | int], what: str) -> SceneError:
-        """The error with the message ``what``, preceded by file, line and key."""
-        words = [str(word) if str(word).isprintable() else repr(word) for word in path]
-        key = ".".join(words)
-        where = f"{self.name}:{self.line(path)}: "
-        return SceneError(f"{where}{key}: {what}" if key else f"{where}{what}")
+        """Return the error with the message ``what``, preceded by file, line and key."""
+        keys = [str(key) if str(key).isprintable() else repr(key) for key in path]
+        joined_keys = ".".join(keys)
+        place = f"{self.name}:{self.line(path)}: "
+        if joined_keys:
+            place += f"{joined_keys}: "
+        return SceneError(f"{place}{what}")
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """The text of a scene file; raises :class:`~granphon.base.errors.SceneError` if it cannot be
-    read or exceeds 100 kB.
+    """Return the text of a scene file; raises :class:`~granphon.base.errors.SceneError` if the file
+    cannot be read or exceeds 100 kB.
     """
     try:
         return decode(str(path), read_bytes(path, MOST_SCENE_BYTES))
@@ -225,16 +241,19 @@ def read_text(path: str | os.PathLike[str]) -> str:
 
 
 def parse_yaml(text: str, name: str) -> Document:
-    """Read the YAML of a scene, as :func:`plain_yaml` does, with the line of each key.
+    """Return the data of the YAML of a scene, read as by :func:`plain_yaml`, with the line of each
+    key; ``name`` names the text in messages.
 
     Raises :class:`~granphon.base.errors.SceneError`, also for escapes that stand for control
     characters.
     """
     lines: dict[Path_, int] = {}
+    builder = _Builder(text, name, lines)
     try:
-        return Document(name, _Builder(text, name, lines).build(), lines)
+        data = builder.build()
     except InputError as error:
         raise SceneError(str(error)) from None
+    return Document(name, data, lines)
 
 
 def read_yaml(path: str | os.PathLike[str]) -> Any:
@@ -243,7 +262,8 @@ def read_yaml(path: str | os.PathLike[str]) -> Any:
 
 
 def plain_yaml(text: str, path: str | os.PathLike[str]) -> Any:
-    """The data of a YAML text: mappings, lists, strings, numbers, booleans and None, nothing else.
+    """Return the data of a YAML text: mappings, lists, strings, numbers, booleans and None, nothing
+    else.
 
     Plain values are those of YAML 1.2, see :func:`plain_scalar`. Raises
     :class:`~granphon.base.errors.InputError`, which names file and line, for broken YAML, an empty
@@ -254,35 +274,43 @@ def plain_yaml(text: str, path: str | os.PathLike[str]) -> Any:
 
 
 class _Builder:
-    """Builds plain data from the events of PyYAML's parser; nothing in the text can name what is
-    constructed.
+    """Builds plain data from the events of PyYAML's parser: no text can have an object of another
+    class made.
 
-    ``lines`` is given for a scene, and takes the line of each key and item; it costs time where
-    there are millions.
+    ``name`` names the text in messages. ``lines``, which a scene alone has, takes the line of each
+    key and list item by its path; None elsewhere, because the lines of millions of numbers cost
+    time.
     """
 
     def __init__(self, text: str, name: str, lines: dict[Path_, int] | None = None) -> None:
         self.text = text
         self.name = name
         self.lines = lines
+        #: keys and list indices that lead to the value that is being built
         self.path: list[str | int] = []
-        #: line of an error, where that of the last event is not the one
+        #: line of an error, where the error is not on the line of the last event
         self.error_line: int | None = None
+        #: the event that was read last
         self.event: Any = None
 
     def build(self) -> Any:
-        """Return the data of the text."""
+        """Return the data of the text; raises :class:`InputError`, with file and line, for a text
+        that is not one document of plain YAML.
+        """
         with needing("A YAML file"):
             import yaml
 
-        odd = _ODD_IN_TEXTS.search(self.text)
-        if odd:
-            self.error_line = self.text.count("\n", 0, odd.start()) + 1
+        odd_character = _ODD_IN_TEXTS.search(self.text)
+        if odd_character:
+            self.error_line = self.text.count("\n", 0, odd_character.start()) + 1
             raise self._make_error(
-                f"found the character {odd[0]!r}", "printable text", "Is this the right file?"
+                f"found the character {odd_character[0]!r}",
+                "printable text",
+                "Is this the right file?",
             )
         # libyaml, where it is installed, reads the same events about ten times faster
-        self.events = yaml.parse(self.text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+        self.events = yaml.parse(self.text, loader)
         self.kinds = (
             yaml.ScalarEvent,
             yaml.SequenceStartEvent,
@@ -290,43 +318,49 @@ class _Builder:
             yaml.MappingEndEvent,
         )
         try:
-            self._read_event()
+            self._read_event()  # the start of the stream
             if not isinstance(self._read_event(), yaml.DocumentStartEvent):
-                allowed = "plain data" if self.lines is None else "a scene"
-                mend = "" if self.lines is None else "'granphon init' writes one"
+                is_scene = self.lines is not None
+                allowed = "a scene" if is_scene else "plain data"
+                mend = "'granphon init' writes one" if is_scene else ""
                 raise self._make_error("found an empty text", allowed, mend)
             data = self._build_value(self._read_event())
-            self._read_event()
+            self._read_event()  # the end of the document
             if not isinstance(self._read_event(), yaml.StreamEndEvent):
                 mend = "Put the second into a file of its own"
                 raise self._make_error("found a second document ('---')", "one document", mend)
         except InputError:
             raise
-        except Exception as error:  # of the parser, which is due to the text
-            raise self._explain(error) from None
+        except Exception as error:  # an error of the parser, which is due to the text
+            raise self._make_parser_error(error) from None
         return data
 
-    def _explain(self, error: Exception) -> InputError:
-        """Return the error that says what the parser did not understand, in which line."""
+    def _make_parser_error(self, error: Exception) -> InputError:
+        """Return the error that says, from the ``error`` of the parser, what the parser did not
+        understand, and in which line.
+        """
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         if mark is not None:
             self.error_line = mark.line + 1
         self.path.clear()
         problem = " ".join(str(getattr(error, "problem", None) or error).split())
         if "nesting depth" in problem:
-            # libyaml has a limit of its own, and reads ahead of the events
+            # libyaml has a limit of its own, which it meets before the events come to MAX_DEPTH,
+            # because it reads ahead
             return self._make_error(*_TOO_DEEP)
-        return self._make_error(f"broken YAML, {problem}", "YAML", self._mend(problem))
+        mend = self._suggest_mend(problem)
+        return self._make_error(f"broken YAML, {problem}", "YAML", mend)
 
-    def _mend(self, problem: str) -> str:
-        """Return how text is mended in which the parser met a ``problem``; empty if that is not
+    def _suggest_mend(self, problem: str) -> str:
+        """Return how to mend a text in which the parser met a ``problem``; empty if that is not
         known.
         """
         if "mapping values are not allowed" in problem:
             return "Check the indentation, and that each key has a line of its own"
-        if not self.error_line:
+        lines = self.text.splitlines()
+        if not self.error_line or self.error_line > len(lines):  # the text ends before the line
             return ""
-        line = "".join(self.text.splitlines()[self.error_line - 1 : self.error_line])
+        line = lines[self.error_line - 1]
         indent = line[: len(line) - len(line.lstrip())]
         return "Indent with spaces" if "\t" in indent else ""
 
@@ -336,21 +370,26 @@ class _Builder:
         return self.event
 
     def _make_error(self, found: str, allowed: str, mend: str = "") -> InputError:
-        """Return the error at the event that was read last, with its line and key."""
-        line = 1 if self.event is None else self.event.start_mark.line + 1
-        where = f"{self.name}:{self.error_line or line}: "
+        """Return the error with the line of the event that was read last, or the ``error_line`` if
+        there is one, and with the key; ``found`` and ``allowed`` are the content of its message.
+        """
+        event_line = 1 if self.event is None else self.event.start_mark.line + 1
+        place = f"{self.name}:{self.error_line or event_line}: "
         key = ".".join(map(str, self.path))
         if key and key.isprintable():
-            where += f"{key}: "
-        return InputError(f"{where}{found}; allowed: {allowed}", mend=mend)
+            place += f"{key}: "
+        return InputError(f"{place}{found}; allowed: {allowed}", mend=mend)
 
     def _build_value(self, event: Any) -> Any:
-        """Return the data that begin with an event: a scalar, a list or a mapping."""
+        """Return the data that begin with an ``event``: a scalar, a list or a mapping."""
         scalar, sequence, _, _ = self.kinds
         self._check_node(event)
         if type(event) is scalar:
+            is_without_quotes = event.implicit[0]
+            if not is_without_quotes:
+                return event.value
             try:
-                return plain_scalar(event.value) if event.implicit[0] else event.value
+                return plain_scalar(event.value)
             except Refused as refused:
                 raise self._make_error(f"found {refused.found}", refused.allowed) from None
         if len(self.path) >= MAX_DEPTH:
@@ -377,20 +416,20 @@ class _Builder:
             key = event.value
             self.path.append(key)
             if key in mapping:
-                place = ""
+                first_line = ""
                 if self.lines is not None:
-                    place = f" (first on line {self.lines[tuple(self.path)]})"
+                    first_line = f" (first on line {self.lines[tuple(self.path)]})"
                 raise self._make_error(
-                    f"found the key twice{place}", "each key once", "Remove one of the two"
+                    f"found the key twice{first_line}", "each key once", "Remove one of the two"
                 )
-            self._check_node(event)  # notes the key's line
+            self._check_node(event)  # notes the line of the key
             mapping[key] = self._build_value(self._read_event())
             self.path.pop()
         return mapping
 
     def _check_node(self, event: Any) -> None:
-        """Note the line of a node; refuse an anchor, an alias, a tag, and in a scene odd
-        characters.
+        """Note the line of the node that begins with an ``event``, in a scene; refuse an anchor, an
+        alias, a tag, and in a scene characters that cannot be printed.
         """
         if event.anchor is not None:
             raise self._make_error(
@@ -402,13 +441,17 @@ class _Builder:
             )
         if self.lines is not None:
             self.lines.setdefault(tuple(self.path), event.start_mark.line + 1)
-            odd = _ODD.search(event.value) if type(event) is self.kinds[0] else None
-            if odd:
-                raise self._make_error(f"found the character {odd[0]!r}", "printable text")
+            scalar = self.kinds[0]
+            odd_character = _ODD.search(event.value) if type(event) is scalar else None
+            if odd_character:
+                raise self._make_error(
+                    f"found the character {odd_character[0]!r}", "printable text"
+                )
 
 
 def plain_scalar(text: str) -> Any:
-    """The value of a text written without quotes, by the core schema of YAML 1.2.
+    """Return the value of a text written without quotes, by the core schema of YAML 1.2: a number,
+    a truth value, None, or the text itself.
 
     Raises :class:`~granphon.base.errors.Refused` for a whole number of more than 640 digits.
     """
@@ -426,20 +469,23 @@ def plain_scalar(text: str) -> Any:
         return None
     if _TRUTH.fullmatch(text):
         return text.lower() == "true"
-    return float(text.replace(".", "", 1)) if _NOT_FINITE.fullmatch(text) else text
+    if _NOT_FINITE.fullmatch(text):  # Python writes .inf and .nan without the point
+        return float(text.replace(".", "", 1))
+    return text
 
 
 # -- writing ---------------------------------------------------------------------------------------
 
 
 def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
-    """Write ``data`` as YAML that readers of version 1.1 and 1.2 understand alike.
+    """Return ``data`` as YAML that readers of version 1.1 and 1.2 understand alike, each line after
+    the ``indent``.
 
     Takes mappings, lists, strings, numbers, booleans, None and objects with ``tolist`` (numpy).
     Floats are written so that reading them gives the same bits.
     """
-    # PyYAML's own, whose C part is used, takes more than twice the time, and leaves "1e5" as a text
-    # without quotes
+    # PyYAML's own writer, even in C, takes more than twice the time, and writes the text "1e5"
+    # without quotes, which YAML 1.2 reads as a number
     blocks = []
     for key, value in data.items():
         plain = value.tolist() if hasattr(value, "tolist") else value
@@ -470,45 +516,61 @@ def _write_key(key: Any) -> str:
 
 
 def _write_flow(value: Any) -> str:
-    """Return a value on one line: lists in brackets, mappings in braces."""
-    value = value.tolist() if hasattr(value, "tolist") else value
-    if isinstance(value, Mapping):
-        entries = [f"{_write_key(key)}: {_write_flow(entry)}" for key, entry in value.items()]
+    """Return a value as YAML on one line: lists in brackets, mappings in braces, texts in
+    quotes.
+    """
+    plain = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(plain, Mapping):
+        entries = [f"{_write_key(key)}: {_write_flow(entry)}" for key, entry in plain.items()]
         return "{" + ", ".join(entries) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_write_flow(item) for item in value) + "]"
-    if isinstance(value, float):
-        return write_float(value)
-    text = json.dumps(value, ensure_ascii=False)
+    if isinstance(plain, list | tuple):
+        return "[" + ", ".join(_write_flow(item) for item in plain) + "]"
+    if isinstance(plain, float):
+        return write_float(plain)
+    # JSON is YAML, but for letters that cannot be printed, which YAML takes as escapes alone
+    text = json.dumps(plain, ensure_ascii=False)
     return "".join(sign if sign.isprintable() else f"\\U{ord(sign):08x}" for sign in text)
 
 
 def write_float(value: float) -> str:
-    """A float with all its digits, as every reader of YAML takes it for one: those of 1.1 need a
-    point in 1.0e-06.
+    """Return a float with all its digits, in a form that every reader of YAML takes for a float:
+    readers of 1.1 need a point, as in 1.0e-06.
     """
     text = repr(value)
-    if "n" in text:  # nan, inf
+    is_finite = "n" not in text  # neither nan nor inf
+    if not is_finite:
         return text.replace("inf", ".inf").replace("nan", ".nan")
-    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+    needs_point = "e" in text and "." not in text
+    return text.replace("e", ".0e") if needs_point else text
 
 
 def versions(*packages: str) -> dict[str, str]:
-    """The installed versions of granphon and of each of ``packages``, found without importing
-    them.
+    """Return the installed versions of granphon and of each of ``packages`` by their names, found
+    without importing them.
     """
-    from importlib.metadata import version
-
     from granphon import __version__
 
-    return {"granphon": __version__} | {package: version(package) for package in packages}
+    return {"granphon": __version__} | {package: find_version(package) for package in packages}
+
+
+def find_version(package: str) -> str:
+    """Return the installed version of a package, "not installed" without it; nothing is
+    imported.
+    """
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def require_schema(what: object, found: Any, known: int) -> None:
-    """Raise :class:`~granphon.base.errors.SchemaError` unless the schema ``found`` in ``what`` is
-    the one ``known``.
+    """Raise :class:`~granphon.base.errors.SchemaError` unless the schema ``found`` in ``what``, a
+    file or data, is the whole number ``known``.
     """
-    if isinstance(found, bool) or not isinstance(found, Integral) or found != known:
+    is_whole_number = isinstance(found, Integral) and not isinstance(found, bool)
+    if not is_whole_number or found != known:
         why = f"granphon {versions()['granphon']} reads and writes schema {known}"
         mend = "Read it with the version that wrote it, or make it again"
         raise SchemaError(f"{what} has the schema {show(found)}", why, mend)
@@ -518,28 +580,32 @@ def require_schema(what: object, found: Any, known: int) -> None:
 
 
 def show(value: Any) -> str:
-    """A value as messages show it: at most 60 characters, on one line, without control
+    """Return a value as messages show it: at most 60 characters, on one line, without control
     characters.
     """
     if isinstance(value, Mapping):
         return "a block of keys"
-    if isinstance(value, list | tuple):
-        words = [str(item) if isinstance(item, float) else brief(item) for item in value[:8]]
-        text = "[" + ", ".join(words) + "]"
-    elif value is None:
+    if value is None:
         return "nothing"
-    elif isinstance(value, bool):
+    if isinstance(value, bool):
         return str(value).lower()
-    else:
-        return brief(value, 60)
-    return text if len(text) <= 60 else text[:57] + "..."
+    if not isinstance(value, list | tuple):
+        return brief(value, _MOST_SHOWN)
+    entries = value[:_MOST_ENTRIES]
+    words = [str(entry) if isinstance(entry, float) else brief(entry) for entry in entries]
+    text = f"[{', '.join(words)}]"
+    ellipsis = "..."
+    return text if len(text) <= _MOST_SHOWN else text[: _MOST_SHOWN - len(ellipsis)] + ellipsis
 
 
 def closest(word: str, options: Iterable[str]) -> str | None:
-    """The one of ``options`` that was probably meant by ``word``; None if none is close."""
+    """Return the one of ``options`` that was probably meant by ``word``; None if none is close."""
     candidates = list(options)
     same = [option for option in candidates if option.lower() == word.lower()]
-    similar = same or get_close_matches(word[:100], candidates, n=1, cutoff=0.6)
+    if same:
+        return same[0]
+    # a long word of unknown origin is cut, as the comparison takes the square of its length
+    similar = get_close_matches(word[:100], candidates, n=1, cutoff=0.6)
     return similar[0] if similar else None
 
 
@@ -564,23 +630,26 @@ def counted(number: int, one: str, many: str = "") -> str:
 
 
 def list_names(names: Iterable[object], most: int = 10) -> str:
-    """Names from a file as a message lists them: the first ones, and how many more there are;
-    "none" if there are none.
+    """Return names from a file as a message lists them: the first ``most``, and how many more there
+    are; "none" if there are none.
     """
-    every = [str(name) for name in names]
-    shown = [
-        name if len(name) <= _LONGEST_NAME else name[: _LONGEST_NAME - 3] + "..."
-        for name in every[:most]
-    ]
-    ending = f" and {len(every) - most} more" if len(every) > most else ""
-    return ", ".join(shown) + ending or "none"
+    texts = [str(name) for name in names]
+    if not texts:
+        return "none"
+    ellipsis = "..."
+    shown = []
+    for text in texts[:most]:
+        is_short = len(text) <= _LONGEST_NAME
+        shown.append(text if is_short else text[: _LONGEST_NAME - len(ellipsis)] + ellipsis)
+    ending = f" and {len(texts) - most} more" if len(texts) > most else ""
+    return ", ".join(shown) + ending
 
 
 # -- digests ---------------------------------------------------------------------------------------
 
 
 def seal(lines: list[str], place: int = 0) -> str:
-    """The text of ``lines`` with a comment line that holds their digest, inserted before
+    """Return the text of ``lines`` with a comment line that holds their digest, inserted before
     ``lines[place]``.
     """
     comment = _SEAL + _digest_lines([*lines, ""])  # the last line ends with a line feed too
@@ -598,32 +667,34 @@ def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
 
 
 def open_seal(path: str | os.PathLike[str], text: str) -> tuple[str, bool]:
-    """Return the ``text`` of a file as :func:`read_sealed` does; line feeds end its lines."""
+    """Return the ``text`` of the file at ``path`` without its seal, and whether there was a seal,
+    as :func:`read_sealed` does; line feeds end the lines of the text.
+    """
     lines = text.split("\n")
-    places = [n for n, line in enumerate(lines) if line.startswith("#") and "sha256" in line]
-    if not places:
+    seals = [n for n, line in enumerate(lines) if line.startswith("#") and "sha256" in line]
+    if not seals:
         return text, False
-    line = lines.pop(places[0])
-    if not re.fullmatch(_SEAL + "[0-9a-f]{64}", line) or line != _SEAL + _digest_lines(lines):
-        raise damage_error(path, f"sha256 in line {places[0] + 1}")
+    seal_line = lines.pop(seals[0])
+    # the pattern first: a line that is no seal needs no digest of millions of lines
+    is_seal = re.fullmatch(_SEAL + "[0-9a-f]{64}", seal_line)
+    if not is_seal or seal_line != _SEAL + _digest_lines(lines):
+        raise damage_error(path, f"sha256 in line {seals[0] + 1}")
     return "\n".join(lines), True
 
 
 def _digest_lines(lines: list[str]) -> str:
-    """Return the sha256 of lines joined by line feeds."""
+    """Return the sha256, as hexadecimal digits, of lines joined by line feeds."""
     # line by line, so that a text of millions of lines is not held in memory a second time
     digest = hashlib.sha256()
-    between = ""
+    separator = ""
     for line in lines:
-        digest.update(f"{between}{line}".encode("utf-8", "surrogatepass"))
-        between = "\n"
+        digest.update(f"{separator}{line}".encode("utf-8", "surrogatepass"))
+        separator = "\n"
     return digest.hexdigest()
 
 
 def damage_error(path: str | os.PathLike[str], where: str) -> InputError:
-    """The error for a damaged file: the digest that is found at ``where`` is not that of the
-    data.
-    """
+    """Return the error for a damaged file: the digest at ``where`` is not that of the data."""
     problem = f"{path} was damaged, or edited after granphon wrote it"
     why = f"Its digest ({where}) does not match its data"
     return InputError(problem, why, "Make it again, or remove the digest to read it as it is")
@@ -659,12 +730,12 @@ def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
 
 
 def _explain_content(error: Exception) -> str:
-    """Return the sentence on a file whose content led to an ``error``."""
+    """Return the sentence of a message that says why reading a file led to an ``error``."""
     if isinstance(error, GranphonError):
         return str(error)
     if isinstance(error, KeyError):
         return f"It lacks the key {show(error.args[0])}"
-    # numbers of the wrong kind, size or shape, and whatever they trip over
+    # numbers of the wrong kind, size or shape raise errors of many kinds, whose texts say little
     return "A number, a list or a block of keys stands where another of them is needed"
 
 
@@ -676,8 +747,8 @@ def digest(data: Any) -> str:
 
 
 def canonical(data: Any) -> str:
-    """Plain data as one text: mappings sorted, tuples as lists, whole numbers as the floats that
-    they equal.
+    """Return plain data as one text: mappings sorted, tuples as lists, whole numbers as the floats
+    that they equal.
 
     Takes mappings, lists, tuples, arrays, strings, numbers, booleans and None; raises
     :class:`~granphon.base.errors.InputError` for anything else.
@@ -695,8 +766,8 @@ def canonical(data: Any) -> str:
     if data is None or isinstance(data, bool | str):
         return json.dumps(data)
     if isinstance(data, int):
-        # where no float equals it, a whole number is written with its own digits
-        return float(data).hex() if abs(data) < TOO_LARGE and float(data) == data else str(data)
+        equals_float = abs(data) < TOO_LARGE and float(data) == data
+        return float(data).hex() if equals_float else str(data)
     if isinstance(data, float):
         return data.hex()
     raise InputError(f"plain data cannot hold a {type(data).__name__}")

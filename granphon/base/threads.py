@@ -29,8 +29,8 @@ _STOPS = (signal.SIGINT, signal.SIGTERM)
 
 
 def count_processors() -> int:
-    """Return the number of processors that this process may use: one in a worker process, as others
-    work beside it.
+    """Return the number of processors that this process may use: one in a worker process, because
+    other workers use the other processors.
     """
     if multiprocessing.parent_process() is not None:
         return 1
@@ -40,21 +40,21 @@ def count_processors() -> int:
 
 
 def share_out(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-    """Return the results of a function for all items, in their order, found by as many threads as
-    there are processors.
+    """Return the results of a function for all items, in the order of the items, found by as many
+    threads as there are processors.
     """
     listed = list(items)
-    threads = min(count_processors(), len(listed))
-    if threads < 2:
+    n_threads = min(count_processors(), len(listed))
+    if n_threads < 2:
         return [function(item) for item in listed]
-    with ThreadPoolExecutor(threads) as executor:
+    with ThreadPoolExecutor(n_threads) as executor:
         return list(executor.map(function, listed))
 
 
 @contextmanager
 def naming_lost_workers(where: str) -> Iterator[None]:
-    """Raise :class:`~granphon.base.errors.GranphonError` where the executor of a user has lost a
-    worker, and is broken.
+    """Raise :class:`~granphon.base.errors.GranphonError` where an executor that the user gave has
+    lost a worker in the block, and is broken.
 
     ``where`` names the work in the message.
     """
@@ -68,8 +68,8 @@ def naming_lost_workers(where: str) -> Iterator[None]:
 
 @contextmanager
 def single_products() -> Iterator[None]:
-    """Hold the libraries of linear algebra to one thread, in all threads of this process; not
-    without threadpoolctl.
+    """Hold the libraries of linear algebra to one thread during the block, in all threads of this
+    process; without threadpoolctl the block runs as it is.
     """
     with ExitStack() as stack:
         with suppress(ImportError):
@@ -82,28 +82,30 @@ def single_products() -> Iterator[None]:
 @contextmanager
 def hold_back_signals() -> Iterator[None]:
     """Hold back the signals that stop this process until the end of the block; processes started in
-    it never take them.
+    the block never take these signals.
+
+    The mask of this thread does not suffice, so the handlers are replaced too: another thread, with
+    an open mask, may take the signal, and Python then runs the handler in the main thread.
     """
-    arrived = list[int]()
+    arrived_signals = list[int]()
     handlers = dict[int, Any]()
-    if threading.current_thread() is threading.main_thread():  # which alone handles signals
+    if threading.current_thread() is threading.main_thread():  # no other may set handlers
         for stop in _STOPS:
             handler = signal.getsignal(stop)
-            if handler is not None:
+            if handler is not None:  # None: a handler that Python has not set, and cannot restore
                 handlers[stop] = handler
-    mask = None
-    if hasattr(signal, "pthread_sigmask"):
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    has_masks = hasattr(signal, "pthread_sigmask")
+    old_mask = signal.pthread_sigmask(signal.SIG_BLOCK, ()) if has_masks else None
     try:
         for kind in handlers:
-            signal.signal(kind, lambda number, _: arrived.append(number))
-        if mask is not None:  # threads and processes inherit it
+            signal.signal(kind, lambda number, _: arrived_signals.append(number))
+        if old_mask is not None:  # threads and processes that are started now inherit the new mask
             signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
         yield
     finally:
-        if mask is not None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if old_mask is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, old_mask)
         for kind, handler in handlers.items():
             signal.signal(kind, handler)
-        for number in arrived[:1]:
-            signal.raise_signal(number)
+        if arrived_signals:  # raised once, however often it came
+            signal.raise_signal(arrived_signals[0])

@@ -37,8 +37,8 @@ _DEEPEST = 64
 
 
 def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
-    """Read the value at ``key`` by its rule; if it is refused, put the key into the path of the
-    refusal.
+    """Return the value at ``key``, read by its rule; if the rule refuses the value, put the key
+    before the path of the refusal.
     """
     try:
         return rule(value)
@@ -47,39 +47,40 @@ def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
 
 
 def require(name: str, rule: Rule, value: Any) -> Any:
-    """Read an argument of a Python call by a rule; raise :class:`~granphon.base.errors.InputError`
-    with its ``name``.
+    """Return an argument of a Python call, read by a rule; raise
+    :class:`~granphon.base.errors.InputError` with the ``name`` of the argument if the rule refuses.
     """
     try:
         return rule(value)
     except Refused as refused:
-        raise InputError(f"{'.'.join(map(str, (name, *refused.path)))}: {refused}") from None
+        place = ".".join(map(str, (name, *refused.path)))
+        raise InputError(f"{place}: {refused}") from None
 
 
 def refuse_unknown_key(key: str, known: Iterable[str], mend: str = "") -> Refused:
-    """The refusal of a key that is not one of ``known``."""
+    """Return the refusal of a key that is not one of ``known``; without a ``mend`` the refusal
+    suggests the known key that is closest.
+    """
     guess = closest(key, known)
-    if guess and not mend:
-        mend = f"Did you mean '{guess}'?"
-    return Refused("an unknown key", ", ".join(known) or "none", mend, (key,))
+    suggestion = f"Did you mean '{guess}'?" if guess else ""
+    return Refused("an unknown key", ", ".join(known) or "none", mend or suggestion, (key,))
 
 
 def block(value: Any, rules: Mapping[str, Rule], needed: Sequence[str] = ()) -> dict[str, Any]:
-    """Read a block of keys, each value by the rule of its key; the keys in ``needed`` must be
-    given.
+    """Return a block of keys, each value read by the rule of its key; the keys in ``needed`` must
+    be in the block.
     """
-    allowed = f"a block of keys: {', '.join(rules) or 'none'}"
     if not isinstance(value, Mapping):
-        raise Refused(show(value), allowed)
+        raise Refused(show(value), f"a block of keys: {', '.join(rules) or 'none'}")
     for key in value:
         if key not in rules:
             raise refuse_unknown_key(key, rules)
-    read = {key: read_inside(key, rules[key], item) for key, item in value.items()}
+    entries = {key: read_inside(key, rules[key], entry) for key, entry in value.items()}
     for key in needed:
         if key not in value:
             allowed = _describe_allowed(rules[key])
             raise Refused("nothing, and it has no default", allowed, path=(key,))
-    return read
+    return entries
 
 
 def _describe_allowed(rule: Rule) -> str:
@@ -92,13 +93,13 @@ def _describe_allowed(rule: Rule) -> str:
 
 
 def each(value: Any, rule: Rule, what: str) -> tuple[Any, ...]:
-    """Read a list of one or more values, each by the same ``rule``; ``what`` is their name in
-    messages.
+    """Return the values of a list that is not empty, each read by the same ``rule``; ``what`` is
+    the plural for the values in messages.
     """
     if not isinstance(value, list | tuple) or not value:
         content = "an empty list" if value == [] else show(value)
         raise Refused(content, f"a list of one or more {what}")
-    return tuple(read_inside(n, rule, item) for n, item in enumerate(value))
+    return tuple(read_inside(index, rule, entry) for index, entry in enumerate(value))
 
 
 def is_one_of(value: object, options: Container[str]) -> bool:
@@ -107,19 +108,21 @@ def is_one_of(value: object, options: Container[str]) -> bool:
 
 
 def choice(value: Any, options: Collection[str]) -> str:
-    """Read a word that must be one of the ``options``; those of a registry say which plug-ins have
-    failed.
+    """Return a word that must be one of the ``options``.
+
+    The options may be a :class:`~granphon.base.registry.Registry`: then the refusal names the
+    plug-ins that have failed, one of which may have the word.
     """
     if is_one_of(value, options):
         return str(value)
-    tips = []
+    suggestions = []
     failures = getattr(options, "failures", "")
     if failures:
-        tips.append(failures)
+        suggestions.append(failures)
     guess = closest(value, options) if isinstance(value, str) else None
     if guess:
-        tips.append(f"Did you mean {guess!r}?")
-    raise Refused(show(value), ", ".join(options), ". ".join(tips))
+        suggestions.append(f"Did you mean {guess!r}?")
+    raise Refused(show(value), ", ".join(options), ". ".join(suggestions))
 
 
 def text(value: Any) -> str:
@@ -130,106 +133,113 @@ def text(value: Any) -> str:
 
 
 def label(value: Any) -> str:
-    """A name that stands in tables: printable, without letters that have no width, and no formula
-    to a spreadsheet.
+    """Return a name that stands in tables: printable, without letters that have no width, and no
+    formula to a spreadsheet.
     """
-    word = text(value)
-    if not word.isprintable():
+    name = text(value)
+    if not name.isprintable():
         raise Refused(show(value), "a name of letters that can be seen")
-    if normalize("NFKC", word).strip()[:1] in ("=", "+", "-", "@"):
+    # spreadsheets also take the wide forms of these signs, which NFKC makes plain
+    first_letter = normalize("NFKC", name).strip()[:1]
+    if first_letter in ("=", "+", "-", "@"):
         raise Refused(
             show(value),
             "a name that does not begin with =, +, - or @",
             "Spreadsheets would compute it",
         )
-    return word
+    return name
 
 
-def text_list(given: Any) -> tuple[str, ...]:
-    """One text, or a list or array of texts, as a tuple."""
-    if isinstance(given, str):
-        return (given,)
-    # masked entries become None, refused below
-    plain: Any = given.tolist() if isinstance(given, np.ndarray) else given
-    if not isinstance(plain, Sequence) or not all(isinstance(one, str) for one in plain):
-        raise Refused(brief(given), "a text, or a list of texts")
-    return tuple(plain)
+def text_list(value: Any) -> tuple[str, ...]:
+    """Return one text, or a list or array of texts, as a tuple."""
+    if isinstance(value, str):
+        return (value,)
+    # masked entries of an array become None, which is no text
+    entries: Any = value.tolist() if isinstance(value, np.ndarray) else value
+    if not isinstance(entries, Sequence) or not all(isinstance(entry, str) for entry in entries):
+        raise Refused(brief(value), "a text, or a list of texts")
+    return tuple(entries)
 
 
 def truth(value: Any) -> bool:
-    """A truth value of Python or NumPy, as a bool; words such as "yes" are refused."""
+    """Return a truth value of Python or NumPy as a bool; words such as "yes" are refused."""
     if isinstance(value, bool | np.bool_):
         return bool(value)
     word = value.strip().lower() if isinstance(value, str) else None
-    for meant, words in (
-        ("true", ("yes", "on", "y", "true")),
-        ("false", ("no", "off", "n", "false")),
-    ):
-        if word in words:
-            raise Refused(show(value), "true or false", f"Did you mean {meant}?")
-    raise Refused(show(value), "true or false")
+    suggestion = ""
+    if word in ("yes", "on", "y", "true"):
+        suggestion = "Did you mean true?"
+    elif word in ("no", "off", "n", "false"):
+        suggestion = "Did you mean false?"
+    raise Refused(show(value), "true or false", suggestion)
 
 
 def real_number(value: Any) -> float:
-    """``value`` as a float; nan if it is not a real number, or is too large for a float.
+    """Return a value as a float; nan if it is not a real number, or is too large for a float.
 
     Real numbers are those of Python and NumPy, fractions and decimals, and arrays without
     dimensions that hold one. Texts and truth values do not count, though ``float`` takes them.
     """
     if type(value) is float:
         return value
-    if isinstance(value, np.ndarray) and value.ndim == 0:
-        value = value[()]
-    if not _is_real(value):
+    has_no_axes = isinstance(value, np.ndarray) and value.ndim == 0
+    scalar = value[()] if has_no_axes else value
+    if not _is_real(scalar):
         return math.nan
     try:
-        return float(value)
+        return float(scalar)
     except (OverflowError, ValueError):  # ValueError: a signalling nan among decimals
         return math.nan
 
 
-def _number_where(value: Any, allowed: str, holds: Callable[[float], bool]) -> float:
-    """Return a real number that meets a condition; Refused says what is ``allowed``."""
+def _number_where(value: Any, allowed: str, is_allowed: Callable[[float], bool]) -> float:
+    """Return a real number for which ``is_allowed`` is true; Refused says, in the words
+    ``allowed``, which numbers these are.
+    """
     number = real_number(value)
-    if holds(number):
+    if is_allowed(number):
         return number
     mend = "Write it without quotes or unit." if isinstance(value, str) else ""
     raise Refused(show(value), allowed, mend)
 
 
 def number(value: Any, low: float, high: float) -> float:
-    """A plain number, without a unit, from ``low`` to ``high``."""
+    """Return a plain number, without a unit, from ``low`` to ``high``."""
     return _number_where(
         value, f"a plain number from {low:g} to {high:g}", lambda x: low <= x <= high
     )
 
 
 def fraction(value: Any, largest: float) -> float:
-    """Read a plain number, or a text of one or of a fraction such as "1/3", of up to a ``largest``
-    size.
+    """Return a plain number, or that of a text such as "0.5", of a magnitude of at most
+    ``largest``; or the quotient in a text such as "1/3".
     """
+    plain = value
     if isinstance(value, str):
-        parts = re.fullmatch(r"([-+]?[0-9]{1,9})/(0*[1-9][0-9]{0,8})", value)
-        if parts:
-            return int(parts[1]) / int(parts[2])
-        value = float(value) if re.fullmatch(NUMBER, value) else value
-    return number(value, -largest, largest) + 0.0
+        quotient = re.fullmatch(r"([-+]?[0-9]{1,9})/(0*[1-9][0-9]{0,8})", value)
+        if quotient:
+            numerator = int(quotient[1])
+            denominator = int(quotient[2])
+            return numerator / denominator
+        if re.fullmatch(NUMBER, value):
+            plain = float(value)
+    return number(plain, -largest, largest) + 0.0  # zeros lose their sign
 
 
 def above_zero(value: Any, unit: str = "") -> float:
-    """A finite number above zero, in an SI ``unit``."""
-    return _number_where(
-        value, "a finite number above zero" + (unit and f", {unit}"), lambda x: 0.0 < x < math.inf
-    )
+    """Return a finite number above zero, in an SI ``unit``."""
+    allowed = "a finite number above zero"
+    if unit:
+        allowed += f", {unit}"
+    return _number_where(value, allowed, lambda number: 0.0 < number < math.inf)
 
 
 def zero_or_above(value: Any, unit: str = "") -> float:
-    """A finite number, zero or above, in an SI ``unit``."""
-    return _number_where(
-        value,
-        "a finite number, zero or above" + (unit and f", {unit}"),
-        lambda x: 0.0 <= x < math.inf,
-    )
+    """Return a finite number, zero or above, in an SI ``unit``."""
+    allowed = "a finite number, zero or above"
+    if unit:
+        allowed += f", {unit}"
+    return _number_where(value, allowed, lambda number: 0.0 <= number < math.inf)
 
 
 def is_whole(value: Any) -> bool:
@@ -240,8 +250,11 @@ def is_whole(value: Any) -> bool:
 
 
 def whole(value: Any, low: int, high: int | None = None) -> int:
-    """A whole number from ``low`` to ``high``; without an upper limit if ``high`` is None."""
-    if is_whole(value) and low <= value and (high is None or value <= high):
+    """Return a whole number from ``low`` to ``high``; without an upper limit if ``high`` is
+    None.
+    """
+    is_below_limit = is_whole(value) and (high is None or value <= high)
+    if is_below_limit and low <= value:
         return int(value)
     allowed = f"a whole number, {low} or more"
     if high is not None:
@@ -250,58 +263,65 @@ def whole(value: Any, low: int, high: int | None = None) -> int:
 
 
 def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tuple[int, ...]:
-    """As many whole numbers from ``low`` to ``high`` as there are periods: "64 64", [64, 64], (64,
-    64) or an array of two.
+    """Return as many whole numbers from ``low`` to ``high`` as there are ``periods``, 1 to 3, from
+    "64 64", [64, 64], (64, 64) or an array of two.
 
-    If the ``example`` has more numbers, ones may follow up to its length.
+    The message shows the ``example``. If the example has more numbers than there are periods, the
+    value may have as many, of which the last are ones.
     """
-    count = len(example.split())
-    ones = ("", " and a 1", " and two ones")[count - periods]
-    allowed_words = ("one whole number", "two whole numbers", "three whole numbers")[periods - 1]
-    allowed = f"{allowed_words} from {low} to {high}{ones}, such as {example}"
-    words: Any = value.tolist() if hasattr(value, "tolist") else value
+    most = len(example.split())
+    allowed_ones = ("", " and a 1", " and two ones")[most - periods]
+    allowed_count = ("one whole number", "two whole numbers", "three whole numbers")[periods - 1]
+    allowed = f"{allowed_count} from {low} to {high}{allowed_ones}, such as {example}"
+    numbers: Any = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, str):
-        words = [int(w) if re.fullmatch(r"[0-9]{1,9}", w) else w for w in value.split()]
-    if not isinstance(words, list | tuple) or not periods <= len(words) <= count:
+        is_digits = re.compile(r"[0-9]{1,9}").fullmatch
+        numbers = [int(word) if is_digits(word) else word for word in value.split()]
+    if not isinstance(numbers, list | tuple) or not periods <= len(numbers) <= most:
         raise Refused(show(value), allowed)
-    if not all(map(is_whole, words)):
+    if not all(map(is_whole, numbers)):
         raise Refused(show(value), allowed)
-    for place, word in enumerate(words[periods:], periods):
-        if word != 1:
-            ordinal = ("first", "second", "third")[place]
+    for index, number in enumerate(numbers[periods:], periods):
+        if number != 1:
+            ordinal = ("first", "second", "third")[index]
             mend = "The packing is one row." if periods == 1 else "The packing is one layer."
-            raise Refused(f"{show(value)}, whose {ordinal} number is {word}", allowed, mend)
-    if not all(low <= w <= high for w in words[:periods]):
+            raise Refused(f"{show(value)}, whose {ordinal} number is {number}", allowed, mend)
+    if not all(low <= number <= high for number in numbers[:periods]):
         raise Refused(show(value), allowed)
-    return tuple(map(int, words[:periods]))
+    return tuple(map(int, numbers[:periods]))
 
 
 def lengths(value: Any, low: int, high: int, periods: int | None = None) -> tuple[int, ...]:
-    """Whole numbers from ``low`` to ``high``, the lengths of an array along its ``periods``; see
-    :func:`grid`.
+    """Return the lengths of an array along its ``periods``, whole numbers from ``low`` to ``high``,
+    from the texts, lists and arrays that :func:`grid` takes.
 
-    Without ``periods`` there may be one to three. A single one may stand alone, without a list.
+    Without ``periods`` there may be one to three. A single length may stand without a list.
     """
     plain = value.tolist() if hasattr(value, "tolist") else value
-    entries = [plain] if is_whole(plain) and periods in (None, 1) else plain
-    words = entries.split() if isinstance(entries, str) else entries
-    count = periods or (len(words) if hasattr(words, "__len__") else 0)
+    is_single = is_whole(plain) and periods in (None, 1)
+    entries = [plain] if is_single else plain
+    if periods is None:
+        words = entries.split() if isinstance(entries, str) else entries
+        count = len(words) if hasattr(words, "__len__") else 0
+    else:
+        count = periods
     if not 1 <= count <= 3:
         raise Refused(
             show(value),
             f"one to three whole numbers from {low} to {high}, one for each period of the lattice",
         )
-    return grid(entries, low, high, ("16384", "128 128", "24 24 24")[count - 1], count)
+    example = ("16384", "128 128", "24 24 24")[count - 1]
+    return grid(entries, low, high, example, count)
 
 
 def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
-    """Real numbers as an array of floats of any shape, finite or not.
+    """Return real numbers, finite or not, as an array of floats of the shape of ``values``.
 
-    An array that carries a unit, as of pint, astropy or xarray, must have the SI ``unit``; if that
-    is not told, one that SI has without a factor. Refuses what NumPy would turn into other numbers
-    than were meant: complex numbers, whose imaginary part would be dropped; masked entries, which
-    would become numbers again; texts and truth values; numbers too large for a float; lists of
-    different lengths; and lists that contain themselves.
+    An array that carries a unit, as of pint, astropy or xarray, must have the SI ``unit``; if
+    ``unit`` is empty, a unit that SI has without a factor. Values are refused that NumPy would turn
+    into other numbers than were meant: complex numbers, whose imaginary part would be dropped;
+    masked entries, which would become numbers again; texts and truth values; numbers too large for
+    a float; lists of different lengths; and lists that contain themselves.
     """
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values
@@ -311,21 +331,23 @@ def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
         raise Refused(f"numbers in {carried_unit}", f"numbers in {unit or 'SI units'}", mend)
     if _is_masked(values):
         mend = "Leave them out, as .compressed() does."
-        raise _explain_numbers(values, "which has masked entries", mend)
+        raise _make_numbers_refusal(values, "which has masked entries", mend)
     try:
         array, why = _convert(values)
     except OverflowError:
-        raise _explain_numbers(values, "which is too large") from None
+        raise _make_numbers_refusal(values, "which is too large") from None
     except (TypeError, ValueError):
         # lists of different lengths, or a signalling nan among decimals
-        raise _explain_numbers(values, "") from None
+        raise _make_numbers_refusal(values, "") from None
     if array is None:
-        raise _explain_numbers(values, why)
+        raise _make_numbers_refusal(values, why)
     return array
 
 
-def _explain_numbers(values: Any, why: str, mend: str = "") -> Refused:
-    """Return the refusal of ``values`` that are no real numbers; ``why`` may be empty."""
+def _make_numbers_refusal(values: Any, why: str, mend: str = "") -> Refused:
+    """Return the refusal of ``values`` that are no real numbers; ``why`` goes on with the sentence
+    after the values, and may be empty.
+    """
     content = brief(values)
     if why and not content.endswith("too large"):
         content += f", {why}"
@@ -335,12 +357,15 @@ def _explain_numbers(values: Any, why: str, mend: str = "") -> Refused:
 
 
 def _convert(values: Any) -> tuple[NDArray[np.float64] | None, str]:
-    """Return values as an array of floats; or None, and why they are none, if that is known."""
+    """Return values as an array of floats of their shape and ""; or None and why the values are no
+    real numbers, "" if that is not known.
+    """
     numbers = np.asarray(values)
     kind = numbers.dtype.kind
     # objects are Python's integers of more than 64 bits, fractions, decimals
     objects = numbers.ravel().tolist() if kind == "O" else []
-    if kind in "iuf" or (kind == "O" and all(map(_is_real, objects))):
+    are_real_objects = kind == "O" and all(map(_is_real, objects))
+    if kind in "iuf" or are_real_objects:
         with np.errstate(over="ignore"):
             array = np.asarray(numbers, np.float64)
         may_overflow = numbers.dtype.itemsize > array.dtype.itemsize
@@ -353,7 +378,9 @@ def _convert(values: Any) -> tuple[NDArray[np.float64] | None, str]:
 
 
 def finite_numbers(values: Any, unit: str = "", low: Low = "") -> NDArray[np.float64]:
-    """One or more finite numbers in an SI ``unit``, of any sign if ``low`` is empty."""
+    """Return one or more finite numbers in an SI ``unit`` as an array of floats of the shape of
+    ``values``; the numbers may have any sign if ``low`` is empty.
+    """
     array = real_numbers(values, unit)
     is_allowed = np.isfinite(array)
     if low == "above zero":
@@ -362,20 +389,26 @@ def finite_numbers(values: Any, unit: str = "", low: Low = "") -> NDArray[np.flo
         is_allowed &= array >= 0.0
     if array.size and np.all(is_allowed):
         return array
-    wrong = array[~is_allowed]
+    refused = array[~is_allowed]
     content = brief(values)
-    if wrong.size and array.size > 1:
-        content = f"{wrong[0]!s} among {array.size} numbers"
+    if refused.size and array.size > 1:
+        content = f"{refused[0]!s} among {array.size} numbers"
     allowed = f"one or more finite numbers {low}".rstrip()
-    raise Refused(content, f"{allowed}, {unit}" if unit else allowed)
+    if unit:
+        allowed += f", {unit}"
+    raise Refused(content, allowed)
 
 
 def indices(values: Any, count: int, what: str = "balls") -> NDArray[np.intp]:
-    """An index, or several, as (n,): of ``count`` balls, or of others, each once."""
+    """Return one index or a list of n as an array (n,): each from 0 to below ``count``, and each
+    once; ``what`` is the plural for the indexed objects in messages.
+    """
     numbers = finite_numbers(values)
-    is_index = (numbers == np.rint(numbers)) & (numbers >= 0) & (numbers < count)
+    is_whole_number = numbers == np.rint(numbers)
+    is_index = is_whole_number & (numbers >= 0) & (numbers < count)
     is_list = numbers.ndim < 2
-    if not is_list or not np.all(is_index) or np.unique(numbers).size < numbers.size:
+    has_twins = np.unique(numbers).size < numbers.size
+    if not is_list or not np.all(is_index) or has_twins:
         raise Refused(brief(values), f"indices of {what}, 0 to {count - 1}, each once")
     return np.atleast_1d(numbers).astype(np.intp)
 
@@ -383,19 +416,19 @@ def indices(values: Any, count: int, what: str = "balls") -> NDArray[np.intp]:
 def frequencies(
     values: Any, low: Low = "zero or above", in_order: bool = True
 ) -> NDArray[np.float64]:
-    """Frequencies (n,), Hz, of which none is above :data:`HIGHEST_FREQUENCY`; ``in_order``: each
-    above the one before.
+    """Return one frequency or a list of n as an array (n,), Hz, none above
+    :data:`HIGHEST_FREQUENCY`; with ``in_order`` each must be above the one before.
     """
-    array = finite_numbers(values, "Hz", low)
-    if array.ndim > 1:
-        raise Refused(f"frequencies of the shape {array.shape}", "a list of them, (n,)")
-    array = np.atleast_1d(array)
-    most = float(array.max())
-    if most > HIGHEST_FREQUENCY:
-        raise Refused(f"{most:.9g} Hz", f"frequencies up to {HIGHEST_FREQUENCY:g} Hz")
-    falling = np.flatnonzero(np.diff(array) <= 0.0)
-    if in_order and falling.size:
-        frequency, following = array[falling[0] : falling[0] + 2].tolist()
+    numbers = finite_numbers(values, "Hz", low)
+    if numbers.ndim > 1:
+        raise Refused(f"frequencies of the shape {numbers.shape}", "a list of them, (n,)")
+    array = np.atleast_1d(numbers)
+    highest = float(array.max())
+    if highest > HIGHEST_FREQUENCY:
+        raise Refused(f"{highest:.9g} Hz", f"frequencies up to {HIGHEST_FREQUENCY:g} Hz")
+    falls = np.flatnonzero(np.diff(array) <= 0.0)  # places before which the next is not higher
+    if in_order and falls.size:
+        frequency, following = array[falls[0] : falls[0] + 2].tolist()
         raise Refused(
             f"{following:.9g} Hz after {frequency:.9g} Hz", "frequencies in ascending order"
         )
@@ -416,11 +449,12 @@ def finite_number_list(values: Any, unit: str = "", low: Low = "") -> tuple[floa
 
 
 def find_unit_of(values: Any) -> str | None:
-    """The unit that an array carries: of pint (``units``) or astropy (``unit``), or as an attribute
-    of xarray; else None.
+    """Return the unit that an array carries: of pint (``units``), astropy (``unit``), or an xarray
+    that has either as an attribute or as its data; None if there is no unit.
     """
     if not hasattr(values, "__array__"):
         return None
+    # the data of an array of NumPy are a buffer, which has no unit
     data = None if isinstance(values, np.ndarray) else getattr(values, "data", None)
     for carrier in (data, values):
         for name in ("units", "unit"):
@@ -436,8 +470,10 @@ def _is_real(value: Any) -> bool:
 
 
 def _is_masked(values: Any, depth: int = 0) -> bool:
-    """Whether an array, or a list of numbers and arrays, has a masked entry; lists without end are
-    refused.
+    """Whether an array, or a list of numbers and arrays, has a masked entry.
+
+    ``depth`` is the number of lists around ``values``; a list that is nested too deeply, as a list
+    that contains itself is, is refused.
     """
     if isinstance(values, list | tuple):
         if depth == _DEEPEST:
@@ -453,11 +489,18 @@ def _is_masked(values: Any, depth: int = 0) -> bool:
 def _named(
     rule: Callable[Concatenate[Any, Options], Value],
 ) -> Callable[Concatenate[str, Any, Options], Value]:
-    """A rule as a check that takes the name of the argument before its value."""
+    """Return a rule as a check that takes the name of the argument before its value, and then the
+    options of the rule.
+    """
 
-    def check(name: str, value: Any, /, *options: Options.args, **more: Options.kwargs) -> Value:
-        found: Value = require(name, lambda given: rule(given, *options, **more), value)
-        return found
+    def check(
+        name: str, value: Any, /, *options: Options.args, **named_options: Options.kwargs
+    ) -> Value:
+        def rule_with_options(argument: Any) -> Value:
+            return rule(argument, *options, **named_options)
+
+        checked_value: Value = require(name, rule_with_options, value)
+        return checked_value
 
     return check
 

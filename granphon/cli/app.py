@@ -15,12 +15,11 @@ from granphon.cli.terminal import say
 from granphon.runs import MOST_WORKERS
 
 #: groups of commands, in the order of the help
-GROUPS = SCENES, PICTURES, COMPARISONS, ABOUT = (
-    "Scenes",
-    "Pictures",
-    "Comparisons",
-    "About granphon",
-)
+SCENES = "Scenes"
+PICTURES = "Pictures"
+COMPARISONS = "Comparisons"
+ABOUT = "About granphon"
+GROUPS = (SCENES, PICTURES, COMPARISONS, ABOUT)
 #: group of the options that say who does the work
 WORK = "Work"
 #: help of the option --force
@@ -45,28 +44,29 @@ class _Grouped:
 
     def format_options(self: Any, ctx: Any, formatter: Any) -> None:
         """Write the arguments, the options without a group, and then the other options and the
-        subcommands by groups.
+        subcommands by groups. The method is called by click, and takes the place of its own.
         """
-        entries: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+        # rows of a name and its help, by group
+        rows_of_groups: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
             if not record:
                 continue
-            names, words = record
+            typed_names, words = record
+            # the type of a value, as "<str>", says nothing beside its name
+            names = re.sub(r" <[\w\[\]]+>", "", typed_names)
             default_group = "Arguments" if parameter.param_type_name == "argument" else "Options"
             group = getattr(parameter, "rich_help_panel", None) or default_group
-            # the type of a value, as "<str>", says nothing beside its name
-            names = re.sub(r" <[\w\[\]]+>", "", names)
-            entries.setdefault(group, []).append((names, words))
+            rows_of_groups.setdefault(group, []).append((names, words))
         commands = {}
         if hasattr(self, "commands"):
             commands = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
-        # the width that click gives to the short helps of subcommands
+        # the width that click gives to the short helps of subcommands, beside margins of 6
         width = formatter.width - 6 - max(map(len, commands), default=0)
         for name, subcommand in commands.items():
             row = (name, subcommand.get_short_help_str(width))
-            entries.setdefault(subcommand.rich_help_panel, []).append(row)
-        for group, rows in entries.items():
+            rows_of_groups.setdefault(subcommand.rich_help_panel, []).append(row)
+        for group, rows in rows_of_groups.items():
             if rows:
                 with formatter.section(group):
                     formatter.write_dl(rows)

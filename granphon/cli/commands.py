@@ -38,15 +38,15 @@ _USAGE_ERROR = next(
 
 @contextmanager
 def _take_signals_and_warnings() -> Iterator[None]:
-    """Treat SIGTERM (a batch system's time limit, ``kill``) as an interruption, so that the work is
-    cleaned up.
+    """Within the with-block, treat SIGTERM (a batch system's time limit, ``kill``) as an
+    interruption, so that the work is cleaned up.
 
     A warning about a file that carries no digest, or about what numba keeps, is printed as one
     line; others are shown as usual.
     """
-    show = warnings.showwarning
+    show_as_usual = warnings.showwarning
 
-    def tell(
+    def show_warning(
         message: Warning | str,
         category: type[Warning],
         filename: str,
@@ -54,26 +54,30 @@ def _take_signals_and_warnings() -> Iterator[None]:
         file: Any = None,
         line: Any = None,
     ) -> None:
+        """Print a warning; the arguments are those of :func:`warnings.showwarning`."""
         if issubclass(category, UnverifiedFileWarning | CacheWarning):
             warn([str(message)])
         else:
-            show(message, category, filename, lineno, file, line)
+            show_as_usual(message, category, filename, lineno, file, line)
 
-    # no other thread may set a handler
+    # Python lets no other thread set a handler
     is_main = threading.current_thread() is threading.main_thread()
-    handler = signal.signal(signal.SIGTERM, signal.default_int_handler) if is_main else None
+    earlier_handler = None
+    if is_main:
+        earlier_handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", UnverifiedFileWarning)
-            warnings.showwarning = tell
+            warnings.showwarning = show_warning
             yield
     finally:
         if is_main:
-            signal.signal(signal.SIGTERM, handler)
+            signal.signal(signal.SIGTERM, earlier_handler)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return the exit code, one of those listed in ``granphon --help``.
+    """Run the command line ``argv``, by default that of the process, and return the exit code, one
+    of those listed in ``granphon --help``.
 
     Errors of the input, the file system and the computation become messages; any other exception is
     a bug and is raised.
@@ -95,22 +99,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     except GranphonError as error:
         return fail(str(error), 1)
     except MemoryError:
-        return fail(
-            "there is not enough memory for this scene. Take a coarser mesh, or fewer points,"
-            " loads, balls or samples.",
-            1,
-        )
+        problem = "there is not enough memory for this scene"
+        mend = "Take a coarser mesh, or fewer points, loads, balls or samples"
+        return fail(f"{problem}. {mend}.", 1)
     except Interrupted as interrupted:
         return fail(f"interrupted; {interrupted}", 130)
     except (KeyboardInterrupt, typer.Abort):
         return fail(f"interrupted; {NOTHING_WRITTEN}", 130)
     except BrokenPipeError:
-        # the reader of our output has gone: discard what the interpreter still flushes at exit,
-        # which would fail again
+        # The reader of the output has gone: what the interpreter still flushes at exit, which would
+        # fail again, goes to the null device.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        return fail(f"{error.filename or 'output'}: {error.strerror or error}", 1)
+        name = error.filename or "output"
+        return fail(f"{name}: {error.strerror or error}", 1)
     except Exception as error:
         if isinstance(error, _USAGE_ERROR):
             return fail(_explain_usage(error), 2)
@@ -118,7 +121,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _explain_usage(error: Any) -> str:
-    """Return the message of an error of the command line, and the command that prints its help."""
+    """Return the message of an error of typer, and the command that prints the help that belongs to
+    the error.
+    """
     message = error.format_message().rstrip(".")
     if not message.endswith("?"):
         message += "."

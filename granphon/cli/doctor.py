@@ -6,13 +6,13 @@ import math
 import os
 import platform
 import re
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from granphon.base.errors import EXTRAS
 from granphon.base.memory import available_memory
 from granphon.base.registry import load_plugins
 from granphon.base.scales import write_quantity
+from granphon.base.text import find_version
 from granphon.base.threads import count_processors
 from granphon.cli.app import ABOUT, command
 from granphon.cli.terminal import say_table
@@ -38,10 +38,10 @@ def describe_system() -> None:
       granphon doctor
     """
     rows = [
-        ("granphon", _find_version("granphon")),
+        ("granphon", find_version("granphon")),
         ("Python", f"{platform.python_version()}, {platform.system()} {platform.machine()}"),
     ]
-    rows += [(name, _find_version(name)) for name in PACKAGES]
+    rows += [(name, find_version(name)) for name in PACKAGES]
     for name, failure in load_plugins().items():
         # the text of a failure may hold the folder of a user
         rows.append((name, re.sub(r"\S*[\\/]", "", failure or "loaded")))
@@ -57,11 +57,3 @@ def describe_system() -> None:
     }
     writable = [name for name, folder in caches.items() if os.access(folder, os.W_OK)]
     say_table([*rows, ("writable caches", ", ".join(writable) or "none")])
-
-
-def _find_version(package: str) -> str:
-    """Return the text of the version of a package, which is not imported."""
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "not installed"

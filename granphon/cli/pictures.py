@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 #: the programs for which ``export`` writes
 _FORMATS = ("phononwebsite",)
+#: most cells along a lattice vector in a picture: of more no ball could be told from others
+_MOST_CELLS = 100
 
 Point = Annotated[
     str,
@@ -154,6 +156,10 @@ def _write_picture(
 ) -> None:
     """Read the scene and the mode, and have ``draw`` draw the mode into the file ``out``, which
     arrives whole or not at all.
+
+    The texts are those of the options of the same names. ``draw`` takes the path of a file, the
+    phonons, the wave vector (3,) in fractions of the reciprocal cell, the branch, and the keywords
+    ``direction`` and ``cells``.
     """
     from granphon.base.validation import lengths, require
     from granphon.phonons.paths import read_point
@@ -163,19 +169,19 @@ def _write_picture(
     with write_of_scene(scene, out, endings, force, why) as (plan, staged_file):
         lattice = plan.packing.structure
         q = require("--at", partial(read_point, structure=lattice), point)
-        x = (1.0, 0.0, 0.0)[: lattice.periods]
-        options: dict[str, Any] = {"direction": next(iter(plan.directions), x)}
+        x_axis = (1.0, 0.0, 0.0)[: lattice.periods]
+        options: dict[str, Any] = {"direction": next(iter(plan.directions), x_axis)}
         if direction is not None:
             read_direction = partial(read_directions, lattice=lattice)
             options["direction"] = require("--direction", read_direction, direction)
         if cells is not None:
-            # of more no ball could be told from others
-            limited = partial(lengths, low=1, high=100, periods=lattice.periods)
-            options["cells"] = require("--cells", limited, cells)
-        count = lattice.n_balls * plan.packing.ball_motions.count
-        if branch >= count:  # told here too, before a state is solved
-            raise InputError(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}")
-        # after all that can be refused, as phonopy takes long to load
+            read_cells = partial(lengths, low=1, high=_MOST_CELLS, periods=lattice.periods)
+            options["cells"] = require("--cells", read_cells, cells)
+        n_branches = lattice.n_balls * plan.packing.ball_motions.count
+        if branch >= n_branches:  # refused here too, before a state is solved
+            mend = f"Count from 0 to {n_branches - 1}"
+            raise InputError(f"there is no branch {branch}", mend=mend)
+        # imported after all that can be refused, as phonopy takes long to load
         from granphon.phonons.phonons import Phonons
 
         with plan.origin.where_it_buckles():
@@ -210,14 +216,14 @@ def make_scene_page(
     """
 
     with write_of_scene(scene, out, (".html", ".htm"), force) as (plan, staged_file):
-        first = plan.cases[0].case
+        packing = plan.cases[0].case.packing
         options: dict[str, Any] = {
             "direction": next(iter(plan.directions), None),
-            "title": f"{first.packing.structure.name} lattice, {Path(scene).name}",
+            "title": f"{packing.structure.name} lattice, {Path(scene).name}",
             "losses": plan.bands,
         }
         with plan.origin.at():
-            if first.packing.kind_names:
+            if packing.kind_names:
                 text = _make_crystal_page(plan, options)
             else:
                 text = _make_packing_page(plan, options)
@@ -225,32 +231,34 @@ def make_scene_page(
 
 
 def _make_crystal_page(plan: Scene, options: dict[str, Any]) -> str:
-    """Return the HTML text of the page of a crystal, in the first state of its scene."""
+    """Return the HTML text of the page of a crystal, in the first state of its scene; ``options``
+    are keywords of :func:`granphon.page.page.make_page`.
+    """
     from granphon.page.page import make_page
 
     remarks: list[str] = []
     if not plan.is_single:
         remarks.append("The scene has several states; this page is that of the first.")
-    first = plan.cases[0].case
-    medium = first.medium.of(first.packing)
-    state: Any = medium.at(first.load[0], finite_overlap=plan.finite_overlap)
+    case = plan.cases[0].case
+    medium = case.medium.of(case.packing)
+    state: Any = medium.at(case.load[0], finite_overlap=plan.finite_overlap)
     return make_page(state.source, **options, remarks=remarks)
 
 
 def _make_packing_page(plan: Scene, options: dict[str, Any]) -> str:
     """Return the HTML text of the page of the first packing of a scene, with all its media and
-    loads.
+    loads; ``options`` are keywords of :func:`granphon.page.page.make_page`.
     """
     from granphon.page.page import make_page
 
-    first = plan.cases[0].case
+    case = plan.cases[0].case
     remarks: list[str] = []
-    if first.where:
+    if case.where:
         remarks.append(
-            f"The scene sweeps parameters; this page is that of the first values: {first.where}."
+            f"The scene sweeps parameters; this page is that of the first values: {case.where}."
         )
     return make_page(
-        first.packing,
+        case.packing,
         plan.media,
         plan.load,
         **options,
@@ -299,10 +307,9 @@ def export_scene(
         from granphon.page.phononwebsite import write_phononwebsite
         from granphon.phonons.phonons import Phonons
 
+        path = plan.path
         with plan.origin.where_it_buckles():
-            path = plan.path
-            bands = Phonons(plan.state()).bands(
-                path.arrays, npoints=plan.band_points, labels=path.labels
-            )
+            phonons = Phonons(plan.state())
+            bands = phonons.bands(path.arrays, npoints=plan.band_points, labels=path.labels)
         text = write_phononwebsite(bands, plan.packing.structure.name)
         staged_file.write_text(text, encoding="utf-8")

@@ -49,6 +49,8 @@ PRESETS = (
     "hcp",
     "diatomic",
 )
+#: time of a run from which on it is announced, s
+_LONG_SECONDS = 10.0
 #: groups of the options of ``run`` in its help
 _FILES = "Files"
 
@@ -103,14 +105,14 @@ def check_scene(scene: SceneFile) -> None:
     plan = Scene.from_yaml(scene)
     rows = describe_scene(plan)  # first, because it raises if there is too little memory
     states, left_out = plan.survey()
+    labelled = list[tuple[str, str]]()  # labels of cases, and warnings
     with plan.origin.where_it_buckles():
-        labelled = [
-            (label, warning) for label, state in states for warning in validity(state).warnings
-        ]
+        for label, state in states:
+            labelled += [(label, warning) for warning in validity(state).warnings]
     labelled += plan.expect_warnings()
-    warnings = [warning for _, warning in labelled]
-    if not plan.is_single:
-        warnings = label_warnings(labelled)
+    # a single state needs no label
+    only_warnings = [warning for _label, warning in labelled]
+    warnings = only_warnings if plan.is_single else label_warnings(labelled)
     plan.to_yaml()  # raises now if a run could not write the scene
     if left_out:
         rows.append(("not checked yet", left_out))
@@ -177,7 +179,7 @@ def run_scene(
     from granphon.scene.scene import WORK_FILE, Scene, is_complete
 
     def describe_folder() -> str:
-        """Describe the folder after an interruption."""
+        """Return a sentence on what an interruption has left in the folder of the results."""
         if is_complete(plan, out):
             return f"{out} holds the whole result of this scene."
         has_work = plan.has_tasks and os.path.isfile(os.path.join(out, WORK_FILE))
@@ -191,11 +193,20 @@ def run_scene(
             say(f"{out} is complete: it holds the results of this scene. Nothing was computed.")
         return
     cost = plan.cost()
-    if cost is not None and not quiet and cost.takes_longer(10.0):
+    is_long = cost is not None and cost.takes_longer(_LONG_SECONDS)
+    if cost is not None and is_long and not quiet:
         print(f"granphon: {cost.text} on one processor", file=sys.stderr, flush=True)
     with tell_interruption(describe_folder):
-        with open_executor(workers, scheduler) if plan.has_tasks else nullcontext() as executor:
-            result = plan.run(out, force, on_stderr(quiet), figures, resume, executor)
+        opened_executor = open_executor(workers, scheduler) if plan.has_tasks else nullcontext()
+        with opened_executor as executor:
+            result = plan.run(
+                out,
+                force=force,
+                progress=on_stderr(quiet),
+                figures=figures,
+                resume=resume,
+                executor=executor,
+            )
         warn(result.warnings)
         if not quiet:
             say_table(describe_result(result))
@@ -269,16 +280,19 @@ def draw_results(
       granphon plot out --y contact_fraction -o contacts.pdf
       granphon plot steel glass --x pressure --data steel.csv -o both.pdf
     """
+    from granphon.scene.redraw import draw_together, redraw
+
     require_name("--out", out)
-    if len(runs) == 1 and x is None and not data and not os.path.isfile(runs[0]):
-        from granphon.scene.redraw import redraw
-
-        say(f"Wrote {redraw(runs[0], out, force, asymptotes, y, backend)}")
-        return
-    from granphon.scene.redraw import draw_together
-
-    if asymptotes:
-        raise InputError(
-            "--asymptotes is for the bands of one run", mend="Leave it out, or give one folder"
+    is_one_folder = len(runs) == 1 and not os.path.isfile(runs[0])
+    if is_one_folder and x is None and not data:
+        figure_file = redraw(
+            runs[0], out, force=force, asymptotes=asymptotes, variable=y, backend=backend
         )
-    say(f"Wrote {draw_together(runs, out, force, x=x, y=y, data=data or (), backend=backend)}")
+    elif asymptotes:
+        problem = "--asymptotes is for the bands of one run"
+        raise InputError(problem, mend="Leave it out, or give one folder")
+    else:
+        figure_file = draw_together(
+            runs, out, force=force, x=x, y=y, data=data or (), backend=backend
+        )
+    say(f"Wrote {figure_file}")

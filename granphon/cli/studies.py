@@ -126,8 +126,7 @@ def fit_measurements(
         files = ResultFiles(out, FIT_FILES, force, inputs=(*plan.origin.inputs, data))
         files.require_free()
     parameters = _read_parameters(parameter)
-    pairs = [words.partition("=") for words in column or ()]
-    columns = {kind.strip(): name for kind, _, name in pairs}
+    columns = _read_columns(column)
     table = Table.read(data)
     if any(columns.get(kind, kind) in table for kind in ("magnitude", "phase")):
         options_of_velocities = {
@@ -137,11 +136,13 @@ def fit_measurements(
             "--direction": direction,
         }
         _refuse_options(options_of_velocities, data)
-        damped = _fit_response(scene, plan, data, columns, parameters)
-        _finish_fit(out, files, damped, damped.warnings, describe_response_fit(damped))
+        response_fit = _fit_response(scene, plan, data, columns, parameters)
+        rows = describe_response_fit(response_fit)
+        _finish_fit(out, files, response_fit, response_fit.warnings, rows)
         return
     has_sound = any(columns.get(kind, kind) in table for kind in ("velocity", "time", "cutoff"))
-    if not has_sound and (plan.packing.kind_names or plan.response is not None):
+    is_of_responses = plan.packing.kind_names or plan.response is not None
+    if is_of_responses and not has_sound:
         TransferFunction.read(data, columns)  # names the column that a transfer function lacks
     packing = _require_one_packing("A fit", scene, plan)
     sound_direction = _choose_direction(scene, plan, direction)
@@ -156,7 +157,7 @@ def fit_measurements(
         data, columns, distance, plan, packing, medium, parameters, branch, sound_direction
     )
     velocity_sigma, pulse_frequency = _choose_sigma_and_frequency(measured, sigma, frequency)
-    fitted = ("width", *parameters) if width else parameters
+    fitted_names = ("width", *parameters) if width else parameters
     fit = fit_width(
         packing,
         measured.force,
@@ -164,7 +165,7 @@ def fit_measurements(
         velocity_sigma,
         pulse_frequency,
         medium=medium,
-        parameters=tuple(dict.fromkeys(fitted)),
+        parameters=tuple(dict.fromkeys(fitted_names)),
         branch=branch,
         direction=sound_direction,
         finite_overlap=plan.finite_overlap,
@@ -175,10 +176,13 @@ def fit_measurements(
             f"{scene} has the medium ala, which knows no width: the fit takes ema. Name afa or"
             " ema in it"
         )
-    count = len(plan.load.values)
-    if count > 1:
-        notes.append(f"the {count} loads of {scene} are not used: a fit takes the loads of {data}")
-    if direction is None and plan.direction is None and not fit.is_isotropic:
+    n_loads = len(plan.load.values)
+    if n_loads > 1:
+        notes.append(
+            f"the {n_loads} loads of {scene} are not used: a fit takes the loads of {data}"
+        )
+    names_direction = direction is not None or plan.direction is not None
+    if not names_direction and not fit.is_isotropic:
         notes.append(
             f"sound in the lattice {fit.packing.structure.name} depends on the direction, and none"
             f" is given: the fit takes {write_direction(fit.waves.direction)}. Give --direction,"
@@ -197,6 +201,15 @@ def _read_parameters(names: Sequence[str] | None) -> tuple[str, ...]:
     return parameters
 
 
+def _read_columns(options: Sequence[str] | None) -> dict[str, str]:
+    """Return the names of columns, by what they hold, of options such as "velocity=v (km/s)"."""
+    columns = dict[str, str]()
+    for option in options or ():
+        kind, _equals, name = option.partition("=")
+        columns[kind.strip()] = name
+    return columns
+
+
 def _refuse_options(options: Mapping[str, str | None], data: str) -> None:
     """Raise InputError for the first of the ``options`` of velocities that has a value, as the
     table ``data`` has a transfer function.
@@ -212,15 +225,11 @@ def _require_fitted(width: bool, parameters: Sequence[str]) -> None:
     or if the width is both kept and fitted.
     """
     if "width" in parameters and not width:
-        raise InputError(
-            "--no-width keeps the width, and --parameter width fits it", mend="Leave one out"
-        )
-    if not (width or parameters):
-        raise InputError(
-            "nothing is left to fit",
-            "--no-width keeps the spread",
-            "Leave it out, or give --parameter",
-        )
+        problem = "--no-width keeps the width, and --parameter width fits it"
+        raise InputError(problem, mend="Leave one out")
+    if not width and not parameters:
+        why = "--no-width keeps the spread"
+        raise InputError("nothing is left to fit", why, "Leave it out, or give --parameter")
 
 
 def _read_velocities(
@@ -234,7 +243,8 @@ def _read_velocities(
     branch: str,
     direction: Sequence[float] | None,
 ) -> Measurements:
-    """Read the measured velocities in the table ``data``, with the contact forces of their loads.
+    """Return the measured velocities in the table ``data``, m/s, with the contact forces of their
+    loads, N.
 
     ``distance`` is the option of that name, with its unit. Pressures and cutoff frequencies are
     converted for the ``packing`` in the ``medium``, whose ``parameters`` are fitted; ``branch`` and
@@ -246,17 +256,21 @@ def _read_velocities(
     from granphon.fits.fit import convert_cutoff, convert_pressure
     from granphon.fits.measurements import Measurements
 
-    metres = None if distance is None else require("--distance", LENGTH.read, distance)
-    balls = plan.load.balls_per_side
-    finite = plan.finite_overlap
+    distance_of_pulses = None  # m
+    if distance is not None:
+        distance_of_pulses = require("--distance", LENGTH.read, distance)
+    convert_side_force = None
+    if plan.load.balls_per_side is not None:
+        convert_side_force = partial(force_of_frame, balls_per_side=plan.load.balls_per_side)
+    finite_overlap = plan.finite_overlap
     return Measurements.read(
         data,
         columns,
-        metres,
-        None if balls is None else partial(force_of_frame, balls_per_side=balls),
-        partial(convert_pressure, packing, finite, medium, parameters),
+        distance_of_pulses,
+        convert_side_force,
+        partial(convert_pressure, packing, finite_overlap, medium, parameters),
         packing.structure.periods,
-        partial(convert_cutoff, packing, branch, direction, finite, parameters),
+        partial(convert_cutoff, packing, branch, direction, finite_overlap, parameters),
     )
 
 
@@ -286,21 +300,21 @@ def _choose_direction(path: str, scene: Scene, option: str | None) -> Sequence[f
     from granphon.base.validation import require
 
     if option is not None:
-        numbers: list[float] = require("--direction", _read_direction, option)
-        return numbers
+        components: list[float] = require("--direction", _read_direction, option)
+        return components
     if len(scene.directions) > 1:
+        problem = f"{path} has {len(scene.directions)} directions"
         why = "A fit takes sound along one direction"
-        raise InputError(
-            f"{path} has {len(scene.directions)} directions", why, "Name one by --direction"
-        )
+        raise InputError(problem, why, "Name one by --direction")
     return scene.directions[0] if scene.directions else None
 
 
 def _fit_response(
     scene: str, plan: Scene, data: str, columns: Mapping[str, str], names: tuple[str, ...]
 ) -> DampingFit:
-    """Fit the damping of the network of a scene with one state, and a block response, to a transfer
-    function.
+    """Return the fit of the parameters ``names`` of damping, by default "damping", to the transfer
+    function in the table ``data``; InputError unless the scene in the file ``scene`` has one state
+    and a block response.
     """
     from granphon.fits.transfer import TransferFunction, fit_damping
     from granphon.waves.settings import find_place
@@ -311,17 +325,17 @@ def _fit_response(
         why = "It says where the network is driven and heard"
         raise InputError(problem, why, "Write it, with observe: [response]")
     if plan.n_states > 1:
-        raise InputError(
-            f"{scene} has {plan.n_states} states",
-            "A transfer function is of one",
-            "Keep one load and medium",
-        )
+        problem = f"{scene} has {plan.n_states} states"
+        raise InputError(problem, "A transfer function is of one", "Keep one load and medium")
     measured = TransferFunction.read(data, columns, settings.quantity)
+    network = settings.shape(plan.cases[0].state.network)
+    sources = [find_place(words) for words in settings.source]
+    receivers = [find_place(words) for words in settings.receiver]
     return fit_damping(
-        settings.shape(plan.cases[0].state.network),
+        network,
         measured,
-        [find_place(words) for words in settings.source],
-        [find_place(words) for words in settings.receiver],
+        sources,
+        receivers,
         parameters=names or ("damping",),
         damping=settings.damping,
         loss_factor=settings.loss_factor,
@@ -339,13 +353,13 @@ def _finish_fit(
     notes: Sequence[str],
     table: list[tuple[str, str]],
 ) -> None:
-    """Write the files of a ``fit`` into the folder ``out``, and print its ``notes`` as warnings and
-    the rows of its ``table``; without ``files`` nothing is written.
+    """Write the ``files`` of a ``fit`` into the folder ``out``, if both are given, and print the
+    ``notes`` as warnings, and the rows of the ``table``.
     """
     from granphon.fits.fit import FIT_FILES
 
-    def figure(_: str) -> Any:
-        # here, so that a failed import counts as a failed figure
+    def draw_fit(_name: str) -> Any:
+        # imported here, so that a failed import counts as a failed figure
         from granphon.figures.plot import plot
 
         return plot(fit)
@@ -353,9 +367,9 @@ def _finish_fit(
     failures: dict[str, str] = {}
     if files is not None:
         with files.open() as locked:
-            failures = _stage_study(locked, fit.write, figure)
-    end = NOTHING_WRITTEN if out is None else f"the result was written into {out}."
-    with tell_interruption(lambda: end):
+            failures = _stage_study(locked, fit.write, draw_fit)
+    state_of_folder = NOTHING_WRITTEN if out is None else f"the result was written into {out}."
+    with tell_interruption(lambda: state_of_folder):
         warn((*notes, *failures.values()))
         say_table(table)
         _say_written(out, FIT_FILES, failures)
@@ -429,41 +443,43 @@ def measure_tradeoff(
         files.require_free()
     packing = _require_one_packing("A trade-off", scene, plan)
     load = plan.load.applied
-    truth = _choose_reference(scene, plan)
+    options_of_reference = _choose_reference(scene, plan)
     loads_of_scene: dict[str, Any] = {load.kind: load.values}
-    # of simulations in their exact geometry the scene has not asked for finite overlap, and media
-    # are compared in the limit
-    finite_overlap = plan.finite_overlap and not all(choice.is_exact for choice in plan.media)
-    work = None if out is None else Path(out) / WORK_FILE
-    failures: dict[str, str] | None = None
+    # Simulations in their exact geometry have finite overlap though the scene has not asked for it,
+    # and media are compared in the limit of small overlap.
+    is_exact = all(choice.is_exact for choice in plan.media)
+    finite_overlap = plan.finite_overlap and not is_exact
+    work_file = None if out is None else Path(out) / WORK_FILE
+    failures: dict[str, str] | None = None  # None until the files are written
 
     def describe_folder() -> str:
-        """Describe the folder after an interruption."""
-        if work is None:
+        """Return a sentence on what an interruption has left in the folder of the results."""
+        if work_file is None:
             return NOTHING_WRITTEN
         if failures is not None:
             return f"the result was written into {out}."
-        return f"{NOTHING_WRITTEN} {GO_ON}" if work.is_file() else NOTHING_WRITTEN
+        return f"{NOTHING_WRITTEN} {GO_ON}" if work_file.is_file() else NOTHING_WRITTEN
 
-    def write(folder: Path) -> None:
+    def write_table(folder: Path) -> None:
         (folder / "tradeoff.csv").write_text(measured.csv(), encoding="utf-8")
 
-    def figure(_: str) -> Any:
-        # here: a failed import counts as a failed figure
+    def draw_tradeoff(_name: str) -> Any:
+        # imported here, so that a failed import counts as a failed figure
         from granphon.figures.work_precision import tradeoff_figure
 
         return tradeoff_figure(measured)
 
+    opened_files = nullcontext() if files is None else files.open()
     with (
         tell_interruption(describe_folder),
-        nullcontext() if files is None else files.open() as locked,
-        open_store(work, force) as store,
+        opened_files as locked,
+        open_store(work_file, force) as store,
     ):
         with open_executor(workers, scheduler) as executor:
             measured = tradeoff(
                 packing,
                 **loads_of_scene,
-                **truth,
+                **options_of_reference,
                 observe=plan.observe,
                 finite_overlap=finite_overlap,
                 budget=seconds,
@@ -473,7 +489,8 @@ def measure_tradeoff(
                 executor=executor,
                 store=store,
             )
-        failures = {} if locked is None else _stage_study(locked, write, figure)
+        # assigned after the files have been written, as an interruption before says otherwise
+        failures = {} if locked is None else _stage_study(locked, write_table, draw_tradeoff)
     with tell_interruption(describe_folder):
         warn(tuple(failures.values()))
         if not quiet:
@@ -489,32 +506,35 @@ def _choose_reference(scene: str, plan: Scene) -> dict[str, Any]:
     from granphon.media.loading import REFERENCE_OPTIONS, REST
 
     histories = [choice.history for choice in plan.media if choice.history.is_loaded]
-    references = list(dict.fromkeys(history.reference for history in histories)) or [REST]
+    references = list(dict.fromkeys(history.reference for history in histories))
     if len(references) > 1:
         problem = f"the media of {scene} are loaded with friction in {len(references)} ways"
         raise InputError(problem, "A trade-off judges all by one of them", "Keep one")
-    return {name: references[0].options[name] for name in REFERENCE_OPTIONS}
+    reference = references[0] if references else REST
+    return {name: reference.options[name] for name in REFERENCE_OPTIONS}
 
 
 def _stage_study(
-    locked: ResultFiles, write: Callable[[Path], None], figure: Callable[[str], Any]
+    locked: ResultFiles, write: Callable[[Path], None], draw_figure: Callable[[str], Any]
 ) -> dict[str, str]:
-    """Write the files into their folder, which is locked.
+    """Write the ``locked`` files into their folder, and return the reasons for which figures could
+    not be drawn, by their names.
 
-    Returns, for the name of each figure that could not be drawn, the reason.
+    ``write`` writes the tables into a folder, and ``draw_figure`` returns the figure of a name.
     """
     from granphon.figures.style import draw
 
-    drawn = [name for name in locked.names if name.endswith(".png")]
-    with locked.staging(drawn) as stage:
+    figure_names = [name for name in locked.names if name.endswith(".png")]
+    with locked.staging(figure_names) as stage:
         write(stage)
-        return draw(figure, drawn, stage)
+        return draw(draw_figure, figure_names, stage)
 
 
 def _say_written(out: str | None, names: Sequence[str], failures: Mapping[str, str]) -> None:
     """Print the ``names`` of the files in the folder ``out``, without the figures that failed."""
     if out is not None:
-        say(f"Wrote {', '.join(name for name in names if name not in failures)} into {out}")
+        written_names = [name for name in names if name not in failures]
+        say(f"Wrote {', '.join(written_names)} into {out}")
 
 
 def _require_one_packing(study: str, scene: str, plan: Scene) -> Packing:
@@ -526,6 +546,6 @@ def _require_one_packing(study: str, scene: str, plan: Scene) -> Packing:
         mend = "Describe balls of one kind by the blocks material and packing"
         raise InputError(f"{scene} has balls of several kinds", why, mend)
     if plan.parameters:
-        problem = f"{scene} sweeps {', '.join(name for name, _ in plan.parameters)}"
-        raise InputError(problem, why, "Leave the block 'sweep' out")
+        swept_names = ", ".join(name for name, _ in plan.parameters)
+        raise InputError(f"{scene} sweeps {swept_names}", why, "Leave the block 'sweep' out")
     return cast("Packing", plan.packing)

@@ -66,14 +66,14 @@ def require_name(option: str, path: str | None) -> None:
     A single dash stands for a stream, and two end the options: none is meant as a name.
     """
     if path == "":
-        raise InputError(
-            f"{option} is empty", mend="Name a file or folder; perhaps a shell variable is not set"
-        )
+        mend = "Name a file or folder; perhaps a shell variable is not set"
+        raise InputError(f"{option} is empty", mend=mend)
     if path and not path.strip("-"):
-        why = "Results are files, and none is written to the standard output" if path == "-" else ""
-        raise InputError(
-            f"{option} is {path!r}", why, f"Name a file or folder; ./{path} if that is its name"
-        )
+        why = ""
+        if path == "-":
+            why = "Results are files, and none is written to the standard output"
+        mend = f"Name a file or folder; ./{path} if that is its name"
+        raise InputError(f"{option} is {path!r}", why, mend)
 
 
 class Interrupted(Exception):
@@ -84,11 +84,12 @@ class Interrupted(Exception):
 def write_of_scene(
     scene: str, out: str, endings: Sequence[str], force: bool, why_single: str = ""
 ) -> Iterator[tuple[Scene, Path]]:
-    """Read a scene, and yield it with the path at which the block writes the file ``out``, which
-    arrives whole or not at all.
+    """Read the scene in the file ``scene``, and yield it with the path at which the with-block
+    writes the file ``out``, which arrives whole or not at all.
 
     Raises :class:`~granphon.base.errors.InputError` if the name has none of the ``endings``, or if
-    the scene has several states and the block takes a single state, as ``why_single`` says.
+    the scene has several states and the with-block takes a single state, as ``why_single`` says;
+    and FileExistsInRunError if there is such a file which ``force`` may not replace.
     """
     from granphon.base.staging import ResultFiles
     from granphon.scene.scene import Scene
@@ -96,11 +97,11 @@ def write_of_scene(
     require_name("--out", out)
     target = Path(out)
     if target.suffix not in endings:
-        problem = f"--out is {out}, whose ending is not {' or '.join(endings)}"
-        mend = f"Use {' or '.join(endings)}"
+        allowed = " or ".join(endings)
+        mend = f"Use {allowed}"
         if len(endings) == 1:
             mend = f"Give a name that ends in {endings[0]}"
-        raise InputError(problem, mend=mend)
+        raise InputError(f"--out is {out}, whose ending is not {allowed}", mend=mend)
     plan = Scene.from_yaml(scene)
     files = ResultFiles(target.parent, [target.name], force, inputs=plan.origin.inputs)
     with files.open() as locked:
@@ -114,7 +115,7 @@ def write_of_scene(
 
 @contextmanager
 def tell_interruption(describe_folder: Callable[[], str]) -> Iterator[None]:
-    """Turn an interruption of the block into :class:`Interrupted`, with the text that
+    """Turn an interruption of the with-block into :class:`Interrupted`, with the sentence that
     ``describe_folder`` returns then.
     """
     try:
@@ -124,40 +125,56 @@ def tell_interruption(describe_folder: Callable[[], str]) -> Iterator[None]:
 
 
 def write_range(value: Any, unit: str) -> str:
-    """Text of a value, or of the least and the greatest of several, as :func:`write_quantity`
-    writes them.
+    """Return the text of a value in the SI ``unit``, or of the least and the greatest of several,
+    as :func:`write_quantity` writes them.
     """
-    import numpy as np  # here alone, so that the command's help needs no numpy
+    import numpy as np  # not above, so that the help of a command needs no numpy
 
     ends = np.unique([np.min(value), np.max(value)]).tolist()
     return " to ".join(write_quantity(end, unit) for end in ends)
 
 
 def _write(value: Any, unit: str) -> str:
-    """Text of a value of a table: a length, force, pressure or stiffness with a decimal prefix, all
-    else as it is.
+    """Return the text of a value of a table in the SI ``unit``: a length, force, pressure,
+    stiffness or frequency with a decimal prefix, all else as it is.
     """
     if unit in ("m", "Pa", "N", "N/m", "Hz"):
         return write_range(value, unit)
-    # with numpy, which the help of a command does not need
+    # imported here, as it loads numpy, which the help of a command does not need
     from granphon.base.results import describe_value
 
     return f"{describe_value(value)}{write_unit(unit)}"
 
 
 def describe_scene(scene: Scene) -> list[tuple[str, str]]:
-    """Rows that describe a scene: names, and values in readable units."""
+    """Return the rows of a table that describe a scene, each a name and a value in readable units.
+
+    InputError if the scene takes more memory than there is, or if its balls cannot carry the load.
+    """
     rows = [(name, _write(value, unit)) for name, value, unit in scene.describe()]
-    if scene.is_single and scene.serving.chosen_automatically:
-        serving = scene.serving
+    if scene.is_single:
+        rows += _describe_state(scene)
+    else:
+        rows.append(("sweep", _count_states(scene)))
+    cost = scene.cost()
+    if cost is not None:
+        rows.append(("will take", f"{cost.text} on one processor"))
+    return rows
+
+
+def _describe_state(scene: Scene) -> list[tuple[str, str]]:
+    """Return the rows on the only state of a scene: the medium that was chosen automatically, and
+    the force, overlap and stiffnesses of its contacts if they are quick to find.
+    """
+    rows = list[tuple[str, str]]()
+    serving = scene.serving
+    if serving.chosen_automatically:
         error = float(serving.errors[0])
         words = "exact for equal balls"
         if error:
             words = f"expected error {error:.2g} against {serving.truth}"
         rows.append(("chosen", f"{serving.medium.label}, {words}"))
-    if not scene.is_single:
-        rows.append(("sweep", _count_states(scene)))
-    elif scene.serving.is_quick:
+    if serving.is_quick:
         state = scene.state()
         force = write_quantity(state.force, "N")
         overlap = write_quantity(state.overlap, "m")
@@ -165,24 +182,21 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         shear = write_quantity(state.shear_stiffness, "N/m")
         rows.append(("contact", f"force {force}, overlap {overlap}"))
         rows.append(("stiffness", f"normal {normal}, shear {shear}"))
-    cost = scene.cost()
-    if cost is not None:
-        rows.append(("will take", f"{cost.text} on one processor"))
     return rows
 
 
 def _count_states(scene: Scene) -> str:
     """Return the number of states of a sweep in words: "5 loads x 2 media = 10 states"."""
-    sizes = [(len(scene.load.values), "load", "loads"), (len(scene.media), "medium", "media")]
+    counts = [counted(len(scene.load.values), "load"), counted(len(scene.media), "medium", "media")]
     for name, values in scene.parameters:
-        sizes.append((len(values), f"value of {name}", f"values of {name}"))
-    states = math.prod(count for count, *_ in sizes)
-    counts = " x ".join(counted(*size) for size in sizes)
-    return f"{counts} = {counted(states, 'state')}"
+        counts.append(counted(len(values), f"value of {name}", f"values of {name}"))
+    return f"{' x '.join(counts)} = {counted(scene.n_states, 'state')}"
 
 
 def describe_result(result: RunResult) -> list[tuple[str, str]]:
-    """Rows of the main numbers of a result: labels, and values in readable units."""
+    """Return the rows of a table of the main numbers of a result, each a label and a value in
+    readable units.
+    """
     from granphon.observables.catalogue import CATALOGUE
 
     numbers: dict[str, Any] = result.summary()
@@ -205,16 +219,18 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
 
 
 def _write_number(value: Any, error: Any, unit: str) -> str:
-    """Return the text of a value, or of the ends of several, with the standard ``error`` of each if
-    the error is not None; all in the SI ``unit``.
+    """Return the text of a value, or of the least and the greatest of several, with the standard
+    ``error`` of each if the error is not None; all in the SI ``unit``.
     """
     import numpy as np
 
     if error is None:
         return write_range(value, unit)
-    if np.size(value) == 1:
-        return write_uncertain(float(np.ravel(value)[0]), float(np.ravel(error)[0]), unit)
-    return f"{write_range(value, unit)} +/- {write_range(np.ravel(error), unit)}"
+    values = np.ravel(value)
+    errors = np.ravel(error)
+    if values.size == 1:
+        return write_uncertain(float(values[0]), float(errors[0]), unit)
+    return f"{write_range(values, unit)} +/- {write_range(errors, unit)}"
 
 
 def _describe_gaps(gaps: list[list[float]]) -> str:
@@ -234,24 +250,26 @@ def write_direction(direction: Any) -> str:
 
 
 def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
-    """Rows of a fit: its parameters with their standard errors, the data, and how well they
-    agree.
+    """Return the rows of a table of a fit: its parameters with their standard errors, the data, and
+    how well they agree.
     """
     from granphon.balls.packing import PARAMETERS
 
-    rows = []
-    for name, value, error in zip(
-        fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True
-    ):
-        rows.append((spell(name), _write_valued(value, error, PARAMETERS[name] or "")))
+    rows = list[tuple[str, str]]()
+    columns = zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True)
+    for name, value, error in columns:
+        unit = PARAMETERS[name] or ""
+        rows.append((spell(name), _write_valued(value, error, unit)))
         if name == "width":
             rows.append(("standard deviation", _write_valued(fit.std, fit.std_stderr, "m")))
-    source = "given" if fit.sigma_given else f"from the scatter, {fit.dof} degrees of freedom"
-    ends = dict.fromkeys(f"{sigma:.3g}" for sigma in (min(fit.sigma), max(fit.sigma)))
-    errors = "error not known"
+    rows.append(("medium", fit.medium))
+    words = "error not known"
     if fit.errors_are_known:
-        errors = f"each +/- {' to '.join(ends)} m/s ({source})"
-    rows += [("medium", fit.medium), ("velocities", f"{fit.force.size}, {errors}")]
+        # of equal ends one is written
+        ends = dict.fromkeys(f"{sigma:.3g}" for sigma in (min(fit.sigma), max(fit.sigma)))
+        source = "given" if fit.sigma_given else f"from the scatter, {fit.dof} degrees of freedom"
+        words = f"each +/- {' to '.join(ends)} m/s ({source})"
+    rows.append(("velocities", f"{fit.force.size}, {words}"))
     if not fit.is_isotropic:
         rows.append(("direction", write_direction(fit.waves.direction)))
     if fit.sigma_given:
@@ -277,28 +295,33 @@ def _judge_fit(fit: WidthFit | DampingFit) -> tuple[str, str]:
 
 
 def describe_response_fit(fit: DampingFit) -> list[tuple[str, str]]:
-    """Rows of a fit to a transfer function: its parameters with their standard errors, the data,
-    and how well they agree.
+    """Return the rows of a table of a fit to a transfer function: its parameters with their
+    standard errors, the data, and how well they agree.
     """
     from granphon.fits.transfer import PARAMETERS
 
-    units = [PARAMETERS[name].replace("1", "") for name in fit.parameters]
-    columns = zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), units, strict=True)
-    rows = [
-        (name.replace("_", " "), _write_valued(value, error, unit))
-        for name, value, error, unit in columns
-    ]
+    rows = list[tuple[str, str]]()
+    columns = zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True)
+    for name, value, error in columns:
+        unit = PARAMETERS[name].replace("1", "")  # a number without a unit has none in a text
+        rows.append((name.replace("_", " "), _write_valued(value, error, unit)))
     data = "magnitudes" if fit.measured.phase is None else "magnitudes and phases"
     source = "sigma given"
     if not fit.sigma_given:
         source = f"sigma from the scatter, {fit.dof} degrees of freedom"
     rows.append(("data", f"{len(fit.magnitude)} {data}, {source}"))
-    return [*rows, _judge_fit(fit)] if fit.sigma_given else rows
+    if fit.sigma_given:
+        # if sigma comes from the scatter, chi^2 equals the degrees of freedom by construction
+        rows.append(_judge_fit(fit))
+    return rows
 
 
 def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
-    """Lines of the table of a trade-off, of balls on a lattice of 1, 2 or 3 ``periods``."""
-    from granphon.base.quantities import load_quantities  # with numpy, too
+    """Return the lines of the table of a trade-off, of balls on a lattice of 1, 2 or 3
+    ``periods``.
+    """
+    # imported here, as it loads numpy
+    from granphon.base.quantities import load_quantities
 
     heads: tuple[str, ...] = (
         "method",
@@ -333,19 +356,23 @@ def _describe_point(point: MeasuredPoint) -> tuple[str, ...]:
     not run has the reason in the last cell.
     """
     if point.failure and not point.seconds:
-        return (point.method, point.knob, *[""] * 8, point.failure)
-    times = [
-        write_quantity(time, "s") if time else "0 s"
-        for time in (point.seconds, point.spread, point.setup)
-    ]
+        no_numbers = ("",) * 8
+        return (point.method, point.knob, *no_numbers, point.failure)
     return (
         point.method,
         point.knob,
         f"{point.error:.2e}" if point.errors.size else "?",
         f"{point.stderr:.0e}" if point.stderr else "",
         str(point.draws),
-        *times,
+        _write_time(point.seconds),
+        _write_time(point.spread),
+        _write_time(point.setup),
         write_quantity(point.memory, "B"),
         f"{point.floor:.0e}",
         point.note,
     )
+
+
+def _write_time(seconds: float) -> str:
+    """Return the text of a time, s; of zero without a decimal prefix."""
+    return write_quantity(seconds, "s") if seconds else "0 s"

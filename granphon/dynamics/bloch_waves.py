@@ -96,8 +96,10 @@ class BlochWaves(NamedTuple):
         below zero, back.
         """
         basis = np.concatenate([self.vectors, self.still], axis=1)
-        ahead = np.pad(self.vectors * self.factors**steps, ((0, 0), (0, self.still.shape[1])))
-        return np.asarray(np.linalg.solve(basis.T, ahead.T).T)
+        # motions that reach no other block become zero there
+        n_still = self.still.shape[1]
+        continued = np.pad(self.vectors * self.factors**steps, ((0, 0), (0, n_still)))
+        return np.asarray(np.linalg.solve(basis.T, continued.T).T)
 
     def find_parts(self, motion: Complex) -> Complex:
         """Return the amplitudes (running, ...) of the waves that run in a motion (n, ...) of a
@@ -114,17 +116,20 @@ def require_bloch_memory(count: int, size: int, contacts: int = 0) -> None:
     A block has ``size`` motions, and couplings that differ from frequency to frequency have so many
     ``contacts``.
     """
-    memory = count * (_MATRICES * 16.0 * (2 * size) ** 2 + _ROWS * 32.0 * size * contacts)
+    bytes_of_matrices = _MATRICES * 16.0 * (2 * size) ** 2
+    bytes_of_rows = _ROWS * 32.0 * size * contacts
     require_memory(
-        f"waves of {size:,} motions at {count:,} frequencies", memory, "Take fewer frequencies"
+        f"waves of {size:,} motions at {count:,} frequencies",
+        count * (bytes_of_matrices + bytes_of_rows),
+        "Take fewer frequencies",
     )
 
 
 def find_bloch_waves(
     blocks: Couplings, w: Array, layer: int
 ) -> list[tuple[BlochWaves, BlochWaves]]:
-    """Find the waves at each w (n_f,), in the unit of the blocks: those towards higher layers, and
-    towards lower ones.
+    """Return the waves at each w (n_f,), in the unit of the blocks: a pair for each w, the waves
+    towards higher layers, and those towards lower ones.
 
     ``layer`` is the number of motions of a layer. Raises
     :class:`~granphon.base.errors.PrecisionError` where waves cannot be told apart: at an edge of a
@@ -142,13 +147,15 @@ def find_bloch_waves(
     for n in range(count):
         null_spaces = [_null_space(coupling[n]) for coupling in (down, up)]
         _require_passing_on(null_spaces, inner[n], scale)
+        # a decay that is infinitely fast is no wave, and one that is nearly so has no digits
         kept = _choose_finite(inverse[n], null_spaces)
-        if np.min(np.abs(inverse[n, kept]), initial=1.0) < np.finfo(float).eps ** 2:
+        smallest = np.min(np.abs(inverse[n, kept]), initial=1.0)
+        if smallest < np.finfo(float).eps ** 2:
             raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)
         factors = _POINT + 1.0 / inverse[n, kept]
         motions = vectors[n][:size, kept]
         couplings = [step[n] for step in steps]
-        couplings[reach] = couplings[reach] + w[n] * np.eye(layer)
+        couplings[reach] = couplings[reach] + w[n] * np.eye(layer)  # D_0 itself, not less w
         factors, motions = _sharpen_long(factors, motions, couplings, w[n])
         if w[n] > _NEAR_ZERO * scale:
             _require_senses(factors, motions)
@@ -161,19 +168,21 @@ def _list_steps(inner: Complex, up: Complex, down: Complex, w: Array, layer: int
     blocks (n_f, size, size) of reach layers.
     """
     reach = inner.shape[-1] // layer
+    # all layers are alike: D_s is read from the first layer of a block
     first = slice(0, layer)
-    next_layers = [slice(s * layer, (s + 1) * layer) for s in range(1, reach)]
+    other_layers = [slice(s * layer, (s + 1) * layer) for s in range(1, reach)]
     steps = [down[:, first, first]]
-    steps += [inner[:, away, first] for away in reversed(next_layers)]
+    steps += [inner[:, other, first] for other in reversed(other_layers)]
     steps += [inner[:, first, first] - w[:, None, None] * np.eye(layer)]
-    steps += [inner[:, first, away] for away in next_layers]
+    steps += [inner[:, first, other] for other in other_layers]
     steps += [up[:, first, first]]
     return steps
 
 
 def _choose_finite(inverse: Complex, null_spaces: list[Complex]) -> Index:
-    """Return the waves (m,) that do not decay infinitely fast, from 1/(lambda - point) (2 size,) of
-    all waves, and from the motions without coupling to lower and to higher layers.
+    """Return the indices (m,) of the waves that do not decay infinitely fast, from
+    1/(lambda - point) (2 size,) of all waves, and from the motions, as columns, without coupling to
+    lower and to higher layers.
 
     1/(lambda - point) is zero where the decay towards lower layers is infinitely fast, and -1/point
     towards higher ones.
@@ -185,15 +194,17 @@ def _choose_finite(inverse: Complex, null_spaces: list[Complex]) -> Index:
 
 
 def _solve_pencil(steps: list[Complex], size: int, scale: float) -> tuple[Complex, Complex]:
-    """Solve the sum over s of D_s lambda^s u = w u for 1/(lambda - :data:`_POINT`) (n_f, 2 size),
-    and u of two blocks (n_f, 2 size, 2 size), as columns.
+    """Return 1/(lambda - :data:`_POINT`) (n_f, 2 size), and u of two blocks (n_f, 2 size, 2 size),
+    as columns, that solve the sum over s of D_s lambda^s u = w u.
 
     ``steps`` are D_s (n_f, layer, layer), the middle one less w; ``scale`` is the largest of their
     entries.
     """
     count, layer, _ = steps[0].shape
-    # layers follow each other in A u = lambda B u; the last rows are the sum over s
-    a, b = np.zeros((2, count, 2 * size, 2 * size), complex)
+    # A u = lambda B u: all rows but the last say that each layer follows the one before; the last
+    # rows are the sum over s. The scale makes both kinds of rows alike in size
+    a = np.zeros((count, 2 * size, 2 * size), complex)
+    b = np.zeros((count, 2 * size, 2 * size), complex)
     a[:, :-layer, layer:] = np.eye(2 * size - layer)
     b[:, :-layer, :-layer] = np.eye(2 * size - layer)
     a[:, -layer:] = -np.concatenate(steps[:-1], axis=2) / scale
@@ -206,7 +217,10 @@ def _require_passing_on(null_spaces: list[Complex], inner: Complex, scale: float
     """Raise :class:`~granphon.base.errors.PrecisionError` if some motions reach the next layers
     alone.
 
-    Such motions are there at any w. They are sought at a w below zero, where nothing resonates.
+    ``null_spaces`` are the motions of a block, as columns, without coupling to lower and to higher
+    layers; ``inner`` (size, size) is the block, with entries up to ``scale``. Motions that reach
+    the next layers alone are there at any w. They are sought at a w below zero, where nothing
+    resonates.
     """
     below, above = null_spaces
     between = above.conj().T @ (inner + scale * np.eye(len(inner))) @ below
@@ -234,35 +248,37 @@ def _sharpen_long(
     """
     size = len(couplings[0])
     runs = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
-    long = np.flatnonzero(runs & (np.abs(np.angle(factors)) < _LONG))
+    long_waves = np.flatnonzero(runs & (np.abs(np.angle(factors)) < _LONG))
+    # without loss D_-s is the adjoint of D_s
     loss = max(
         np.max(np.abs(coupling - opposite.conj().T))
         for coupling, opposite in zip(couplings, couplings[::-1], strict=True)
     )
     largest = np.max(np.abs(couplings[len(couplings) // 2]))
-    if not long.size or loss > _FREE * largest:
+    if not long_waves.size or loss > _FREE * largest:
         return factors, vectors
     stiffness, modes = np.linalg.eigh(np.sum(couplings, axis=0))
-    costs = np.abs(stiffness) > _FREE * np.max(np.abs(stiffness))
-    free = modes[:, ~costs]
-    stiff = modes[:, costs]
+    is_stiff = np.abs(stiffness) > _FREE * np.max(np.abs(stiffness))
+    free = modes[:, ~is_stiff]
+    stiff = modes[:, is_stiff]
     factors = factors.copy()
     vectors = vectors.copy()
-    for n in long:
-        moved = free @ (free.conj().T @ vectors[:size, n])
-        if np.linalg.norm(moved) < 0.5 * np.linalg.norm(vectors[:size, n]):
+    layers = range(len(vectors) // size)
+    for wave in long_waves:
+        layer_motion = vectors[:size, wave]
+        free_part = free @ (free.conj().T @ layer_motion)
+        if np.linalg.norm(free_part) < 0.5 * np.linalg.norm(layer_motion):
             continue  # the edge of another band is near
-        theta = float(np.angle(factors[n]))
-        theta, motion = _solve_theta(theta, moved, couplings, stiff, stiffness[costs], w)
-        factors[n] = np.exp(1j * theta)
-        layers = range(len(vectors) // size)
-        vectors[:, n] = np.concatenate([motion * factors[n] ** layer for layer in layers])
+        start = float(np.angle(factors[wave]))
+        theta, motion = _solve_theta(start, free_part, couplings, stiff, stiffness[is_stiff], w)
+        factors[wave] = np.exp(1j * theta)
+        vectors[:, wave] = np.concatenate([motion * factors[wave] ** layer for layer in layers])
     return factors, vectors
 
 
 def _solve_theta(
     theta: float,
-    moved: Complex,
+    free_part: Complex,
     couplings: list[Complex],
     stiff: Complex,
     stiffness: Array,
@@ -271,8 +287,9 @@ def _solve_theta(
     """Return theta, rad, and the motion (layer,) of a layer in a long wave, by Newton's method from
     a ``theta``.
 
-    ``moved`` (layer,) is the free part of the motion. ``stiff`` (layer, m) are the other motions,
-    of which ``stiffness`` (m,) is what they cost if all layers move alike.
+    ``free_part`` (layer,) is the part of the motion that costs nothing if all layers move alike.
+    ``stiff`` (layer, m) are the other motions, and ``stiffness`` (m,) what they cost then.
+    ``couplings`` are D_s (layer, layer), and w the eigenvalue.
     """
     reach = len(couplings) // 2
     steps = list(zip(range(-reach, reach + 1), couplings, strict=True))
@@ -280,11 +297,12 @@ def _solve_theta(
         change = sum(coupling * np.expm1(1j * s * theta) for s, coupling in steps)
         slope = sum(coupling * 1j * s * np.exp(1j * s * theta) for s, coupling in steps)
         pull = stiff.conj().T @ change
-        following = np.linalg.solve(np.diag(stiffness - w) + pull @ stiff, -pull @ moved)
-        motion = moved + stiff @ following
+        stiff_matrix = np.diag(stiffness - w) + pull @ stiff
+        stiff_amplitudes = np.linalg.solve(stiff_matrix, -pull @ free_part)
+        motion = free_part + stiff @ stiff_amplitudes
         residual = (
             (motion.conj() @ change @ motion).real
-            + stiffness @ np.abs(following) ** 2
+            + stiffness @ np.abs(stiff_amplitudes) ** 2
             - w * np.linalg.norm(motion) ** 2
         )
         theta -= float(residual / (motion.conj() @ slope @ motion).real)
@@ -301,18 +319,21 @@ def _require_senses(factors: Complex, vectors: Complex) -> None:
     how fast.
     """
     running = np.flatnonzero(np.abs(np.abs(factors) - 1.0) < _EDGE)
-    for first, wave in enumerate(running):
-        following = running[first:]
-        near = following[np.abs(factors[following] - factors[wave]) < _EDGE]
-        motions = vectors[:, near] / np.linalg.norm(vectors[:, near], axis=0)
-        if near.size > len(motions) or np.linalg.svd(motions, compute_uv=False)[-1] < _PARALLEL:
+    for number, wave in enumerate(running):
+        wave_and_next = running[number:]
+        neighbours = wave_and_next[np.abs(factors[wave_and_next] - factors[wave]) < _EDGE]
+        motions = vectors[:, neighbours] / np.linalg.norm(vectors[:, neighbours], axis=0)
+        if neighbours.size > len(motions):
+            raise PrecisionError(_ALIKE_WAVES, *_AT_EDGE)
+        least_singular_value = np.linalg.svd(motions, compute_uv=False)[-1]
+        if least_singular_value < _PARALLEL:
             raise PrecisionError(_ALIKE_WAVES, *_AT_EDGE)
 
 
 def _null_space(coupling: Complex) -> Complex:
     """Return an orthonormal basis (n, m) of the motions on which a coupling does not act."""
-    _, values, right = np.linalg.svd(coupling)
-    return np.asarray(right[values <= _UNCOUPLED * values[0]].conj().T)
+    _, singular_values, right_vectors = np.linalg.svd(coupling)
+    return np.asarray(right_vectors[singular_values <= _UNCOUPLED * singular_values[0]].conj().T)
 
 
 def _sort_senses(
@@ -323,28 +344,16 @@ def _sort_senses(
     null_spaces: list[Complex],
     reach: int,
 ) -> tuple[BlochWaves, BlochWaves]:
-    """Sort waves by the sense in which they run or decay; those that run get a flux of one, each by
-    itself.
+    """Return the waves towards higher layers, and those towards lower ones, by the sense in which
+    they run or decay.
 
-    ``factors`` (b,) are lambda, and ``vectors`` (n, b) the motions of a block; ``up`` and ``down``
-    (n, n) couple it to the next block and to the one before.
+    ``factors`` (b,) are lambda, and ``vectors`` (n, b) the motions of a block of ``reach`` layers;
+    ``up`` and ``down`` (n, n) couple the block to the next and to the one before. ``null_spaces``
+    are the motions, as columns, without coupling to lower and to higher layers.
     """
-    vectors = vectors / np.linalg.norm(vectors, axis=0)
     runs = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
-    flux = np.zeros(len(factors))
-    ungrouped = np.flatnonzero(runs)
-    while ungrouped.size:
-        group = ungrouped[np.abs(factors[ungrouped] - factors[ungrouped[0]]) < _TOGETHER]
-        ungrouped = np.setdiff1d(ungrouped, group)
-        if group.size > len(vectors):
-            raise PrecisionError(
-                _ALIKE_WAVES, "Near zero waves of both senses are one", "Give a higher frequency"
-            )
-        basis = np.linalg.qr(vectors[:, group])[0]
-        phase = factors[group[0]] ** reach
-        form = basis.conj().T @ (1j * (phase * up - down / phase)) @ basis
-        flux[group], turned = np.linalg.eigh(0.5 * (form + form.conj().T))
-        vectors[:, group] = basis @ turned / np.sqrt(np.abs(flux[group]))
+    vectors = vectors / np.linalg.norm(vectors, axis=0)
+    flux = _part_running(factors, vectors, np.flatnonzero(runs), up, down, reach)
     senses = []
     for sign, still in zip((1.0, -1.0), null_spaces, strict=True):
         running = np.flatnonzero(runs & (sign * flux > 0.0))
@@ -358,6 +367,32 @@ def _sort_senses(
         _require_apart(waves, inwards[decaying] ** reach)
         senses.append(waves)
     return senses[0], senses[1]
+
+
+def _part_running(
+    factors: Complex, vectors: Complex, running: Index, up: Complex, down: Complex, reach: int
+) -> Array:
+    """Return the flux (b,) of each wave, dw/dk from block to block, zero of waves that decay; turn
+    the ``vectors`` (n, b) of ``running`` waves, in place, into waves of a flux of one or minus one.
+
+    Waves with one lambda are parted so that energy flows in each by itself.
+    """
+    flux = np.zeros(len(factors))
+    ungrouped = running
+    while ungrouped.size:
+        is_alike = np.abs(factors[ungrouped] - factors[ungrouped[0]]) < _TOGETHER
+        group = ungrouped[is_alike]
+        ungrouped = np.setdiff1d(ungrouped, group)
+        if group.size > len(vectors):
+            raise PrecisionError(
+                _ALIKE_WAVES, "Near zero waves of both senses are one", "Give a higher frequency"
+            )
+        basis = np.linalg.qr(vectors[:, group])[0]
+        phase = factors[group[0]] ** reach
+        flux_form = basis.conj().T @ (1j * (phase * up - down / phase)) @ basis
+        flux[group], turn = np.linalg.eigh(0.5 * (flux_form + flux_form.conj().T))
+        vectors[:, group] = basis @ turn / np.sqrt(np.abs(flux[group]))
+    return flux
 
 
 def _require_apart(waves: BlochWaves, decays: Array) -> None:

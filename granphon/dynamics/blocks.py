@@ -60,9 +60,11 @@ GENERIC = np.array(
 class _Point(NamedTuple):
     """C(q) of a block at a stack of wave vectors.
 
-    ``rows`` (n_q, m, n) are those of its motions in a basis ``basis`` (n_q, n, n), unitary, or of
-    the motions themselves if it is None; ``triangle`` turns amplitudes in the basis into those of
-    the tilted motions.
+    ``q`` (n_q, p), 1/d, are the wave vectors. ``rows`` (n_q, m, n) are those of the motions in a
+    unitary basis ``basis`` (n_q, n, n), or of the motions themselves if ``basis`` is None.
+    ``across`` (n_q, m', n) are rows of displacements across contacts, None without prestress. The
+    inverse of ``triangle`` (n_q, n, n) turns amplitudes in the basis into those of the tilted
+    motions.
     """
 
     q: Array
@@ -165,13 +167,13 @@ class Block:
         odd = self.deforming.odd.reshape(self.n_rows, self.size)
         even = self.deforming.even.reshape(self.n_rows, self.size)
         turn = np.eye(self.size, dtype=even.dtype)
-        inner = np.flatnonzero(np.any(even != 0.0, axis=0))
-        if inner.size < 2:  # a single column that is not zero depends on no other
-            return turn, inner[:0]
+        deforming = np.flatnonzero(np.any(even != 0.0, axis=0))
+        if deforming.size < 2:  # a single column that is not zero depends on no other
+            return turn, np.zeros(0, np.intp)
         sizes = np.abs(odd) + np.abs(even)
-        free, complement = find_dependent(even[:, inner], sizes[:, inner])
-        turn[np.ix_(inner, inner)] = np.concatenate([free, complement], axis=1)
-        return turn, inner[: free.shape[1]]
+        free, complement = find_dependent(even[:, deforming], sizes[:, deforming])
+        turn[np.ix_(deforming, deforming)] = np.concatenate([free, complement], axis=1)
+        return turn, deforming[: free.shape[1]]
 
     @property
     def size(self) -> int:
@@ -194,7 +196,9 @@ class Block:
         vector.
         """
         largest = 0
-        for q in GENERIC[:, None, : self.deforming.half.shape[1]]:
+        periods = self.deforming.half.shape[1]
+        # the rank is lower at special wave vectors, and never higher than the generic one
+        for q in GENERIC[:, None, :periods]:
             rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._kinds])
             if largest < min(rows.shape):
                 largest = max(largest, find_rank(rows))
@@ -216,79 +220,89 @@ class Block:
         if not self.bent or self.n_rows < self.size:
             return False
         bends, _, half = self._tilted
-        change = bends[:, :, None] * half[:, None] + np.einsum(
-            "mn,kna->mka", self.deforming.even.reshape(self.n_rows, self.size), self.tilt
-        )
-        return bool(np.max(np.abs(change)) <= _RIGID * np.max(np.abs(bends)))
+        even = self.deforming.even.reshape(self.n_rows, self.size)
+        # deformations (m, bent, p), per step of q at q = 0, of tilted motions
+        by_displacement = bends[:, :, None] * half[:, None]
+        by_rotation = np.einsum("mn,kna->mka", even, self.tilt)
+        largest = np.max(np.abs(by_displacement + by_rotation))
+        return bool(largest <= _RIGID * np.max(np.abs(bends)))
 
     def solve(self, q: Array) -> tuple[Array, NDArray[Any]]:
-        """Find frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), as columns."""
-        point = self._compute(q)
-        values, right = self._decompose(point)
-        return values, self._turn_back(point, right)
-
-    def _turn_back(self, point: _Point, right: NDArray[Any]) -> NDArray[Any]:
-        """Return vectors in terms of the motions of the frame."""
-        moved = right if point.basis is None else point.basis @ right
-        return moved if self.turn is None else self.turn @ moved
-
-    def solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
-        """Find frequencies, eigenvectors and group velocities (n_q, n, p); resolve degenerate sets
-        along ``along``.
+        """Return frequencies (n_q, n), (k/M)^1/2, ascending, and eigenvectors (n_q, n, n), as
+        columns, at wave vectors q (n_q, p), 1/d.
         """
         point = self._compute(q)
-        values, right = self._decompose(point)
-        slopes = _Slopes(self, point, values)
-        joined = values[:, 1:] - values[:, :-1] <= _DEGENERATE * values[:, 1:]
+        frequencies, modes = self._decompose(point)
+        return frequencies, self._turn_back(point, modes)
+
+    def _turn_back(self, point: _Point, modes: NDArray[Any]) -> NDArray[Any]:
+        """Return vectors in terms of the motions of the frame."""
+        in_motions = modes if point.basis is None else point.basis @ modes
+        return in_motions if self.turn is None else self.turn @ in_motions
+
+    def solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
+        """Return frequencies (n_q, n), ascending, eigenvectors (n_q, n, n), as columns, and group
+        velocities (n_q, n, p); degenerate sets are resolved along ``along`` (n_q, p).
+        """
+        point = self._compute(q)
+        frequencies, modes = self._decompose(point)
+        slopes = _Slopes(self, point, frequencies)
+        joined = frequencies[:, 1:] - frequencies[:, :-1] <= _DEGENERATE * frequencies[:, 1:]
         if np.any(joined):
-            # branches that vanish everywhere have no order among themselves
-            joined[:, : self.free if np.any(values[:, 0] == 0.0) else 0] = False
-            self._resolve(point, right, slopes, joined, along)
+            if np.any(frequencies[:, 0] == 0.0):
+                # branches that vanish everywhere have no order among themselves
+                joined[:, : self.free] = False
+            self._resolve(point, modes, slopes, joined, along)
         # d(omega^2)/dq over 2 omega; a branch that vanishes everywhere does not travel
-        twice = np.where(values > 0.0, 2.0 * values, np.inf)
-        velocities = slopes.compute_gradients(right) / twice[..., None]
-        if not values.all():
-            for n in np.flatnonzero(np.count_nonzero(values == 0.0, axis=1) > self.free).tolist():
-                self._leave_zero(point, n, values[n], right[n], velocities[n], along[n])
-        return values, self._turn_back(point, right), velocities
+        doubled = np.where(frequencies > 0.0, 2.0 * frequencies, np.inf)
+        velocities = slopes.compute_gradients(modes) / doubled[..., None]
+        if not frequencies.all():
+            n_zeros = np.count_nonzero(frequencies == 0.0, axis=1)
+            for n in np.flatnonzero(n_zeros > self.free).tolist():
+                self._leave_zero(point, n, frequencies[n], modes[n], velocities[n], along[n])
+        return frequencies, self._turn_back(point, modes), velocities
 
     def _leave_zero(
         self,
         point: _Point,
         n: int,
-        values: Array,
-        right: NDArray[Any],
+        frequencies: Array,
+        modes: NDArray[Any],
         velocities: Array,
         along: Array,
     ) -> None:
         """Turn the modes of zero frequency at wave vector number ``n``, in place, into those that a
         path ``along`` (p,) follows as it leaves the wave vector.
 
-        ``right`` (n, n) holds all modes there. The velocities (n, p) of those of zero frequency
-        become the limits along the path. Beside the wave vector their frequencies are cones, as
-        those of sound are beside Gamma: the singular values of the change of C, less what the modes
-        of higher frequencies can take up.
+        ``modes`` (n, n) holds all modes there, as columns, with their ``frequencies`` (n,). The
+        velocities (n, p) of the modes of zero frequency become the limits along the path. Beside
+        the wave vector frequencies that are zero rise as cones, as those of sound do beside Gamma:
+        the slopes are the singular values of the change of C, less what the modes of higher
+        frequencies can take up.
         """
-        count = int(np.count_nonzero(values == 0.0))
-        motions = right if point.basis is None else point.basis[n] @ right
+        count = int(np.count_nonzero(frequencies == 0.0))
+        motions = modes if point.basis is None else point.basis[n] @ modes
         q = point.q[n : n + 1]
         rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._kinds])
-        slope = np.concatenate([waves.compute_rows(q, True)[0] for waves in self._kinds])
+        slope = np.concatenate([waves.compute_rows(q, derivative=True)[0] for waves in self._kinds])
         half = np.concatenate([waves.repeat_half_vectors() for waves in self._kinds])
-        stiff = rows @ motions[:, count:] / values[count:]
+        stiff = rows @ motions[:, count:] / frequencies[count:]
         change = half.T[:, :, None] * (slope @ motions[:, :count])  # (p, rows, count)
-        find_cones = self._find_cones if self.signs is None else self._find_pressed_cones
-        speeds, turn, forms = find_cones(stiff, change, along)
+        if self.signs is None:
+            speeds, turn, forms = self._find_cones(stiff, change, along)
+        else:
+            speeds, turn, forms = self._find_pressed_cones(stiff, change, along)
         speeds = np.where(speeds <= self._limit * self._largest, 0.0, speeds)
-        for _, run in _find_runs((np.diff(speeds) <= _DEGENERATE * speeds[1:])[None]):
-            # modes of one speed stay as they are, as far as they can
+        is_equal = np.diff(speeds) <= _DEGENERATE * speeds[1:]
+        for _, run in _find_runs(is_equal[None]):
+            # modes of one speed stay as they are, as far as they can: u vh is the nearest rotation
             u, _, vh = np.linalg.svd(turn[run, run])
             turn[:, run] = turn[:, run] @ (u @ vh).conj().T
-        right[:, :count] = right[:, :count] @ turn
+        modes[:, :count] = modes[:, :count] @ turn
         # half the gradients of the squares; a mode without speed does not travel
         gradients = np.einsum("yz,ayx,xz->za", turn.conj(), forms, turn).real
         inverse = np.divide(1.0, speeds, out=np.zeros_like(speeds), where=speeds > 0.0)
-        velocities[:count] = gradients * inverse[:, None] + 0.0
+        velocities[:count] = gradients * inverse[:, None] + 0.0  # no minus zero
 
     def _find_cones(
         self, stiff: NDArray[Any], change: NDArray[Any], along: Array
@@ -300,67 +314,73 @@ class Block:
         (p, rows, m) those of the m modes, per step of q.
         """
         count = change.shape[2]
-        ahead = np.tensordot(along, change, 1)
+        change_along = np.tensordot(along, change, 1)
+        # the modes of higher frequencies take up the deformations in their span
         basis = np.linalg.qr(stiff)[0]
-        change = change - basis @ (basis.conj().T @ change)
-        ahead = ahead - basis @ (basis.conj().T @ ahead)
-        forms = change.conj().swapaxes(1, 2) @ ahead
-        padded = np.pad(ahead, ((0, max(0, count - len(ahead))), (0, 0)))
+        rigid = change - basis @ (basis.conj().T @ change)
+        rigid_along = change_along - basis @ (basis.conj().T @ change_along)
+        forms = rigid.conj().swapaxes(1, 2) @ rigid_along
+        # rows of zeros give m singular values also to fewer rows
+        padded = np.pad(rigid_along, ((0, max(0, count - len(rigid_along))), (0, 0)))
         _, speeds, turn = np.linalg.svd(padded, full_matrices=False)
         return speeds[::-1], turn[::-1].conj().T, forms
 
     def _find_pressed_cones(
         self, stiff: NDArray[Any], change: NDArray[Any], along: Array
     ) -> tuple[Array, NDArray[Any], NDArray[Any]]:
-        """Return what :meth:`_find_cones` returns, under static forces: squares are then
-        differences of those of deformations and of displacements across contacts.
+        """Return speeds (m,), vectors (m, m) and forms (p, m, m) as :meth:`_find_cones`, under
+        static forces: squares are then differences of those of deformations and of displacements
+        across contacts.
         """
         weight = np.concatenate([np.ones((self.n_rows, 1)), -np.asarray(self.signs)])
-        ahead = np.tensordot(along, change, 1)
+        change_along = np.tensordot(along, change, 1)
         pull = stiff.conj().T @ (weight * change)
-        pull_ahead = stiff.conj().T @ (weight * ahead)
-        forms = change.conj().swapaxes(1, 2) @ (weight * ahead)
-        forms = forms - pull.conj().swapaxes(1, 2) @ pull_ahead
+        pull_along = stiff.conj().T @ (weight * change_along)
+        whole_forms = change.conj().swapaxes(1, 2) @ (weight * change_along)
+        # less what the modes of higher frequencies take up
+        forms = whole_forms - pull.conj().swapaxes(1, 2) @ pull_along
         squares, turn = np.linalg.eigh(np.tensordot(along, forms, 1))
         return np.sqrt(np.maximum(squares, 0.0)), turn, forms
 
     def _resolve(
         self,
         point: _Point,
-        right: NDArray[Any],
+        modes: NDArray[Any],
         slopes: _Slopes,
         joined: NDArray[np.bool_],
         along: Array,
     ) -> None:
-        """Turn the vectors of each degenerate set, in place, into those of the branches along a
-        direction.
+        """Turn the vectors ``modes`` (n_q, n, n) of each degenerate set, in place, into those of
+        the branches along a direction ``along`` (n_q, p).
+
+        ``joined`` (n_q, n - 1) says whether a branch has the frequency of the next.
         """
         alike: list[tuple[NDArray[np.intp], slice]] = []
         for points, branches in _find_runs(joined):
-            vectors = right[points, :, branches]
-            slope, turn = np.linalg.eigh(
-                slopes.compute_along(points, vectors, branches.start, along[points])
-            )
-            right[points, :, branches] = vectors @ turn
+            vectors = modes[points, :, branches]
+            matrices = slopes.compute_along(points, vectors, branches.start, along[points])
+            slope, turn = np.linalg.eigh(matrices)
+            modes[points, :, branches] = vectors @ turn
             for rows, within in _find_runs(np.diff(slope, axis=1) <= _EQUAL_SLOPES):
                 run = slice(branches.start + within.start, branches.start + within.stop)
                 alike.append((points[rows], run))
         if alike:
-            self._resolve_beside(point, right, alike, along)
+            self._resolve_beside(point, modes, alike, along)
 
     def _resolve_beside(
         self,
         point: _Point,
-        right: NDArray[Any],
+        modes: NDArray[Any],
         alike: list[tuple[NDArray[np.intp], slice]],
         along: Array,
     ) -> None:
         """Turn the vectors of branches of equal slope, in place, into those that are nearest to the
         modes one step further along the path.
 
-        Such branches separate at second order only. The length of the step, not LAPACK's error,
-        limits the accuracy. Branches that are still one after the step have no vectors of their
-        own. ``alike`` holds points, and the branches that are alike there.
+        Branches of equal slope separate at second order only. The length of the step, not LAPACK's
+        error, limits the accuracy. Branches that are still one after the step have no vectors of
+        their own. ``modes`` (n_q, n, n) are the vectors, ``along`` (n_q, p) the path, and ``alike``
+        pairs of the numbers of wave vectors (k,) and the branches that have one slope there.
         """
         solved = np.unique(np.concatenate([points for points, _ in alike]))
         beside = point.q[solved] + _STEP_BESIDE * along[solved]
@@ -371,23 +391,28 @@ class Block:
         for points, branches in alike:
             steps = np.searchsorted(solved, points)
             highest = squares[steps, branches.stop - 1]
-            split = highest - squares[steps, branches.start] > _DEGENERATE * highest
-            if not np.any(split):
+            lowest = squares[steps, branches.start]
+            is_split = highest - lowest > _DEGENERATE * highest
+            if not np.any(is_split):
                 continue
-            points = points[split]
-            steps = steps[split]
-            amplitudes = right[points, :, branches]
-            vectors = amplitudes if point.basis is None else point.basis[points] @ amplitudes
-            rows = factors[steps]
+            split_points = points[is_split]
+            split_steps = steps[is_split]
+            amplitudes = modes[split_points, :, branches]
+            vectors = amplitudes
+            if point.basis is not None:
+                vectors = point.basis[split_points] @ amplitudes
+            rows = factors[split_steps]
             if self.pushing is not None:
-                rows = factorise(matrices[steps], self.slack)
-            u, _, vh = np.linalg.svd(
-                vectors.conj().swapaxes(1, 2) @ lapack_svd(rows)[1][:, :, branches]
-            )
-            right[points, :, branches] = amplitudes @ (u @ vh)
+                rows = factorise(matrices[split_steps], self.slack)
+            modes_beside = lapack_svd(rows)[1][:, :, branches]
+            # u vh is the rotation that takes the vectors nearest to the modes beside
+            u, _, vh = np.linalg.svd(vectors.conj().swapaxes(1, 2) @ modes_beside)
+            modes[split_points, :, branches] = amplitudes @ (u @ vh)
 
     def _make_matrix(self, rows: NDArray[Any], across: NDArray[Any] | None) -> NDArray[Any]:
-        """Return D(q) from rows of C(q), and of displacements across contacts under prestress."""
+        """Return D(q) (n_q, n, n) from rows (n_q, m, n) of C(q), and under prestress from those of
+        displacements ``across`` contacts.
+        """
         matrices = rows.conj().swapaxes(1, 2) @ rows
         if across is not None:
             matrices = matrices - across.conj().swapaxes(1, 2) @ (self.signs * across)
@@ -396,8 +421,8 @@ class Block:
     # -- C(q) --------------------------------------------------------------------------------------
 
     def _compute(self, q: Array) -> _Point:
-        """Return the rows of C at wave vectors q (n_q, p), 1/d, of tilted motions if some are
-        bent.
+        """Return C at wave vectors q (n_q, p), 1/d, in the basis of tilted motions if the block has
+        displacements across the periods.
         """
         rows = self.deforming.compute_rows(q)
         if self.pushing is not None:
@@ -406,18 +431,20 @@ class Block:
             return _Point(q, rows)
         # tilted motions: first the bent displacements, each with its rotation, then all others
         count = len(self.bent)
-        motions = np.eye(self.size)[:, self._order] + np.zeros((len(q), 1, 1), self.tilt.dtype)
+        untilted = np.eye(self.size)[:, self._order]
+        motions = untilted + np.zeros((len(q), 1, 1), self.tilt.dtype)  # (n_q, n, n)
         motions[:, :, :count] += np.einsum("kna,qa->qnk", self.tilt, q)
         basis, triangle = np.linalg.qr(motions)
         # A rigid rotation of two balls about the middle of their centres deforms no contact. So the
         # columns of tilted motions are sums in which sine and cosine do not cancel
         bends, turns, half = self._tilted
         angle = q @ half.T
-        tilted = bend(angle)[..., None] * bends
-        tilted = tilted + np.sin(angle)[..., None] * np.einsum("mka,qa->qmk", turns, q)
-        columns = tilted @ np.linalg.inv(triangle[:, :count, :count])
-        rows = np.concatenate([columns, rows @ basis[:, :, count:]], axis=2)
-        return _Point(q, rows, None, basis, triangle)
+        by_bending = bend(angle)[..., None] * bends
+        by_turning = np.sin(angle)[..., None] * np.einsum("mka,qa->qmk", turns, q)
+        # from tilted motions to the first vectors of the basis
+        columns = (by_bending + by_turning) @ np.linalg.inv(triangle[:, :count, :count])
+        rows_in_basis = np.concatenate([columns, rows @ basis[:, :, count:]], axis=2)
+        return _Point(q, rows_in_basis, basis=basis, triangle=triangle)
 
     @cached_property
     def _order(self) -> list[int]:
@@ -439,26 +466,30 @@ class Block:
     # -- frequencies -------------------------------------------------------------------------------
 
     def _decompose(self, point: _Point) -> tuple[Array, NDArray[Any]]:
-        """Find frequencies and eigenvectors in the basis of the point."""
+        """Return frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), as columns, in the
+        basis of the point.
+        """
         matrices = None if point.across is None else self._make_matrix(point.rows, point.across)
         if matrices is not None:
             self._drop_rounding(point.q, matrices)
         if self.free and self.size > _MANY_FREE:
-            values, right = self._split_free(point.rows, matrices)
+            frequencies, modes = self._split_free(point.rows, matrices)
         else:
-            values, right = self._decompose_all(point.rows, matrices)
-        small = (values <= self._limit * self._largest) & (values > 0.0)
+            frequencies, modes = self._decompose_all(point.rows, matrices)
+        small = (frequencies <= self._limit * self._largest) & (frequencies > 0.0)
         doubtful = np.flatnonzero(np.any(small, axis=1))
         if doubtful.size:
-            values[doubtful], right[doubtful] = self._drop_small(
-                point.q[doubtful], values[doubtful], right[doubtful]
+            frequencies[doubtful], modes[doubtful] = self._drop_small(
+                point.q[doubtful], frequencies[doubtful], modes[doubtful]
             )
-        return values, right
+        return frequencies, modes
 
     def _decompose_all(
         self, rows: NDArray[Any], matrices: NDArray[Any] | None
     ) -> tuple[Array, NDArray[Any]]:
-        """Find frequencies and eigenvectors from rows of C, or, under prestress, from D."""
+        """Return frequencies (n_q, n) and eigenvectors (n_q, n, n) from rows of C, or, under
+        prestress, from the ``matrices`` D.
+        """
         if matrices is None:
             return graded_svd(rows)
         return graded_eigh(matrices, partial(factorise, slack=self.slack))
@@ -466,15 +497,16 @@ class Block:
     def _split_free(
         self, rows: NDArray[Any], matrices: NDArray[Any] | None
     ) -> tuple[Array, NDArray[Any]]:
-        """Find frequencies (n_q, n) and eigenvectors (n_q, n, n) with the motions that cost nothing
-        split off by LAPACK.
+        """Return frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), as columns, with
+        the motions that cost nothing split off by LAPACK.
 
-        Plane rotations would take minutes to tell these motions from the softest.
+        Plane rotations would take minutes to tell these motions from the softest. The arguments are
+        those of :meth:`_decompose_all`.
         """
         if matrices is None:
             basis = lapack_svd(rows)[1]
             stiff = basis[:, :, self.free :]
-            values, right = self._decompose_all(rows @ stiff, None)
+            frequencies, modes = self._decompose_all(rows @ stiff, None)
         else:
             squares, vectors = np.linalg.eigh(matrices)
             # a negative square, of a lattice that buckles, is not among the smallest
@@ -482,47 +514,50 @@ class Block:
             basis = np.take_along_axis(vectors, order[:, None], 2)
             stiff = basis[:, :, self.free :]
             stiff_matrices = stiff.conj().swapaxes(1, 2) @ matrices @ stiff
-            values, right = self._decompose_all(rows, stiff_matrices)
-        all_vectors = np.concatenate([basis[:, :, : self.free], stiff @ right], axis=2)
-        return np.pad(values, ((0, 0), (self.free, 0))), all_vectors
+            frequencies, modes = self._decompose_all(rows, stiff_matrices)
+        all_vectors = np.concatenate([basis[:, :, : self.free], stiff @ modes], axis=2)
+        return np.pad(frequencies, ((0, 0), (self.free, 0))), all_vectors
 
     def _drop_small(
-        self, q: Array, values: Array, right: NDArray[Any]
+        self, q: Array, frequencies: Array, modes: NDArray[Any]
     ) -> tuple[Array, NDArray[Any]]:
-        """Return frequencies and eigenvectors, ascending, with frequencies set to zero that are no
-        more than the rounding of sine and cosine in their own columns.
+        """Return frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), with frequencies
+        set to zero that are no more than the rounding of sine and cosine in their own columns.
+
+        ``frequencies`` and ``modes`` are those at the wave vectors q (n_q, p).
         """
         squares = self._measure_columns(q)
         if self.bent:
             bends, turns, half = self._tilted
             angle = np.abs(q @ half.T)[..., None]
             drift = np.abs(np.einsum("mka,qa->qmk", turns, q))
-            lengths = np.minimum(angle, angle**3) * np.abs(bends) + angle * drift
-            straight = squares[:, self._order[len(self.bent) :]]
-            squares = np.concatenate([np.sum(lengths**2, axis=1), straight], axis=1)
-        rounding = self._limit * np.sqrt(np.einsum("qn,qnb->qb", squares, np.abs(right) ** 2))
-        values = np.where(values <= rounding, 0.0, values)
-        values[:, : self.free] = 0.0
-        if np.any(values[:, 1:] < values[:, :-1]):
-            order = np.argsort(values, axis=1, kind="stable")
-            values = np.take_along_axis(values, order, 1)
-            right = np.take_along_axis(right, order[:, None], 2)
-        return values, right
+            # sin h - h cos h is of third order in h
+            tilted_sizes = np.minimum(angle, angle**3) * np.abs(bends) + angle * drift
+            tilted_squares = np.sum(tilted_sizes**2, axis=1)
+            plain_squares = squares[:, self._order[len(self.bent) :]]
+            squares = np.concatenate([tilted_squares, plain_squares], axis=1)
+        lengths = np.sqrt(np.einsum("qn,qnb->qb", squares, np.abs(modes) ** 2))
+        rounding = self._limit * lengths
+        frequencies = np.where(frequencies <= rounding, 0.0, frequencies)
+        frequencies[:, : self.free] = 0.0
+        if np.any(frequencies[:, 1:] < frequencies[:, :-1]):
+            order = np.argsort(frequencies, axis=1, kind="stable")
+            frequencies = np.take_along_axis(frequencies, order, 1)
+            modes = np.take_along_axis(modes, order[:, None], 2)
+        return frequencies, modes
 
     def _drop_rounding(self, q: Array, matrices: NDArray[Any]) -> None:
         """Set diagonal entries of D(q) (n_q, n, n) that are rounding of zero, and may be below it,
         to zero, in place.
         """
-        squares = np.einsum("qii->qi", matrices)
-        lengths = self._measure_columns(q)
-        points, columns = np.nonzero((squares != 0.0) & (np.abs(squares) <= _ROUNDING * lengths))
+        diagonal = np.einsum("qii->qi", matrices)  # a view: what is set in it is set in D
+        squares = self._measure_columns(q)
+        is_doubtful = (diagonal != 0.0) & (np.abs(diagonal) <= _ROUNDING * squares)
+        points, columns = np.nonzero(is_doubtful)
         # the other entries of such a row are rounding too, unless the lattice buckles
-        are_small = (
-            np.abs(matrices[points, columns]) ** 2
-            <= _ROUNDING * lengths[points, columns][:, None] * lengths[points]
-        )
-        is_zero = np.all(are_small, axis=1)
-        squares[points[is_zero], columns[is_zero]] = 0.0
+        bounds = _ROUNDING * squares[points, columns][:, None] * squares[points]
+        is_zero = np.all(np.abs(matrices[points, columns]) ** 2 <= bounds, axis=1)
+        diagonal[points[is_zero], columns[is_zero]] = 0.0
 
     def _measure_columns(self, q: Array) -> Array:
         """Return squares (n_q, n) of the lengths of columns of C(q), as if nothing cancelled;
@@ -534,7 +569,8 @@ class Block:
             even = np.abs(waves.even)
             # where two ends cancel, their difference is rounding of both
             even = np.where(even > 0.0, even + odd, 0.0)
-            size = np.abs(q @ waves.half.T)[:, None, :, None] * odd + even
+            half_angle = np.abs(q @ waves.half.T)
+            size = half_angle[:, None, :, None] * odd + even  # (n_q, kinds, n_c, n)
             squares = squares + np.sum(size**2, axis=(1, 2))
         return np.asarray(squares)
 
@@ -552,24 +588,28 @@ class Block:
 
 
 class _Slopes:
-    """<v_b| dD/dq |v_c>, D = C^H C, as 2 Re <C v_b| dC/dq |v_c>, which is exact near Gamma too."""
+    """<v_b| dD/dq |v_c>, D = C^H C, as 2 Re <C v_b| dC/dq |v_c>, which is exact near Gamma too.
 
-    def __init__(self, block: Block, point: _Point, values: Array) -> None:
+    ``frequencies`` (n_q, n) are those of a block at the wave vectors of a ``point``.
+    """
+
+    def __init__(self, block: Block, point: _Point, frequencies: Array) -> None:
         self.block = block
         self.point = point
-        self.values = values
+        self.frequencies = frequencies
         #: rows, their derivatives with respect to the half angle, and the half vectors, with the
         #: sign of the term
         self.kinds = [
             (
                 point.rows,
-                block.deforming.compute_rows(point.q, True),
+                block.deforming.compute_rows(point.q, derivative=True),
                 block.deforming.repeat_half_vectors(),
             )
         ]
         if block.pushing is not None and point.across is not None:
             half = -np.asarray(block.signs) * block.pushing.repeat_half_vectors()
-            self.kinds.append((point.across, block.pushing.compute_rows(point.q, True), half))
+            slopes = block.pushing.compute_rows(point.q, derivative=True)
+            self.kinds.append((point.across, slopes, half))
         if point.basis is not None:
             # gradients (n_q, p, m, bent), with respect to q, of the tilted columns of C(q)
             bends, turns, half = block._tilted
@@ -582,14 +622,16 @@ class _Slopes:
     def compute_along(
         self, points: NDArray[np.intp], vectors: NDArray[Any], first: int, along: Array
     ) -> NDArray[Any]:
-        """Return the matrices (points, b, b) of the slopes of omega^2 along directions, between
-        degenerate vectors.
+        """Return the matrices (k, b, b) of the slopes of omega^2 along directions ``along`` (k, p),
+        between degenerate ``vectors`` (k, n, b) at k of the wave vectors, of numbers ``points``.
+
+        The frequencies of the vectors are those of the branch number ``first``.
         """
         if self.point.basis is not None:
-            deformations, changes = self._tilt(points, vectors, self.values[points, first])
+            deformations, changes = self._tilt(points, vectors, self.frequencies[points, first])
             products = np.einsum("qxb,qaxc,qa->qbc", deformations.conj(), changes, along)
         else:
-            products = np.zeros(())
+            products = np.zeros((len(points), vectors.shape[2], vectors.shape[2]))
             for rows, slope, half in self.kinds:
                 if len(points) < len(rows):
                     rows = rows[points]
@@ -600,9 +642,9 @@ class _Slopes:
         return np.asarray(products + products.conj().swapaxes(-1, -2))
 
     def compute_gradients(self, vectors: NDArray[Any]) -> Array:
-        """Return the gradients (n_q, n, p) of omega^2 of each vector."""
+        """Return the gradients (n_q, n, p) of omega^2 of each of the ``vectors`` (n_q, n, n)."""
         if self.point.basis is not None:
-            deformations, changes = self._tilt(slice(None), vectors, self.values[:, None, :])
+            deformations, changes = self._tilt(slice(None), vectors, self.frequencies[:, None, :])
             return np.asarray(2.0 * np.einsum("qxb,qaxb->qba", deformations.conj(), changes).real)
         total: Any = 0.0
         for rows, slope, half in self.kinds:
@@ -610,17 +652,17 @@ class _Slopes:
         return np.asarray(total.swapaxes(1, 2))
 
     def _tilt(
-        self, points: Any, vectors: NDArray[Any], values: Array
+        self, points: Any, vectors: NDArray[Any], frequencies: Array
     ) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return C v, and dC/dq v (with the change of the tilted motions' lengths), of amplitudes v
-        in the basis.
+        """Return C v (k, m + n, b), and dC/dq v (k, p, m + n, b), of amplitudes v, ``vectors``
+        (k, n, b), in the basis; the last n rows are the change of the tilted motions' lengths.
 
-        The squares of frequencies are the eigenvalues of (C T)^H C T in the metric T^H T of the
-        tilted motions T.
+        The squares of ``frequencies`` are the eigenvalues of (C T)^H C T in the metric
+        T^H T of the tilted motions T. ``points`` select k of the wave vectors.
         """
         block = self.block
         point = self.point
-        count = len(self.block.bent)
+        count = len(block.bent)
         tilted = np.linalg.solve(point.triangle[points], vectors)  # type: ignore[index]
         rows, slope, half = self.kinds[0]
         motion = np.zeros_like(tilted)
@@ -628,14 +670,15 @@ class _Slopes:
         plain = half.T[:, :, None] * (slope[points] @ motion)[:, None]
         bent = self.tilted[points] @ tilted[:, None, :count]
         lengths = np.einsum("kna,qkb->qanb", block.tilt, tilted[:, :count])
-        moved = point.basis[points] @ vectors  # type: ignore[index]
-        shape = values.reshape(len(values), 1, 1, -1)
-        deformations = np.concatenate([rows[points] @ vectors, moved], axis=1)
-        return deformations, np.concatenate([plain + bent, -(shape**2) * lengths], axis=2)
+        motions = point.basis[points] @ vectors  # type: ignore[index]
+        squares = frequencies.reshape(len(frequencies), 1, 1, -1) ** 2
+        deformations = np.concatenate([rows[points] @ vectors, motions], axis=1)
+        changes = np.concatenate([plain + bent, -squares * lengths], axis=2)
+        return deformations, changes
 
 
 def factorise(matrices: NDArray[Any], slack: float = 0.0) -> NDArray[Any]:
-    """Return L^H of D = L L^H.
+    """Return L^H (n_q, n, n) of D = L L^H, the ``matrices`` (n_q, n, n).
 
     Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative, by
     more than ``slack`` of the largest; by less it is taken for zero.
@@ -644,35 +687,40 @@ def factorise(matrices: NDArray[Any], slack: float = 0.0) -> NDArray[Any]:
         return cholesky_factor(matrices)
     except np.linalg.LinAlgError:
         squares, vectors = np.linalg.eigh(matrices)
-        if not slack or np.any(squares[:, 0] < -slack * squares[:, -1]):
+        is_unstable = np.any(squares[:, 0] < -slack * squares[:, -1])
+        if not slack or is_unstable:
             raise InstabilityError("a squared frequency is negative") from None
-        return np.asarray(
-            np.sqrt(np.maximum(squares, 0.0))[..., None] * vectors.conj().swapaxes(1, 2)
-        )
+        frequencies = np.sqrt(np.maximum(squares, 0.0))
+        return np.asarray(frequencies[..., None] * vectors.conj().swapaxes(1, 2))
 
 
 def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
-    """Find the sets of columns of a matrix of effects (rows, n) that no row joins to others."""
-    unassigned = np.ones(effects.shape[1], bool)
-    blocks = []
+    """Return the sets of columns that no row joins to others, from whether each row feels each
+    column, ``effects`` (rows, n).
+    """
+    n_columns = effects.shape[1]
     if effects.all(axis=1).any():  # one row joins all
-        return [np.flatnonzero(unassigned)]
+        return [np.arange(n_columns)]
+    unassigned = np.ones(n_columns, bool)
+    blocks = []
     while np.any(unassigned):
-        block = np.arange(len(unassigned)) == np.argmax(unassigned)
+        # a block begins with the first column, and grows by what its rows join to it
+        block = np.arange(n_columns) == np.argmax(unassigned)
         count = 0
         while count < int(np.count_nonzero(block)):
             count = int(np.count_nonzero(block))
-            block = block | np.any(effects[np.any(effects[:, block], axis=1)], axis=0)
+            rows_of_block = np.any(effects[:, block], axis=1)
+            block = block | np.any(effects[rows_of_block], axis=0)
         unassigned &= ~block
         blocks.append(np.flatnonzero(block))
     return blocks
 
 
 def _find_runs(joined: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], slice]]:
-    """Find runs of items in n rows; ``joined`` (n, m - 1) says whether item j + 1 belongs with item
-    j.
+    """Return the runs of items that belong together in n rows: each run, as a slice of items, after
+    the rows (k,) that have it.
 
-    Returns each run, as a slice of items, with all the rows that have it.
+    ``joined`` (n, m - 1) says whether item j + 1 belongs with item j.
     """
     count, width = joined.shape
     padded = np.zeros((count, width + 2), np.int8)
@@ -682,7 +730,8 @@ def _find_runs(joined: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], slice]
     stop = np.nonzero(edges == -1)[1] + 1
     if not rows.size:
         return []
-    runs, run_of_row = np.unique(start * (width + 2) + stop, return_inverse=True)
-    return [
-        (rows[run_of_row == k], slice(*divmod(int(run), width + 2))) for k, run in enumerate(runs)
-    ]
+    # one number stands for both ends of a run
+    base = width + 2
+    codes, run_of_row = np.unique(start * base + stop, return_inverse=True)
+    runs = [slice(*divmod(int(code), base)) for code in codes]
+    return [(rows[run_of_row == k], run) for k, run in enumerate(runs)]

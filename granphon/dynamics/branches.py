@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import as_direction, one_direction
-from granphon.base.arrays import Array
+from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import GranphonError, UnreachableFrequencyError
 from granphon.base.validation import real_array
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -25,10 +25,23 @@ _POINTS_TOGETHER = 16
 #: relative difference of frequencies, and of slopes along the path, below which branches are one
 #: but for rounding
 _ONE_BRANCH = 1e-9
+#: projection of a vector on a direction, over its length, up to which the vector is across it
+_ACROSS = 1e-9
+#: wavenumber, over that of the first point, at which branches are told apart beside Gamma
+_BESIDE_GAMMA = 1e-6
+#: steps towards a wavenumber, at most: more than bisection needs
+_MOST_STEPS = 200
+#: relative change of a wavenumber at which Newton's steps end, and relative error of the frequency
+#: above which a branch has been lost
+_STEP_TOLERANCE = 1e-13
+_FREQUENCY_TOLERANCE = 1e-11
+#: pieces of a bracket in which a maximum is sought
+_PIECES = 33
 
 
 def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
-    """Follow branches along a path by the overlap of their eigenvectors, through crossings.
+    """Return the order of branches that are followed along a path, through crossings, by the
+    overlap of their eigenvectors.
 
     Parameters
     ----------
@@ -38,8 +51,8 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
 
     Returns
     -------
-    (n_q, n_branches): ``np.take_along_axis(frequencies, order, 1)`` is smooth; the first row counts
-    up.
+    order : (n_q, n_branches), the column of each branch at each point, such that
+        ``np.take_along_axis(frequencies, order, 1)`` is smooth; the first row counts up.
     """
     vectors = np.asarray(eigenvectors)
     overlap = np.abs(vectors[:-1].conj().swapaxes(1, 2) @ vectors[1:]) ** 2
@@ -51,19 +64,19 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
 
 
 def find_zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
-    """Find the distance from Gamma to the edge of the Brillouin zone, 1/d, in a direction (p,) or
-    in each of (n, p).
+    """Return the distance from Gamma to the edge of the Brillouin zone, 1/d: a number in a
+    ``direction`` (p,), or (n,) in each of (n, p).
     """
     along = as_direction(direction, lattice.periods)
     # no point of the zone is farther from Gamma than half the sum of the reciprocal cell's edges
     longest = float(np.linalg.norm(lattice.reciprocal, axis=1).sum())
     vectors = steps_within(lattice.reciprocal, longest) @ lattice.reciprocal
     squared = np.sum(vectors**2, axis=1)
-    ahead = along @ vectors.T
-    forward = ahead > 1e-9 * np.sqrt(squared)
-    return np.min(
-        np.where(forward, squared / np.where(forward, 2.0 * ahead, 1.0), np.inf), axis=-1
-    )[()]
+    projection = along @ vectors.T
+    is_ahead = projection > _ACROSS * np.sqrt(squared)
+    # the plane that halves a reciprocal vector G is met at |G|^2/(2 G.u)
+    distances = np.where(is_ahead, squared / np.where(is_ahead, 2.0 * projection, 1.0), np.inf)
+    return np.min(distances, axis=-1)[()]
 
 
 @dataclass(frozen=True)
@@ -90,8 +103,8 @@ class AcousticBranch:
         return float(self.frequencies[-1])
 
     def find_pulse(self, frequency: ArrayLike) -> tuple[Array, Array]:
-        """Find the wavenumber (1/d) and the group velocity (n, p), a vector, at each angular
-        frequency (n,), to rounding.
+        """Return the wavenumbers (n,), 1/d, and the group velocities (n, p), d (k/M)^1/2, at
+        angular frequencies (n,), (k/M)^1/2, to rounding.
 
         Raises :class:`~granphon.base.errors.UnreachableFrequencyError` above the top of the branch.
         """
@@ -103,21 +116,22 @@ class AcousticBranch:
                 mend="Choose lower frequencies",
             )
         # the first point of the branch at the frequency or above it; Gamma is before all points
-        right = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
-        low_q = np.where(right > 0, self.wavenumbers[right - 1], 0.0)
-        low_omega = np.where(right > 0, self.frequencies[right - 1], 0.0)
-        q = np.stack([low_q, self.wavenumbers[right]])
-        omega = np.stack([low_omega, self.frequencies[right]])
+        above = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
+        low_q = np.where(above > 0, self.wavenumbers[above - 1], 0.0)
+        low_omega = np.where(above > 0, self.frequencies[above - 1], 0.0)
+        q = np.stack([low_q, self.wavenumbers[above]])
+        omega = np.stack([low_omega, self.frequencies[above]])
         lattice = self.lattice
         along = np.broadcast_to(self.direction, (target.size, lattice.periods))
-        return _solve_wavenumbers(lattice, along, target, q, omega, self.vectors[right], self.name)
+        return _solve_wavenumbers(lattice, along, target, q, omega, self.vectors[above], self.name)
 
 
 def _find_nearest(
     lattice: ContactLattice, wavenumbers: Array, along: Array, references: NDArray[np.complex128]
 ) -> tuple[Array, Array]:
-    """Find frequencies (n,) and group velocities (n, p) of the modes nearest to the reference
-    eigenvectors (n, n_dof).
+    """Return frequencies (n,) and group velocities (n, p) of the modes at ``wavenumbers`` (n,) in
+    directions ``along`` (p,) or (n, p) whose eigenvectors overlap most with ``references``
+    (n, n_dof).
 
     Where branches coincide along the whole direction, as both transverse ones do on an axis of
     symmetry, the velocity is the mean of theirs: the velocity of each depends on the side from
@@ -133,11 +147,11 @@ def _find_nearest(
         # in the plane and on a line no axis of symmetry makes acoustic branches coincide
         directions = np.broadcast_to(along, (len(wavenumbers), 3))
         slopes = np.einsum("qbp,qp->qb", modes.group_velocities, directions)
-        change = np.abs(modes.frequencies - frequencies[:, None])
-        change_of_slope = np.abs(slopes - slopes[points, nearest][:, None])
+        difference = np.abs(modes.frequencies - frequencies[:, None])
+        slope_difference = np.abs(slopes - slopes[points, nearest][:, None])
         steepest = np.max(np.abs(slopes), axis=1, keepdims=True)
-        coincides = change <= _ONE_BRANCH * frequencies[:, None]
-        coincides &= change_of_slope <= _ONE_BRANCH * steepest
+        coincides = difference <= _ONE_BRANCH * frequencies[:, None]
+        coincides &= slope_difference <= _ONE_BRANCH * steepest
         counts = np.count_nonzero(coincides, axis=1)
         several = np.flatnonzero(counts > 1)
         sums = np.sum(coincides[several, :, None] * modes.group_velocities[several], axis=1)
@@ -154,20 +168,21 @@ def _solve_wavenumbers(
     references: NDArray[np.complex128],
     name: str,
 ) -> tuple[Array, Array]:
-    """Solve for wavenumbers (n,), 1/d, and group velocities (n, p) at angular frequencies
-    ``target`` (n,), in directions ``along`` (n, p).
+    """Return wavenumbers (n,), 1/d, and group velocities (n, p), d (k/M)^1/2, at angular
+    frequencies ``target`` (n,), (k/M)^1/2, in directions ``along`` (n, p).
 
     The branch called ``name`` has ``frequencies`` (2, n) at ``wavenumbers`` (2, n), below and above
-    the target, and eigenvectors near ``references`` (n, n_dof).
+    the target, and eigenvectors near ``references`` (n, n_dof). Raises
+    :class:`~granphon.base.errors.GranphonError` where the branch is lost.
     """
     low, high = wavenumbers.copy()
-    low_f, high_f = frequencies
+    low_omega, high_omega = frequencies
     # below the first point the branch is nearly straight, so linear interpolation starts close to
     # the root at any scale
-    q = low + (high - low) * (target - low_f) / (high_f - low_f)
+    q = low + (high - low) * (target - low_omega) / (high_omega - low_omega)
     omega, velocity = _find_nearest(lattice, q, along, references)
     unsettled = np.arange(q.size)
-    for _ in range(200):
+    for _ in range(_MOST_STEPS):
         goal = target[unsettled]
         guess = q[unsettled]
         value = omega[unsettled]
@@ -177,6 +192,7 @@ def _solve_wavenumbers(
         step = np.divide(value - goal, slope, out=np.full_like(guess, np.inf), where=slope > 0.0)
         newton = guess - step
         middle = 0.5 * (low[unsettled] + high[unsettled])
+        # a step of Newton's method that leaves the bracket is replaced by bisection
         is_inside = (newton >= low[unsettled]) & (newton <= high[unsettled])
         q[unsettled] = np.where(is_inside, newton, middle)
         omega[unsettled], velocity[unsettled] = _find_nearest(
@@ -184,10 +200,10 @@ def _solve_wavenumbers(
         )
         # Newton's method converges quadratically: after a step as small as this only rounding is
         # left
-        unsettled = unsettled[np.abs(q[unsettled] - guess) > 1e-13 * guess]
+        unsettled = unsettled[np.abs(q[unsettled] - guess) > _STEP_TOLERANCE * guess]
         if not unsettled.size:
             break
-    is_lost = np.abs(omega - target) > 1e-11 * target
+    is_lost = np.abs(omega - target) > _FREQUENCY_TOLERANCE * target
     if np.any(is_lost):
         raise GranphonError(
             f"the {name} branch could not be followed along {along[np.argmax(is_lost)]}",
@@ -228,48 +244,49 @@ class AcousticBranches:
     def follow(
         cls, lattice: ContactLattice, directions: Array, targets: ArrayLike = np.inf
     ) -> AcousticBranches:
-        """Follow the branches through crossings, each until it reaches its target (n_u, n), falls,
-        or meets the edge.
+        """Return the branches along ``directions`` (n, p), followed through crossings, each until
+        the branch reaches its target (n_u, n), (k/M)^1/2, falls, or meets the edge of the zone.
         """
-        count = len(directions)
-        waves = len(lattice.wave_names)
-        goals = np.broadcast_to(np.asarray(targets, float), (waves, count))
+        n_directions = len(directions)
+        n_waves = len(lattice.wave_names)
+        goals = np.broadcast_to(np.asarray(targets, float), (n_waves, n_directions))
         edges = find_zone_boundary(lattice, directions)
         grid = edges[:, None] * np.arange(1, _PATH_POINTS + 1) / _PATH_POINTS
-        frequencies = np.full((waves, count, _PATH_POINTS), np.inf)
-        vectors = np.zeros((waves, count, _PATH_POINTS, lattice.n_branches), complex)
-        rising = np.zeros((waves, count), int)
-        falls = np.zeros((waves, count), bool)
-        last, column = _find_sound(lattice, 1e-6 * grid[:, :1], directions)
-        followed = np.arange(count)  # directions in which some branch is not at its end
+        frequencies = np.full((n_waves, n_directions, _PATH_POINTS), np.inf)
+        vectors = np.zeros((n_waves, n_directions, _PATH_POINTS, lattice.n_branches), complex)
+        rising = np.zeros((n_waves, n_directions), int)
+        falls = np.zeros((n_waves, n_directions), bool)
+        # eigenvectors at the last point, and the column of each wave among them
+        last_vectors, column = _find_sound(lattice, _BESIDE_GAMMA * grid[:, :1], directions)
+        followed = np.arange(n_directions)  # directions in which some branch is not at its end
         for first in range(0, _PATH_POINTS, _POINTS_TOGETHER):
             q = grid[followed, first : first + _POINTS_TOGETHER]
-            modes = _find_path_modes(lattice, q, directions[followed], last)
+            modes = _find_path_modes(lattice, q, directions[followed], last_vectors)
             row = np.arange(len(followed))
             for point in range(q.shape[1]):
-                onward = _assign_columns(modes.overlap[:, point])
-                column = np.stack([onward[row, branch] for branch in column])
+                next_column = _assign_columns(modes.overlap[:, point])
+                column = np.stack([next_column[row, branch] for branch in column])
                 climbs = ~falls[:, followed] & (modes.slopes[row, point, column] > 0.0)
-                values = np.where(climbs, modes.frequencies[row, point, column], np.inf)
+                rising_frequencies = np.where(climbs, modes.frequencies[row, point, column], np.inf)
                 falls[:, followed] |= ~climbs
                 rising[:, followed] += climbs
-                frequencies[:, followed, first + point] = values
+                frequencies[:, followed, first + point] = rising_frequencies
                 vectors[:, followed, first + point] = modes.vectors[row, point, :, column]
             # the frequency at the last point at which each branch rose
             last_rise = np.maximum(rising[:, followed] - 1, 0)
-            reached = frequencies[:, followed, :][np.arange(waves)[:, None], row, last_rise]
+            reached = frequencies[:, followed, :][np.arange(n_waves)[:, None], row, last_rise]
             is_below = ~falls[:, followed] & (reached < goals[:, followed])
             go_on = np.any(is_below, axis=0)
             followed = followed[go_on]
             column = column[:, go_on]
-            last = modes.vectors[go_on, -1]
+            last_vectors = modes.vectors[go_on, -1]
             if not followed.size:
                 break
         return cls(lattice, directions, grid, frequencies, rising, falls, vectors)
 
     def take_branch(self, which: int, direction: int) -> AcousticBranch:
-        """Take one branch, an index in the lattice's ``wave_names``, in one direction, cut at its
-        first maximum.
+        """Return the branch of index ``which`` in the lattice's ``wave_names``, in the direction of
+        this index, cut at the first maximum.
         """
         count = int(self.rising[which, direction])
         has_fallen = bool(self.falls[which, direction])
@@ -291,21 +308,22 @@ class AcousticBranches:
     def find_wavenumber(
         self, which: int, direction: NDArray[np.intp], target: Array
     ) -> tuple[Array, Array]:
-        """Find wavenumbers (m,) and group velocities (m, p) at ``target`` (m,) of one branch in
-        directions of these indices.
+        """Return wavenumbers (m,), 1/d, and group velocities (m, p), d (k/M)^1/2, of the branch of
+        index ``which`` at frequencies ``target`` (m,), (k/M)^1/2, in the directions of indices
+        ``direction`` (m,).
 
         ``target`` must not be above the last point before the maximum.
         """
         wavenumbers = self.wavenumbers[direction]
         frequencies = self.frequencies[which, direction]
         # the first point of the branch at the frequency or above it; Gamma is before all points
-        right = np.sum(frequencies < target[:, None], axis=1)
+        above = np.sum(frequencies < target[:, None], axis=1)
         row = np.arange(len(target))
-        low_q = np.where(right > 0, wavenumbers[row, right - 1], 0.0)
-        low_omega = np.where(right > 0, frequencies[row, right - 1], 0.0)
-        q = np.stack([low_q, wavenumbers[row, right]])
-        omega = np.stack([low_omega, frequencies[row, right]])
-        references = self.vectors[which, direction, right]
+        low_q = np.where(above > 0, wavenumbers[row, above - 1], 0.0)
+        low_omega = np.where(above > 0, frequencies[row, above - 1], 0.0)
+        q = np.stack([low_q, wavenumbers[row, above]])
+        omega = np.stack([low_omega, frequencies[row, above]])
+        references = self.vectors[which, direction, above]
         name = self.lattice.wave_names[which]
         return _solve_wavenumbers(
             self.lattice, self.directions[direction], target, q, omega, references, name
@@ -333,8 +351,8 @@ class _PathModes(NamedTuple):
 def _find_path_modes(
     lattice: ContactLattice, q: Array, along: Array, last: NDArray[np.complex128]
 ) -> _PathModes:
-    """Return the modes at wavenumbers q (n, k), 1/d, in directions ``along`` (n, p), after points
-    with the eigenvectors ``last`` (n, n_dof, n_branches).
+    """Return the modes at wavenumbers q (n, k), 1/d, in directions ``along`` (n, p); ``last``
+    (n, n_dof, n_branches) are the eigenvectors at the point before the first.
     """
     size = lattice.n_branches
     wavevectors = (q[..., None] * along[:, None]).reshape(-1, lattice.periods)
@@ -342,8 +360,8 @@ def _find_path_modes(
     vectors = modes.eigenvectors.reshape(*q.shape, size, size)
     velocities = modes.group_velocities.reshape(*q.shape, size, -1)
     slopes = np.einsum("npba,na->npb", velocities, along)
-    chain = np.concatenate([last[:, None], vectors], axis=1)
-    overlap = np.abs(np.einsum("npma,npmb->npab", chain[:, :-1].conj(), chain[:, 1:])) ** 2
+    with_last = np.concatenate([last[:, None], vectors], axis=1)
+    overlap = np.abs(np.einsum("npma,npmb->npab", with_last[:, :-1].conj(), vectors)) ** 2
     return _PathModes(modes.frequencies.reshape(*q.shape, size), slopes, vectors, overlap)
 
 
@@ -360,6 +378,7 @@ def _find_sound(
     size = lattice.n_branches
     vectors = lattice.modes(q * directions, directions).eigenvectors
     motion = vectors.reshape(len(directions), lattice.n_balls, lattice.motions.count, size)
+    # displacement (n, n_u, n_branches) of the centre of mass along each polarisation
     drift = np.einsum(
         "i,niab,nak->nkb",
         np.sqrt(lattice.masses),
@@ -379,17 +398,18 @@ def _find_maximum(
     """Return the last wavenumber, 1/d, before the frequency of a branch falls, between ``low`` and
     ``high``, in the direction ``along`` (p,).
 
-    The branch has eigenvectors near ``reference`` (1, n_dof). The bracket shrinks to one of 33
-    pieces at each turn.
+    The branch has eigenvectors near ``reference`` (1, n_dof). The bracket shrinks to one of
+    :data:`_PIECES` pieces at each turn, until its ends are neighbours among floats.
     """
-    references = np.broadcast_to(reference, (32, reference.shape[1]))
-    while high - low > 4e-16 * high:
-        points = np.linspace(low, high, 34)[1:-1]
+    references = np.broadcast_to(reference, (_PIECES - 1, reference.shape[1]))
+    while high - low > ROUNDED * high:
+        points = np.linspace(low, high, _PIECES + 1)[1:-1]
         _, velocities = _find_nearest(lattice, points, along, references)
-        rises = np.append(velocities @ along > 0.0, False)
+        rises = np.append(velocities @ along > 0.0, False)  # the branch falls at ``high``
         first_fall = int(np.argmin(rises))
         edges = np.concatenate([[low], points, [high]])
-        if (edges[first_fall], edges[first_fall + 1]) == (low, high):
+        is_unchanged = (edges[first_fall], edges[first_fall + 1]) == (low, high)
+        if is_unchanged:
             break
         low = float(edges[first_fall])
         high = float(edges[first_fall + 1])
@@ -397,13 +417,13 @@ def _find_maximum(
 
 
 def _assign_columns(overlap: Array) -> NDArray[np.intp]:
-    """Find a column (n, m) for each of m branches, none twice, from its overlaps (n, m, n_branches)
-    with all columns.
+    """Return a column (n, m) for each of m branches, none twice, from the overlaps
+    (n, m, n_branches) of each branch with all columns.
     """
     # if the columns of largest overlap are different for all branches, they are the best assignment
     best: NDArray[np.intp] = np.argmax(overlap, axis=2)
-    clear = np.all(np.diff(np.sort(best, axis=1), axis=1) > 0, axis=1)
-    for row in np.flatnonzero(~clear).tolist():
+    all_differ = np.all(np.diff(np.sort(best, axis=1), axis=1) > 0, axis=1)
+    for row in np.flatnonzero(~all_differ).tolist():
         from scipy.optimize import linear_sum_assignment
 
         _, best[row] = linear_sum_assignment(overlap[row], maximize=True)
@@ -413,8 +433,8 @@ def _assign_columns(overlap: Array) -> NDArray[np.intp]:
 def follow_acoustic_branches(
     lattice: ContactLattice, direction: ArrayLike
 ) -> dict[str, AcousticBranch]:
-    """Follow the acoustic branches along ``direction`` through crossings; their names are those of
-    the long waves.
+    """Return the acoustic branches along ``direction`` (p,), followed through crossings, by the
+    names of the long waves.
     """
     along = one_direction(direction, lattice.periods)
     branches = AcousticBranches.follow(lattice, along[None])

@@ -46,13 +46,17 @@ MOST_BYTES = 2**33
 _WITHOUT_POTENTIAL = 1e-5
 #: distance, over the size of the cell, up to which two centres are one point
 _SAME_CENTRE = 1e-9
+#: distance of a wave vector from a copy of Gamma, over that of the copy from Gamma, up to which the
+#: distance is rounding
+_AT_COPY = 1e-15
 #: relative difference of vectors that are equal but for rounding
 _ALIKE = 8.0 * float(np.finfo(np.float64).eps)
 
 
 def as_wavevectors(wavevectors: ArrayLike, periods: int) -> Array:
-    """Wave vectors as (n_q, p), from any (..., p); :class:`~granphon.base.errors.InputError` if p
-    is not ``periods``.
+    """Return wave vectors (n_q, p), from any (..., p).
+
+    Raises :class:`~granphon.base.errors.InputError` if p is not ``periods``.
     """
     q = real_array("wavevectors", wavevectors)
     if q.shape[-1:] != (periods,):
@@ -142,12 +146,10 @@ class Compatibility:
         )
         across = real_array("tangential_force", tangential_force)
         self.tangential_force: Array = read_only(np.broadcast_to(across, contacts.normal.shape))
-        apart = (
-            np.linalg.norm(contacts.vector, axis=1)
-            if distance is None
-            else real_array("distance", distance)
-        )
-        self.distance: Array = read_only(np.broadcast_to(apart, len(contacts)))
+        distances = np.linalg.norm(contacts.vector, axis=1)
+        if distance is not None:
+            distances = real_array("distance", distance)
+        self.distance: Array = read_only(np.broadcast_to(distances, len(contacts)))
         self.masses: Array = read_only(np.broadcast_to(real_array("masses", masses), self.n_balls))
         self.gyration: Array = read_only(
             np.broadcast_to(real_array("gyration", gyration), self.n_balls)
@@ -158,12 +160,13 @@ class Compatibility:
                 mend="Leave such balls and contacts out",
             )
 
-    def _read_ratio(self, name: str, given: Any) -> float | Array:
+    def _read_ratio(self, name: str, ratio: Any) -> float | Array:
         """Return a ratio of stiffnesses, zero or above: a float, or an array (n_c,)."""
-        if not (isinstance(given, np.ndarray) and given.ndim):
-            return not_negative(name, given)
-        each = finite_array(name, given, low="zero or above") if given.size else given
-        return read_only(np.broadcast_to(each, len(self.contacts)))
+        is_array = isinstance(ratio, np.ndarray) and ratio.ndim > 0
+        if not is_array:
+            return not_negative(name, ratio)
+        ratios = finite_array(name, ratio, low="zero or above") if ratio.size else ratio
+        return read_only(np.broadcast_to(ratios, len(self.contacts)))
 
     # -- sizes -------------------------------------------------------------------------------------
 
@@ -249,21 +252,21 @@ class Compatibility:
         """Return Cartesian wave vectors (..., p), 1/d, from fractions (..., p), or (..., 3), of the
         reciprocal cell.
         """
-        q = real_array("fractions", fractions)
-        count = self.periods
-        if q.shape[-1:] not in ((count,), (3,)):
-            shapes = f"(..., {count})" + " or (..., 3)" * (count < 3)
+        components = real_array("fractions", fractions)
+        p = self.periods
+        if components.shape[-1:] not in ((p,), (3,)):
+            shapes = "(..., 3)" if p == 3 else f"(..., {p}) or (..., 3)"
             raise InputError(
-                f"the fractions have the shape {q.shape}", mend=f"Give an array {shapes}"
+                f"the fractions have the shape {components.shape}", mend=f"Give an array {shapes}"
             )
-        if np.any(q[..., count:]):
+        if np.any(components[..., p:]):
             raise InputError(
                 "a wave vector has a component across the lattice",
-                f"The lattice has {counted(count, 'period')}",
+                f"The lattice has {counted(p, 'period')}",
                 "Give 0 for the rest",
             )
-        require_digits(q)
-        return np.asarray(q[..., :count] @ self.reciprocal)
+        require_digits(components)
+        return np.asarray(components[..., :p] @ self.reciprocal)
 
     def _fold(self, wavevectors: ArrayLike) -> tuple[Array, Array]:
         """Return the wave vectors (n_q, p) moved near Gamma, and the reciprocal vectors that were
@@ -275,11 +278,13 @@ class Compatibility:
         if not np.all(np.isfinite(q)):
             raise InputError("a wave vector is not finite")
         require_digits(q)  # per diameter, which is about the same
-        copies = np.rint(q @ self.cell[:, : self.periods].T / (2.0 * np.pi)) @ self.reciprocal
+        fractions = q @ self.cell[:, : self.periods].T / (2.0 * np.pi)
+        copies = np.rint(fractions) @ self.reciprocal
         near = q - copies
         # a copy of Gamma leaves only the rounding of the reciprocal vector, which is set to zero
-        rounded = np.linalg.norm(near, axis=1) <= 1e-15 * np.linalg.norm(copies, axis=1)
-        near[rounded & np.any(copies != 0.0, axis=1)] = 0.0
+        is_rounding = np.linalg.norm(near, axis=1) <= _AT_COPY * np.linalg.norm(copies, axis=1)
+        is_copy = np.any(copies != 0.0, axis=1)
+        near[is_rounding & is_copy] = 0.0
         return near, copies
 
     def name_wavevector(self, wavevector: Array) -> str:
@@ -290,19 +295,21 @@ class Compatibility:
 
     def explain_buckling(self, where: str, motion: ArrayLike) -> InstabilityError:
         """Return the error of a lattice that static forces make buckle, ``where`` in words, by a
-        ``motion`` (n_u, ...).
+        ``motion`` (n_u, ...), displacements in the order of the translations.
 
-        The motion is displacements in the order of the translations; those across the periods have
-        a reason of their own.
+        A flat lattice that buckles across its periods does so at any load, and the error says so.
         """
-        size = np.sum(np.abs(np.reshape(motion, (len(self.motions.translations), -1))) ** 2, axis=1)
-        across = np.array(self.motions.translations) >= self.periods
+        displacements = np.reshape(motion, (len(self.motions.translations), -1))
+        energy = np.sum(np.abs(displacements) ** 2, axis=1)
+        is_across = np.array(self.motions.translations) >= self.periods
         why = "The contact forces push the balls sideways more than the contacts hold them"
         mend = "Lower the load, or leave finite_overlap off"
         is_flat = not np.any(self.contacts.normal[:, self.periods :])
-        if is_flat and size[across].sum() > size[~across].sum():
-            names = {1: ("straight chain", "line", "longitudinal")}
-            array, line, inner = names.get(self.periods, ("flat layer", "plane", "in_plane"))
+        moves_across = energy[is_across].sum() > energy[~is_across].sum()
+        if is_flat and moves_across:
+            array, line, inner = "flat layer", "plane", "in_plane"
+            if self.periods == 1:
+                array, line, inner = "straight chain", "line", "longitudinal"
             why = (
                 f"Under pressure a {array} of balls does so at any load: each contact pushes balls"
                 f" that leave the {line} farther out, with the stiffness -f/a, and nothing else"
@@ -326,13 +333,14 @@ class Compatibility:
 
     @staticmethod
     def _complete(first: Array) -> Array:
-        """Return an orthogonal matrix (n, n) of this first column."""
+        """Return an orthogonal matrix (n, n) whose first column is ``first`` (n,)."""
         basis = np.eye(len(first))
         basis[:, 0] = first
         frame, _ = np.linalg.qr(basis)
-        # each column is normal to the balls before its own, the first apart; rounding would couple
-        # it to their contacts
+        # but for the first ball, a column k > 0 moves no ball before ball k; rounding would couple
+        # the column to the contacts of these balls
         frame[1:, 1:] = np.tril(frame[1:, 1:])
+        # QR leaves the sign of the first column open
         return np.asarray(frame * np.sign(frame[0, 0] * first[0]))
 
     def compatibility(self, wavevectors: ArrayLike, derivative: bool = False) -> NDArray[Any]:
@@ -352,12 +360,12 @@ class Compatibility:
         -------
         (n_q, n_rows, n_branches), or (n_q, p, n_rows, n_branches) for the gradient.
         """
-        rows = self._own_waves.compute_rows(as_wavevectors(wavevectors, self.periods), derivative)
-        return (
-            rows[:, None] * self._own_waves.repeat_half_vectors().T[None, :, :, None]
-            if derivative
-            else rows
-        )
+        waves = self._own_waves
+        rows = waves.compute_rows(as_wavevectors(wavevectors, self.periods), derivative)
+        if not derivative:
+            return rows
+        # the derivative is by the half angle, whose gradient is the half vector
+        return np.asarray(rows[:, None] * waves.repeat_half_vectors().T[None, :, :, None])
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -399,25 +407,28 @@ class Compatibility:
         normal[:, : table.normal.shape[1]] = table.normal
         across[:, : table.normal.shape[1]] = self.tangential_force
         size = np.linalg.norm(across, axis=1)
-        gyration = np.append(self.gyration, 1.0)
-        across = np.divide(across, size[:, None], out=across, where=size[:, None] > 0.0)
+        gyration = np.append(self.gyration, 1.0)  # the last of a body that does not move
+        has_force = size[:, None] > 0.0
+        tangent = np.divide(across, size[:, None], out=np.zeros_like(across), where=has_force)
+        # rows of forces of size one, whose stiffness is then the size
         pairs = carry_rows(
             normal,
-            across,
+            tangent,
             self.distance,
             table.arm_i,
             table.arm_j,
             self.motions,
-            gyration[table.i],
-            gyration[table.j],
+            gyration_i=gyration[table.i],
+            gyration_j=gyration[table.j],
         )
         return pushes + [(row, sign * size) for row, sign in split_pairs(pairs)]
 
     def _weight_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
-        """Return rows, and the square roots (kinds, n_c) of their stiffness.
+        """Return rows of all kinds of deformation, and the square roots (kinds, n_c) of their
+        stiffness.
 
         With ``prestress`` the rows are :attr:`static_rows`, and the roots those of the sizes of
-        their stiffness.
+        their stiffness, which may be below zero.
         """
         if prestress:
             rows = [row for row, _ in self.static_rows]
@@ -430,22 +441,24 @@ class Compatibility:
     def _combine_ends(
         self, rows: list[Row], root: Array, frame: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return the difference and the sum of the effects of each motion of a frame at the two
-        ends of each contact.
+        """Return the difference and the sum of the effects of each motion of a ``frame`` (n, n), by
+        default :attr:`_frame`, at the two ends of each contact.
 
-        Both are (kinds, n_c, n_branches), and multiplied by ``root``. The difference is the
-        deformation at q = 0; for displacements of the centre of mass it is exactly zero.
+        Both are (kinds, n_c, n_branches), and multiplied by ``root`` (kinds, n_c). The difference
+        is the deformation at q = 0; for displacements of the centre of mass it is exactly zero.
         """
-        motion = (self._frame if frame is None else frame) / np.sqrt(self.masses)[:, None]
-        motion[:, 0] = 1.0 / np.sqrt(self.masses.sum())
-        motion = np.pad(motion, ((0, 1), (0, 0)))  # the last is a body that does not move
+        weighted = (self._frame if frame is None else frame) / np.sqrt(self.masses)[:, None]
+        # without rounding, so that the centre of mass moves all balls alike
+        weighted[:, 0] = 1.0 / np.sqrt(self.masses.sum())
+        motion = np.pad(weighted, ((0, 1), (0, 0)))  # the last is a body that does not move
+        # axes: kinds, contacts, columns of the frame, motions of a ball
         shape = (len(rows), len(self.contacts), 1, self.motions.count)
         head = np.reshape([row.head for row in rows], shape) * motion[self.contacts.j][:, :, None]
         tail = np.reshape([row.tail for row in rows], shape) * motion[self.contacts.i][:, :, None]
-        gap = root[:, :, None, None] * (head - tail)
+        difference = root[:, :, None, None] * (head - tail)
         total = root[:, :, None, None] * (head + tail)
         flat = (*root.shape, self.n_branches)
-        return gap.reshape(flat), total.reshape(flat)
+        return difference.reshape(flat), total.reshape(flat)
 
     def _make_waves(self, prestress: bool = False) -> WaveRows:
         """Return rows of C(q), real for one ball in the cell; with ``prestress`` those of
@@ -458,12 +471,13 @@ class Compatibility:
         # roll) are divided by i once more.
         rows, root = self._weight_rows(prestress)
         frame = self._wave_frame
-        gap, total = self._combine_ends(rows, root, frame.real + frame.imag)
+        # each column of the frame is real or imaginary
+        difference, total = self._combine_ends(rows, root, frame.real + frame.imag)
         row_phases = np.array([-1.0 if row.kind in ("twist", "roll") else -1.0j for row in rows])
         frame_phases = np.where(np.any(frame.imag, axis=0), 1.0j, 1.0)
         phase = row_phases[:, None, None] * np.kron(frame_phases, self.motions.phases)
         odd = 1j * phase * total
-        even = phase * gap
+        even = phase * difference
         half = 0.5 * self.contacts.vector[:, : self.periods]
         # rows of a single ball are complex where the arms of a contact differ, or a body that does
         # not move holds the ball
@@ -477,8 +491,8 @@ class Compatibility:
 
     @cached_property
     def _images(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]] | None:
-        """An inversion that leaves the lattice the same, if there is one: the image of each ball,
-        contacts, their images.
+        """An inversion that leaves the lattice the same: the image (n,) of each ball, one contact
+        (m,) of each pair of contacts, and its image (m,). None if there is no such inversion.
 
         The image of a contact i, j joins the images of j and i by the same vector. A contact that
         is its own image is left out.
@@ -486,13 +500,15 @@ class Compatibility:
         if self.is_held or not len(self.contacts):
             return None
         balls = np.column_stack([self.masses, self.gyration])
-        for first in np.flatnonzero(np.all(np.abs(balls - balls[0]) <= _ALIKE * balls, axis=1)):
-            inversion = self._invert_balls(int(first))
+        is_like_first = np.all(np.abs(balls - balls[0]) <= _ALIKE * balls, axis=1)
+        for candidate in np.flatnonzero(is_like_first):
+            inversion = self._invert_balls(int(candidate))
             if inversion is None:
                 continue
             image, cells = inversion
-            is_pair = np.array_equal(image[image], np.arange(self.n_balls))
-            if not is_pair or np.any(np.abs(balls[image] - balls) > _ALIKE * balls):
+            is_involution = np.array_equal(image[image], np.arange(self.n_balls))
+            differ = np.any(np.abs(balls[image] - balls) > _ALIKE * balls)
+            if not is_involution or differ:
                 continue
             contact_images = self._invert_contacts(image, cells)
             if contact_images is not None:
@@ -512,9 +528,9 @@ class Compatibility:
         inverse = np.linalg.inv(self.cell[:, :p])
         target = self.positions[0] + self.positions[first] - self.positions
         for count in (min(n, 4), n):
-            apart = target[:count, None] - self.positions
-            cells = np.rint(apart[..., :p] @ inverse)
-            error = np.max(np.abs(apart - cells @ self.cell), axis=2)
+            offset = target[:count, None] - self.positions  # from each ball to each target
+            cells = np.rint(offset[..., :p] @ inverse)
+            error = np.max(np.abs(offset - cells @ self.cell), axis=2)
             image = np.argmin(error, axis=1)
             if np.any(error[np.arange(count), image] > _SAME_CENTRE * size):
                 return None
@@ -538,16 +554,30 @@ class Compatibility:
         images = np.where(is_straight, straight, _look_up(numbers, j, i, -shift))
         if np.any(images < 0) or np.any(images[images] != np.arange(len(table))):
             return None
-        # scalars are equal; arms are exchanged where the image is straight
+        if self._keep_properties(images, is_straight):
+            return images
+        return None
+
+    def _keep_properties(self, images: NDArray[np.intp], is_straight: NDArray[np.bool_]) -> bool:
+        """Return whether the image of each contact has the same stiffnesses, arms, forces and
+        vectors, but for rounding.
+
+        ``images`` (n_c,) are contacts, and ``is_straight`` (n_c,) says which of them run from the
+        image of ball j to that of ball i.
+        """
+        table = self.contacts
         ratios = [
             np.broadcast_to(ratio, len(table))
             for ratio in (self.mindlin_ratio, self.torsion, self.bending)
         ]
-        same = np.column_stack([table.arm_i, table.arm_j, self.stiffness, self.prestress, *ratios])
-        swapped = same.copy()
-        swapped[is_straight, :2] = same[is_straight, 1::-1]
-        if np.any(np.abs(swapped[images] - same) > _ALIKE * np.abs(same)):
-            return None
+        scalars = np.column_stack(
+            [table.arm_i, table.arm_j, self.stiffness, self.prestress, *ratios]
+        )
+        # arms are exchanged where the image is straight
+        swapped = scalars.copy()
+        swapped[is_straight, :2] = scalars[is_straight, 1::-1]
+        if np.any(np.abs(swapped[images] - scalars) > _ALIKE * np.abs(scalars)):
+            return False
         # a straight image has the same vectors, and any other the opposite ones; centres are
         # rounded in proportion to their distance from the origin
         size = np.abs(self.positions).max() + np.abs(self.cell).max()
@@ -559,8 +589,8 @@ class Compatibility:
             (self.tangential_force, largest_force),
         ):
             if np.any(np.abs(sign * vectors[images] - vectors) > _ALIKE * largest):
-                return None
-        return images
+                return False
+        return True
 
     @cached_property
     def _wave_frame(self) -> NDArray[Any]:
@@ -576,18 +606,17 @@ class Compatibility:
         if self._images is None or np.array_equal(self._images[0], np.arange(n)):
             return self._frame
         image = self._images[0]
-        fixed = np.flatnonzero(image == np.arange(n))
-        pair = np.flatnonzero(image > np.arange(n))
+        fixed = np.flatnonzero(image == np.arange(n))  # balls that are their own images
+        first = np.flatnonzero(image > np.arange(n))  # one ball of each pair
+        second = image[first]
         unit = np.eye(n)
-        count = len(pair)
-        even = np.concatenate(
-            [unit[:, fixed], np.sqrt(0.5) * (unit[:, pair] + unit[:, image[pair]])], axis=1
-        )
+        sums = np.sqrt(0.5) * (unit[:, first] + unit[:, second])
+        even = np.concatenate([unit[:, fixed], sums], axis=1)
+        centre_of_mass = np.sqrt(self.masses / self.masses.sum())
+        n_even = n - len(first)
         frame = np.zeros((n, n), complex)
-        frame[:, : n - count] = even @ self._complete(
-            even.T @ np.sqrt(self.masses / self.masses.sum())
-        )
-        frame[:, n - count :] = 1j * np.sqrt(0.5) * (unit[:, pair] - unit[:, image[pair]])
+        frame[:, :n_even] = even @ self._complete(even.T @ centre_of_mass)
+        frame[:, n_even:] = 1j * np.sqrt(0.5) * (unit[:, first] - unit[:, second])
         return frame
 
     @cached_property
@@ -615,6 +644,7 @@ class Compatibility:
         factors[[first, image]] = np.sqrt(2.0)
         odd = waves.odd.real * factors
         even = waves.even.real * factors
+        # the row of the image becomes the imaginary part
         odd[:, image] = np.sqrt(2.0) * waves.odd.imag[:, first]
         even[:, image] = np.sqrt(2.0) * waves.even.imag[:, first]
         return WaveRows(odd, even, waves.half[self._wave_contacts])
@@ -642,7 +672,7 @@ class Compatibility:
         return self.static_signs[:, self._wave_contacts]
 
     def _compute_frame_matrix(self, wavevectors: ArrayLike) -> NDArray[Any]:
-        """Return D(q) in the frame, including prestress."""
+        """Return D(q) (n_q, n_branches, n_branches), k/M, in the frame, including prestress."""
         q = as_wavevectors(wavevectors, self.periods)
         rows = self._deforming.compute_rows(q)
         matrix = rows.conj().swapaxes(1, 2) @ rows
@@ -704,6 +734,7 @@ class Compatibility:
         d = units.length
         p = self.periods
         count = len(self.contacts)
+        # networks have three components also in the plane
         cell = np.zeros((3, 3))
         positions = np.zeros((self.n_balls, 3))
         normal = np.zeros((count, 3))

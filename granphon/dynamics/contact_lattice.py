@@ -107,7 +107,7 @@ class ContactLattice(LongWaves):
         bending: float = 0.0,
         motions: Motions | None = None,
     ) -> ContactLattice:
-        """Make the contact lattice of equal balls on ``lattice``, whose contacts have the
+        """Return the contact lattice of equal balls on ``lattice``, whose contacts have the
         ``mindlin_ratio`` eta.
 
         ``spacing`` a/d and ``prestress`` f/(k a) keep the terms of relative order delta/d that the
@@ -119,31 +119,34 @@ class ContactLattice(LongWaves):
         Raises :class:`~granphon.base.errors.InputError` for a number that is not finite, or out of
         range.
         """
-        apart = positive("spacing", spacing)
-        if apart >= 2.0:
+        distance = positive("spacing", spacing)
+        if distance >= 2.0:
             raise InputError(
-                f"spacing is {apart:g}",
+                f"spacing is {distance:g}",
                 "The distance of touching balls, in diameters, must be below 2",
             )
         eta = not_negative("mindlin_ratio", mindlin_ratio)
-        load = not_negative("prestress", prestress)
+        push = not_negative("prestress", prestress)
         structure = find_lattice(lattice)
-        moving = (
-            next(iter(allowed_motions(structure.dimension).values()))
-            if motions is None
-            else motions
-        )
+        chosen_motions = motions
+        if chosen_motions is None:
+            chosen_motions = next(iter(allowed_motions(structure.dimension).values()))
         twist = not_negative("torsion", torsion)
         roll = not_negative("bending", bending)
-        return cls._make_of_equal_balls(structure, moving, (eta, apart, load, twist, roll))
+        numbers = (eta, distance, push, twist, roll)
+        return cls._make_of_equal_balls(structure, chosen_motions, numbers)
 
     @classmethod
     @lru_cache(maxsize=128)
     def _make_of_equal_balls(
         cls, structure: Lattice, motions: Motions, numbers: tuple[float, ...]
     ) -> ContactLattice:
-        # cached, because velocities, moduli and validity of one state all start from it; it is
-        # never changed
+        """Return the lattice of :meth:`of` from checked ``numbers``: mindlin_ratio, spacing,
+        prestress, torsion and bending.
+
+        The lattice, which is never changed, is cached, because velocities, moduli and validity of
+        one state all start from it.
+        """
         mindlin_ratio, spacing, prestress, torsion, bending = numbers
         return cls(
             structure.vectors * spacing,
@@ -159,10 +162,10 @@ class ContactLattice(LongWaves):
 
     @classmethod
     def from_network(cls, network: ContactNetwork) -> Self:
-        """Make the contact lattice of a network that repeats along one, two or three axes, in its
-        own reduced units.
+        """Return the contact lattice of a network that repeats along one, two or three axes, in the
+        reduced units of the network.
 
-        The units are :attr:`ContactNetwork.scales`. Each ball has its own mass and radius of
+        These units are :attr:`ContactNetwork.scales`. Each ball has its own mass and radius of
         gyration, each contact its own stiffnesses, arms and, with ``prestress``, normal force.
         Bodies that do not move hold the balls that touch them. Such bodies have no motions: the
         balls of the lattice are the moving ones, in the order of the network. If the periods do not
@@ -206,7 +209,7 @@ class ContactLattice(LongWaves):
             return np.asarray(vectors[:, :dimension] @ turn.T)
 
         cell = turn_frame(network.cell[axes])
-        cell[:, axes.size :] = 0.0
+        cell[:, axes.size :] = 0.0  # but for rounding, the periods lie along the first axes
         normal = turn_frame(network.normal[kept])
         normal[is_swapped] *= -1.0
         vector = turn_frame(network.vector[kept])
@@ -241,8 +244,8 @@ class ContactLattice(LongWaves):
     # -- vibrations --------------------------------------------------------------------------------
 
     def frequencies(self, wavevectors: ArrayLike) -> Array:
-        """Angular frequencies (n_q, n_branches), (k/M)^1/2, ascending; accurate to rounding near
-        Gamma.
+        """Return angular frequencies (n_q, n_branches), (k/M)^1/2, ascending; accurate to rounding
+        near Gamma.
 
         ``wavevectors`` are (n_q, p), 1/d. Branches that vanish at every q, and modes that vanish at
         this one, are exactly zero.
@@ -252,13 +255,13 @@ class ContactLattice(LongWaves):
         """
         q, _ = self._fold(wavevectors)
         self._require_room(len(q), 1)
-        values = np.concatenate(self._share_out(lambda part: self._solve(q[part]), len(q)))
+        omega = np.concatenate(self._share_out(lambda part: self._solve(q[part]), len(q)))
         faint = _is_faint(q)
         if np.any(faint):
             near = _NEAR_GAMMA * as_direction(q[faint], self.periods)
             modes = self._solve_with_velocities(near, near / _NEAR_GAMMA)
-            values[faint] = _follow_powers(q[faint], near, *modes)[0]
-        return values
+            omega[faint] = _follow_powers(q[faint], near, *modes)[0]
+        return omega
 
     @cached_property
     def top_frequency(self) -> float:
@@ -278,7 +281,7 @@ class ContactLattice(LongWaves):
         return float(self.frequencies(self.wavevectors(grid)).max())
 
     def modes(self, wavevectors: ArrayLike, direction: ArrayLike | None = None) -> Modes:
-        """Find frequencies, eigenvectors and group velocities at each wave vector.
+        """Return frequencies, eigenvectors and group velocities at each wave vector.
 
         Parameters
         ----------
@@ -319,80 +322,99 @@ class ContactLattice(LongWaves):
         )
 
     def _find_modes(self, requested: Array, along: Array) -> tuple[NDArray[Any], ...]:
-        """Return the arrays of :class:`Modes` at a few ``requested`` wave vectors."""
+        """Return the arrays of :class:`Modes` at a few ``requested`` wave vectors (n_q, p), 1/d,
+        which paths pass in the directions ``along`` (n_q, p).
+        """
         q, copies = self._fold(requested)
         # modes at Gamma are limits along the direction, and modes very near Gamma limits along q
         at_gamma = np.all(q == 0.0, axis=1)
-        faint = _is_faint(q)
+        is_faint = _is_faint(q)
         near = np.where(at_gamma[:, None], _NEAR_GAMMA * along, q)
-        if np.any(faint):
-            near[faint] = _NEAR_GAMMA * as_direction(q[faint], self.periods)
-        values, vectors, velocities = self._solve_with_velocities(near, along)
-        limit = at_gamma | faint
-        if np.any(limit):
-            values[limit], vectors[limit], velocities[limit] = _follow_powers(
-                q[limit], near[limit], values[limit], vectors[limit], velocities[limit]
+        if np.any(is_faint):
+            near[is_faint] = _NEAR_GAMMA * as_direction(q[is_faint], self.periods)
+        frequencies, vectors, velocities = self._solve_with_velocities(near, along)
+        is_limit = at_gamma | is_faint
+        if np.any(is_limit):
+            frequencies[is_limit], vectors[is_limit], velocities[is_limit] = _follow_powers(
+                q[is_limit],
+                near[is_limit],
+                frequencies[is_limit],
+                vectors[is_limit],
+                velocities[is_limit],
             )
         # the phase of a displacement is that of the requested wave vector
-        phase = np.exp(-1j * (copies @ self.positions[:, : self.periods].T))[:, :, None, None]
-        motion = vectors.reshape(len(q), self.n_balls, self.motions.count, self.n_branches) * phase
+        phase = np.exp(-1j * (copies @ self.positions[:, : self.periods].T))
+        by_ball = vectors.reshape(len(q), self.n_balls, self.motions.count, self.n_branches)
+        motion = by_ball * phase[:, :, None, None]
+        wave_direction = np.where(at_gamma[:, None], along, requested)
+        energy_parts = self._split_energy(motion, as_direction(wave_direction, self.periods))
+        eigenvectors = motion.reshape(len(q), self.n_branches, self.n_branches)
+        return requested, frequencies, eigenvectors, velocities, *energy_parts
+
+    def _split_energy(self, motion: Complex, direction: Array) -> tuple[Array, Array, Array]:
+        """Return the parts (n_q, n_branches) of the kinetic energy that are rotation, that move
+        along a ``direction`` (n_q, p), and that move across a plane of balls.
+
+        ``motion`` (n_q, n_balls, motions, n_branches) are eigenvectors of norm one.
+        """
         kinetic = np.abs(motion) ** 2
         rotation = kinetic[:, :, self.motions.turning].sum(axis=(1, 2))
-        ahead = np.where(at_gamma[:, None], along, requested)
-        toward = np.zeros((len(q), 3))
-        toward[:, : self.periods] = as_direction(ahead, self.periods)
+        direction_in_space = np.zeros((len(motion), 3))
+        direction_in_space[:, : self.periods] = direction
         displacement = motion[:, :, self.motions.translating]
         axes = list(self.motions.translations)
-        parallel = np.einsum("qiab,qa->qib", displacement, toward[:, axes])
+        parallel = np.einsum("qiab,qa->qib", displacement, direction_in_space[:, axes])
         longitudinal = (np.abs(parallel) ** 2).sum(axis=1)
-        out_of_plane = np.zeros_like(values)
+        out_of_plane = np.zeros_like(rotation)
         if self.periods == 2 and 2 in axes:
             out_of_plane = kinetic[:, :, axes.index(2)].sum(axis=1)
-        physical = motion.reshape(len(q), self.n_branches, self.n_branches)
-        return requested, values, physical, velocities, rotation, longitudinal, out_of_plane
+        return rotation, longitudinal, out_of_plane
 
     def _solve(self, q: Array) -> Array:
-        """Find frequencies."""
+        """Return frequencies (n_q, n_branches), ascending, at wave vectors q (n_q, p)."""
         if self._large is not None:  # one wave vector
-            values = self._large.find_frequencies(q[0])
-            if values is not None:
-                return values[None]
+            frequencies = self._large.find_frequencies(q[0])
+            if frequencies is not None:
+                return frequencies[None]
         try:
-            parts = [block.solve(q)[0] for block in self._blocks]
+            by_block = [block.solve(q)[0] for block in self._blocks]
         except InstabilityError:
             raise self._find_buckling(q) from None
-        return parts[0] if len(parts) == 1 else np.sort(np.concatenate(parts, axis=1), axis=1)
+        if len(by_block) == 1:
+            return by_block[0]
+        return np.sort(np.concatenate(by_block, axis=1), axis=1)
 
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
-        """Find frequencies, motions of balls, and group velocities; resolve degenerate sets along
-        ``along``.
+        """Return frequencies (n_q, n_branches), eigenvectors (n_q, n_dof, n_branches) and group
+        velocities (n_q, n_branches, p); degenerate sets are resolved along ``along`` (n_q, p).
         """
         if self._large is not None and len(q) == 1:
             modes = self._large.solve_with_velocities(q[0])
             if modes is not None:
                 return modes[0][None], modes[1][None], modes[2][None]
         try:
-            parts = [block.solve_with_velocities(q, along) for block in self._blocks]
+            by_block = [block.solve_with_velocities(q, along) for block in self._blocks]
         except InstabilityError:
             raise self._find_buckling(q) from None
-        if len(parts) == 1:
-            return parts[0][0], self._to_balls @ parts[0][1], parts[0][2]
-        values = np.concatenate([block_values for block_values, _, _ in parts], axis=1)
-        velocities = np.concatenate([block_velocities for _, _, block_velocities in parts], axis=1)
-        dtype = np.result_type(*(block_vectors for _, block_vectors, _ in parts))
-        vectors = np.zeros((len(values), self.n_branches, self.n_branches), dtype)
+        if len(by_block) == 1:
+            frequencies, vectors, velocities = by_block[0]
+            return frequencies, self._to_balls @ vectors, velocities
+        frequencies = np.concatenate([modes_of_block[0] for modes_of_block in by_block], axis=1)
+        velocities = np.concatenate([modes_of_block[2] for modes_of_block in by_block], axis=1)
+        dtype = np.result_type(*(modes_of_block[1] for modes_of_block in by_block))
+        vectors = np.zeros((len(frequencies), self.n_branches, self.n_branches), dtype)
         first = 0
-        for block, (_, block_vectors, _) in zip(self._blocks, parts, strict=True):
+        for block, (_, block_vectors, _) in zip(self._blocks, by_block, strict=True):
             vectors[:, block.columns, first : first + block.size] = block_vectors
             first += block.size
-        values, vectors, velocities = _sort_branches(values, vectors, velocities)
+        frequencies, vectors, velocities = _sort_branches(frequencies, vectors, velocities)
         # modes of zero frequency in the order that they have beside the point
-        zeros = np.count_nonzero(values == 0.0, axis=1)
+        zeros = np.count_nonzero(frequencies == 0.0, axis=1)
         for n in np.flatnonzero(zeros > self.free_branches).tolist():
             order = np.argsort(velocities[n, : zeros[n]] @ along[n], kind="stable")
             vectors[n, :, : zeros[n]] = vectors[n][:, order]
             velocities[n, : zeros[n]] = velocities[n, order]
-        return values, self._to_balls @ vectors, velocities
+        return frequencies, self._to_balls @ vectors, velocities
 
     def _find_buckling(self, q: Array) -> InstabilityError:
         """Return the error that names the wave vector, among ``q``, of the lowest squared
@@ -413,14 +435,16 @@ class ContactLattice(LongWaves):
 
         Wave vectors of large cells are shared out to all processors, one by one.
         """
-        size = 1
+        length = 1
         if self._large is None:
-            size = max(1, int(_ENTRIES / (2 * len(self.contacts) * self.n_branches)))
-        parts = [slice(start, start + size) for start in range(0, max(count, 1), size)]
+            entries_per_point = 2 * len(self.contacts) * self.n_branches
+            length = max(1, int(_ENTRIES / entries_per_point))
+        # no wave vector is one empty slice, whose results have shapes
+        slices = [slice(start, start + length) for start in range(0, max(count, 1), length)]
         if self._large is None:
-            return [find(part) for part in parts]
+            return [find(points) for points in slices]
         with single_products():
-            return share_out(find, parts)
+            return share_out(find, slices)
 
     @cached_property
     def _large(self) -> LargeCell | None:
@@ -430,11 +454,10 @@ class ContactLattice(LongWaves):
         if self.n_branches <= MANY_COLUMNS:
             return None
         self._require_memory(BYTES * self.n_branches**2)
-        return LargeCell(
-            self,
-            [self._weight_rows(static) for static in (False, True)[: 1 + self.is_prestressed]],
-            self._images,
-        )
+        weighted_rows = [self._weight_rows()]
+        if self.is_prestressed:
+            weighted_rows.append(self._weight_rows(prestress=True))
+        return LargeCell(self, weighted_rows, self._images)
 
     # -- motions that nothing joins to others ------------------------------------------------------
 
@@ -442,18 +465,20 @@ class ContactLattice(LongWaves):
     def _blocks(self) -> list[Block]:
         """Motions of the frame that nothing joins to others, with their rows of C(q)."""
         kinds = [self._deforming, self._pushing] if self.is_prestressed else [self._deforming]
+        # whether each row (kinds, n_c) feels each motion (n_branches,) at some wave vector
         effects = [waves.find_effects() for waves in kinds]
-        joined = np.concatenate([effect.reshape(-1, self.n_branches) for effect in effects])
+        all_effects = np.concatenate([effect.reshape(-1, self.n_branches) for effect in effects])
         blocks = []
-        for columns in find_blocks(joined):
+        for columns in find_blocks(all_effects):
             rows = [np.asarray(effect[..., columns].any(axis=2)) for effect in effects]
             if not rows[0].any():
                 rows[0][0, 0] = True  # a block without rows has one row of zeros
-            waves = [kind.select(chosen, columns) for kind, chosen in zip(kinds, rows, strict=True)]
-            block = Block(columns, waves[0])
+            deforming = self._deforming.select(rows[0], columns)
+            block = Block(columns, deforming)
             if self.is_prestressed:
+                pushing = self._pushing.select(rows[1], columns)
                 signs = np.broadcast_to(self._push_signs, rows[1].shape)[rows[1]]
-                block = Block(columns, waves[0], waves[1], signs[:, None], slack=self.slack)
+                block = Block(columns, deforming, pushing, signs[:, None], slack=self.slack)
             elif not self.is_held:
                 tilted = self._tilt_block(block)
                 block = tilted if tilted.keeps_digits else block
@@ -471,6 +496,7 @@ class ContactLattice(LongWaves):
         p = self.periods
         columns = block.columns
         weights = self._wave_frame.conj() * np.sqrt(self.masses / self.masses.sum())[:, None]
+        # displacements of the centre of mass, which come first, across the periods
         bent = [
             motion
             for motion in np.flatnonzero(columns < len(motions.translations)).tolist()
@@ -479,19 +505,29 @@ class ContactLattice(LongWaves):
         tilt = np.zeros((len(bent), len(columns), p), complex)
         for number, motion in enumerate(bent):
             axis = motions.translations[columns[motion]]
-            height = self.positions[:, axis] if axis < self.dimension else np.zeros(self.n_balls)
-            height = height - self.masses @ height / self.masses.sum()
             for along in range(p):
-                turn = np.cross(np.eye(3)[along], np.eye(3)[axis])
-                moved = np.zeros((self.n_balls, motions.count), complex)
-                moved[:, motions.turning] = self.gyration[:, None] * turn[list(motions.rotations)]
-                if along in motions.translations:
-                    moved[:, motions.translations.index(along)] = -1.0j * height
-                tilt[number, :, along] = (weights.T @ moved).ravel()[columns]
+                tilted = self._tilt_balls(axis, along)
+                tilt[number, :, along] = (weights.T @ tilted).ravel()[columns]
         is_real = np.issubdtype(block.deforming.odd.dtype, np.floating)
         gradients = tilt.real.copy() if is_real else tilt
-        used = np.flatnonzero(np.any(gradients != 0.0, axis=(1, 2)))
-        return replace(block, bent=tuple(bent[number] for number in used), tilt=gradients[used])
+        tilting = np.flatnonzero(np.any(gradients != 0.0, axis=(1, 2)))
+        return replace(
+            block, bent=tuple(bent[number] for number in tilting), tilt=gradients[tilting]
+        )
+
+    def _tilt_balls(self, axis: int, along: int) -> Complex:
+        """Return the motions (n_balls, motions), per component of q along a period, that go with a
+        unit displacement across the periods, along an ``axis``.
+        """
+        motions = self.motions
+        height = self.positions[:, axis] if axis < self.dimension else np.zeros(self.n_balls)
+        height = height - self.masses @ height / self.masses.sum()
+        turn = np.cross(np.eye(3)[along], np.eye(3)[axis])
+        tilted = np.zeros((self.n_balls, motions.count), complex)
+        tilted[:, motions.turning] = self.gyration[:, None] * turn[list(motions.rotations)]
+        if along in motions.translations:
+            tilted[:, motions.translations.index(along)] = -1.0j * height
+        return tilted
 
     @cached_property
     def elongating_blocks(self) -> list[Block]:
@@ -531,7 +567,7 @@ class ContactLattice(LongWaves):
         """Return in words what would stop a motion that costs nothing: the fewest kinds of
         stiffness that do.
 
-        ``stops`` says whether the motion costs energy on a lattice, that of this one with more
+        ``stops`` says whether the motion costs energy on a lattice, which is this one with further
         kinds of stiffness.
         """
         stiffness = {
@@ -539,21 +575,19 @@ class ContactLattice(LongWaves):
             "torsion": self.torsion,
             "bending": self.bending,
         }
-        missing = [name for name, present in stiffness.items() if not np.any(present)]
-        for several in range(1, len(missing) + 1):
-            enough = [
-                names
-                for names in itertools.combinations(missing, several)
-                if stops(self._add(names))
+        missing = [name for name, ratio in stiffness.items() if not np.any(ratio)]
+        for count in range(1, len(missing) + 1):
+            remedies = [
+                names for names in itertools.combinations(missing, count) if stops(self._add(names))
             ]
-            if enough:
-                choices = [", ".join((*names[:-2], " and ".join(names[-2:]))) for names in enough]
+            if remedies:
+                choices = [", ".join((*names[:-2], " and ".join(names[-2:]))) for names in remedies]
                 return f"add {', or '.join(choices)}"
         return "use a lattice with more contacts"
 
     def _add(self, names: tuple[str, ...]) -> Self:
-        """Return the lattice whose contacts have stiffness of these kinds too; without static
-        forces.
+        """Return the lattice whose contacts have stiffness of the kinds ``names`` too, "friction",
+        "torsion" or "bending"; without static forces.
         """
         return type(self)(
             self.cell,
@@ -581,11 +615,12 @@ class ContactLattice(LongWaves):
         frequencies : (n_q, n_branches), of :meth:`frequencies`, in any unit.
         """
         q, _ = self._fold(wavevectors)
-        values = real_array("frequencies", frequencies).reshape(len(q), self.n_branches)
-        counts = np.count_nonzero(values == 0.0, axis=1)
+        by_point = real_array("frequencies", frequencies).reshape(len(q), self.n_branches)
+        counts = np.count_nonzero(by_point == 0.0, axis=1)
         if not np.any(counts):
             return ()
-        expected = np.where(np.all(q == 0.0, axis=1), self._zeros_at_gamma, self.free_branches)
+        at_gamma = np.all(q == 0.0, axis=1)
+        expected = np.where(at_gamma, self._zeros_at_gamma, self.free_branches)
         soft = np.maximum(counts - expected, 0)
         if not np.any(soft):
             return ()
@@ -605,22 +640,13 @@ class ContactLattice(LongWaves):
 
         On a line, a rotation of all balls about it is sound too: the torsional wave.
         """
-        direction = np.array([[0.5497, 0.6843, 0.4793]])[:, : self.periods]
+        direction = np.array([[0.5497, 0.6843, 0.4793]])[:, : self.periods]  # without symmetry
+        # motions of the frame, as columns: displacements of all balls come first
         rigid = np.eye(self.n_branches, len(self.motions.translations), dtype=complex)
         if self.is_held:
             rigid[:] = 0.0
         elif self.periods == 1:
-            # the rotation of all balls about the only period, as a motion of the frame
-            positions = np.zeros((self.n_balls, 3))
-            positions[:, : self.dimension] = self.positions
-            arms = positions - self.masses @ positions / self.masses.sum()
-            shifts = 1.0j * np.cross([1.0, 0.0, 0.0], arms)
-            turns = self.gyration[:, None] * np.eye(3)[:1]
-            chosen = [*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]
-            moved = np.concatenate([shifts, turns], axis=1)[:, chosen]
-            turned = (self._wave_frame.conj() * np.sqrt(self.masses)[:, None]).T @ moved
-            length = max(float(np.linalg.norm(turned)), np.finfo(float).tiny)
-            rigid = np.column_stack([rigid, turned.ravel() / length])
+            rigid = np.column_stack([rigid, self._turn_about_line()])
         if self._large is not None and not self.free_branches:
             return int(np.linalg.matrix_rank(rigid, tol=_APART))
         total = 0
@@ -632,14 +658,29 @@ class ContactLattice(LongWaves):
             total += int(np.linalg.matrix_rank(zeros, tol=_APART))
         return total
 
+    def _turn_about_line(self) -> Complex:
+        """Return the rotation of all balls about the only period, as a motion (n_branches,) of the
+        frame of norm one; zero if no ball takes part.
+        """
+        positions = np.zeros((self.n_balls, 3))
+        positions[:, : self.dimension] = self.positions
+        arms = positions - self.masses @ positions / self.masses.sum()
+        shifts = 1.0j * np.cross([1.0, 0.0, 0.0], arms)
+        turns = self.gyration[:, None] * np.eye(3)[:1]
+        chosen = [*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]
+        motions = np.concatenate([shifts, turns], axis=1)[:, chosen]
+        turned = (self._wave_frame.conj() * np.sqrt(self.masses)[:, None]).T @ motions
+        length = max(float(np.linalg.norm(turned)), np.finfo(float).tiny)
+        return np.asarray(turned.ravel() / length)
+
 
 def _tabulate_contacts(
     network: ContactNetwork, kept: Index, normal: Array, vector: Array
 ) -> ContactTable:
     """Return the table of the contacts ``kept`` (n_c,) of a network, with balls numbered among
-    those that move; all that do not move are one more ball.
+    those that move; all bodies that do not move are one more ball.
 
-    Of a contact with a body that does not move, ball i is the one that moves. ``normal`` (n_c, d)
+    Of a contact with a body that does not move, ball i is the ball that moves. ``normal`` (n_c, d)
     and ``vector`` (n_c, d), m, are turned to match.
     """
     moving = network.moving
@@ -667,19 +708,21 @@ def _is_faint(q: Array) -> NDArray[np.bool_]:
 
 
 def _sort_branches(
-    values: Array, vectors: NDArray[Any], velocities: Array
+    frequencies: Array, vectors: NDArray[Any], velocities: Array
 ) -> tuple[Array, NDArray[Any], Array]:
-    """Return frequencies, eigenvectors and velocities with the frequencies ascending."""
-    order = np.argsort(values, axis=1, kind="stable")
+    """Return frequencies (n_q, b), eigenvectors (n_q, n, b) and velocities (n_q, b, p) with the
+    frequencies ascending.
+    """
+    order = np.argsort(frequencies, axis=1, kind="stable")
     return (
-        np.take_along_axis(values, order, 1),
+        np.take_along_axis(frequencies, order, 1),
         np.take_along_axis(vectors, order[:, None], 2),
         np.take_along_axis(velocities, order[..., None], 1),
     )
 
 
 def _follow_powers(
-    q: Array, near: Array, values: Array, vectors: NDArray[Any], velocities: Array
+    q: Array, near: Array, frequencies: Array, vectors: NDArray[Any], velocities: Array
 ) -> tuple[Array, NDArray[Any], Array]:
     """Return frequencies, eigenvectors and velocities at ``q`` (n_q, p), from those at ``near``,
     longer but as directed.
@@ -688,12 +731,13 @@ def _follow_powers(
     branch, none for others.
     """
     slope = np.einsum("qa,qba->qb", near, velocities)
-    power = np.maximum(
-        np.rint(np.divide(slope, values, out=np.zeros_like(values), where=values > 0.0)), 0.0
-    )
-    ratio = (np.max(np.abs(q), axis=1) / np.max(np.abs(near), axis=1))[:, None]
+    # q.v/omega is the power of |q|, but for rounding
+    ratio = np.zeros_like(frequencies)
+    np.divide(slope, frequencies, out=ratio, where=frequencies > 0.0)
+    power = np.maximum(np.rint(ratio), 0.0)
+    scale = (np.max(np.abs(q), axis=1) / np.max(np.abs(near), axis=1))[:, None]
+    frequency_scale = scale**power
+    velocity_scale = scale ** np.maximum(power - 1.0, 0.0)
     return _sort_branches(
-        values * ratio**power,
-        vectors,
-        velocities * (ratio ** np.maximum(power - 1.0, 0.0))[..., None],
+        frequencies * frequency_scale, vectors, velocities * velocity_scale[..., None]
     )

@@ -54,7 +54,7 @@ class ContactDamping:
 
     @classmethod
     def of(cls, network: ContactNetwork, damping: Any = 0.0, loss_factor: Any = 0.0) -> Self:
-        """Read the arguments of a public call.
+        """Return the damping of the contacts of a ``network`` from the arguments of a public call.
 
         Parameters
         ----------
@@ -92,17 +92,18 @@ class ContactDamping:
         )
 
     def soften(self, omega: Array) -> tuple[Complex, Complex]:
-        """Return the factors (n_f, n_c) of the stiffness in a motion exp(-i omega t): normal, and
-        all other.
+        """Return the factors (n_f, n_c) of the stiffness against normal motion, and of that against
+        all other motion, in a motion exp(-i omega t), ``omega`` (n_f,), rad/s.
         """
-        return tuple(
+        normal, other = (
             1.0 - 1j * (omega[:, None] * tau + eta)
             for tau, eta in zip(self.times, self.losses, strict=True)
         )
+        return normal, other
 
     def find_even(self, network: ContactNetwork) -> tuple[float, float] | None:
-        """Return (eta, tau) if all contacts have these in all deformations that they resist,
-        without static forces; else None.
+        """Return eta and tau, s, if both are the same in all deformations that contacts resist, and
+        no static forces act; else None.
         """
         if self.is_none:
             return 0.0, 0.0
@@ -110,35 +111,36 @@ class ContactDamping:
         resisted[1] |= (network.torsion_stiffness > 0.0) | (network.bending_stiffness > 0.0)
         losses = self.losses[resisted]
         times = self.times[resisted]
-        is_even = all(np.ptp(values) <= _ALIKE * np.max(values) for values in (losses, times))
+        is_even = all(np.ptp(numbers) <= _ALIKE * np.max(numbers) for numbers in (losses, times))
         if not is_even or network.prestress:
             return None
         return float(losses[0]), float(times[0])
 
 
 def read_loss(name: str, value: Any, rule: Rule) -> Any:
-    """Read a damping or a loss factor, one or more, by a rule; refuse what is above
-    :data:`LARGEST_LOSSES`.
+    """Return a "damping" or a "loss_factor", one or more, as a rule reads ``value``; refuse numbers
+    above :data:`LARGEST_LOSSES`.
     """
     losses = rule(value)
     highest = float(np.max(losses))
     largest = LARGEST_LOSSES[name]
     if highest > largest:
-        raise Refused(f"{highest:g}", f"{name} up to {largest:g}{' s' * (name == 'damping')}")
+        unit = " s" if name == "damping" else ""
+        raise Refused(f"{highest:g}", f"{name} up to {largest:g}{unit}")
     return losses
 
 
 def _read_pair(name: str, value: Any, contacts: int, unit: str) -> Array:
     """Return numbers (2, n_c), zero or above, from a number or an array (n_c,), or a tuple of two
-    numbers or arrays.
+    numbers or arrays; ``contacts`` is n_c.
     """
     pair = value if isinstance(value, tuple) else (value, value)
     if len(pair) != 2:
         raise InputError(f"{name} is {brief(value)}", mend="Give a number, or (normal, tangential)")
     rule = partial(finite_numbers, unit=unit, low="zero or above")
     losses = np.empty((2, contacts))
-    for row, each in zip(losses, pair, strict=True):
-        numbers = require(name, partial(read_loss, name, rule=rule), each)
+    for row, losses_of_kind in zip(losses, pair, strict=True):
+        numbers = require(name, partial(read_loss, name, rule=rule), losses_of_kind)
         if numbers.shape not in ((), (contacts,)):
             raise InputError(
                 f"{name} has the shape {numbers.shape}, and there are {contacts} contacts",
@@ -190,8 +192,10 @@ class DampedModes(Result, array="frequencies"):
 
 
 def damp_evenly(omega: Array, loss_factor: float, time: float) -> Complex:
-    """Return complex omega of modes whose undamped one is ``omega``, with eta and tau the same in
-    all contacts.
+    """Return complex angular frequencies of damped modes, of the shape of ``omega``, those without
+    damping; eta and tau, ``loss_factor`` and ``time``, are the same in all contacts.
+
+    Units of ``omega`` and ``time`` are inverse to each other.
     """
     squared = omega**2 * (1.0 + 1j * loss_factor)
     creep = 0.5 * time * omega**2
@@ -199,8 +203,8 @@ def damp_evenly(omega: Array, loss_factor: float, time: float) -> Complex:
     damped = 1j * creep + root
     # a mode that creeps has two rates, whose product is the square: the slower one is taken
     creeps = (squared.real < creep**2) & (loss_factor == 0.0)
-    slow = np.divide(-squared, damped, out=np.zeros_like(damped), where=creeps)
-    return np.asarray(np.where(creeps, slow, damped))
+    slower = np.divide(-squared, damped, out=np.zeros_like(damped), where=creeps)
+    return np.asarray(np.where(creeps, slower, damped))
 
 
 def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Complex, Complex]:
@@ -233,10 +237,11 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     matrices[..., :n, n:] = np.eye(n)
     matrices[..., n:, :n] = -stiffness / scale**2
     matrices[..., n:, n:] = -viscous / scale
-    rates, vectors = np.linalg.eig(matrices)
+    rates, states = np.linalg.eig(matrices)
     omega, columns = _choose_half(-1j * rates)
-    vectors = np.take_along_axis(vectors[..., :n, :], columns[..., None, :], -1)
-    vectors = vectors / np.linalg.norm(vectors, axis=-2, keepdims=True)
+    # the first half of a state (x, y) is the motion
+    motions = np.take_along_axis(states[..., :n, :], columns[..., None, :], -1)
+    vectors = motions / np.linalg.norm(motions, axis=-2, keepdims=True)
     return omega * scale[..., 0], np.asarray(vectors, complex)
 
 
@@ -245,18 +250,20 @@ def _choose_half(omega: Complex) -> tuple[Complex, Index]:
     their columns (..., n) among all.
     """
     n = omega.shape[-1] // 2
-    still = np.abs(omega) <= _STILL
-    ahead = omega.real > _STILL
-    creeps = ~still & (np.abs(omega.real) <= _STILL)
-    omega = np.where(creeps, 1j * omega.imag, omega)
-    # roots ahead, zeros, those that creep, and last the other one of each pair
-    kinds = np.select([ahead, still, creeps], [0, 1, 2], 3)
-    order = np.lexsort((np.where(still, -omega.real, omega.imag), kinds))
-    omega = np.take_along_axis(omega, order, -1)
-    still = np.take_along_axis(still, order, -1)
-    # the second half of the zeros is left out
-    spare = still & (2 * np.cumsum(still, axis=-1) > np.sum(still, axis=-1, keepdims=True) + 1)
-    kept = np.argsort(spare, axis=-1, kind="stable")[..., :n]
-    unsorted = np.take_along_axis(omega, kept, -1)
-    kept = np.take_along_axis(kept, np.lexsort((unsorted.imag, unsorted.real)), -1)
-    return np.take_along_axis(omega, kept, -1), np.take_along_axis(order, kept, -1)
+    is_zero = np.abs(omega) <= _STILL
+    oscillates = omega.real > _STILL
+    creeps = ~is_zero & (np.abs(omega.real) <= _STILL)
+    roots = np.where(creeps, 1j * omega.imag, omega)
+    # first roots of a positive real part, then zeros, those that creep, and last the mirror images
+    kinds = np.select([oscillates, is_zero, creeps], [0, 1, 2], 3)
+    order = np.lexsort((np.where(is_zero, -roots.real, roots.imag), kinds))
+    sorted_roots = np.take_along_axis(roots, order, -1)
+    is_zero = np.take_along_axis(is_zero, order, -1)
+    # zeros come in pairs, of which the second half is left out
+    zeros_so_far = np.cumsum(is_zero, axis=-1)
+    n_zeros = np.sum(is_zero, axis=-1, keepdims=True)
+    is_spare = is_zero & (2 * zeros_so_far > n_zeros + 1)
+    half = np.argsort(is_spare, axis=-1, kind="stable")[..., :n]
+    half_roots = np.take_along_axis(sorted_roots, half, -1)
+    kept = np.take_along_axis(half, np.lexsort((half_roots.imag, half_roots.real)), -1)
+    return np.take_along_axis(sorted_roots, kept, -1), np.take_along_axis(order, kept, -1)

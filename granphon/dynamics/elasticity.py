@@ -30,6 +30,8 @@ _TOLERANCE = 1e-6
 _ROUNDED = 1e-10
 #: number of periods of a lattice whose elastic tensor has so many rows
 _PERIODS = {1: 1, 3: 2, 6: 3}
+#: digits after the point of components that are compared, so that rounding does not decide
+_DIGITS = 9
 #: relative difference of velocities below which they are equal but for rounding
 _TIED = 1e-12
 #: the same of the parts of polarisations along q
@@ -50,60 +52,64 @@ def take_voigt(c: Array) -> Array:
     """Return c_ijkl (..., p, p, p, p), made symmetric in i, j and in k, l, as (..., n, n) in Voigt
     order.
     """
-    c = 0.5 * (c + c.swapaxes(-4, -3))
-    c = 0.5 * (c + c.swapaxes(-2, -1))
+    symmetric_ij = 0.5 * (c + c.swapaxes(-4, -3))
+    symmetric = 0.5 * (symmetric_ij + symmetric_ij.swapaxes(-2, -1))
     i, j = np.transpose(_VOIGT[c.shape[-1]])
-    return np.asarray(c[..., i[:, None], j[:, None], i[None, :], j[None, :]])
+    return np.asarray(symmetric[..., i[:, None], j[:, None], i[None, :], j[None, :]])
 
 
 def name_strain(strains: Array) -> str:
-    """Return a plain strain as text with the names of its parts, the largest part being one.
+    """Return a strain of a space of strains as text, with the names of its components, the largest
+    being one: "(xx, yy, 2xy) = (1, -1, 0)".
 
-    ``strains`` (n, m) are orthonormal columns xx, yy, xy sqrt 2, ... in Voigt order, which stand
-    for all their sums. The text shows the projection, on these sums, of the plain strain that is
-    nearest to them.
+    ``strains`` (n, m) are orthonormal columns xx, yy, xy sqrt 2, ... in Voigt order, which span the
+    space. The strain is the projection, on the space, of the strain of one component that is
+    nearest to it.
     """
     pairs = _VOIGT[_PERIODS[len(strains)]]
+    # rounded, so that rounding does not decide between components that are equally near
     nearest = np.argmax(np.round(np.sum(strains**2, axis=1), 6))
-    strain = strains @ strains[nearest] * [1.0 if a == b else np.sqrt(2.0) for a, b in pairs]
-    names = ", ".join(("" if a == b else "2") + "xyz"[a] + "xyz"[b] for a, b in pairs)
-    scaled = np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0
-    shown = ", ".join(f"{component:g}" for component in scaled)
-    return f"({names}) = ({shown})"
+    # from xy sqrt 2 to 2xy
+    factors = [1.0 if a == b else np.sqrt(2.0) for a, b in pairs]
+    strain = strains @ strains[nearest] * factors
+    names = [("" if a == b else "2") + "xyz"[a] + "xyz"[b] for a, b in pairs]
+    scaled = np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0  # no minus zero
+    components = [f"{component:g}" for component in scaled]
+    return f"({', '.join(names)}) = ({', '.join(components)})"
 
 
 def find_unstable_strains(tensor: Array) -> Array | None:
-    """Return the strains of :func:`name_strain` whose modulus under elastic tensors (..., n, n) is
-    farthest below zero.
+    """Return the strains (n, m), as :func:`name_strain` takes them, whose modulus under elastic
+    tensors (..., n, n) is farthest below zero; None if no modulus is below zero.
 
-    None if no modulus is. Under static stress a crystal is stable if the symmetric part of its
-    coefficients between stress and strain is positive (J. Wang, J. Li, S. Yip, D. Wolf, Phys. Rev.
-    B 52, 12627, 1995).
+    Under static stress a crystal is stable if the symmetric part of its coefficients between stress
+    and strain is positive (J. Wang, J. Li, S. Yip, D. Wolf, Phys. Rev. B 52, 12627, 1995).
     """
-    unit = np.array(
-        [1.0 if a == b else np.sqrt(2.0) for a, b in _VOIGT[_PERIODS[tensor.shape[-1]]]]
-    )
-    values, vectors = np.linalg.eigh(
-        0.5 * (tensor + tensor.swapaxes(-1, -2)) * unit[:, None] * unit
-    )
-    values = values / np.max(np.abs(values), axis=-1, keepdims=True)
-    worst = np.unravel_index(np.argmin(values[..., 0]), values.shape[:-1])
-    lowest = values[worst]
-    if lowest[0] >= -_ROUNDED:  # rounding may leave a modulus of zero below it
+    pairs = _VOIGT[_PERIODS[tensor.shape[-1]]]
+    # from strains xy to xy sqrt 2, whose squares sum up to the square of the strain
+    factors = np.array([1.0 if a == b else np.sqrt(2.0) for a, b in pairs])
+    symmetric = 0.5 * (tensor + tensor.swapaxes(-1, -2)) * factors[:, None] * factors
+    moduli, strains = np.linalg.eigh(symmetric)
+    relative = moduli / np.max(np.abs(moduli), axis=-1, keepdims=True)
+    worst = np.unravel_index(np.argmin(relative[..., 0]), relative.shape[:-1])
+    worst_moduli = relative[worst]
+    if worst_moduli[0] >= -_ROUNDED:  # rounding may leave a modulus of zero below it
         return None
-    return np.asarray(vectors[worst][:, lowest <= lowest[0] + _ROUNDED])
+    is_lowest = worst_moduli <= worst_moduli[0] + _ROUNDED
+    return np.asarray(strains[worst][:, is_lowest])
 
 
 def find_stress_part(stress: Array) -> Array:
-    """Return what a Cauchy stress (..., p, p) adds to the second derivatives of the energy by
-    strain, (..., n, n).
+    """Return the part (..., n, n), in Voigt order, that a Cauchy stress (..., p, p) adds to the
+    second derivatives of the energy by strain, in the unit of the stress.
 
-    The sums are the coefficients between stress and strain (F. Birch, Phys. Rev. 71, 809, 1947).
+    The sums of both are the coefficients between stress and strain (F. Birch, Phys. Rev. 71, 809,
+    1947).
     """
     unit = np.eye(stress.shape[-1])
-    return take_voigt(
-        np.einsum("...ik,jl->...ijkl", stress, unit) - np.einsum("...ij,kl->...ijkl", stress, unit)
-    )
+    turning = np.einsum("...ik,jl->...ijkl", stress, unit)
+    stretching = np.einsum("...ij,kl->...ijkl", stress, unit)
+    return take_voigt(turning - stretching)
 
 
 # -- symmetry and averages -------------------------------------------------------------------------
@@ -118,25 +124,36 @@ def point_group(lattice: Lattice) -> Array:
     cell = lattice.vectors[:, :p]
     balls = lattice.positions
     gram = cell @ cell.T
-    # a vector of the cell may be carried onto lattice vectors of the same length
-    reach = steps_within(cell, float(np.sqrt(gram.diagonal().max())) + _TOLERANCE) @ cell
-    lengths = np.linalg.norm(reach, axis=1)
-    images = [reach[np.abs(lengths - np.sqrt(gram[axis, axis])) < _TOLERANCE] for axis in range(p)]
-    chosen = np.array([np.stack(rows) for rows in itertools.product(*images)])
-    kept = chosen[np.max(np.abs(chosen @ chosen.swapaxes(1, 2) - gram), axis=(1, 2)) < _TOLERANCE]
-    group = []
-    for turn in (np.linalg.inv(cell) @ kept).swapaxes(1, 2):
-        # carries each row of the cell to its image
-        turned = np.concatenate([balls[:, :p] @ turn.T, balls[:, p:]], axis=1)
-        for shift in balls - turned[0]:
-            # along the periods: it carries balls to balls, up to lattice vectors
-            apart = (turned + shift)[:, None] - balls
-            along = apart[..., :p] @ np.linalg.inv(cell)
-            apart[..., :p] = (along - np.rint(along)) @ cell
-            if np.all(np.min(np.linalg.norm(apart, axis=-1), axis=1) < _TOLERANCE):
-                group.append(turn)
-                break
-    return read_only(group)
+    # each row of the cell may be carried onto lattice vectors of the same length
+    longest = float(np.sqrt(gram.diagonal().max()))
+    vectors = steps_within(cell, longest + _TOLERANCE) @ cell
+    lengths = np.linalg.norm(vectors, axis=1)
+    images = []
+    for axis in range(p):
+        has_length = np.abs(lengths - np.sqrt(gram[axis, axis])) < _TOLERANCE
+        images.append(vectors[has_length])
+    # images (n, p, p) of all rows, of which those with the same angles are turned cells
+    cells = np.array([np.stack(rows) for rows in itertools.product(*images)])
+    gram_error = np.max(np.abs(cells @ cells.swapaxes(1, 2) - gram), axis=(1, 2))
+    turned_cells = cells[gram_error < _TOLERANCE]
+    turns = (np.linalg.inv(cell) @ turned_cells).swapaxes(1, 2)
+    return read_only([turn for turn in turns if _carries_balls(turn, cell, balls)])
+
+
+def _carries_balls(turn: Array, cell: Array, balls: Array) -> bool:
+    """Return whether a ``turn`` (p, p) along the periods ``cell`` (p, p), with some shift, carries
+    all ``balls`` (n, d) to balls, up to vectors of the cell.
+    """
+    p = len(cell)
+    turned = np.concatenate([balls[:, :p] @ turn.T, balls[:, p:]], axis=1)
+    for shift in balls - turned[0]:
+        offset = (turned + shift)[:, None] - balls
+        steps = offset[..., :p] @ np.linalg.inv(cell)
+        offset[..., :p] = (steps - np.rint(steps)) @ cell
+        nearest = np.min(np.linalg.norm(offset, axis=-1), axis=1)
+        if np.all(nearest < _TOLERANCE):
+            return True
+    return False
 
 
 def symmetrise(tensor: Array, lattice: Lattice) -> Array:
@@ -144,35 +161,36 @@ def symmetrise(tensor: Array, lattice: Lattice) -> Array:
     a lattice.
     """
     a, b = np.transpose(voigt_pairs(lattice.periods))
-    number = np.empty((lattice.periods,) * 2, int)  # of each pair of axes in Voigt order
-    number[a, b] = number[b, a] = np.arange(len(a))
+    number = np.empty((lattice.periods, lattice.periods), int)  # of each pair, in Voigt order
+    number[a, b] = np.arange(len(a))
+    number[b, a] = np.arange(len(a))
     full = tensor[..., number[:, :, None, None], number[None, None]]
     turns = point_group(lattice)
-    mean = np.einsum(
+    total = np.einsum(
         "gia,gjb,gkc,gld,...abcd->...ijkl", turns, turns, turns, turns, full, optimize=True
-    ) / len(turns)
+    )
+    mean = total / len(turns)
     return np.asarray(mean[..., a[:, None], b[:, None], a[None], b[None]])
 
 
 @lru_cache(maxsize=64)
 def has_cubic_axes(lattice: Lattice) -> bool:
-    """Whether the symmetry of a lattice is that of a square or cube with edges along x, y, z, so
-    that C11, C12, C44 are all.
+    """Return whether the symmetry of a lattice is that of a square or cube with edges along x, y,
+    z, so that C11, C12 and C44 are all elastic constants.
 
     False of a line, and of the triangular lattice, on which an elastic tensor is isotropic.
     """
     n = len(voigt_pairs(lattice.periods))
     if n == 1:
         return False
-    each = np.arange(1.0, n * n + 1.0).reshape(n, n) ** 2
-    return is_cubic(symmetrise(each + each.T, lattice), _TOLERANCE)
+    # a symmetric tensor without any symmetry of space: its mean has that of the lattice alone
+    constants = np.arange(1.0, n * n + 1.0).reshape(n, n) ** 2
+    return is_cubic(symmetrise(constants + constants.T, lattice), _TOLERANCE)
 
 
 def is_cubic(tensor: Array, tolerance: float = _ROUNDED) -> bool:
-    """Whether an elastic tensor (n, n) is that of a square or cube with edges along x, y, z, and
-    not isotropic.
-
-    ``tolerance`` is relative to its largest entry.
+    """Return whether an elastic tensor (n, n) is that of a square or cube with edges along x, y, z,
+    and not isotropic, to a ``tolerance`` relative to the largest entry.
     """
     n = len(tensor)
     p = _PERIODS[len(tensor)]
@@ -196,12 +214,13 @@ def shears(tensor: Array) -> Array:
     c = tensor
     if c.shape[-1] == 1:
         return np.zeros((*c.shape[:-2], 0))
-    across = (c[..., 0, 0] + c[..., 1, 1] - 2.0 * c[..., 0, 1]) / 4.0
+    xx_less_yy = (c[..., 0, 0] + c[..., 1, 1] - 2.0 * c[..., 0, 1]) / 4.0
     if c.shape[-1] == 3:
-        return np.stack([across, c[..., 2, 2]], axis=-1)
-    along_z = (c[..., 0, 0] + c[..., 1, 1] + 4.0 * c[..., 2, 2] + 2.0 * c[..., 0, 1]) / 12.0
-    along_z = along_z - (c[..., 0, 2] + c[..., 1, 2]) / 3.0
-    return np.stack([along_z, across, c[..., 3, 3], c[..., 4, 4], c[..., 5, 5]], axis=-1)
+        return np.stack([xx_less_yy, c[..., 2, 2]], axis=-1)
+    # of the strain s = 2zz - xx - yy: s C s over twice the square of the length of s, which is 6
+    uncoupled = (c[..., 0, 0] + c[..., 1, 1] + 4.0 * c[..., 2, 2] + 2.0 * c[..., 0, 1]) / 12.0
+    along_z = uncoupled - (c[..., 0, 2] + c[..., 1, 2]) / 3.0
+    return np.stack([along_z, xx_less_yy, c[..., 3, 3], c[..., 4, 4], c[..., 5, 5]], axis=-1)
 
 
 def bulk_and_shear(tensor: Array) -> Array:
@@ -212,8 +231,10 @@ def bulk_and_shear(tensor: Array) -> Array:
     """
     p = _PERIODS[tensor.shape[-1]]
     bulk = np.sum(tensor[..., :p, :p], axis=(-2, -1)) / p**2
-    each = shears(tensor)
-    return np.stack([bulk, np.mean(each, axis=-1) if p > 1 else np.zeros_like(bulk)], axis=-1)
+    shear = np.zeros_like(bulk)
+    if p > 1:
+        shear = np.mean(shears(tensor), axis=-1)
+    return np.stack([bulk, shear], axis=-1)
 
 
 def anisotropy(shear: Array) -> Array:
@@ -246,79 +267,96 @@ def name_waves(axes: tuple[int, ...], periods: int) -> tuple[str, ...]:
     They are "longitudinal", then "transverse", or "transverse_slow" and "transverse_fast"; on a
     plane of balls that also move across it, "out_of_plane" is the last.
     """
-    ahead = ("longitudinal",) * (set(range(periods)) <= set(axes))
-    across = ("out_of_plane",) * (periods == 2 and 2 in axes)
-    count = len(axes) - len(ahead) - len(across)
+    moves_along_periods = set(range(periods)) <= set(axes)
+    longitudinal = ("longitudinal",) if moves_along_periods else ()
+    leaves_plane = periods == 2 and 2 in axes
+    out_of_plane = ("out_of_plane",) if leaves_plane else ()
+    count = len(axes) - len(longitudinal) - len(out_of_plane)
     transverse = ("transverse_slow", "transverse_fast")[:count]
     if count == 1:
         transverse = ("transverse",)
-    return (*ahead, *transverse, *across)
+    return (*longitudinal, *transverse, *out_of_plane)
 
 
 def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple[Array, Array]:
     """Return velocities (..., n_u) and polarisations (..., n_u, n_u), columns, in the order of
     :func:`name_waves`.
 
-    ``along`` (..., p) are the directions, unit vectors; ``factor`` (..., n, n_u) are factors of the
-    acoustic tensors, whose eigenvalues are the squares of velocities.
+    ``along`` (..., p) are the directions, unit vectors; ``factor`` (..., n, n_u) are factors F of
+    the acoustic tensors F^T F, whose eigenvalues are the squares of velocities. ``axes`` are the
+    n_u axes along which balls move.
     """
-    values, right = jacobi_svd(factor)
+    unordered_velocities, unordered_vectors = jacobi_svd(factor)
     periods = along.shape[-1]
     if len(axes) == 3:
         along_in_space = np.pad(along, [(0, 0)] * (along.ndim - 1) + [(0, 3 - periods)])
-        right = _settle_vectors(along_in_space, values, right)
+        unordered_vectors = _settle_vectors(along_in_space, unordered_velocities, unordered_vectors)
     names = name_waves(axes, periods)
-    toward = np.zeros((*along.shape[:-1], len(axes)))
+    # the direction in components of the motions
+    direction = np.zeros((*along.shape[:-1], len(axes)))
     for axis in set(range(periods)) & set(axes):
-        toward[..., axes.index(axis)] = along[..., axis]
-    rank = np.zeros(right.shape[:-2] + right.shape[-1:])
+        direction[..., axes.index(axis)] = along[..., axis]
+    # -1 of the longitudinal wave, 1 of the wave out of the plane, else 0, (..., n_u)
+    rank = np.zeros(unordered_vectors.shape[:-2] + unordered_vectors.shape[-1:])
     if names[0] == "longitudinal":
-        along_q = np.abs(np.einsum("...i,...ib->...b", toward, right))
-        # the fast one of two waves that are equally longitudinal
+        along_q = np.abs(np.einsum("...i,...ib->...b", direction, unordered_vectors))
+        # the last, and fastest, of waves that are equally longitudinal
         tied = along_q >= (1.0 - _TIED_ALONG) * np.max(along_q, axis=-1, keepdims=True)
-        ahead = len(axes) - 1 - np.argmax(tied[..., ::-1], axis=-1)
-        np.put_along_axis(rank, ahead[..., None], -1.0, -1)
+        longitudinal = len(axes) - 1 - np.argmax(tied[..., ::-1], axis=-1)
+        np.put_along_axis(rank, longitudinal[..., None], -1.0, -1)
     if names[-1] == "out_of_plane":
-        off_plane = np.abs(right[..., axes.index(2), :])
-        across = np.argmax(np.where(rank < 0.0, -1.0, off_plane), axis=-1)
-        np.put_along_axis(rank, across[..., None], 1.0, -1)
+        off_plane = np.abs(unordered_vectors[..., axes.index(2), :])
+        out_of_plane = np.argmax(np.where(rank < 0.0, -1.0, off_plane), axis=-1)
+        np.put_along_axis(rank, out_of_plane[..., None], 1.0, -1)
     order = np.argsort(rank, axis=-1, kind="stable")
-    return np.take_along_axis(values, order, -1), np.take_along_axis(right, order[..., None, :], -1)
+    velocities = np.take_along_axis(unordered_velocities, order, -1)
+    polarisations = np.take_along_axis(unordered_vectors, order[..., None, :], -1)
+    return velocities, polarisations
 
 
-def _settle_vectors(along: Array, values: Array, vectors: Array) -> Array:
+def _settle_vectors(along: Array, velocities: Array, vectors: Array) -> Array:
     """Return polarisations (..., 3, 3), columns, that rounding does not decide: those of equal
     velocities, and their signs.
 
-    ``along`` (..., 3) is the direction; ``values`` (..., 3) are the velocities, ascending.
+    ``along`` (..., 3) is the direction; ``velocities`` (..., 3) ascend.
     """
     vectors = vectors.copy()
     along = np.broadcast_to(along, vectors.shape[:-1])
-    tied = np.diff(values, axis=-1) <= _TIED * values[..., 1:]
-    triple = np.all(tied, axis=-1)
-    vectors[triple, :, 2] = along[triple]
-    for pair, third in ((0, 2), (1, 0)):
-        settled = tied[..., pair] & (~triple if pair else True)
-        apart = vectors[settled][..., third]
-        # the first vector is the direction, or an axis far from the third vector, without the part
-        # along the third
-        ahead = along[settled] - np.sum(along[settled] * apart, axis=-1, keepdims=True) * apart
-        axis = np.eye(3)[np.argmin(np.round(np.abs(apart), 9), axis=-1)]
-        aside = axis - np.sum(axis * apart, axis=-1, keepdims=True) * apart
-        first = np.where(np.linalg.norm(ahead, axis=-1, keepdims=True) > _TIED_ALONG, ahead, aside)
-        first /= np.linalg.norm(first, axis=-1, keepdims=True)
-        vectors[settled, :, pair] = first
-        vectors[settled, :, pair + 1] = np.cross(apart, first)
+    tied = np.diff(velocities, axis=-1) <= _TIED * velocities[..., 1:]
+    all_tied = np.all(tied, axis=-1)
+    # of three equal velocities, the last vector is the direction
+    vectors[all_tied, :, 2] = along[all_tied]
+    slow_pair = tied[..., 0]
+    slow = _choose_pair(along[slow_pair], vectors[slow_pair][..., 2])
+    vectors[slow_pair, :, 0], vectors[slow_pair, :, 1] = slow
+    fast_pair = tied[..., 1] & ~all_tied
+    fast = _choose_pair(along[fast_pair], vectors[fast_pair][..., 0])
+    vectors[fast_pair, :, 1], vectors[fast_pair, :, 2] = fast
     # longitudinal parts point ahead; a vector without one has its largest component above zero
     longitudinal = np.einsum("...i,...ib->...b", along, vectors)
-    largest = np.argmax(np.round(np.abs(vectors), 9), axis=-2)
+    largest = np.argmax(np.round(np.abs(vectors), _DIGITS), axis=-2)
     component = np.take_along_axis(vectors, largest[..., None, :], -2)[..., 0, :]
     decisive = np.where(np.abs(longitudinal) > _TIED_ALONG, longitudinal, component)
     return vectors * np.where(decisive < 0.0, -1.0, 1.0)[..., None, :]
 
 
+def _choose_pair(along: Array, third: Array) -> tuple[Array, Array]:
+    """Return two unit vectors (n, 3) normal to each other and to a ``third`` (n, 3), of which the
+    first is as near to the direction ``along`` (n, 3) as can be.
+
+    Where the direction is that of the third, an axis far from the third takes its place.
+    """
+    ahead = along - np.sum(along * third, axis=-1, keepdims=True) * third
+    axis = np.eye(3)[np.argmin(np.round(np.abs(third), _DIGITS), axis=-1)]
+    aside = axis - np.sum(axis * third, axis=-1, keepdims=True) * third
+    has_part_ahead = np.linalg.norm(ahead, axis=-1, keepdims=True) > _TIED_ALONG
+    first = np.where(has_part_ahead, ahead, aside)
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return first, np.cross(third, first)
+
+
 def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
-    """Find the long waves of elastic tensors (..., n, n) along ``direction`` (p,) or (n, p),
+    """Return the long waves of elastic tensors (..., n, n) along ``direction`` (p,) or (n, p),
     without prestress.
 
     Returns
@@ -339,7 +377,10 @@ def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
         strain[..., a, n] += along[..., b]
         if a != b:
             strain[..., b, n] += along[..., a]
-    stiffness = np.asarray(tensor)[(..., *(None,) * (along.ndim - 1), slice(None), slice(None))]
+    # an axis for many directions
+    stiffness = np.asarray(tensor)
+    if along.ndim > 1:
+        stiffness = stiffness[..., None, :, :]
     try:
         factor = cholesky_factor(strain @ stiffness @ strain.swapaxes(-1, -2))
     except np.linalg.LinAlgError:

@@ -88,12 +88,15 @@ class _LDLFactors:
         self._factors = factors
 
     def solve(self, right: NDArray[Any], /) -> NDArray[Any]:
+        """Return x of A x = ``right``, (n,) or (n, m)."""
         dtype = np.dtype(self._factors.dtype)
         if np.iscomplexobj(right) and dtype.kind != "c":
+            # real factors solve for real and imaginary parts apart
             return np.asarray(self.solve(right.real) + 1j * self.solve(right.imag))
-        values = np.asarray(right, dtype)
-        solve = self._factors.solve if values.ndim == 1 else self._factors.solve_many
-        return np.asarray(solve(values))
+        columns = np.asarray(right, dtype)
+        if columns.ndim == 1:
+            return np.asarray(self._factors.solve(columns))
+        return np.asarray(self._factors.solve_many(columns))
 
     @property
     def n_below(self) -> int:
@@ -123,17 +126,28 @@ class _LUFactors:
         )
 
     def solve(self, right: NDArray[Any], /) -> NDArray[Any]:
+        """Return x of A x = ``right``, (n,) or (n, m)."""
         if np.iscomplexobj(right) and self._dtype.kind != "c":
+            # real factors solve for real and imaginary parts apart
             return np.asarray(self.solve(right.real) + 1j * self.solve(right.imag))
         return np.asarray(self._factors.solve(np.asarray(right, self._dtype)))
 
     @cached_property
     def n_below(self) -> int:
-        # the signs of the pivots are those of the eigenvalues where no rows were exchanged
+        """Number of eigenvalues of A below zero.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if there are no factors with all
+        pivots on the diagonal.
+        """
+        # as many pivots as eigenvalues are below zero where no rows were exchanged
         factors = self._factors
         if not np.array_equal(factors.perm_r, factors.perm_c):
-            factors = _LUFactors(self._matrix, 0.0, False)._factors
+            # with the least part that a pivot on the diagonal must have, zero, all are there
+            factors = _LUFactors(self._matrix, pivot=0.0, approximate=False)._factors
         if not np.array_equal(factors.perm_r, factors.perm_c):
-            fault = "the factors of a matrix have pivots off the diagonal"
-            raise ConvergenceError(fault, "Its eigenvalues are not counted", "Install rslab")
+            raise ConvergenceError(
+                "the factors of a matrix have pivots off the diagonal",
+                "Its eigenvalues are not counted",
+                "Install rslab",
+            )
         return int(np.sum(factors.U.diagonal() < 0.0))

@@ -67,10 +67,11 @@ class _Remainder(NamedTuple):
 
 
 def dissect(positions: Array, i: Index, j: Index) -> list[Layer]:
-    """Cut balls at ``positions`` (n, d), which contacts join, into layers; halves come before the
+    """Return the layers into which balls at ``positions`` (n, d) are cut; halves come before the
     layer that cuts them.
 
-    Along a period a position counts within the cell. The last layer cuts all that contacts join.
+    Contacts join the balls ``i`` and ``j`` (n_c,). Along a period a position counts within the
+    cell. The last layer cuts all balls that contacts join.
     """
     dissection = _Dissection(positions, i, j)
     dissection.cut(np.arange(len(positions)))
@@ -84,10 +85,13 @@ class _Dissection:
         from scipy.sparse import csr_array
 
         n = len(positions)
-        ends = np.concatenate([i, j]), np.concatenate([j, i])
+        rows = np.concatenate([i, j])
+        columns = np.concatenate([j, i])
+        entries = np.ones(rows.size, np.int8)
         self.positions = positions
         self.layers: list[Layer] = []
-        self._touches = csr_array((np.ones(ends[0].size, np.int8), ends), shape=(n, n))
+        #: (n, n) above zero where two balls touch
+        self._touches = csr_array((entries, (rows, columns)), shape=(n, n))
         self._is_cut = np.zeros(n, bool)  # balls of the layers so far
         self._mark = np.zeros(n, bool)
 
@@ -108,8 +112,11 @@ class _Dissection:
         return len(self.layers) - 1
 
     def _halve(self, balls: Index) -> tuple[Index, Index, Index]:
-        """Return a layer across the longest axis of some balls (m,), and the balls on both sides,
-        which do not touch: the layer is all that touch the other half, of the half with fewer.
+        """Return a layer across the longest axis of some balls (m,), and the balls on both sides of
+        the layer, which do not touch.
+
+        The layer is made of the balls of one half that touch the other, of the half that has fewer
+        of them.
         """
         axis = int(np.argmax(np.ptp(self.positions[balls], axis=0)))
         order = balls[np.argsort(self.positions[balls, axis], kind="stable")]
@@ -133,18 +140,19 @@ class Fronts:
     """The factors of a symmetric matrix (n, n), sparse by rows, whose diagonal is one or zero.
 
     ``layers`` are those of :func:`dissect`; each ball has ``count`` motions, one ball after the
-    other. ``aside`` are the motions that have been set aside, and :meth:`solve` is for all other
-    motions. If only the motions set aside can make the matrix indefinite, it is indefinite where
-    the part that remains for them is.
+    other. ``aside`` (k,) are the motions that have been set aside, and :meth:`solve` is for all
+    other motions. If only the motions set aside can make the matrix indefinite, it is indefinite
+    where the part that remains for them is.
     """
 
     def __init__(
         self, matrix: Any, layers: list[Layer], count: int, progress: Progress = silent
     ) -> None:
-        balls = f"{matrix.shape[0] // count:,} balls"
+        n_balls = matrix.shape[0] // count
+        entries = count**2 * sum(_count_entries(layer) for layer in layers)
         require_memory(
-            f"factors of the contacts of {balls}",
-            max(1.0, _FRONTS_BYTES * count**2 * sum(map(_count_entries, layers))),
+            f"factors of the contacts of {n_balls:,} balls",
+            max(1.0, _FRONTS_BYTES * entries),
             "Take fewer balls, or a part of the network",
         )
         self._fronts: list[_Front] = []
@@ -160,8 +168,8 @@ class Fronts:
                 rows[motions] = np.arange(motions.size)
                 matrix_of_front = _compose_front(matrix[first], rows, motions.size)
                 for half in halves:
-                    passed = rows[half.motions]
-                    matrix_of_front[passed[:, None], passed] += half.matrix
+                    rows_of_half = rows[half.motions]
+                    matrix_of_front[rows_of_half[:, None], rows_of_half] += half.matrix
                 rows[motions] = -1
                 front, remainder, alone = _eliminate(matrix_of_front, motions, inner.size)
                 self._fronts.append(front)
@@ -173,7 +181,10 @@ class Fronts:
         self._is_aside[self.aside] = True
 
     def solve(self, forces: Array) -> Array:
-        """Return the motions (n, k) of balls under forces (n, k), those in ``aside`` being held."""
+        """Return the motions (n, k) of balls under forces (n, k), those in ``aside`` being held.
+
+        Units are those of the matrix: a force is the matrix times a motion.
+        """
         from scipy.linalg import solve_triangular
 
         motions = np.where(self._is_aside[:, None], 0.0, forces)
@@ -193,8 +204,8 @@ class Fronts:
         return motions
 
     def follow(self) -> Array:
-        """Return the motions (n, k) of all balls, without forces on them, as each of ``aside`` (k,)
-        alone moves by one.
+        """Return the motions (n, k) of all balls, without forces on these, as each of the motions
+        ``aside`` (k,) alone is one.
         """
         from scipy.linalg import solve_triangular
 
@@ -203,14 +214,14 @@ class Fronts:
         for front in reversed(self._fronts):
             if not front.eliminated.size:
                 continue
-            moved = motions[front.coupled]
+            coupled_motions = motions[front.coupled]
             # most motions that are set aside move a few balls alone
-            columns = np.flatnonzero(np.any(moved != 0.0, axis=0))
+            columns = np.flatnonzero(np.any(coupled_motions != 0.0, axis=0))
             if not columns.size:
                 continue
             motions[front.eliminated[:, None], columns] = solve_triangular(
                 front.lower,
-                -(front.below.T @ moved[:, columns]),
+                -(front.below.T @ coupled_motions[:, columns]),
                 lower=True,
                 trans="T",
                 check_finite=False,
@@ -227,7 +238,7 @@ def _eliminate(matrix: Array, motions: Index, n_inner: int) -> tuple[_Front, _Re
     """Eliminate the first ``n_inner`` of the ``motions`` (m,) of a front with a ``matrix`` (m, m),
     as far as they have pivots.
 
-    Returned are the front, what it passes on, and the motions without a pivot that stay out of the
+    Returned are the front, its remainder, and the motions without a pivot that stay out of the
     fronts above: those without couplings, and all in the last layer, which has no front above.
     """
     lower, order, rank = _factorise(matrix[:n_inner, :n_inner])
@@ -237,11 +248,13 @@ def _eliminate(matrix: Array, motions: Index, n_inner: int) -> tuple[_Front, _Re
     below = np.ascontiguousarray(_divide(lower, matrix[np.ix_(later, hard)]))
     remaining = np.zeros((0, 0))
     if later.size:
+        # Schur's complement
         remaining = matrix[np.ix_(later, later)] - below @ below.T
     n_outer = motions.size - n_inner
     coupling = np.max(np.abs(remaining[: soft.size]), axis=1, initial=0.0)
     is_passed = np.concatenate([coupling > _NO_PIVOT, np.ones(n_outer, bool)])
-    if n_outer == 0:
+    has_front_above = n_outer > 0
+    if not has_front_above:
         is_passed[:] = False
     coupled = motions[later]
     remainder = _Remainder(
@@ -263,9 +276,9 @@ def _compose_front(lines: Any, rows: Index, size: int) -> Array:
     front = np.zeros((size, size))
     i = np.repeat(np.arange(lines.shape[0]), np.diff(lines.indptr))
     j = rows[lines.indices]
-    inside = j >= 0
-    front[i[inside], j[inside]] = lines.data[inside]
-    front[j[inside], i[inside]] = lines.data[inside]
+    in_front = j >= 0
+    front[i[in_front], j[in_front]] = lines.data[in_front]
+    front[j[in_front], i[in_front]] = lines.data[in_front]
     return front
 
 
@@ -275,25 +288,27 @@ def _count_entries(layer: Layer) -> int:
 
 
 def _factorise(matrix: Array) -> tuple[Array, Index, int]:
-    """Return L (r, r), the order of motions, and the number r of those that have a pivot; they come
-    first.
+    """Return L (r, r) of a ``matrix`` (n, n), an order (n,) of the motions, and the number r of
+    motions that have a pivot, which come first in this order.
     """
     from scipy.linalg.lapack import dpotrf, dpstrf
 
     n = len(matrix)
     if not n:
         return matrix, np.arange(0), 0
-    lower, failed = dpotrf(matrix, lower=1)
-    if not failed and np.min(lower.diagonal()) ** 2 > _SOFT_PIVOT:
+    lower, failure = dpotrf(matrix, lower=1)
+    if not failure and np.min(lower.diagonal()) ** 2 > _SOFT_PIVOT:
         return lower, np.arange(n), n
+    # slower, with pivots in descending order, so that small ones come last
     lower, order, rank, _ = dpstrf(matrix, tol=_SOFT_PIVOT, lower=1)
+    # LAPACK counts from one
     return np.tril(lower[:rank, :rank]), np.asarray(order - 1, np.intp), int(rank)
 
 
-def _divide(lower: Array, right: Array) -> NDArray[np.float64]:
+def _divide(lower: Array, block: Array) -> NDArray[np.float64]:
     """Return B L^-T."""
     from scipy.linalg.blas import dtrsm
 
-    if not right.size:
-        return right
-    return np.asarray(dtrsm(1.0, lower, right, side=1, lower=1, trans_a=1))
+    if not block.size:
+        return block
+    return np.asarray(dtrsm(1.0, lower, block, side=1, lower=1, trans_a=1))

@@ -37,8 +37,9 @@ from granphon.networks.network import ContactNetwork
 _COUPLING_TOLERANCE = 1e-17
 #: doublings of the number of eliminated layers, at most
 _MOST_DOUBLINGS = 60
-#: entries of blocks that are inverted in one call
+#: entries of blocks that are held in one call, and blocks that are held for each w
 _CHUNK = 2**20
+_MATRICES_HELD = 12
 #: wave numbers across the edge on which the edges of bands are bracketed
 _BAND_SAMPLES = 48
 #: golden sections that refine a bracket
@@ -51,6 +52,8 @@ _GAP_BROADENINGS = np.array([1e-3, 2e-3])
 _BAND_BROADENING = 1e-9
 #: step of finite differences in w within a band, over the highest w
 _DIFFERENCE_STEP = 1e-5
+#: w, over the bound of all bands, up to which waves are sought above the highest band
+_ABOVE_BANDS = 1.01
 #: relative width of a gap up to which two bands count as touching
 _LEAST_GAP = 1e-7
 #: margin at both edges of a gap, over its width, in which no wave is sought
@@ -71,15 +74,8 @@ _SEARCH_STEPS = 8
 _NEWTON_STEPS = 12
 #: relative change of w at which they end
 _NEWTON_TOLERANCE = 1e-8
-#: phases from layer to layer at which Zak phases and windings are summed
-_WINDING_PHASES = 256
-#: determinant, over the product of the norms of its rows, and gap in w, over the highest w, that
-#: count as zero
-_SINGULAR = 1e-12
-#: least overlap of branches from one phase to the next at which their gap counts as open
-_OPEN = 0.5
-#: phase that is zero but for rounding, rad
-_NO_PHASE = 1e-9
+#: difference of two poles, over the highest w, up to which the poles are one
+_ONE_POLE = 0.1 * _NEWTON_TOLERANCE
 #: -w, over the highest w, at which edge motions without energy are told from others
 _FREE_SHIFT = 1e-10
 #: part of the energy of such a motion in the top layer, at least
@@ -99,6 +95,8 @@ _FAR = 1e3
 _MOST_WIDTH = 0.05
 #: part of the energy of a leaky wave in the top layer, at least
 _TOP_PART = 0.02
+#: angles, rad, of bulk waves to the edge among which the one that is slowest along it is sought
+_COURSES = np.linspace(-1.4, 1.4, 281)
 
 
 class EdgeWaves(NamedTuple):
@@ -145,23 +143,31 @@ class HalfSpace:
         self.edge = edge
         self.units = network.scales
         self.layers = network.layers_across(axis)
-        self.reach = reach = self._count_reach()
-        n_layers = 4 * reach + 1 + (edge == "clamped")
-        self.cut = cut = network.cut(axis, n_layers, (edge, "free"))
+        self.reach = self._count_reach()
+        # three blocks of layers, and more below, so that the lower edge of the cut is out of reach;
+        # a clamped layer does not move, and belongs to no block
+        n_layers = 4 * self.reach + 1
+        if edge == "clamped":
+            n_layers += 1
+        cut = network.cut(axis, n_layers, (edge, "free"))
+        self.cut = cut
         self.motions = cut.ball_motions
         self.per_layer = int(np.count_nonzero(network.moving))
-        self.size = reach * self.per_layer * self.motions.count
-        rows, stiff = self._list_rows()
-        # the contacts kept are those of the two outer blocks, which reach into a third
+        self.size = self.reach * self.per_layer * self.motions.count
+        rows, stiffnesses = self._list_rows()
         moving = cut.moving
+        # number of each ball among those that move; all that do not move share the next number
         number = np.where(moving, np.cumsum(moving) - 1, np.count_nonzero(moving))
-        block = number // (reach * self.per_layer)
+        block = number // (self.reach * self.per_layer)
         lower = np.minimum(block[cut.i], block[cut.j])
         upper = np.maximum(block[cut.i], block[cut.j])
-        crosses = (lower == 0) & (upper == 1) & moving[cut.i] & moving[cut.j]
-        self._kept = kept = np.flatnonzero(lower < 2)
+        joins_moving = moving[cut.i] & moving[cut.j]
+        crosses = (lower == 0) & (upper == 1) & joins_moving
+        # the contacts kept are those of the two outer blocks, which reach into a third
+        kept = np.flatnonzero(lower < 2)
+        self._kept = kept
         self._steps, self._matrix = self._assemble(rows, number)
-        self._stiff: Array = np.concatenate([stiffness[kept] for stiffness in stiff])
+        self._stiff: Array = np.concatenate([stiffness[kept] for stiffness in stiffnesses])
         self._second: Array = np.tile(lower[kept] == 1, len(rows))
         self._crossing: Array = np.tile(crosses[kept], len(rows))
         self._kinds = [row.kind for row in rows]
@@ -172,6 +178,7 @@ class HalfSpace:
         """
         network = self.network
         periods = np.flatnonzero(network.pbc)
+        # shifts of contacts between balls that are moved into one layer
         _, shift = self.layers.gather(
             network.positions[:, : network.dimension],
             network.i,
@@ -179,7 +186,8 @@ class HalfSpace:
             network.shift[:, periods],
             np.isinf(network.radii),
         )
-        reach = int(np.max(np.abs(self.layers.split(shift)[1]), initial=0))
+        layers_crossed = self.layers.split(shift)[1]
+        reach = int(np.max(np.abs(layers_crossed), initial=0))
         if not reach:
             raise InputError(
                 "no contact joins the layers",
@@ -189,30 +197,34 @@ class HalfSpace:
         return reach
 
     def _list_rows(self) -> tuple[list[Row], list[Array]]:
-        """Return the rows of the contacts of the cut, and their stiffnesses (n_c,) in reduced
-        units, those of static forces among them.
+        """Return the rows of the contacts of the cut, and the stiffness (n_c,) of each row in
+        reduced units, those of static normal forces among them.
+
+        Raises :class:`~granphon.base.errors.InputError` for static tangential forces.
         """
         cut = self.cut
         units = self.units
         rows = network_rows(cut)
-        stiff = [row.stiffness / units.stiffness for row in rows]
-        if cut.prestress:
-            if cut.tangential_force is not None and np.any(cut.tangential_force):
-                raise InputError(
-                    "the network has static tangential forces",
-                    "With prestress, they have no potential",
-                )
-            pushes = push_rows(cut.normal[:, : self.network.dimension], self.motions)
-            rows += pushes
-            stiff += [-cut.normal_force / cut.distance / units.stiffness] * len(pushes)
-        return rows, stiff
+        stiffnesses = [row.stiffness / units.stiffness for row in rows]
+        if not cut.prestress:
+            return rows, stiffnesses
+        if cut.tangential_force is not None and np.any(cut.tangential_force):
+            raise InputError(
+                "the network has static tangential forces",
+                "With prestress, they have no potential",
+            )
+        push_stiffness = -cut.normal_force / cut.distance / units.stiffness
+        for row in push_rows(cut.normal[:, : self.network.dimension], self.motions):
+            rows.append(row)
+            stiffnesses.append(push_stiffness)
+        return rows, stiffnesses
 
     def _assemble(self, rows: list[Row], number: Index) -> tuple[Index, Array]:
         """Return steps s (n_s, p - 1) along the edge, and C_s M^-1/2 (n_s, rows n_kept, 3 size) of
         the contacts that are kept.
 
-        C(q) is the sum over s of C_s exp(i q.s), with tails at s = 0. ``number`` is that of each
-        ball of the cut among those that move, and one more for a body.
+        C(q) is the sum over s of C_s exp(i q.s), with tails at s = 0. ``number`` (n,) is that of
+        each ball of the cut among those that move, and the next number for a body that does not.
         """
         cut = self.cut
         kept = self._kept
@@ -224,19 +236,20 @@ class HalfSpace:
         )
         step_of_tail = step_of_row.ravel()[0]
         step_of_head = step_of_row.ravel()[1:]
-        root = 1.0 / np.sqrt(np.where(cut.moving, cut.masses / self.units.mass, np.inf))
+        masses = np.where(cut.moving, cut.masses / self.units.mass, np.inf)
+        inverse_root_mass = 1.0 / np.sqrt(masses)
         tails = cut.i[kept]
         heads = cut.j[kept]
         contacts = np.arange(n_kept)
         matrix = np.zeros((len(steps), len(rows), n_kept, int(number.max()) + 1, count))
         for n, row in enumerate(rows):
-            tail = -row.tail[kept] * root[tails][:, None]
-            head = row.head[kept] * root[heads][:, None]
+            tail = -row.tail[kept] * inverse_root_mass[tails][:, None]
+            head = row.head[kept] * inverse_root_mass[heads][:, None]
             matrix[step_of_tail, n, contacts, number[tails]] += tail
             matrix[step_of_head, n, contacts, number[heads]] += head
-        n_balls = 3 * self.size // count
-        flat = matrix[:, :, :, :n_balls].reshape(len(steps), -1, 3 * self.size)
-        return steps[:, : len(self.layers.cell)], flat
+        n_balls = 3 * self.size // count  # those of three blocks
+        in_blocks = matrix[:, :, :, :n_balls].reshape(len(steps), -1, 3 * self.size)
+        return steps[:, : len(self.layers.cell)], in_blocks
 
     def blocks(self, q: Array) -> tuple[Complex, Complex, Complex]:
         """Return E_0, E and A, (n_q, size, size), at wave vectors q (n_q, p - 1) in fractions of
@@ -244,35 +257,38 @@ class HalfSpace:
         """
         size = self.size
         phase = np.exp(2.0j * np.pi * (q @ self._steps.T))
-        rows: Complex = np.asarray(np.tensordot(phase, self._matrix[:, :, : 2 * size], 1), complex)
+        two_blocks = self._matrix[:, :, : 2 * size]
+        rows: Complex = np.asarray(np.tensordot(phase, two_blocks, 1), complex)
         matrices = rows.conj().swapaxes(1, 2) @ (self._stiff[:, None] * rows)
         return matrices[:, :size, :size], matrices[:, size:, size:], matrices[:, :size, size:]
 
     def couplings(self, q: Array, elongation: Any = 1.0, other: Any = 1.0) -> Couplings:
-        """Return the blocks at one wave vector q (p - 1,); contacts of :attr:`cut` are as many
-        times as stiff.
+        """Return the blocks (size, size) of D at one wave vector q (p - 1,), in k/M.
 
-        The factors, of elongation and of all other deformations, are numbers or (n_f, n_c), complex
-        where energy is lost.
+        ``elongation`` and ``other`` multiply the stiffnesses of the contacts of :attr:`cut` against
+        elongation and against all other deformations: both are (n_f, n_c), complex where energy is
+        lost, and the blocks then (n_f, size, size). By default stiffnesses are as they are.
         """
         size = self.size
         phase = np.exp(2.0j * np.pi * (self._steps @ q))
-        rows = np.asarray(np.tensordot(phase, self._matrix[:, :, : 2 * size], 1), complex)
-        weights = self._stiff
+        two_blocks = self._matrix[:, :, : 2 * size]
+        rows = np.asarray(np.tensordot(phase, two_blocks, 1), complex)
+        stiffness = self._stiff
         if np.ndim(elongation):
+            # static forces, which push, are not changed
             factors = {"elongation": elongation, "push": np.ones_like(elongation)}
-            weights = weights * np.concatenate(
-                [factors.get(kind, other)[:, self._kept] for kind in self._kinds], axis=1
-            )
-        full = rows.conj().T @ (weights[..., None] * rows)
+            factor_of_row = [factors.get(kind, other)[:, self._kept] for kind in self._kinds]
+            stiffness = stiffness * np.concatenate(factor_of_row, axis=1)
+        full = rows.conj().T @ (stiffness[..., None] * rows)
+        # contacts between the two outer blocks alone
         crossing = rows[self._crossing]
-        cross = crossing.conj().T @ (weights[..., self._crossing, None] * crossing)
+        cross = crossing.conj().T @ (stiffness[..., self._crossing, None] * crossing)
         return Couplings(
-            full[..., size:, size:],
-            cross[..., :size, :size],
-            cross[..., size:, size:],
-            full[..., :size, size:],
-            full[..., size:, :size],
+            inner=full[..., size:, size:],
+            tail=cross[..., :size, :size],
+            head=cross[..., size:, size:],
+            up=full[..., :size, size:],
+            down=full[..., size:, :size],
         )
 
     def read_wavevector(self, q: ArrayLike) -> Array:
@@ -296,9 +312,12 @@ class HalfSpace:
         the edge is q (p - 1,).
         """
         p = len(q)
-        beside = np.linalg.solve(self.layers.cell[:, :p].T, self.layers.stack[:p]) @ q
-        real = (np.angle(factors) / (2.0 * np.pi) - beside + 0.5) % 1.0 - 0.5
-        return (2.0 * np.pi * real - 1j * np.log(np.abs(factors))) / self.height
+        # a layer is shifted along the edge against the one above; its phase counts to q
+        layer_shift = np.linalg.solve(self.layers.cell[:, :p].T, self.layers.stack[:p])
+        phase_along_edge = layer_shift @ q
+        turns = np.angle(factors) / (2.0 * np.pi) - phase_along_edge
+        nearest_turns = (turns + 0.5) % 1.0 - 0.5
+        return (2.0 * np.pi * nearest_turns - 1j * np.log(np.abs(factors))) / self.height
 
     @property
     def height(self) -> float:
@@ -323,9 +342,9 @@ class HalfSpace:
         size = outer.shape[1]
         surface = np.empty((len(w), size, size), complex)
         bulk = np.empty((len(w), size, size), complex)
-        together = max(1, _CHUNK // (12 * size**2))
-        for first in range(0, len(w), together):
-            chunk = slice(first, first + together)
+        chunk_length = max(1, _CHUNK // (_MATRICES_HELD * size**2))
+        for first in range(0, len(w), chunk_length):
+            chunk = slice(first, first + chunk_length)
             numbers = point[chunk]
             shift = w[chunk, None, None] * np.eye(size)
             top, middle = self._double_layers(outer[numbers], inner[numbers], hop[numbers], shift)
@@ -336,10 +355,12 @@ class HalfSpace:
     def _double_layers(
         self, outer: Complex, inner: Complex, hop: Complex, shift: Complex
     ) -> tuple[Complex, Complex]:
-        """Return F of the outer block, and of a block with blocks on both sides, from their
-        matrices and from w times the unit matrix as ``shift``, all (n, m, m).
+        """Return F of the outer block, and of a block with blocks on both sides, from the blocks
+        ``outer`` E_0, ``inner`` E and ``hop`` A, and from w times the unit matrix as ``shift``, all
+        (n, m, m).
 
-        Each turn eliminates every other block, with g = (w - E)^-1 of the blocks in between.
+        Each turn eliminates every other block, with g = (w - E)^-1 of the blocks in between. B is
+        the coupling back, the adjoint of A at first.
         """
         size = outer.shape[1]
         top = outer.copy()
@@ -371,7 +392,7 @@ class HalfSpace:
 
     def bands(self, q: Array) -> Array:
         """Return the lowest and the highest w (n_q, size, 2) of each branch at q (n_q, p - 1), over
-        all across the edge.
+        all wave numbers across the edge.
         """
         _, inner, hop = self.blocks(q)
 
@@ -383,18 +404,21 @@ class HalfSpace:
         n = len(q)
         size = self.size
         angles = 2.0 * np.pi * np.arange(_BAND_SAMPLES) / _BAND_SAMPLES
-        samples = solve(np.repeat(np.arange(n), _BAND_SAMPLES), np.tile(angles, n))
-        samples = samples.reshape(n, _BAND_SAMPLES, size)
+        all_samples = solve(np.repeat(np.arange(n), _BAND_SAMPLES), np.tile(angles, n))
+        samples = all_samples.reshape(n, _BAND_SAMPLES, size)
         # the highest w is where -w is lowest
         sign = np.array([1.0, -1.0])
-        start = angles[np.argmin(samples[..., None] * sign, axis=1)].reshape(-1)  # (n size 2,)
+        lowest_sample = np.argmin(samples[..., None] * sign, axis=1)  # (n, size, 2)
+        start = angles[lowest_sample].reshape(-1)
+        # wave vector, branch and sign of each of the (n size 2,) extremes
         points = np.repeat(np.arange(n), 2 * size)
         branch = np.tile(np.repeat(np.arange(size), 2), n)
         signs = np.tile(sign, n * size)
 
         def evaluate(angle: Array) -> Array:
-            """Return w times sign at phases ``angle`` (n size 2,)."""
-            return np.asarray(signs * solve(points, angle)[np.arange(len(points)), branch])
+            """Return w times its sign (n size 2,) at phases ``angle`` (n size 2,)."""
+            w = solve(points, angle)[np.arange(len(points)), branch]
+            return np.asarray(signs * w)
 
         lowest = _find_minima(evaluate, start, 2.0 * np.pi / _BAND_SAMPLES)
         return (signs * lowest).reshape(n, size, 2)
@@ -408,7 +432,7 @@ class HalfSpace:
         points = []
         ends = []
         for point, bands in enumerate(self.bands(q)):
-            intervals = _find_clear(bands, 1.01 * self.highest)
+            intervals = _find_clear(bands, _ABOVE_BANDS * self.highest)
             if inside:
                 intervals = _find_between(intervals)
             points += [point] * len(intervals)
@@ -420,9 +444,9 @@ class HalfSpace:
         return np.array(points, np.intp), np.stack([low, high - margin])
 
     def find_waves(self, q: Array) -> EdgeWaves:
-        """Find all waves of the edge outside of the bands, at wave vectors q (n_q, p - 1).
+        """Return all waves of the edge outside of the bands, at wave vectors q (n_q, p - 1).
 
-        They are where M(w) of :class:`_CutCrystal` is singular. In a gap M is smooth and its
+        Waves are where M(w) of :class:`_CutCrystal` is singular. In a gap M is smooth and its
         eigenvalues rise, so that each has one zero if its sign changes over the gap, and none
         otherwise.
         """
@@ -430,17 +454,20 @@ class HalfSpace:
         point, gap = self._find_gaps(q)
         ends = np.stack([crystal.eigenvalues(point, end, gap) for end in gap])  # (2, n, 2 size)
         # zeros at the very ends, beside the poles of g, have no sign
-        rounded = _UNSIGNED * np.max(np.abs(ends), axis=2, keepdims=True)
-        interval, branch = np.nonzero((ends[0] < -rounded[0]) & (ends[1] > rounded[1]))
+        rounding = _UNSIGNED * np.max(np.abs(ends), axis=2, keepdims=True)
+        rises_through_zero = (ends[0] < -rounding[0]) & (ends[1] > rounding[1])
+        interval, branch = np.nonzero(rises_through_zero)
         point = point[interval]
         gap = gap[:, interval]
         if not interval.size:
             return EdgeWaves(point, np.zeros(0, complex), np.zeros(0))
 
         def evaluate(waves: Index, w: Array) -> Array:
-            """Return the eigenvalues of M that are to vanish, for some ``waves`` (m,) at w (m,)."""
-            values = crystal.eigenvalues(point[waves], w, gap[:, waves])
-            return np.asarray(values[np.arange(len(waves)), branch[waves]])
+            """Return the eigenvalue (m,) of M that is to vanish, of some ``waves`` (m,) at w
+            (m,).
+            """
+            eigenvalues = crystal.eigenvalues(point[waves], w, gap[:, waves])
+            return np.asarray(eigenvalues[np.arange(len(waves)), branch[waves]])
 
         w = _find_roots(evaluate, gap, ends[:, interval, branch])
         return self._sort_sides(crystal, point, w, gap)
@@ -451,49 +478,61 @@ class HalfSpace:
         The waves of both edges have w (n,) in gaps with the ends ``gap`` (2, n), at the wave
         vectors of numbers ``point`` (n,).
         """
-        waves = []
+        points = []
+        squares = []
+        weights = []
         order = np.lexsort((w, point))
-        is_apart = np.diff(w[order]) > _DEGENERACY * (gap[1] - gap[0])[order][1:]
+        width = gap[1] - gap[0]
+        is_apart = np.diff(w[order]) > _DEGENERACY * width[order][1:]
         is_new = np.ones(len(w), bool)
         is_new[1:] = (np.diff(point[order]) > 0) | is_apart
-        for members in np.split(order, np.flatnonzero(is_new)[1:]):
-            first = members[:1]
-            mean = np.mean(w[members])
+        for degenerate_set in np.split(order, np.flatnonzero(is_new)[1:]):
+            first = degenerate_set[:1]
+            mean = np.mean(w[degenerate_set])
             matrices, slopes, motions = crystal.find(point[first], np.array([mean]), gap[:, first])
             slope = slopes[0]
             beyond = motions[0, : self.size]
             on_top = motions[0, self.size :]
-            for wave in _choose_side(matrices[0], beyond, on_top, len(members)):
+            for wave in _choose_side(matrices[0], beyond, on_top, len(degenerate_set)):
                 energy = float((wave.conj() @ slope @ wave).real)
                 top_energy = float(np.sum(np.abs(on_top @ wave) ** 2))
-                waves.append((point[first][0], mean, top_energy / energy))
-        table = np.array(waves).reshape(-1, 3)
-        return EdgeWaves(table[:, 0].astype(np.intp), table[:, 1].astype(complex), table[:, 2])
+                points.append(point[first[0]])
+                squares.append(mean)
+                weights.append(top_energy / energy)
+        return EdgeWaves(
+            np.array(points, np.intp), np.array(squares, complex), np.array(weights, float)
+        )
 
     def find_free_motions(self, q: Array) -> EdgeWaves:
-        """Find motions of the outer layers that cost nothing at q (n_q, p - 1), by the part of
-        their energy on top.
+        """Return motions of the outer layers that cost nothing at q (n_q, p - 1), with the part of
+        their energy on top as the weight.
 
-        Towards w = 0 from below, -w times the Green's function becomes the matrix of the outer
-        parts of all such motions, whose eigenvalues are these parts; others go as w, or as its root
-        where a band reaches zero.
+        Towards w = 0 from below, w times the Green's function becomes the matrix of the outer parts
+        of all such motions, whose eigenvalues are the parts of the energy on top; eigenvalues of
+        other motions go as w, or as its root where a band reaches zero.
         """
         w = np.full(len(q), -_FREE_SHIFT * self.highest, complex)
         green = np.linalg.inv(self.inverse_green(q, np.arange(len(q)), w))
-        parts = np.linalg.eigvalsh(w[:, None, None] * 0.5 * (green + green.conj().swapaxes(1, 2)))
-        point, branch = np.nonzero(parts > _FREE_TOP_PART)
-        weight = np.asarray(parts[point, branch], float)
+        # Hermitian but for rounding
+        outer_parts = w[:, None, None] * 0.5 * (green + green.conj().swapaxes(1, 2))
+        top_parts = np.linalg.eigvalsh(outer_parts)
+        point, branch = np.nonzero(top_parts > _FREE_TOP_PART)
+        weight = np.asarray(top_parts[point, branch], float)
         return EdgeWaves(point, np.zeros(len(point), complex), weight)
 
     def find_leaky_waves(self, q: Array) -> EdgeWaves:
-        """Find leaky waves within bands at q (n_q, p - 1): poles below narrow resonances of S + dw
-        S' on the real axis.
+        """Return leaky waves within bands at q (n_q, p - 1): poles below narrow resonances of S +
+        dw S' on the real axis.
         """
         narrow = self._find_narrow(q)
+        # half widths in w
         depth = np.abs(narrow.shift.imag + _BAND_BROADENING * self.highest)
-        least = _POLE_NOISE * self.highest
+        noise = _POLE_NOISE * self.highest
+        # w = omega^2, so a relative width of w is twice that of omega
         is_narrow = depth < 2.0 * _MOST_WIDTH * narrow.w
-        kept = np.flatnonzero(is_narrow & (narrow.moved < np.inf) & (narrow.weight > _TOP_PART))
+        stays_in_band = narrow.moved < np.inf
+        is_on_top = narrow.weight > _TOP_PART
+        kept = np.flatnonzero(is_narrow & stays_in_band & is_on_top)
         # many resonances lead to one pole
         roots = narrow.w[kept] - 1j * depth[kept]
         kept = kept[self._find_different(narrow.point[kept], roots, _SAME_POLE)]
@@ -501,15 +540,18 @@ class HalfSpace:
         poles = narrow.w[kept].astype(complex)
         is_settled = narrow.moved[kept] <= _NEWTON_TOLERANCE * narrow.w[kept]
         outer, inner, hop = self.blocks(q)
-        for n in np.flatnonzero((depth[kept] > least) | ~is_settled):
-            start = complex(narrow.w[kept[n]], -max(depth[kept[n]], least))
+        # a settled resonance without width is a pole on the real axis
+        for n in np.flatnonzero((depth[kept] > noise) | ~is_settled):
+            start = complex(narrow.w[kept[n]], -max(depth[kept[n]], noise))
             poles[n] = self._find_pole(outer[point[n]], inner[point[n]], hop[point[n]], start)
         low, high = narrow.gap[:, kept]
-        is_within = (poles.real >= low) & (poles.real <= high) & (poles.imag <= least)
-        leaks = np.flatnonzero(is_within & (poles.imag > -2.0 * _MOST_WIDTH * poles.real))
-        leaks = leaks[self._find_different(point[leaks], poles[leaks])]
-        squares = poles[leaks].real + 1j * np.minimum(poles[leaks].imag, 0.0)
-        return EdgeWaves(point[leaks], squares, narrow.weight[kept[leaks]])
+        is_in_band = (poles.real >= low) & (poles.real <= high)
+        is_below_axis = poles.imag <= noise
+        has_narrow_pole = poles.imag > -2.0 * _MOST_WIDTH * poles.real
+        leaky = np.flatnonzero(is_in_band & is_below_axis & has_narrow_pole)
+        leaky = leaky[self._find_different(point[leaky], poles[leaky])]
+        squares = poles[leaky].real + 1j * np.minimum(poles[leaky].imag, 0.0)
+        return EdgeWaves(point[leaky], squares, narrow.weight[kept[leaky]])
 
     def _find_narrow(self, q: Array) -> _Resonances:
         """Return the narrow resonances at q (n_q, p - 1) to which Newton's method on the real axis
@@ -521,20 +563,32 @@ class HalfSpace:
         x = (gap[0] + (gap[1] - gap[0]) * starts[:, None]).ravel()
         point = np.tile(point, _LEAKY_STARTS)
         gap = np.tile(gap, _LEAKY_STARTS)
-        reach = 2.0 * (gap[1] - gap[0]) / _LEAKY_STARTS
         offset = np.zeros((0, self.size), complex)
         if len(x):
             offset = self._find_resonances(q, point, x)[0]
+        # a start leads to all resonances that are about as near as the next start
+        reach = 2.0 * (gap[1] - gap[0]) / _LEAKY_STARTS
         is_close = np.abs(offset.real) <= reach[:, None]
         is_narrow = np.abs(offset.imag) < 2.0 * _MOST_WIDTH * x[:, None]
         start, resonance = np.nonzero(is_close & is_narrow)
-        point = point[start]
-        gap = gap[:, start]
         shift = offset[start, resonance]
-        w = np.clip(x[start] + shift.real, *gap)
-        weight = np.zeros(len(start))
-        moved = np.full(len(start), np.inf)
-        moving = np.arange(len(start))
+        return self._follow_resonances(q, point[start], gap[:, start], x[start], shift)
+
+    def _follow_resonances(
+        self, q: Array, point: Index, gap: Array, x: Array, shift: Complex
+    ) -> _Resonances:
+        """Return the resonances to which Newton's method on the real axis leads from ``x`` (n,)
+        plus the real part of a first ``shift`` (n,).
+
+        ``gap`` (2, n) are the ends of the bands, and wave vectors ``q[point]``. A resonance that
+        leaves its band is followed no further.
+        """
+        count = len(x)
+        shift = shift.copy()
+        w = np.clip(x + shift.real, *gap)
+        weight = np.zeros(count)
+        moved = np.full(count, np.inf)
+        moving = np.arange(count)
         for _ in range(_SEARCH_STEPS):
             if not moving.size:
                 break
@@ -553,33 +607,35 @@ class HalfSpace:
         """Return dw (n, size) of the resonances of S + dw S' at w (n,), and their energy on top (n,
         size), at the wave vectors ``q[point]``.
         """
-        top = self.highest
-        steps = _DIFFERENCE_STEP * top * np.array([-1.0, 0.0, 1.0])
-        real = (w + steps[:, None]).ravel()
-        shifted = np.asarray(real + 1j * _BAND_BROADENING * top, complex)
-        inverse = self.inverse_green(q, np.tile(point, 3), shifted)
+        highest = self.highest
+        steps = _DIFFERENCE_STEP * highest * np.array([-1.0, 0.0, 1.0])
+        real_w = (w + steps[:, None]).ravel()
+        shifted_w = np.asarray(real_w + 1j * _BAND_BROADENING * highest, complex)
+        inverse = self.inverse_green(q, np.tile(point, 3), shifted_w)
         low, middle, high = inverse.reshape(3, len(w), self.size, self.size)
-        slope = (high - low) / (2.0 * _DIFFERENCE_STEP * top)
-        values, vectors = np.linalg.eig(np.linalg.solve(slope, -middle))
-        norm = np.abs(np.einsum("nab,nac,ncb->nb", vectors.conj(), slope, vectors))
-        return values, np.sum(np.abs(vectors) ** 2, axis=1) / norm
+        slope = (high - low) / (2.0 * _DIFFERENCE_STEP * highest)
+        offsets, vectors = np.linalg.eig(np.linalg.solve(slope, -middle))
+        # S' is the energy of the whole half space where the outer layers have the energy one
+        energy = np.abs(np.einsum("nab,nac,ncb->nb", vectors.conj(), slope, vectors))
+        return offsets, np.sum(np.abs(vectors) ** 2, axis=1) / energy
 
-    def _find_different(self, point: Index, w: Complex, near: float = 0.0) -> Index:
-        """Return indices that sort w (n,) at each wave vector, of numbers ``point`` (n,), without
-        those that repeat another.
+    def _find_different(self, point: Index, w: Complex, tolerance: float = 0.0) -> Index:
+        """Return indices that sort w (n,) at each wave vector, of numbers ``point`` (n,), with one
+        index for each set of equal w.
 
-        Two are the same if they differ by less than ``near`` times the lesser half width.
+        Two w are equal if they differ by less than ``tolerance`` times the lesser half width.
         """
         order = np.lexsort((w.real, point))
         depth = -w[order].imag
-        same = near * np.minimum(depth[1:], depth[:-1]) + 0.1 * _NEWTON_TOLERANCE * self.highest
-        is_apart = np.abs(np.diff(w[order])) > same
+        margin = tolerance * np.minimum(depth[1:], depth[:-1]) + _ONE_POLE * self.highest
+        is_apart = np.abs(np.diff(w[order])) > margin
         is_new = np.ones(len(order), bool)
         is_new[1:] = (np.diff(point[order]) > 0) | is_apart
         return order[is_new]
 
     def _find_pole(self, outer: Complex, inner: Complex, hop: Complex, w: complex) -> complex:
-        """Return the root of S near w, straight below the real axis; nan if the search finds none.
+        """Return the root of S near the start w, straight below the real axis; nan if the search
+        finds none.
 
         The blocks are E_0, E and A, (size, size). Each step of Newton's method begins on the real
         axis, where the waves that decay from the edge are known, and follows these waves down to w.
@@ -594,89 +650,41 @@ class HalfSpace:
             aside = _LEAST_STEP * width
             inverse = blocks.inverse_green(w, descent.vectors)
             beside = blocks.continue_waves(w + aside, descent.factors)
-            slope = (blocks.inverse_green(w + aside, beside.vectors) - inverse) / aside
+            inverse_beside = blocks.inverse_green(w + aside, beside.vectors)
+            slope = (inverse_beside - inverse) / aside
             shifts = np.linalg.eigvals(np.linalg.solve(slope, -inverse))
             shift = shifts[np.argmin(np.abs(shifts))]
             w = w + shift
             tolerance = _NEWTON_TOLERANCE * width + _POLE_NOISE * self.highest
-            if not w.imag < 0.0 or abs(shift) < tolerance:
+            has_settled = abs(shift) < tolerance
+            if not w.imag < 0.0 or has_settled:
                 return w
         return complex(np.nan)
 
-    # -- topology ----------------------------------------------------------------------------------
+    # -- contacts of the crystal -------------------------------------------------------------------
 
-    def _find_rows(self, q: Array) -> Complex:
-        """Return |K|^1/2 C M^-1/2 (n, rows, size) of one block of the crystal at q (p - 1,), at n
-        phases between blocks.
+    def weighted_rows(self, q: Array, phases: Array) -> tuple[Complex, Array]:
+        """Return |K|^1/2 C M^-1/2 (n, rows, size) of one block of the crystal at q (p - 1,), and
+        the signs (rows,) of K, which static forces may make negative.
 
-        A contact that joins two blocks counts to the lower-numbered block.
+        ``phases`` (n,), rad, are those of the wave from block to block. A contact that joins two
+        blocks counts to the lower-numbered block.
         """
         size = self.size
         along = np.exp(2.0j * np.pi * (self._steps @ q))
         coefficients = np.tensordot(along, self._matrix[:, self._second], 1)
-        phase = np.exp(2.0j * np.pi * np.arange(_WINDING_PHASES) / _WINDING_PHASES)[:, None, None]
-        rows = coefficients[:, size : 2 * size] + phase * coefficients[:, 2 * size :]
-        return np.asarray(np.sqrt(np.abs(self._stiff[self._second]))[:, None] * rows)
-
-    def zak_phase(self, q: Array, below: int) -> float:
-        """Return the Zak phase of all but the ``below`` lowest branches at q (p - 1,), 0 to 2 pi
-        (J. Zak, Phys. Rev. Lett. 62, 2747, 1989).
-
-        It is that of the motions of the balls where an edge is held, and of the deformations of
-        contacts where it is free, as each edge leaves whole cells of these. Raises
-        :class:`~granphon.base.errors.InputError` where the gap closes.
-        """
-        if self.edge == "free" and self.network.prestress:
-            raise InputError(
-                "static forces act at the free edge (prestress)",
-                mend="Take a state without, or a held edge",
-            )
-        rows = self._find_rows(q)
-        signs = np.sign(self._stiff[self._second])[:, None]
-        squares, vectors = np.linalg.eigh(rows.conj().swapaxes(1, 2) @ (signs * rows))
-        shape = vectors[:, :, below:]
-        gap = np.min(squares[:, below] - squares[:, below - 1])
-        if self.edge == "free":
-            shape = np.linalg.qr(rows @ shape)[0]
-        steps = np.linalg.det(shape.conj().swapaxes(1, 2) @ np.roll(shape, -1, axis=0))
-        if gap <= _SINGULAR * self.highest or np.min(np.abs(steps)) < _OPEN:
-            raise InputError(
-                f"the gap above the {below} lowest branches closes, or nearly",
-                mend="Take another wave vector",
-            )
-        phase = -float(np.angle(np.prod(steps / np.abs(steps))))
-        return 0.0 if abs(phase) < _NO_PHASE else phase % (2.0 * np.pi)
-
-    def winding(self, q: Array) -> int:
-        """Return how often det C winds about zero at q (p - 1,), which is the number of motions at
-        a free edge that cost nothing (C. L. Kane and T. C. Lubensky, Nature Physics 10, 39, 2014).
-
-        Raises :class:`~granphon.base.errors.InputError` where C is not square, or its determinant
-        vanishes.
-        """
-        rows = self._find_rows(q)
-        if rows.shape[1] != rows.shape[2]:
-            raise InputError(
-                f"{rows.shape[1]} deformations of contacts and {rows.shape[2]} motions are not as"
-                " many",
-                "C has no determinant",
-                "Take an isostatic lattice",
-            )
-        determinants = np.linalg.det(rows)
-        bounds = np.prod(np.linalg.norm(rows, axis=2), axis=1)
-        turns = np.angle(np.roll(determinants, -1) * determinants.conj())
-        is_singular = np.any(np.abs(determinants) <= _SINGULAR * bounds)
-        if is_singular or np.max(np.abs(turns)) > 0.5 * np.pi:
-            raise InputError(
-                "det C vanishes, or nearly, at this wave vector", mend="Take another one"
-            )
-        return int(np.rint(turns.sum() / (2.0 * np.pi)))
+        within_block = coefficients[:, size : 2 * size]
+        to_next_block = coefficients[:, 2 * size :]
+        deformations = within_block + np.exp(1.0j * phases)[:, None, None] * to_next_block
+        stiffness = self._stiff[self._second]
+        rows = np.sqrt(np.abs(stiffness))[:, None] * deformations
+        return np.asarray(rows, complex), np.asarray(np.sign(stiffness))
 
     # -- long waves --------------------------------------------------------------------------------
 
     def rayleigh_velocity(self, direction: Array) -> float:
-        """Return the velocity of the long wave at a free edge along ``direction`` (p - 1,), in the
-        frame of the cut.
+        """Return the velocity, d (k/M)^1/2, of the long wave at a free edge along ``direction``
+        (p - 1,), in the frame of the cut.
 
         The surface impedance Z(v), which is Hermitian, is singular there; it is positive at v = 0,
         and falls with v up to the velocity at which a bulk wave first runs along the edge. Raises
@@ -686,15 +694,15 @@ class HalfSpace:
         from scipy.optimize import brentq, minimize_scalar
 
         medium = self._find_continuum(direction)
-        angles = np.linspace(-1.4, 1.4, 281)
-        best = float(angles[np.argmin(medium.velocities_along(angles))])
+        slowest = float(_COURSES[np.argmin(medium.velocities_along(_COURSES))])
         minimum = minimize_scalar(
             medium.velocities_along,
-            bounds=(best - 0.01, best + 0.01),
+            bounds=(slowest - 0.01, slowest + 0.01),  # one step of the courses
             method="bounded",
             options={"xatol": 1e-12},
         )
         limit = float(minimum.fun)
+        # at zero the roots of an isotropic medium coincide; at the limit a wave does not decay
         low = 1e-3 * limit
         high = (1.0 - 1e-9) * limit
         if not medium.impedance(low) * medium.impedance(high) < 0.0:
@@ -718,7 +726,8 @@ class HalfSpace:
         p = lattice.periods
         moves = lattice.motions.translations
         lattice.require_rigid()
-        if p < 2 or not set(range(p)) <= set(moves):
+        moves_along_periods = set(range(p)) <= set(moves)
+        if p < 2 or not moves_along_periods:
             raise InputError(
                 "the balls do not move along the edge and across it", mend="Use other motions"
             )
@@ -727,9 +736,10 @@ class HalfSpace:
             raise InputError(
                 "the periods of the network do not lie along x, or in the xy plane", mend="Turn it"
             )
-        inside = [moves.index(axis) for axis in range(p)]
-        gradients = np.ix_(inside, range(p), inside, range(p))
-        stiffness = lattice.gradient_stiffness()[gradients] / lattice.measure
+        # displacements out of the plane of a layer take no part
+        displacements = [moves.index(axis) for axis in range(p)]
+        chosen = np.ix_(displacements, range(p), displacements, range(p))
+        stiffness = lattice.gradient_stiffness()[chosen] / lattice.measure
         tensor = np.einsum("ai,bj,ck,dl,ijkl->abcd", turn, turn, turn, turn, stiffness)
         density = float(lattice.masses.sum()) / lattice.measure
         return _EdgeContinuum(tensor, density, np.append(direction, 0.0))
@@ -741,42 +751,47 @@ class _CutCrystal:
 
     Waves of both edges are where M(w) = sign(V) - |V|^1/2 g |V|^1/2 is singular, g being the
     Green's function of the crystal. ``signs`` (n_q, 2 size) are those of the eigenvalues of V, and
-    ``root`` (n_q, 2 size, 2 size) is |V|^1/2 in the basis of its eigenvectors.
+    ``root`` (n_q, 2 size, 2 size) is |V|^1/2 in the basis of its eigenvectors. ``inner`` and
+    ``hop`` (n_q, 2 size, 2 size) are the matrix of both blocks, and from these to the next two.
     """
 
     def __init__(self, space: HalfSpace, q: Array) -> None:
         self.space = space
         outer, inner, hop = space.blocks(q)
         back = hop.conj().swapaxes(1, 2)
-        none = np.zeros_like(hop)
-        change = np.block([[none, -hop], [-back, outer - inner]])
+        zero = np.zeros_like(hop)
+        # V: the cut takes the coupling away, and the lower block becomes the outer one
+        change = np.block([[zero, -hop], [-back, outer - inner]])
         self.inner = np.block([[inner, hop], [back, inner]])
-        self.hop = np.block([[none, none], [hop, none]])
-        strength, basis = np.linalg.eigh(change)
-        self.signs = np.where(strength < 0.0, -1.0, 1.0)
-        self.root = basis * np.sqrt(np.abs(strength))[:, None]
+        self.hop = np.block([[zero, zero], [hop, zero]])
+        strengths, basis = np.linalg.eigh(change)
+        self.signs = np.where(strengths < 0.0, -1.0, 1.0)
+        self.root = basis * np.sqrt(np.abs(strengths))[:, None]
 
     def find(self, point: Index, w: Array, gap: Array) -> tuple[Complex, Complex, Complex]:
         """Return M, its derivative by w, and the motions of both blocks, g |V|^1/2, all (n, 2 size,
         2 size), at w (n,) in gaps with ends (2, n), at the wave vectors ``point`` (n,).
         """
         size = self.inner.shape[1]
-        nearest = np.minimum(w - gap[0], gap[1] - w).clip(_GAP_MARGIN * (gap[1] - gap[0]))
-        aside = np.outer(_GAP_BROADENINGS, nearest)
-        shifted = (w + 1j * aside).ravel()
+        distance_to_band = np.minimum(w - gap[0], gap[1] - w)
+        distance_to_band = distance_to_band.clip(_GAP_MARGIN * (gap[1] - gap[0]))
+        broadening = np.outer(_GAP_BROADENINGS, distance_to_band)  # (2, n)
+        shifted_w = (w + 1j * broadening).ravel()
         points = np.tile(point, 2)
-        _, inverse = self.space._eliminate(self.inner, self.inner, self.hop, points, shifted)
+        _, inverse = self.space._eliminate(self.inner, self.inner, self.hop, points, shifted_w)
         green = np.linalg.inv(inverse).reshape(2, -1, size, size)
         adjoint = green.conj().swapaxes(2, 3)
+        # g and dg/dw at the real w: the second broadening, twice the first, cancels second order
         even = 0.5 * (green + adjoint)
-        odd = (green - adjoint) / (2j * aside[:, :, None, None])
-        level = (4.0 * even[0] - even[1]) / 3.0
-        slope = (4.0 * odd[0] - odd[1]) / 3.0
+        odd = (green - adjoint) / (2j * broadening[:, :, None, None])
+        real_green = (4.0 * even[0] - even[1]) / 3.0
+        green_slope = (4.0 * odd[0] - odd[1]) / 3.0
         root = self.root[point]
         root_adjoint = root.conj().swapaxes(1, 2)
-        moved = level @ root
-        matrices = self.signs[point, None] * np.eye(size) - root_adjoint @ moved
-        return matrices, -root_adjoint @ slope @ root, moved
+        motions = real_green @ root
+        matrices = self.signs[point, None] * np.eye(size) - root_adjoint @ motions
+        slopes = -root_adjoint @ green_slope @ root
+        return matrices, slopes, motions
 
     def eigenvalues(self, point: Index, w: Array, gap: Array) -> Array:
         """Return the eigenvalues (n, 2 size) of M, ascending; arguments are those of
@@ -790,17 +805,21 @@ def _choose_side(matrix: Complex, beyond: Complex, on_top: Complex, count: int) 
     zero.
 
     ``beyond`` and ``on_top`` (size, 2 size) are the motions beyond the cut and on top. A wave of
-    this edge moves nothing beyond the cut.
+    this edge moves nothing beyond the cut, and a wave of the edge beyond nothing on top: the
+    degenerate waves are turned into those whose share of the motion on top is one or zero.
     """
-    values, vectors = np.linalg.eigh(matrix)
-    free = vectors[:, np.argsort(np.abs(values))[:count]]
-    moved_on_top = on_top @ free
-    moved_beyond = beyond @ free
-    top = moved_on_top.conj().T @ moved_on_top
-    scale = np.linalg.inv(np.linalg.cholesky(top + moved_beyond.conj().T @ moved_beyond))
-    share, turned = np.linalg.eigh(scale @ top @ scale.conj().T)
-    waves = (free @ scale.conj().T @ turned).T
-    return np.asarray(waves[share > 0.5])
+    eigenvalues, vectors = np.linalg.eigh(matrix)
+    smallest = np.argsort(np.abs(eigenvalues))[:count]
+    null_vectors = vectors[:, smallest]
+    moved_on_top = on_top @ null_vectors
+    moved_beyond = beyond @ null_vectors
+    top_metric = moved_on_top.conj().T @ moved_on_top
+    whole_metric = top_metric + moved_beyond.conj().T @ moved_beyond
+    # in the basis of the inverse factor the whole motion of each wave is one
+    scale = np.linalg.inv(np.linalg.cholesky(whole_metric))
+    share_on_top, turn = np.linalg.eigh(scale @ top_metric @ scale.conj().T)
+    waves = (null_vectors @ scale.conj().T @ turn).T
+    return np.asarray(waves[share_on_top > 0.5])
 
 
 def _find_clear(bands: Array, top: float) -> list[tuple[float, float]]:
@@ -808,10 +827,12 @@ def _find_clear(bands: Array, top: float) -> list[tuple[float, float]]:
     ends (size, 2) of the bands.
     """
     ascending = bands[np.argsort(bands[:, 0])]
-    below = np.concatenate([[0.0], np.maximum.accumulate(ascending[:, 1]).clip(0.0)])
-    above = np.append(ascending[:, 0], top)
-    clear = above - below > _LEAST_GAP * above
-    return list(zip(below[clear], above[clear], strict=True))
+    # bands overlap: a gap begins at the highest end of all bands that begin below
+    highest_so_far = np.maximum.accumulate(ascending[:, 1]).clip(0.0)
+    low = np.concatenate([[0.0], highest_so_far])
+    high = np.append(ascending[:, 0], top)
+    is_gap = high - low > _LEAST_GAP * high
+    return list(zip(low[is_gap], high[is_gap], strict=True))
 
 
 def _find_between(intervals: list[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -820,6 +841,7 @@ def _find_between(intervals: list[tuple[float, float]]) -> list[tuple[float, flo
     """
     bottoms = [0.0, *(high for _, high in intervals)]
     tops = [low for low, _ in intervals]
+    # the last bottom, above all bands, has no top
     between = zip(bottoms, tops, strict=False)
     return [(bottom, top) for bottom, top in between if top - bottom > _LEAST_GAP * top]
 
@@ -832,10 +854,11 @@ def _find_minima(evaluate: Callable[[Array], Array], start: Array, reach: float)
     low = start - reach
     high = start + reach
     least = evaluate(start)
-    # two points within each bracket, and the values there
+    # two points (2, n) within each bracket, and the values there
     x = np.stack([high - golden * (high - low), low + golden * (high - low)])
     f = [evaluate(points) for points in x]
     for _ in range(_SECTIONS):
+        # the minimum is on the side of the lower value, whose point becomes one of the next two
         is_lower = f[0] < f[1]
         low = np.where(is_lower, low, x[0])
         high = np.where(is_lower, x[1], high)
@@ -868,8 +891,9 @@ def _find_roots(evaluate: Callable[[Index, Array], Array], ends: Array, values: 
         b = high[wide]
         fa = f_low[wide]
         fb = f_high[wide]
-        x = 0.5 * (a + b) if step % 3 == 2 else (a * fb - b * fa) / (fb - fa)
-        x = np.clip(x, a, b)
+        is_bisection = step % 3 == 2
+        trial = 0.5 * (a + b) if is_bisection else (a * fb - b * fa) / (fb - fa)
+        x = np.clip(trial, a, b)
         value = evaluate(wide, x)
         is_above = value > 0.0
         side = np.where(is_above, 1.0, -1.0)
@@ -921,8 +945,8 @@ class _EdgeBlocks(NamedTuple):
         return w * np.eye(size) - self.outer - passed_on
 
     def continue_waves(self, w: complex, earlier: Complex | None = None) -> _Decay:
-        """Return the waves at w whose factors continue ``earlier`` ones (size,), or the waves that
-        decay.
+        """Return the waves at w whose factors continue ``earlier`` ones (size,); without these, the
+        waves that decay fastest.
         """
         from scipy.linalg import ordqz
         from scipy.optimize import linear_sum_assignment
@@ -933,23 +957,27 @@ class _EdgeBlocks(NamedTuple):
         choices = list[tuple[Complex, Array]]()
 
         def choose(alpha: Any, beta: Any) -> Any:
-            """Return which waves (2 size,), of factors alpha/beta, are chosen."""
+            """Return which waves (2 size,), of factors alpha/beta, are chosen; keep their factors
+            and distances, which LAPACK does not return.
+            """
             factors = np.full(2 * size, _FAR, complex)
             np.divide(alpha, beta, out=factors, where=np.abs(alpha) < _FAR * np.abs(beta))
-            moves = np.tile(np.abs(factors), (size, 1))
+            costs = np.tile(np.abs(factors), (size, 1))
             if earlier is not None:
-                moves = np.abs(factors - earlier[:, None])
-            columns = linear_sum_assignment(moves)[1]
+                costs = np.abs(factors - earlier[:, None])
+            columns = linear_sum_assignment(costs)[1]
             is_chosen = np.isin(np.arange(2 * size), columns)
             distances = np.abs(factors[columns, None] - factors[~is_chosen])
             choices.append((factors[columns], np.min(distances, axis=1)))
             return is_chosen
 
-        forward = np.block([[none, eye], [-self.hop.conj().T, w * eye - self.inner]])
-        backward = np.block([[eye, none], [none, self.hop]])
-        vectors = ordqz(forward, backward, choose, "complex")[5][:, :size]
+        # motions u of three blocks: A^H u_1 + (E - w) u_2 + A u_3 = 0, with the factor from u_1 to
+        # u_2 and from u_2 to u_3
+        left = np.block([[none, eye], [-self.hop.conj().T, w * eye - self.inner]])
+        right = np.block([[eye, none], [none, self.hop]])
+        schur_vectors = ordqz(left, right, choose, "complex")[5]
         factors, distances = choices[0]
-        return _Decay(factors, distances, np.asarray(vectors, complex))
+        return _Decay(factors, distances, np.asarray(schur_vectors[:, :size], complex))
 
     def descend(self, begin: complex, end: complex, least_step: float) -> _Decay | None:
         """Return the waves that decay at ``begin``, above the real axis, continued straight down to
@@ -962,7 +990,8 @@ class _EdgeBlocks(NamedTuple):
             step = max(step, end.imag - position.imag)
             trial = self.continue_waves(position + 1j * step, decay.factors)
             largest_moves = _MOST_MOVED * np.minimum(trial.distances, decay.distances)
-            if np.all(np.abs(trial.factors - decay.factors) <= largest_moves):
+            are_same_waves = np.all(np.abs(trial.factors - decay.factors) <= largest_moves)
+            if are_same_waves:
                 decay = trial
                 position = position + 1j * step
                 step = 2.0 * step
@@ -988,8 +1017,8 @@ class _EdgeContinuum(NamedTuple):
         return np.asarray(np.eye(len(self.along))[-1])
 
     def velocities_along(self, angle: Any) -> Any:
-        """Return the velocity along the edge (...) of the slowest bulk wave that runs at an
-        ``angle`` (...) to the edge, rad.
+        """Return the velocity along the edge (...), d (k/M)^1/2, of the slowest bulk wave that runs
+        at an ``angle`` (...) to the edge, rad.
         """
         course = np.cos(angle)[..., None] * self.along + np.sin(angle)[..., None] * self.normal
         acoustic = np.einsum("ijkl,...j,...l->...ik", self.tensor, course, course)
@@ -997,21 +1026,29 @@ class _EdgeContinuum(NamedTuple):
         return np.sqrt(np.maximum(squared, 0.0)) / np.cos(angle)
 
     def impedance(self, velocity: float) -> float:
-        """Return the lowest eigenvalue of the surface impedance of waves of a velocity along the
-        edge.
+        """Return the lowest eigenvalue of the surface impedance of waves of a ``velocity``,
+        d (k/M)^1/2, along the edge.
 
-        Displacements are a exp(i (m + p n).x), with the roots p that decay below the edge.
+        Displacements are a exp(i q (m + z n).x), m along the edge and n across it, with the roots z
+        of Stroh's system that decay below the edge. The impedance takes displacements of the edge
+        to tractions, over q.
         """
         size = len(self.along)
-        still = np.einsum("ijkl,j,l->ik", self.tensor, self.along, self.along)
-        mixed = np.einsum("ijkl,j,l->ik", self.tensor, self.along, self.normal)
-        inverse = np.linalg.inv(np.einsum("ijkl,j,l->ik", self.tensor, self.normal, self.normal))
-        dynamic = still - self.density * velocity * velocity * np.eye(size)
-        coupling = mixed @ inverse @ mixed.T - dynamic
-        system = np.block([[-inverse @ mixed.T, inverse], [coupling, -mixed @ inverse]])
+        # Q, R and T of Stroh's formalism, without inertia
+        along_along = np.einsum("ijkl,j,l->ik", self.tensor, self.along, self.along)
+        along_normal = np.einsum("ijkl,j,l->ik", self.tensor, self.along, self.normal)
+        normal_normal = np.einsum("ijkl,j,l->ik", self.tensor, self.normal, self.normal)
+        inverse = np.linalg.inv(normal_normal)
+        dynamic = along_along - self.density * velocity * velocity * np.eye(size)
+        coupling = along_normal @ inverse @ along_normal.T - dynamic
+        system = np.block(
+            [[-inverse @ along_normal.T, inverse], [coupling, -along_normal @ inverse]]
+        )
         roots, vectors = np.linalg.eig(system)
+        # half of the roots have an imaginary part above zero, and half below
         decaying = np.argsort(-roots.imag)[:size]
-        shape = vectors[:size, decaying]
-        traction = vectors[size:, decaying]
-        impedances = -1j * traction @ np.linalg.inv(shape)
-        return float(np.linalg.eigvalsh(0.5 * (impedances + impedances.conj().T))[0])
+        displacements = vectors[:size, decaying]
+        tractions = vectors[size:, decaying]
+        impedance = -1j * tractions @ np.linalg.inv(displacements)
+        hermitian = 0.5 * (impedance + impedance.conj().T)
+        return float(np.linalg.eigvalsh(hermitian)[0])

@@ -54,8 +54,9 @@ _DEGENERATE = 1e-9
 
 
 class _Ends(NamedTuple):
-    """Sparse effects (kinds x n_c, n) of the motions of the two balls of each contact, and the
-    signs of their squares.
+    """Sparse effects (kinds x n_c, n) of the motions of the two balls of each contact, ``head`` of
+    ball j and ``tail`` of ball i, with the ``half`` vectors (kinds x n_c, p) of the contacts and
+    the ``signs`` (kinds x n_c,) with which squares of the effects enter D.
     """
 
     head: Any
@@ -65,7 +66,7 @@ class _Ends(NamedTuple):
 
 
 class _LowModes(NamedTuple):
-    """The lowest frequencies of a part of a cell, ascending, and which of them are zero."""
+    """The lowest frequencies (m,) of a part of a cell, ascending, and which of them are zero."""
 
     frequencies: Array
     are_zero: NDArray[np.bool_]
@@ -85,71 +86,57 @@ class LargeCell:
         rows: list[tuple[list[Row], Array]],
         images: tuple[Any, ...] | None,
     ) -> None:
-        from scipy.sparse import eye_array, hstack, kron
-
         table = lattice.contacts
-        n = lattice.n_balls
         self.size = lattice.n_branches
         self.pressed = lattice.is_prestressed
         self.is_real = images is not None
         #: (n, n) to the motions of balls from those in which D is real
-        self.frame: Any = eye_array(self.size, dtype=complex, format="csr")
-        if images is not None:
-            image = images[0]
-            root = np.sqrt(0.5)
-            unit = eye_array(n, format="csc")
-            pair = np.flatnonzero(image > np.arange(n))
-            fixed = np.flatnonzero(image == np.arange(n))
-            ball = unit[:, pair]
-            partner = unit[:, image[pair]]
-            even = root * (ball + partner)
-            odd = 1j * root * (ball - partner)
-            of_balls = hstack([unit[:, fixed], even, odd])
-            self.frame = kron(of_balls, np.diag(lattice.motions.phases)).tocsr()
+        self.frame: Any = _make_frame(lattice, None if images is None else images[0])
         #: fewest frequencies of zero at any wave vector so far
         self._zeros = self.size
         self.kinds: list[_Ends] = []
-        for prestress, (deformations, roots) in enumerate(rows):
+        for number, (deformations, roots) in enumerate(rows):
             head, tail = compose_ends(lattice, deformations, roots)
             count = len(deformations)
-            signs = -lattice.static_signs if prestress else np.ones((count, len(table)))
+            signs = np.ones((count, len(table)))
+            if number == 1:  # rows on which static forces act
+                signs = -lattice.static_signs
             half = np.tile(0.5 * table.vector[:, : lattice.periods], (count, 1))
             ends = _Ends(head @ self.frame, tail @ self.frame, half, signs.ravel())
             self.kinds.append(ends)
 
     def find_frequencies(self, q: Array) -> Array | None:
-        """Find frequencies (n,), ascending, at one wave vector (p,); None if digits would be
-        lost.
+        """Return frequencies (n,), (k/M)^1/2, ascending, at one wave vector (p,), 1/d; None if
+        digits would be lost.
         """
         modes = self._solve(q, with_vectors=False)
         return None if modes is None else np.sort(modes[0])
 
     def solve_with_velocities(self, q: Array) -> tuple[Array, NDArray[Any], Array] | None:
-        """Find frequencies (n,), motions of balls (n, n), as columns, and group velocities (n, p)
-        at one wave vector (p,).
+        """Return frequencies (n,), (k/M)^1/2, motions of balls (n, n), as columns, and group
+        velocities (n, p), d (k/M)^1/2, at one wave vector (p,), 1/d.
 
-        Return None if digits would be lost, or branches touch.
+        None if digits would be lost, or branches touch.
         """
         modes = self._solve(q, with_vectors=True)
         if modes is None:
             return None
         order = np.argsort(modes[0], kind="stable")
-        values = modes[0][order]
+        frequencies = modes[0][order]
         vectors = modes[1][:, order]
-        touch = np.any(np.diff(values) <= _DEGENERATE * values[1:])
-        if touch or values[0] < _LEAST_OF_MODES * values[-1]:
+        touch = np.any(np.diff(frequencies) <= _DEGENERATE * frequencies[1:])
+        if touch or frequencies[0] < _LEAST_OF_MODES * frequencies[-1]:
             return None
         gradients = np.zeros((self.size, len(q)))
         for ends in self.kinds:
-            ahead = ends.head @ vectors
-            behind = ends.tail @ vectors
             phase = np.exp(1j * (ends.half @ q))[:, None]
-            ahead = phase * ahead
-            behind = phase.conj() * behind
+            head = phase * (ends.head @ vectors)
+            tail = phase.conj() * (ends.tail @ vectors)
             # 2 Re <C v| S dC/dq |v>, dC/dq = i half (head + tail)
-            products = ((ahead - behind).conj() * (ahead + behind)).imag * ends.signs[:, None]
+            products = ((head - tail).conj() * (head + tail)).imag * ends.signs[:, None]
             gradients -= 2.0 * products.T @ ends.half
-        return values, self.frame @ vectors, gradients / (2.0 * values[:, None])
+        velocities = gradients / (2.0 * frequencies[:, None])
+        return frequencies, self.frame @ vectors, velocities
 
     @property
     def free_branches(self) -> int | None:
@@ -159,23 +146,26 @@ class LargeCell:
         return self._zeros
 
     def _compute(self, q: Array) -> tuple[Any, Any, float]:
-        """Return C(q) without static forces, D(q), and a bound of its eigenvalues."""
+        """Return sparse C(q) (kinds x n_c, n) without static forces, sparse D(q) (n, n), and a
+        bound of the eigenvalues of D.
+        """
         rows = []
-        for kind in self.kinds:
-            phase = np.exp(1j * (kind.half @ q))[:, None]
-            rows.append((kind.head.multiply(phase) - kind.tail.multiply(phase.conj())).tocsr())
-        matrix = sum(
+        for ends in self.kinds:
+            phase = np.exp(1j * (ends.half @ q))[:, None]
+            rows.append((ends.head.multiply(phase) - ends.tail.multiply(phase.conj())).tocsr())
+        total: Any = sum(
             rows_of_kind.conj().T @ rows_of_kind.multiply(ends.signs[:, None])
             for rows_of_kind, ends in zip(rows, self.kinds, strict=True)
         )
-        matrix = (matrix.real if self.is_real else matrix).tocsr()
-        return rows[0], matrix, float(abs(matrix).sum(axis=1).max())
+        matrix = (total.real if self.is_real else total).tocsr()
+        bound = float(abs(matrix).sum(axis=1).max())
+        return rows[0], matrix, bound
 
     def _solve(self, q: Array, with_vectors: bool) -> tuple[Array, NDArray[Any]] | None:
-        """Find frequencies (n,), in any order, and on request eigenvectors (n, n); None if digits
-        would be lost.
+        """Return frequencies (n,), in any order, and eigenvectors (n, n), none unless
+        ``with_vectors``; None instead of both if digits would be lost.
         """
-        rows, matrix, top = self._compute(q)
+        rows, matrix, bound = self._compute(q)
         is_near_gamma = 0.0 < float(np.linalg.norm(q)) < _FAR
         frequencies = np.zeros(self.size)
         vectors = np.zeros((self.size, self.size) if with_vectors else (0, 0), matrix.dtype)
@@ -185,41 +175,68 @@ class LargeCell:
                 squares, vectors[np.ix_(motions, motions)] = np.linalg.eigh(block.toarray())
             else:
                 squares = np.linalg.eigvalsh(block.toarray())
-            low = self._resolve_low_modes(block, rows[:, motions], squares, top)
-            if low is None or (np.any(low.are_zero) and is_near_gamma):
+            low = self._resolve_low_modes(block, rows[:, motions], squares, bound)
+            if low is None:
                 return None
-            sizes = np.sqrt(np.maximum(squares, 0.0))
-            sizes[: low.are_zero.size] = np.where(low.are_zero, 0.0, low.frequencies)
-            frequencies[motions] = sizes
+            if is_near_gamma and np.any(low.are_zero):
+                return None  # sound and motions that cost nothing cannot be told apart
+            block_frequencies = np.sqrt(np.maximum(squares, 0.0))
+            block_frequencies[: low.are_zero.size] = np.where(low.are_zero, 0.0, low.frequencies)
+            frequencies[motions] = block_frequencies
         self._zeros = min(self._zeros, int(np.count_nonzero(frequencies == 0.0)))
         return frequencies, vectors
 
     def _resolve_low_modes(
-        self, block: Any, rows: Any, squares: Array, top: float
+        self, block: Any, rows: Any, squares: Array, bound: float
     ) -> _LowModes | None:
-        """Find the frequencies that are too low to have digits as roots of ``squares`` (n,),
+        """Return the frequencies that are too low to have digits as roots of ``squares`` (n,),
         ascending; None if digits would be lost.
 
-        ``block`` (n, n) is the sparse D of some motions, ``rows`` those of C, and ``top`` a bound
-        of all squares. There are three ways. Under static forces the squares themselves are
-        rounded, and must be zero. A few frequencies are found again as singular values of C. If
-        there are many, they must all be those of motions without contacts.
+        ``block`` (n, n) is the sparse D of some motions, ``rows`` those of C, and ``bound`` one of
+        all squares. There are three ways. Under static forces the squares themselves are rounded,
+        and must be zero. A few frequencies are found again as singular values of C. If there are
+        many, they must all be those of motions without contacts.
         """
         limit = _LEAST_SQUARE if self.pressed else WELL_ABOVE
-        count = int(np.count_nonzero(squares <= limit * top))
+        count = int(np.count_nonzero(squares <= limit * bound))
         lowest = squares[:count]
         if self.pressed:
-            are_zero = np.abs(lowest) <= _ZERO_SQUARE * top
+            are_zero = np.abs(lowest) <= _ZERO_SQUARE * bound
             return _LowModes(np.zeros(count), are_zero) if np.all(are_zero) else None
-        if count > min(_MOST, len(squares) // 3):
+        # Lanczos serves a few
+        are_many = count > min(_MOST, len(squares) // 3)
+        if are_many:
             are_zero = lowest <= 0.0
             is_loose = np.all(are_zero) and block.count_nonzero() == 0
             return _LowModes(np.zeros(count), are_zero) if is_loose else None
-        sizes = _sharpen(block, rows, count, top) if count else np.zeros(0)
-        are_zero = sizes <= _ZERO * np.sqrt(top)
-        have_digits = np.all(are_zero | (sizes >= _LEAST * np.sqrt(top)))
-        are_all = np.all(np.abs(sizes**2 - lowest) <= _MISSED * top)
-        return _LowModes(sizes, are_zero) if have_digits and are_all else None
+        frequencies = _sharpen(block, rows, count, bound) if count else np.zeros(0)
+        are_zero = frequencies <= _ZERO * np.sqrt(bound)
+        have_digits = np.all(are_zero | (frequencies >= _LEAST * np.sqrt(bound)))
+        # where Lanczos has missed an eigenvalue, the next one has taken its place
+        are_complete = np.all(np.abs(frequencies**2 - lowest) <= _MISSED * bound)
+        return _LowModes(frequencies, are_zero) if have_digits and are_complete else None
+
+
+def _make_frame(lattice: Compatibility, image: NDArray[np.intp] | None) -> Any:
+    """Return a sparse unitary matrix (n_branches, n_branches) to the motions of balls, from even
+    motions and odd ones times i under an inversion that takes each ball to its ``image`` (n,);
+    without an inversion, from the motions of balls themselves.
+    """
+    from scipy.sparse import eye_array, hstack, kron
+
+    if image is None:
+        return eye_array(lattice.n_branches, dtype=complex, format="csr")
+    n = lattice.n_balls
+    root = np.sqrt(0.5)
+    unit = eye_array(n, format="csc")
+    fixed = np.flatnonzero(image == np.arange(n))  # balls that are their own images
+    first = np.flatnonzero(image > np.arange(n))  # one ball of each pair
+    ball = unit[:, first]
+    partner = unit[:, image[first]]
+    even = root * (ball + partner)
+    odd = 1j * root * (ball - partner)
+    frame_of_balls = hstack([unit[:, fixed], even, odd])
+    return kron(frame_of_balls, np.diag(lattice.motions.phases)).tocsr()
 
 
 def _split(matrix: Any) -> list[NDArray[np.intp]]:
@@ -231,14 +248,16 @@ def _split(matrix: Any) -> list[NDArray[np.intp]]:
     return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
 
 
-def _sharpen(matrix: Any, rows: Any, count: int, top: float) -> Array:
-    """Find the lowest singular values (count,) of sparse rows A, ascending; ``matrix`` is A^H A,
-    ``top`` bounds it.
+def _sharpen(matrix: Any, rows: Any, count: int, bound: float) -> Array:
+    """Return the lowest singular values (count,) of sparse rows A, ascending; ``matrix`` is A^H A,
+    and ``bound`` one of its eigenvalues.
     """
     from scipy.sparse import eye_array
 
-    shift = _SHIFT * top
+    shift = _SHIFT * bound
     shifted = matrix + shift * eye_array(matrix.shape[0])
     factors = factorise(shifted, symmetric=np.isrealobj(matrix.data))
     _, vectors = find_nearest(matrix, count, -shift, factors.solve)
-    return np.asarray(np.linalg.svd(rows @ np.linalg.qr(vectors)[0], compute_uv=False)[::-1])
+    # the space of the eigenvectors is well known; within it singular values of A have all digits
+    basis = np.linalg.qr(vectors)[0]
+    return np.asarray(np.linalg.svd(rows @ basis, compute_uv=False)[::-1])

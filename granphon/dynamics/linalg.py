@@ -58,8 +58,8 @@ _COMPARABLE_RATIO = 1e-8
 
 
 def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
-    """Find singular values and right singular vectors of a stack of matrices A, accurate for graded
-    columns too.
+    """Return singular values and right singular vectors of a stack of matrices A, accurate for
+    graded columns too.
 
     LAPACK's eigenvectors V of A^H A come first. They are accepted where the columns of A V are so
     nearly orthogonal that a rotation of first order makes them so to rounding. Elsewhere LAPACK's
@@ -85,19 +85,19 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     if m <= n:
         # contacts that are just enough to hold the balls leave soft motions at most wave vectors
         return _decompose(matrices)
-    _, right = np.linalg.eigh(matrices.conj().swapaxes(1, 2) @ matrices)
-    values, right, good = _straighten(matrices @ right, right)
-    bad = np.flatnonzero(~good)
-    if bad.size:
-        values[bad], right[bad] = _decompose(matrices[bad])
+    _, nearly = np.linalg.eigh(matrices.conj().swapaxes(1, 2) @ matrices)
+    values, right, is_exact = _straighten(matrices @ nearly, nearly)
+    inexact = np.flatnonzero(~is_exact)
+    if inexact.size:
+        values[inexact], right[inexact] = _decompose(matrices[inexact])
     return values, right
 
 
 def graded_eigh(
     matrices: NDArray[Any], factor: Callable[[NDArray[Any]], NDArray[Any]]
 ) -> tuple[NDArray[np.float64], NDArray[Any]]:
-    """Find square roots of the eigenvalues, and eigenvectors, of a stack of matrices A^H A, as
-    :func:`graded_svd` of A does.
+    """Return square roots (n_matrices, n) of the eigenvalues, ascending, and eigenvectors
+    (n_matrices, n, n), as columns, of a stack of matrices A^H A, as :func:`graded_svd` of A does.
 
     ``matrices`` (n_matrices, n, n) are Hermitian; ``factor`` finds A (k, m, n) of k of them. It is
     called only for those where LAPACK's error may exceed 1e-13 of the smallest root, including
@@ -118,7 +118,7 @@ def graded_eigh(
 def _straighten(
     turned: NDArray[Any], right: NDArray[Any]
 ) -> tuple[NDArray[np.float64], NDArray[Any], NDArray[np.bool_]]:
-    """Make nearly orthogonal columns orthogonal by a rotation of first order.
+    """Return A V with its nearly orthogonal columns made orthogonal by a rotation of first order.
 
     Parameters
     ----------
@@ -132,9 +132,10 @@ def _straighten(
     is_exact : (n_matrices,), whether the remaining error, of second order, is only rounding.
     """
     products = turned.conj().swapaxes(1, 2) @ turned
-    squares = np.einsum("qii->qi", products).real.copy()
+    diagonal = np.einsum("qii->qi", products)  # a view
+    squares = diagonal.real.copy()
     values = np.sqrt(squares)
-    np.einsum("qii->qi", products)[...] = 0.0
+    diagonal[...] = 0.0
     overlaps = np.abs(products)
     length_products = values[:, :, None] * values[:, None]
     gap = squares[:, None] - squares[:, :, None]
@@ -142,58 +143,61 @@ def _straighten(
     is_straight = overlaps <= _STRAIGHT * length_products
     is_nearly_straight = is_small & (overlaps <= _FIRST_ORDER * length_products)
     is_exact = np.all(is_straight | is_nearly_straight, axis=(1, 2))
-    apart = is_small & (gap != 0.0)
-    turn = np.where(apart, products, 0.0)
+    has_angle = is_small & (gap != 0.0)
+    angles = np.where(has_angle, products, 0.0)
     # real and imaginary parts are divided apart: a quotient of complex numbers leaves the floating
     # range near subnormal ones
-    for component in (turn.real, turn.imag) if np.iscomplexobj(turn) else (turn,):
-        np.divide(component, gap, out=component, where=apart)
+    components = (angles.real, angles.imag) if np.iscomplexobj(angles) else (angles,)
+    for component in components:
+        np.divide(component, gap, out=component, where=has_angle)
     order = np.argsort(values, axis=1, kind="stable")
     # skew to rounding, as a rotation of first order must be
-    turn = 0.5 * (turn - turn.conj().swapaxes(1, 2))
-    right = np.take_along_axis(right + right @ turn, order[:, None], 2)
-    return np.take_along_axis(values, order, 1), right, is_exact
+    turn = 0.5 * (angles - angles.conj().swapaxes(1, 2))
+    sorted_right = np.take_along_axis(right + right @ turn, order[:, None], 2)
+    return np.take_along_axis(values, order, 1), sorted_right, is_exact
 
 
 def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
-    """Find the SVD by LAPACK, or by the Jacobi iteration where LAPACK loses digits of graded
+    """Return singular values (n_matrices, n), ascending, and right singular vectors
+    (n_matrices, n, n), by LAPACK, or by the Jacobi iteration where LAPACK loses digits of graded
     columns; zeros are exact.
     """
     values, right = lapack_svd(matrices)
     limit = _LAPACK_ERROR * _EPSILON / _ACCEPTED_ERROR
     doubtful = np.flatnonzero(values[:, 0] <= limit * values[:, -1])
     # the largest element stands for the length of a column: its square might underflow
-    size = np.max(np.abs(matrices[doubtful]), axis=1)
-    graded = []
-    for n, lengths in zip(doubtful.tolist(), size, strict=True):
+    sizes = np.max(np.abs(matrices[doubtful]), axis=1)
+    is_graded = np.zeros(len(matrices), bool)
+    for n, lengths in zip(doubtful.tolist(), sizes, strict=True):
         # a column of zeros gives a singular value of zero, which is no reason to doubt the others
         zeros = np.count_nonzero(lengths == 0.0)
         values[n, :zeros] = 0.0
-        lengths = lengths[lengths > 0.0]
-        if not lengths.size or values[n, zeros] > limit * values[n, -1]:
+        lengths_above_zero = lengths[lengths > 0.0]
+        if not lengths_above_zero.size or values[n, zeros] > limit * values[n, -1]:
             continue
-        if _GRADED_RATIO * lengths.min() < lengths.max():
-            graded.append(n)
-    again = np.array(graded, np.intp)
-    if again.size:
-        turned, nearly = _precondition(matrices[again])
-        values[again], right[again], good = _straighten(turned, nearly)
-        if not np.all(good):
-            bad = again[~good]
-            values[bad], rotation = jacobi_svd(turned[~good])
-            right[bad] = nearly[~good] @ rotation
+        is_graded[n] = _GRADED_RATIO * lengths_above_zero.min() < lengths_above_zero.max()
+    graded = np.flatnonzero(is_graded)
+    if graded.size:
+        turned, nearly = _precondition(matrices[graded])
+        values[graded], right[graded], is_exact = _straighten(turned, nearly)
+        if not np.all(is_exact):
+            inexact = graded[~is_exact]
+            values[inexact], rotation = jacobi_svd(turned[~is_exact])
+            right[inexact] = nearly[~is_exact] @ rotation
     return values, right
 
 
 def lapack_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
-    """Find what :func:`graded_svd` finds, but only to rounding of the largest singular value."""
+    """Return singular values (n_matrices, n), ascending, and right singular vectors
+    (n_matrices, n, n), to rounding of the largest singular value only.
+    """
     _, values, adjoint = np.linalg.svd(_pad_rows(matrices), full_matrices=False)
     return values[:, ::-1].copy(), adjoint[:, ::-1].swapaxes(1, 2).conj()
 
 
 def _precondition(matrices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Make the columns of a stack of graded matrices nearly orthogonal, so that :func:`jacobi_svd`
-    has little left to do.
+    """Return a stack of graded matrices A with nearly orthogonal columns, A V, so that
+    :func:`jacobi_svd` has little left to do.
 
     Two factorisations, A = Q R with columns in descending order and R^H = Q' R', leave R Q' = R'^H,
     whose columns are coupled to second order in the ratio of their norms only. LAPACK's singular
@@ -209,24 +213,34 @@ def _precondition(matrices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     order = np.argsort(-size, axis=1, kind="stable")
     descending = np.take_along_axis(matrices, order[:, None], 2)
     triangles = np.asarray(np.linalg.qr(_pad_rows(descending), mode="r"))
-    right, upper = np.linalg.qr(triangles.swapaxes(1, 2).conj())
-    within = np.zeros_like(right)
-    # blocks (n_matrices, n) of columns of comparable norms, in descending order
-    ordered = np.take_along_axis(size, order, 1)
-    blocks = np.zeros(ordered.shape, np.intp)
-    first = ordered[:, 0].copy()
-    for column in range(1, ordered.shape[1]):
-        smaller = ordered[:, column] < _COMPARABLE_RATIO * first
-        first[smaller] = ordered[smaller, column]
-        blocks[:, column] = blocks[:, column - 1] + smaller
-    for kind in np.unique(blocks, axis=0):
-        same = np.flatnonzero(np.all(blocks == kind, axis=1))
-        for block in range(kind[-1] + 1):
-            columns = np.flatnonzero(kind == block)
-            diagonal = np.ix_(same, columns, columns)
-            within[diagonal] = lapack_svd(upper.swapaxes(1, 2).conj()[diagonal])[1]
-    right = right @ within
-    return triangles @ right, np.take_along_axis(right, np.argsort(order, axis=1)[:, :, None], 1)
+    orthogonal, upper = np.linalg.qr(triangles.swapaxes(1, 2).conj())
+    lower = upper.swapaxes(1, 2).conj()
+    within = np.zeros_like(orthogonal)
+    blocks = _number_blocks(np.take_along_axis(size, order, 1))
+    # matrices whose columns fall into the same blocks are taken together
+    for numbers in np.unique(blocks, axis=0):
+        alike = np.flatnonzero(np.all(blocks == numbers, axis=1))
+        for block in range(numbers[-1] + 1):
+            columns = np.flatnonzero(numbers == block)
+            diagonal = np.ix_(alike, columns, columns)
+            within[diagonal] = lapack_svd(lower[diagonal])[1]
+    right = orthogonal @ within
+    in_first_order = np.argsort(order, axis=1)[:, :, None]
+    return triangles @ right, np.take_along_axis(right, in_first_order, 1)
+
+
+def _number_blocks(sizes: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the number (n_matrices, n) of the block of each column, from sizes (n_matrices, n) of
+    columns in descending order: a block begins with a column far smaller than the first of the
+    block before.
+    """
+    blocks = np.zeros(sizes.shape, np.intp)
+    first = sizes[:, 0].copy()
+    for column in range(1, sizes.shape[1]):
+        is_smaller = sizes[:, column] < _COMPARABLE_RATIO * first
+        first[is_smaller] = sizes[is_smaller, column]
+        blocks[:, column] = blocks[:, column - 1] + is_smaller
+    return blocks
 
 
 def _pad_rows(matrices: NDArray[Any]) -> NDArray[Any]:
@@ -236,7 +250,7 @@ def _pad_rows(matrices: NDArray[Any]) -> NDArray[Any]:
 
 
 def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
-    """Find singular values and right singular vectors of a stack of m x n matrices with few
+    """Return singular values and right singular vectors of a stack of m x n matrices with few
     columns, by plane rotations.
 
     Parameters
@@ -249,8 +263,8 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     right : (..., n, n), unitary; its columns are the right singular vectors.
     """
     shape = matrices.shape[:-2]
-    (m, n) = matrices.shape[-2:]
-    a = np.moveaxis(matrices.reshape(-1, m, n), 0, -1).swapaxes(0, 1)
+    m, n = matrices.shape[-2:]
+    a = np.moveaxis(matrices.reshape(-1, m, n), 0, -1).swapaxes(0, 1)  # (n, m, n_matrices)
     # a common scale keeps the squared norms in range
     scale = np.max(np.abs(a), axis=(0, 1))
     scale[scale == 0.0] = 1.0
@@ -265,13 +279,14 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     columns[:, :m] = a / scale
     columns[np.arange(n), m + np.arange(n)] = 1.0
     for _ in range(_MOST_SWEEPS):
-        turned = [
+        # all pairs of columns, also after the first that has been turned
+        were_turned = [
             _rotate(columns[p], columns[r], m) for p, r in itertools.combinations(range(n), 2)
         ]
-        if not any(turned):
+        if not any(were_turned):
             break
     else:
-        # for finite input it always does, quadratically
+        # for finite input the iteration always converges, quadratically
         raise RuntimeError("the Jacobi iteration did not converge")
     norms = np.sqrt(np.einsum("nmb,nmb->nb", columns[:, :m], columns[:, :m].conj()).real)
     order = np.argsort(norms, axis=0, kind="stable")
@@ -282,8 +297,8 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
 
 
 def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
-    """Make the upper m rows of two columns (rows, n_matrices) orthogonal, in place. Returns whether
-    they were not.
+    """Turn two columns (rows, n_matrices), in place, so that their upper m rows are orthogonal;
+    return whether any were not.
     """
     adjoint = first[:m].conj()
     alpha = np.einsum("mb,mb->b", adjoint, first[:m]).real
@@ -292,19 +307,22 @@ def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
     size = np.abs(gamma)
     # a column below _NO_COLUMN is the rounding error of a dependent column: it counts as zero and
     # cannot be made orthogonal
-    active = size > 4.0 * _EPSILON * np.sqrt(alpha) * np.sqrt(beta)
-    active &= np.minimum(alpha, beta) > _NO_COLUMN**2
-    if not np.any(active):
+    is_oblique = size > 4.0 * _EPSILON * np.sqrt(alpha) * np.sqrt(beta)
+    is_oblique &= np.minimum(alpha, beta) > _NO_COLUMN**2
+    if not np.any(is_oblique):
         return False
     # the tangent t of the angle is the smaller root of t^2 + 2 zeta t = 1
-    safe = np.where(active, size, 1.0)
-    zeta = np.where(active, 0.5 * (beta - alpha) / safe, 0.0)
-    tangent = np.where(zeta >= 0.0, 1.0, -1.0) / (np.abs(zeta) + np.hypot(1.0, zeta))
-    tangent = np.where(active, tangent, 0.0)
+    divisor = np.where(is_oblique, size, 1.0)
+    zeta = np.where(is_oblique, 0.5 * (beta - alpha) / divisor, 0.0)
+    smaller_root = np.where(zeta >= 0.0, 1.0, -1.0) / (np.abs(zeta) + np.hypot(1.0, zeta))
+    tangent = np.where(is_oblique, smaller_root, 0.0)
     cosine = 1.0 / np.hypot(1.0, tangent)
     sine = cosine * tangent
-    turned = second * np.where(active, gamma / safe, 1.0).conj()
-    first[...], second[...] = cosine * first - sine * turned, sine * first + cosine * turned
+    # with the phase of the first column, so that the product of both is real
+    in_phase = second * np.where(is_oblique, gamma / divisor, 1.0).conj()
+    new_first = cosine * first - sine * in_phase
+    second[...] = sine * first + cosine * in_phase
+    first[...] = new_first
     return True
 
 
@@ -320,7 +338,8 @@ def cholesky_factor(matrices: NDArray[Any]) -> NDArray[Any]:
     if np.any(diagonal < 0.0):
         raise np.linalg.LinAlgError("negative diagonal")
     root = np.sqrt(diagonal)
-    inverse = np.where(root > 0.0, 1.0 / np.where(root > 0.0, root, 1.0), 0.0)
+    has_row = root > 0.0
+    inverse = np.where(has_row, 1.0 / np.where(has_row, root, 1.0), 0.0)
     unit = matrices * inverse[..., :, None] * inverse[..., None, :]
     index = np.arange(matrices.shape[-1])
     unit[..., index, index] = 1.0
@@ -329,8 +348,8 @@ def cholesky_factor(matrices: NDArray[Any]) -> NDArray[Any]:
 
 
 def _find_lower(matrices: NDArray[Any]) -> NDArray[Any]:
-    """Find L of a stack of matrices L L^H of unit diagonal; L is not triangular where the matrix is
-    singular.
+    """Return L (..., n, n) of a stack of matrices L L^H of unit diagonal; L is not triangular where
+    the matrix is singular.
     """
     try:
         return np.asarray(np.linalg.cholesky(matrices))
@@ -338,31 +357,35 @@ def _find_lower(matrices: NDArray[Any]) -> NDArray[Any]:
         if matrices.ndim > 2:
             # one by one, so that a singular matrix does not change the results of the others
             return np.stack([_find_lower(matrix) for matrix in matrices])
-        values, vectors = np.linalg.eigh(matrices)
-        if values[0] < -_BELOW_ZERO * len(values):
+        eigenvalues, vectors = np.linalg.eigh(matrices)
+        if eigenvalues[0] < -_BELOW_ZERO * len(eigenvalues):
             raise
-        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+        return np.asarray(vectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
 
 
 def find_rank(rows: NDArray[Any]) -> int:
-    """Find the rank of rows (m, n), each column and then each row scaled to length one."""
+    """Return the rank of rows (m, n), each column and then each row scaled to length one."""
+    scaled = rows
     for axis in (0, 1):
-        length = np.linalg.norm(rows, axis=axis, keepdims=True)
-        rows = rows / np.where(length > 0.0, length, 1.0)
-    if is_independent(rows):
-        return int(rows.shape[1])
-    values = np.linalg.svd(rows, compute_uv=False) if rows.size else np.zeros(1)
-    return int(np.count_nonzero(values > _DEPENDENT * max(values[0], 1.0)))
+        length = np.linalg.norm(scaled, axis=axis, keepdims=True)
+        scaled = scaled / np.where(length > 0.0, length, 1.0)
+    if not scaled.size:
+        return 0
+    if is_independent(scaled):
+        return int(scaled.shape[1])
+    singular_values = np.linalg.svd(scaled, compute_uv=False)
+    return int(np.count_nonzero(singular_values > _DEPENDENT * max(singular_values[0], 1.0)))
 
 
 def is_independent(rows: NDArray[Any]) -> bool:
-    """Return whether many columns are so by far, as Cholesky's factors of A^H A less a little tell
-    at once.
+    """Return whether the columns of A, ``rows`` (m, n), are many and independent by far: A^H A less
+    a small part of its norm then has factors of Cholesky.
     """
-    if not rows.shape[0] >= rows.shape[1] > MANY_COLUMNS:
+    n_rows, n_columns = rows.shape
+    if not n_rows >= n_columns > MANY_COLUMNS:
         return False
     product = rows.conj().T @ rows
-    product[np.diag_indices(len(product))] -= _FAR_ABOVE * np.linalg.norm(product)
+    product[np.diag_indices(n_columns)] -= _FAR_ABOVE * np.linalg.norm(product)
     try:
         np.linalg.cholesky(product)
     except np.linalg.LinAlgError:
@@ -373,8 +396,8 @@ def is_independent(rows: NDArray[Any]) -> bool:
 def find_dependent(
     rows: NDArray[Any], sizes: NDArray[np.float64]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Find orthonormal vectors (n, k) that a matrix (m, n) takes to zero, and vectors (n, n - k)
-    that complete them.
+    """Return orthonormal vectors (n, k) that a matrix (m, n) takes to zero, and vectors (n, n - k)
+    that complete them to a basis.
 
     ``sizes`` (m, n) are the sizes that the entries of the matrix would have if nothing cancelled in
     them. As in :func:`find_rank`, each column and then each row is divided by its length in the
@@ -384,16 +407,18 @@ def find_dependent(
     lengths[lengths == 0.0] = 1.0
     row_lengths = np.linalg.norm(sizes / lengths, axis=1, keepdims=True)
     scaled = rows / lengths / np.where(row_lengths > 0.0, row_lengths, 1.0)
+    n = len(lengths)
     if is_independent(scaled):
-        return np.zeros((len(lengths), 0), rows.dtype), np.eye(len(lengths), dtype=rows.dtype)
-    range_basis, values, adjoint = np.linalg.svd(_pad_rows(scaled[None])[0], full_matrices=False)
-    rank = int(np.count_nonzero(values > _DEPENDENT * max(values[0], 1.0)))
-    count = len(values) - rank
+        return np.zeros((n, 0), rows.dtype), np.eye(n, dtype=rows.dtype)
+    padded = _pad_rows(scaled[None])[0]
+    range_basis, singular_values, adjoint = np.linalg.svd(padded, full_matrices=False)
+    rank = int(np.count_nonzero(singular_values > _DEPENDENT * max(singular_values[0], 1.0)))
+    count = len(singular_values) - rank
     free, _ = np.linalg.qr(adjoint[rank:].conj().T / lengths[:, None])
     # vectors that are longest in long columns come out as small differences of others, which are
     # not quite taken to zero: the residuals correct the vectors
     residuals = scaled @ (lengths[:, None] * free)
-    amplitudes = range_basis[: len(rows), :rank].conj().T @ residuals / values[:rank, None]
+    amplitudes = range_basis[: len(rows), :rank].conj().T @ residuals / singular_values[:rank, None]
     correction = adjoint[:rank].conj().T @ amplitudes / lengths[:, None]
     basis, _ = np.linalg.qr(free - correction, mode="complete")
     return basis[:, :count], basis[:, count:]
@@ -401,33 +426,36 @@ def find_dependent(
 
 @contextmanager
 def lanczos_converges() -> Iterator[None]:
-    """Raise :class:`~granphon.base.errors.ConvergenceError` where an iteration of ARPACK within
-    ends without its modes.
+    """Raise :class:`~granphon.base.errors.ConvergenceError` where an iteration of ARPACK in the
+    block ends without its modes.
     """
     from scipy.sparse.linalg import ArpackError
 
     try:
         yield
     except ArpackError as error:
-        why = "Their frequencies may lie too close together"
-        raise ConvergenceError(
-            message("modes are not found by Lanczos's method", why, "Ask for fewer modes")
-        ) from error
+        text = message(
+            "modes are not found by Lanczos's method",
+            "Their frequencies may lie too close together",
+            "Ask for fewer modes",
+        )
+        raise ConvergenceError(text) from error
 
 
 @lanczos_converges()
 def find_nearest(
     matrix: Any, count: int, shift: float, solve: Callable[[Any], Any], start: Any = None
 ) -> Any:
-    """Find eigenvalues (count,) of a sparse Hermitian matrix, those nearest to ``shift``, and their
-    vectors, by Lanczos.
+    """Return the eigenvalues (count,) of a sparse Hermitian matrix (n, n) that are nearest to
+    ``shift``, ascending, and their vectors (n, count), by Lanczos.
 
-    ``solve`` applies the inverse of the matrix less the shift; ``start`` is a vector that has a
-    part of each.
+    ``solve`` applies the inverse of the matrix less the shift; ``start`` (n,) is a vector that has
+    a part of each eigenvector, by default a random one.
     """
     from scipy.sparse.linalg import LinearOperator, eigsh
 
     if start is None:
+        # the same one each time, so that results repeat
         start = np.random.default_rng(0).normal(size=matrix.shape[0]).astype(matrix.dtype)
     inverse = LinearOperator(matrix.shape, matvec=solve, dtype=matrix.dtype)
     return eigsh(matrix, k=count, sigma=shift, OPinv=inverse, v0=start)

@@ -93,7 +93,7 @@ class LocalField(Result):
 
 def compute_xi(alpha: float, beta: float, mindlin_ratio: float) -> float:
     """Return Xi from the equilibrium of a corona ball (equations 35 and 45) on the triangular
-    lattice.
+    lattice, with ``alpha`` and ``beta`` of :class:`LocalField`.
     """
     bridge = _TRIANGLE_HEIGHT * beta
     return 2.5 - alpha - bridge + mindlin_ratio * (1.5 - bridge)
@@ -118,8 +118,8 @@ def local_field(
     bending: float = 0.0,
     torsion: float = 0.0,
 ) -> LocalField:
-    """Find the local field of a lattice of equal balls, with all motions relaxed, to 1e-8 or better
-    (1e-10 in the plane).
+    """Return the local field of a lattice of equal balls, with all motions relaxed, to 1e-8 or
+    better (1e-10 in the plane).
 
     At eta = 0 the triangular lattice has closed forms: Xi = (2 pi + 3 sqrt(3)) / D, alpha = (12 pi
     - 39 sqrt(3)/2) / D, beta = (18 - 8 pi/sqrt(3)) / D, D = 4 pi - 3 sqrt(3). At eta = 1, u_1 = 5/6
@@ -139,8 +139,8 @@ def local_field(
 
     Returns
     -------
-    Xi = 1/u_1 - 1; alpha and beta by equations (32) and (43) on the triangular lattice, in any of
-    its cells.
+    field : with Xi = 1/u_1 - 1; alpha and beta by equations (32) and (43) on the triangular
+        lattice, in any of its cells.
 
     Raises
     ------
@@ -175,28 +175,35 @@ def _compute_local_field(
             f" the rest of the lattice holds the"
             f" neighbours of a ball, and some motions of the rest cost nothing; {error}"
         ) from None
-    blocks = medium.elongating_blocks
+    takes_any_deformation = all(block.rank == block.n_rows for block in medium.elongating_blocks)
+    if takes_any_deformation:
+        return LocalField(
+            alpha=None,
+            beta=None,
+            xi=0.0,
+            mindlin_ratio=eta,
+            lattice=structure.name,
+            bending=bending,
+            torsion=torsion,
+        )
+    elongations = _integrate_response(medium)
+    if elongations is None:
+        raise PrecisionError(
+            f"the local field of lattice {medium.name!r} at mindlin_ratio {eta:g},"
+            f" torsion {torsion:g}, bending {bending:g} does not converge",
+            "Stiffnesses are so unequal that some of its motions cost almost no energy beside"
+            " others",
+            "Use stiffnesses nearer to that of compression",
+        )
+    star, *second_neighbours = elongations.tolist()
+    xi = 1.0 / star - 1.0
     alpha = None
     beta = None
-    if all(block.rank == block.n_rows for block in blocks):
-        xi = 0.0  # the contacts can take up any deformation
-    else:
-        elongations = _integrate_response(medium)
-        if elongations is None:
-            raise PrecisionError(
-                f"the local field of lattice {medium.name!r} at mindlin_ratio {eta:g},"
-                f" torsion {torsion:g}, bending {bending:g} does not converge",
-                "Stiffnesses are so unequal that some of its motions cost almost no energy beside"
-                " others",
-                "Use stiffnesses nearer to that of compression",
-            )
-        star, *second = elongations.tolist()
-        xi = 1.0 / star - 1.0
-        if second:
-            # the elongations are u_alpha - u_1 on top, and (sqrt(3) u_beta - u_1)/2 at a bridge
-            on_top, bridge = second
-            alpha = 1.0 + on_top / star
-            beta = float((1.0 + 2.0 * bridge / star) / np.sqrt(3.0))
+    if second_neighbours:
+        # the elongations are u_alpha - u_1 on top, and (sqrt(3) u_beta - u_1)/2 at a bridge
+        on_top, bridge = second_neighbours
+        alpha = 1.0 + on_top / star
+        beta = float((1.0 + 2.0 * bridge / star) / np.sqrt(3.0))
     return LocalField(alpha, beta, xi, eta, structure.name, bending, torsion)
 
 
@@ -209,14 +216,15 @@ def _integrate_response(medium: ContactLattice) -> Array | None:
     coarser = np.full(1, np.inf)
     for order in _ORDERS[medium.periods]:
         zone = divide_zone(medium.reciprocal, order, operations)
-        values = np.asarray(sum(weights @ response(q) for q, weights in zone))
+        elongations = np.asarray(sum(weights @ response(q) for q, weights in zone))
         # u_1 is small at strong friction and near one at weak friction. Both u_1 and Xi = 1/u_1 - 1
         # must be accurate, so 1 - u_1 must be well above rounding
-        accepted = _AGREEMENT[medium.periods] * values[0] * (1.0 - values[0])
-        has_settled = np.max(np.abs(values - coarser)) <= accepted
-        if has_settled and 1.0 - values[0] > _LEAST_HELD:
-            return values
-        coarser = values
+        compliance = elongations[0]
+        accepted = _AGREEMENT[medium.periods] * compliance * (1.0 - compliance)
+        has_settled = np.max(np.abs(elongations - coarser)) <= accepted
+        if has_settled and 1.0 - compliance > _LEAST_HELD:
+            return elongations
+        coarser = elongations
     return None
 
 
@@ -245,16 +253,20 @@ class _Response:
         self._columns = np.concatenate([block.columns for block in blocks])
         self._rank = sum(block.rank for block in blocks)
         entries = len(medium.rows) * len(medium.contacts) * len(self._columns)
-        self._together = max(1, _ENTRIES // entries)
+        #: number of wave vectors that are worked on at a time
+        self._chunk = max(1, _ENTRIES // entries)
 
     def __call__(self, q: Array) -> Array:
         """Return the response (n_q, kinds) at wave vectors q (n_q, p), 1/d."""
-        starts = range(0, len(q), self._together)
-        return np.concatenate([self._find(q[start : start + self._together]) for start in starts])
+        starts = range(0, len(q), self._chunk)
+        return np.concatenate([self._respond(q[start : start + self._chunk]) for start in starts])
 
-    def _find(self, q: Array) -> Array:
-        """Return the response (n_q, kinds) at wave vectors that fit into memory together."""
-        # of an orthonormal basis of the range: P = Q Q^H
+    def _respond(self, q: Array) -> Array:
+        """Return the response (n_q, kinds) at wave vectors q (n_q, p), 1/d, that fit into the cache
+        together.
+        """
+        # with an orthonormal basis Q of the range, P = Q Q^H; tensions elongate, and elongations
+        # come first among the rows
         basis = self._find_basis(q)
         adjoint = basis[:, : len(self.medium.contacts)].conj().swapaxes(1, 2)
         projections = []
@@ -289,20 +301,23 @@ def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:
     table = medium.contacts
     p = medium.periods
     is_triangular = medium.dimension == 2 and len(table) == 3 * medium.n_balls
-    middle = medium.positions[table.i] + 0.5 * table.vector
+    contact_midpoints = medium.positions[table.i] + 0.5 * table.vector
     inverse = np.linalg.inv(medium.cell[:, :p])
-    kinds: list[list[tuple[Array, Array]]] = [[] for _ in range(3 if is_triangular else 1)]
+    n_kinds = 3 if is_triangular else 1
+    kinds: list[list[tuple[Array, Array]]] = [[] for _ in range(n_kinds)]
     for ball, centre in enumerate(medium.positions):
+        # vectors to the neighbours
         spokes = np.concatenate([table.vector[table.i == ball], -table.vector[table.j == ball]])
         offsets = [0.5 * spokes]
         if is_triangular:
             offsets += [1.5 * spokes, _list_bridges(spokes)]
-        for kind, from_centre in zip(kinds, offsets, strict=True):
-            midpoints = centre + from_centre
-            separation = midpoints[:, None] - middle
+        for kind, offset in zip(kinds, offsets, strict=True):
+            midpoints = centre + offset
+            separation = midpoints[:, None] - contact_midpoints
             steps = separation[..., :p] @ inverse
-            apart = np.concatenate([steps - np.rint(steps), separation[..., p:]], axis=-1)
-            is_contact = np.max(np.abs(apart), axis=-1) < _SAME_MIDPOINT
+            # whole steps of the cell are left out
+            remainder = np.concatenate([steps - np.rint(steps), separation[..., p:]], axis=-1)
+            is_contact = np.max(np.abs(remainder), axis=-1) < _SAME_MIDPOINT
             kind.append((midpoints[:, :p], is_contact.astype(float)))
     return kinds
 

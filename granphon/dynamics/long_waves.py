@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.hertz import MOST_CONTACT_RADIUS
 from granphon.balls.lattices import as_direction, one_direction
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError, MechanismError
+from granphon.base.errors import InputError, InstabilityError, MechanismError
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.base.validation import real_array
@@ -80,11 +80,11 @@ class LongWaves(Compatibility):
         u_y,y), and (n_rows, n_inner). Inner motions are rotations, and the shifts of several balls
         in the cell.
         """
-        gradient = [
-            strain_rows(row, self.contacts.vector[:, : self.periods], self.motions) for row in rows
-        ]
-        affine = root[..., None] * np.reshape(gradient, (*root.shape, self._n_gradients))
-        return affine.reshape(root.size, self._n_gradients), self._find_inner_ends(rows, root)[0]
+        vector = self.contacts.vector[:, : self.periods]
+        gradients = [strain_rows(row, vector, self.motions) for row in rows]
+        affine = root[..., None] * np.reshape(gradients, (*root.shape, self._n_gradients))
+        inner = self._find_inner_ends(rows, root)[0]
+        return affine.reshape(root.size, self._n_gradients), inner
 
     def _find_inner_ends(self, rows: list[Row], root: Array) -> tuple[Any, Any]:
         """Return the difference and the sum of the effects of inner motions at both ends of
@@ -96,8 +96,8 @@ class LongWaves(Compatibility):
         if self._is_large:
             head, tail = compose_ends(self, rows, root)
             return (head - tail).tocsr(), (head + tail).tocsr()
-        gap, total = self._combine_ends(rows, root)
-        return self._select_inner(gap), self._select_inner(total)
+        difference, total = self._combine_ends(rows, root)
+        return self._select_inner(difference), self._select_inner(total)
 
     @cached_property
     def _is_large(self) -> bool:
@@ -108,13 +108,18 @@ class LongWaves(Compatibility):
         """
         if self.n_branches <= MANY_COLUMNS:
             return False
-        return self._touching is self or self._sparse.free.shape[1] >= self._touching._free.shape[1]
+        if self._touching is self:
+            return True
+        n_free = self._sparse.free.shape[1]
+        return bool(n_free >= self._touching._free.shape[1])
 
     def relax_inner_motions(self, progress: Progress = silent) -> None:
-        """Do the long work that moduli and sound share, and report how far it has come; the lattice
-        keeps what it finds.
+        """Factorise the matrix of the inner motions, the long work that moduli and sound share, and
+        report how far it has come; the lattice keeps the factors.
         """
-        if self.n_branches > MANY_COLUMNS and not self.is_held and "_sparse" not in vars(self):
+        is_large = self.n_branches > MANY_COLUMNS
+        if is_large and not self.is_held and "_sparse" not in vars(self):
+            # the value of the cached property, with reports
             vars(self)["_sparse"] = self._make_sparse(progress)
 
     @cached_property
@@ -157,16 +162,15 @@ class LongWaves(Compatibility):
         Gears of nearly equal balls may be almost one column, whose length is a small difference.
         Divided by this length, the column would have large rounding, and gears a large energy.
         """
-        gap, total = self._find_inner_ends(*self._weight_rows())
-        return np.asarray(np.linalg.norm(np.hypot(gap, total), axis=0))
+        difference, total = self._find_inner_ends(*self._weight_rows())
+        return np.asarray(np.linalg.norm(np.hypot(difference, total), axis=0))
 
     @cached_property
     def _inner_modes(self) -> tuple[Array, Array]:
-        """Effect on the contacts of the inner motions: rotations, and the shifts of several balls
-        in the cell.
+        """An orthonormal basis (n_rows, n_stiff) of the deformations that inner motions can make,
+        and the inner motions (n_inner, n_free) that deform no contact.
 
-        The first array (n_rows, n_stiff) is an orthonormal basis of the deformations that they can
-        make; the second (n_inner, n_free) holds the inner motions that deform no contact.
+        Inner motions are rotations, and the shifts of several balls in the cell.
         """
         _, inner = self._strain_rows
         count = inner.shape[1]
@@ -175,12 +179,11 @@ class LongWaves(Compatibility):
         size = self._inner_sizes
         # a column that is only rounding, compared with others of its kind, belongs to a motion that
         # deforms nothing
-        turns = np.tile(self.motions.is_rotation, self.n_balls)[-count:]
-        of_kind = np.where(
-            turns, np.max(size, where=turns, initial=0.0), np.max(size, where=~turns, initial=0.0)
-        )
-        still = size <= _SOFT * of_kind
-        deformations, free, scale = _split_columns(np.where(still, 0.0, inner), size)
+        is_turn = np.tile(self.motions.is_rotation, self.n_balls)[-count:]
+        largest_turn = np.max(size, where=is_turn, initial=0.0)
+        largest_shift = np.max(size, where=~is_turn, initial=0.0)
+        is_rounding = size <= _SOFT * np.where(is_turn, largest_turn, largest_shift)
+        deformations, free, scale = _split_columns(np.where(is_rounding, 0.0, inner), size)
         return deformations, free / scale[:, None]
 
     @cached_property
@@ -202,15 +205,15 @@ class LongWaves(Compatibility):
         ball has one lever arm.
         """
         table = self.contacts
-        ends = np.concatenate([table.i, table.j])
+        balls = np.concatenate([table.i, table.j])
         arms = np.concatenate([table.arm_i, table.arm_j])
-        mean = np.bincount(ends, arms) / np.maximum(np.bincount(ends), 1)
-        most = np.zeros(len(mean))
-        np.maximum.at(most, ends, np.abs(arms - mean[ends]))
-        evened = (most > _ROUNDED_ARM * mean) & (most <= _UNEVEN_ARM * mean)
-        if not np.any(evened):
+        mean = np.bincount(balls, arms) / np.maximum(np.bincount(balls), 1)
+        deviation = np.zeros(len(mean))  # the largest of each ball
+        np.maximum.at(deviation, balls, np.abs(arms - mean[balls]))
+        is_evened = (deviation > _ROUNDED_ARM * mean) & (deviation <= _UNEVEN_ARM * mean)
+        if not np.any(is_evened):
             return self
-        arm_i, arm_j = np.split(np.where(evened[ends], mean[ends], arms), 2)
+        arm_i, arm_j = np.split(np.where(is_evened[balls], mean[balls], arms), 2)
         return type(self)(
             self.cell,
             self.positions,
@@ -228,21 +231,25 @@ class LongWaves(Compatibility):
     def _find_relaxing(self, push: Array | None = None) -> Array:
         """Return an orthonormal basis (n_inner, n) of the inner motions that relax in a long wave.
 
-        Those that stay behind deform no contact of the :attr:`_touching` lattice, and static forces
-        do not act on them: their energy under these is the form ``push`` (n_inner, n_inner). Inner
-        motions are in mass-weighted coordinates, so that the two kinds are not coupled by inertia.
+        Inner motions that stay behind deform no contact of the :attr:`_touching` lattice, and
+        static forces do not act on them: their energy under static forces is the form ``push``
+        (n_inner, n_inner). Inner motions are in mass-weighted coordinates, so that the two kinds
+        are not coupled by inertia.
         """
+        n_shifts = len(self.motions.translations)
         idle = self._touching._free
         if self._touching._is_large:
-            # of balls, not of the frame in which the first one is the shift of all
+            # from motions of balls to those of the frame, of which the first are shifts of all
             in_frame = self._frame.T @ idle.reshape(self.n_balls, -1)
-            idle = in_frame.reshape(idle.shape)[len(self.motions.translations) :]
+            idle = in_frame.reshape(idle.shape)[n_shifts:]
         if push is not None and idle.size:
-            values, vectors = np.linalg.eigh(idle.T @ push @ idle)
-            idle = idle @ vectors[:, np.abs(values) <= _NO_ENERGY * np.linalg.norm(push)]
+            energies, vectors = np.linalg.eigh(idle.T @ push @ idle)
+            is_unpushed = np.abs(energies) <= _NO_ENERGY * np.linalg.norm(push)
+            idle = idle @ vectors[:, is_unpushed]
         if not idle.size:
-            return np.eye(self.n_branches - len(self.motions.translations))
-        return np.asarray(np.linalg.qr(idle, mode="complete")[0][:, idle.shape[1] :])
+            return np.eye(self.n_branches - n_shifts)
+        complete_basis = np.linalg.qr(idle, mode="complete")[0]
+        return np.asarray(complete_basis[:, idle.shape[1] :])
 
     @cached_property
     def _relaxing(self) -> Array:
@@ -262,7 +269,8 @@ class LongWaves(Compatibility):
         if self._relaxation is not None:
             return self._relaxation.relax(rows)
         basis = self._relaxing
-        return np.asarray(rows - np.tensordot(basis, np.tensordot(basis.T, rows, 1), 1))
+        amplitudes = np.tensordot(basis.T, rows, 1)
+        return np.asarray(rows - np.tensordot(basis, amplitudes, 1))
 
     @cached_property
     def _relaxed_rows(self) -> Array:
@@ -300,8 +308,8 @@ class LongWaves(Compatibility):
         in cells of one ball, and where inversion exchanges both balls, as in hcp and diamond.
         """
         relaxed = self._relaxed_rows
-        kinds = [row.kind in ("twist", "roll") for row in self.rows]
-        turning = np.abs(relaxed[np.repeat(kinds, len(self.contacts))])
+        is_turning = [row.kind in ("twist", "roll") for row in self.rows]
+        turning = np.abs(relaxed[np.repeat(is_turning, len(self.contacts))])
         largest = np.max(np.abs(relaxed), initial=0.0)
         return bool(np.max(turning, initial=0.0) > _COUPLED * largest)
 
@@ -322,37 +330,51 @@ class LongWaves(Compatibility):
         count = len(self.motions.translations)
         if not free.size:
             return False, np.eye(count)
-        # to first order in q the deformations of both sound and inner motions are i times real
-        # numbers
-        weighted = self._weight_rows()
-        gap, total = self._find_inner_ends(*weighted)
-        half = 0.5 * np.tile(self.contacts.vector[:, : self.periods], (len(weighted[0]), 1))
-        # a motion that deforms nothing at any q, such as the spin of a ball between two others, is
-        # left with rounding alone
-        effects = abs(gap) + abs(total)
-        size = np.sqrt(np.asarray((effects * effects).sum(axis=1)))[:, None]
-        change = total @ free
-        change = np.where(np.abs(change) <= _SOFT * size, 0.0, change)
-        unrelaxed = half[:, :, None] * change[:, None, :]
+        unrelaxed = self._deform_in_wave(free)
         waves = self._relax(unrelaxed)
         sound = self._relaxed_rows.reshape(-1, count, self.periods)
         # a wave that relaxes altogether leaves the rounding of the unrelaxed wave
         rounding = _COUPLED * np.linalg.norm(sound) * np.linalg.norm(unrelaxed)
 
         def couple(waves: Array) -> bool:
-            coupling = np.einsum("rij,rlm->ijlm", sound, waves)
-            coupling = coupling + coupling.swapaxes(1, 2)
+            """Return whether ``waves`` (n_rows, p, n) couple with sound to second order in q."""
+            products = np.einsum("rij,rlm->ijlm", sound, waves)
+            # q_j q_l is the same for j and l exchanged
+            coupling = products + products.swapaxes(1, 2)
             return bool(np.max(np.abs(coupling), initial=0.0) > rounding)
 
         if not couple(waves):
             return False, np.eye(count)
         # sound per root of mass, as inner motions are
-        moved = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())
-        together = np.concatenate([moved, waves], axis=2).reshape(-1, count + free.shape[1])
-        still = _find_null(together)
-        deforming = waves @ _find_null(still[:, count:], 1.0).T
-        mass = np.eye(count) - still[:, :count].T @ still[:, :count]
+        weighted_sound = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())
+        all_waves = np.concatenate([weighted_sound, waves], axis=2)
+        # motions, as rows, that deform nothing to second order: their parts in the shifts of all
+        # balls come first, then those in the inner motions
+        idle = _find_null(all_waves.reshape(-1, count + free.shape[1]))
+        idle_shifts = idle[:, :count]
+        idle_inner = idle[:, count:]
+        # inner motions without a part in idle ones
+        deforming = waves @ _find_null(idle_inner, 1.0).T
+        mass = np.eye(count) - idle_shifts.T @ idle_shifts
         return couple(deforming), np.where(np.abs(mass) > _COUPLED, mass, 0.0)
+
+    def _deform_in_wave(self, free: Array) -> Array:
+        """Return the deformations (n_rows, p, n_free), per component of q and over i, of inner
+        motions ``free`` (n_inner, n_free) that deform no contact at q = 0.
+
+        To first order in q the deformations of both sound and inner motions are i times real
+        numbers.
+        """
+        rows, root = self._weight_rows()
+        difference, total = self._find_inner_ends(rows, root)
+        half = 0.5 * np.tile(self.contacts.vector[:, : self.periods], (len(rows), 1))
+        # a motion that deforms nothing at any q, such as the spin of a ball between two others, is
+        # left with rounding alone
+        effects = abs(difference) + abs(total)
+        size = np.sqrt(np.asarray((effects * effects).sum(axis=1)))[:, None]
+        change = total @ free
+        is_rounding = np.abs(change) <= _SOFT * size
+        return np.asarray(half[:, :, None] * np.where(is_rounding, 0.0, change)[:, None, :])
 
     def require_rigid(self) -> None:
         """Raise :class:`~granphon.base.errors.MechanismError` if the lattice is a
@@ -384,20 +406,21 @@ class LongWaves(Compatibility):
         """
         if self._touching is not self:
             return self._touching.mechanism
+        can_turn = self.motions.rotate
         if self._with_sound[0]:
-            how = " (as gears do, on a lattice without odd rings)" if self.motions.rotate else ""
+            example = " (as gears do, on a lattice without odd rings)" if can_turn else ""
             return (
                 f"The balls of a cell can shift or turn against each other without a cost in"
-                f" energy{how}"
+                f" energy{example}"
             )
         if not self._strains.size:
             return ""
-        values, right = jacobi_svd(self._sound_rows @ self._strains)
-        if values[0] > _SOFT * values[-1]:
+        singular_values, strains = jacobi_svd(self._sound_rows @ self._strains)
+        is_soft = singular_values <= _SOFT * singular_values[-1]
+        if not is_soft[0]:
             return ""
-        soft = right[:, values <= _SOFT * values[-1]]
-        why = "" if self.motions.rotate else "; without friction contacts resist compression only"
-        return f"The strain {name_strain(soft)} costs no energy{why}"
+        reason = "" if can_turn else "; without friction contacts resist compression only"
+        return f"The strain {name_strain(strains[:, is_soft])} costs no energy{reason}"
 
     @cached_property
     def _strains(self) -> Array:
@@ -434,30 +457,36 @@ class LongWaves(Compatibility):
         Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes an inner motion
         unstable that the gradient moves.
         """
-        shape = (len(self.motions.translations), self.periods) * 2
+        n_u = len(self.motions.translations)
+        p = self.periods
+        shape = (n_u, p, n_u, p)
         if prestress is None and not self.is_prestressed:
             relaxed = self._relaxed_rows
             return (relaxed.T @ relaxed).reshape(shape)
         if prestress is not None and self._is_large and np.ndim(prestress):
+            # sparse factors are of one load
             return np.stack([self.gradient_stiffness(load) for load in np.asarray(prestress)])
-        load, push = self._find_load(prestress)
-        form, mixed, block = (
-            spring - load * pushed
-            for spring, pushed in zip(self._spring_forms, push[:3], strict=True)
+        load, push_forms = self._find_load(prestress)
+        *energy_forms, stress = push_forms
+        # of two gradients, of an inner motion and a gradient, and of two inner motions
+        gradients, mixed, inner = (
+            spring - load * push
+            for spring, push in zip(self._spring_forms, energy_forms, strict=True)
         )
         if self._relaxation is not None:
-            form = self._relaxation.eliminate(form, mixed, block)
+            relaxed_form = self._relaxation.eliminate(gradients, mixed, inner)
         else:
-            form = self._eliminate(form, mixed, block, self._find_relaxing(push[2]))
-        stiffness = np.asarray(form.reshape(*form.shape[:-2], *shape))
-        across = self._is_across
+            relaxing = self._find_relaxing(energy_forms[2])
+            relaxed_form = self._eliminate(gradients, mixed, inner, relaxing)
+        stiffness = np.asarray(relaxed_form.reshape(*relaxed_form.shape[:-2], *shape))
+        is_across = self._is_across
         # a gradient of displacements across the periods costs the work of the static stress,
         # nothing else
-        if across.any() and not self.has_tangential_force:
-            stiffness[..., across, :, :, :] = 0.0
-            stiffness[..., :, :, across, :] = 0.0
-            for axis in np.flatnonzero(across):
-                stiffness[..., axis, :, axis, :] = -load * push[3]
+        if is_across.any() and not self.has_tangential_force:
+            stiffness[..., is_across, :, :, :] = 0.0
+            stiffness[..., :, :, is_across, :] = 0.0
+            for axis in np.flatnonzero(is_across):
+                stiffness[..., axis, :, axis, :] = -load * stress
         return stiffness
 
     def _eliminate(self, form: Array, mixed: Array, block: Array, relaxing: Array) -> Array:
@@ -469,54 +498,58 @@ class LongWaves(Compatibility):
         """
         if not relaxing.size:
             return form
-        values, vectors = np.linalg.eigh(relaxing.T @ block @ relaxing)
+        energies, vectors = np.linalg.eigh(relaxing.T @ block @ relaxing)
         pull = vectors.swapaxes(-1, -2) @ relaxing.T @ mixed
-        top = np.max(np.abs(values), axis=-1, keepdims=True)
-        largest = np.sqrt(np.linalg.norm(form, axis=(-2, -1))[..., None] * top)
-        is_moved = np.max(np.abs(pull), axis=-1) > _SOFT * largest
-        self._require_stable_cell(values, is_moved, relaxing @ vectors)
+        highest = np.max(np.abs(energies), axis=-1, keepdims=True)
+        # no pull is larger than the root of the product of both energies
+        largest_pull = np.sqrt(np.linalg.norm(form, axis=(-2, -1))[..., None] * highest)
+        is_moved = np.max(np.abs(pull), axis=-1) > _SOFT * largest_pull
+        self._require_stable_cell(energies, is_moved, relaxing @ vectors)
         # D lacks the part of static forces without a potential, so that energies a little below
         # zero count as zero
-        lowest = -max(_NO_ENERGY, self.slack) * top
-        is_zero = (values <= _NO_ENERGY * top) & (values >= lowest)
-        inverse = np.divide(1.0, values, out=np.zeros_like(values), where=~is_zero)
+        lowest = -max(_NO_ENERGY, self.slack) * highest
+        is_zero = (energies <= _NO_ENERGY * highest) & (energies >= lowest)
+        inverse = np.divide(1.0, energies, out=np.zeros_like(energies), where=~is_zero)
         return np.asarray(form - pull.swapaxes(-1, -2) @ (inverse[..., None] * pull))
 
     def _require_stable_cell(
-        self, values: Array, is_moved: NDArray[np.bool_], vectors: Array
+        self, energies: Array, is_moved: NDArray[np.bool_], vectors: Array
     ) -> None:
         """Raise :class:`~granphon.base.errors.InstabilityError` if a strain moves an inner motion
         of negative energy.
 
-        ``values`` (..., n) are the energies of ``vectors`` (..., n_inner, n), and ``is_moved``
+        ``energies`` (..., n) are those of ``vectors`` (..., n_inner, n), and ``is_moved``
         (..., n) says whether a gradient moves them. A motion that none moves belongs to another
         wave vector of a smaller cell, or is a wave of its own, whose frequency the bands have.
         """
-        rounding = max(_NO_ENERGY, self.slack) * np.max(np.abs(values), axis=-1, keepdims=True)
-        soft = is_moved & (values < -rounding)
-        if not np.any(soft):
+        rounding = max(_NO_ENERGY, self.slack) * np.max(np.abs(energies), axis=-1, keepdims=True)
+        is_unstable = is_moved & (energies < -rounding)
+        if not np.any(is_unstable):
             return
-        motion = np.zeros(self.n_branches)
-        motion[len(self.motions.translations) :] = vectors.swapaxes(-1, -2)[soft][0]
-        of_balls = self._frame @ motion.reshape(self.n_balls, -1)
+        # the first columns of the frame are shifts of all balls
+        motion_of_frame = np.zeros(self.n_branches)
+        first_unstable = vectors.swapaxes(-1, -2)[is_unstable][0]
+        motion_of_frame[len(self.motions.translations) :] = first_unstable
+        motion = self._frame @ motion_of_frame.reshape(self.n_balls, -1)
         where = f"a squared frequency at {self.name_wavevector(np.zeros(self.periods))} is negative"
-        raise self.explain_buckling(where, of_balls[:, self.motions.translating].T)
+        raise self.explain_buckling(where, motion[:, self.motions.translating].T)
 
     def _find_load(self, prestress: ArrayLike | None) -> tuple[Any, tuple[Array, ...]]:
-        """Return a factor (..., 1, 1), and the forms that it multiplies:
-        :meth:`_compute_push_forms`, and the sum of f r r/a.
+        """Return a factor, a number or (..., 1, 1), and the forms that the factor multiplies: those
+        of :meth:`_compute_push_forms`, and the sum (p, p) of f r r/a over the contacts.
         """
         if prestress is None:
             rows, root = self._weight_rows(prestress=True)
             vector = self.contacts.vector[:, : self.periods]
-            across = self.tangential_force[:, : self.periods]
             stress = vector.T @ (self.prestress[:, None] * vector)
             if self.has_tangential_force:
-                turned = across.T @ vector
-                stress = stress + 0.5 * (turned + turned.T)
-            return 1.0, (*self._compute_push_forms(rows, self.static_signs * root**2), stress)
+                tangential = self.tangential_force[:, : self.periods].T @ vector
+                stress = stress + 0.5 * (tangential + tangential.T)
+            forms = self._compute_push_forms(rows, self.static_signs * root**2)
+            return 1.0, (*forms, stress)
         loads = real_array("prestress", prestress)
-        return (loads[..., None, None] if loads.ndim else float(loads)), self._even_push_forms
+        factor = loads[..., None, None] if loads.ndim else float(loads)
+        return factor, self._even_push_forms
 
     @cached_property
     def _spring_forms(self) -> tuple[Array, Array, Array]:
@@ -535,12 +568,12 @@ class LongWaves(Compatibility):
         return (*forms, vector.T @ vector)
 
     def _compute_push_forms(self, rows: list[Row], load: Array) -> tuple[Array, ...]:
-        """Return the forms of :attr:`_spring_forms` for rows of static forces, weighted by ``load``
-        (kinds, n_c).
+        """Return the energy, as the forms of :attr:`_spring_forms`, of ``rows`` on which static
+        forces act, weighted by ``load`` (kinds, n_c).
         """
-        across, inner = self._deform_uniformly(rows, np.ones(load.shape))
+        affine, inner = self._deform_uniformly(rows, np.ones(load.shape))
         weight = load.reshape(-1, 1)
-        return across.T @ (weight * across), inner.T @ (weight * across), inner.T @ (inner * weight)
+        return affine.T @ (weight * affine), inner.T @ (weight * affine), inner.T @ (inner * weight)
 
     def acoustic_tensor(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> Array:
         """Return the acoustic tensor A(q^), (..., n_u, n_u), k d^2/M: the small-q limit of D/q^2
@@ -551,16 +584,17 @@ class LongWaves(Compatibility):
         :meth:`gradient_stiffness`.
         """
         along = as_direction(direction, self.periods)
-        many = along.reshape(-1, self.periods)
+        directions = along.reshape(-1, self.periods)
         stiffness = self.gradient_stiffness(prestress)
-        tensor = np.einsum("...ijkl,nj,nl->...nik", stiffness, many, many) / self.masses.sum()
-        tensor = self._per_mass @ tensor @ self._per_mass
-        return np.asarray(tensor if along.ndim > 1 else tensor[..., 0, :, :])
+        of_all_mass = np.einsum("...ijkl,nj,nl->...nik", stiffness, directions, directions)
+        of_all_mass = of_all_mass / self.masses.sum()
+        tensors = self._per_mass @ of_all_mass @ self._per_mass
+        return np.asarray(tensors if along.ndim > 1 else tensors[..., 0, :, :])
 
     def sound_velocities(
         self, direction: ArrayLike, prestress: ArrayLike | None = None
     ) -> tuple[Array, Array]:
-        """Find the velocities of long waves along ``direction`` (p,) or (n, p), in the order of
+        """Return the velocities of long waves along ``direction`` (p,) or (n, p), in the order of
         :attr:`wave_names`.
 
         Returns
@@ -587,23 +621,31 @@ class LongWaves(Compatibility):
         try:
             factor = cholesky_factor(tensor)
         except np.linalg.LinAlgError:
-            squared, vectors = np.linalg.eigh(tensor)
-            worst = np.unravel_index(np.argmin(squared[..., 0]), squared.shape[:-1])
-            unstable = along if along.ndim == 1 else along[worst[-1]]
-            components = ", ".join(f"{component:.6g}" for component in unstable)
-            where = f"a squared sound velocity in direction ({components}) is negative"
-            raise self.explain_buckling(where, vectors[worst][:, 0]) from None
+            raise self._explain_unstable_sound(along, tensor) from None
         return decompose_waves(along, factor, self.motions.translations)
+
+    def _explain_unstable_sound(self, along: Array, tensor: Array) -> InstabilityError:
+        """Return the error of a lattice whose acoustic ``tensor`` (..., n_u, n_u), or
+        (..., n, n_u, n_u) of directions ``along`` (n, p), has an eigenvalue below zero.
+        """
+        squared, vectors = np.linalg.eigh(tensor)
+        worst = np.unravel_index(np.argmin(squared[..., 0]), squared.shape[:-1])
+        direction = along if along.ndim == 1 else along[worst[-1]]
+        components = ", ".join(f"{component:.6g}" for component in direction)
+        where = f"a squared sound velocity in direction ({components}) is negative"
+        return self.explain_buckling(where, vectors[worst][:, 0])
 
     @lru_cache(maxsize=256)  # noqa: B019 (lattices are kept by a cache of their own)
     def _waves_along(
         self, shape: tuple[int, ...], numbers: tuple[float, ...]
     ) -> tuple[Array, Array]:
-        """Return :meth:`sound_velocities` along a few unit vectors, without prestress;
-        read-only.
+        """Return :meth:`sound_velocities` along a few unit vectors, without prestress, read-only.
+
+        The components ``numbers`` and the ``shape`` of the vectors, (p,) or (n, p), are the key of
+        the cache.
         """
-        values, vectors = self._compute_waves(np.reshape(numbers, shape))
-        return read_only(values), read_only(vectors)
+        velocities, polarisations = self._compute_waves(np.reshape(numbers, shape))
+        return read_only(velocities), read_only(polarisations)
 
     def _compute_waves(self, along: Array) -> tuple[Array, Array]:
         rows = self._sound_rows.reshape(-1, len(self.motions.translations), self.periods)
@@ -628,8 +670,9 @@ class LongWaves(Compatibility):
         """(n_u, n_u) the root of all mass over that which sound moves; zero along displacements
         that move none of it.
         """
-        values, vectors = np.linalg.eigh(self._with_sound[1])
-        inverse = np.divide(1.0, values, out=np.zeros_like(values), where=values > _COUPLED)
+        mass_parts, vectors = np.linalg.eigh(self._with_sound[1])
+        inverse = np.zeros_like(mass_parts)
+        np.divide(1.0, mass_parts, out=inverse, where=mass_parts > _COUPLED)
         return np.asarray((vectors * np.sqrt(inverse)) @ vectors.T)
 
     @cached_property
@@ -646,11 +689,9 @@ class LongWaves(Compatibility):
         """Whether balls of a straight chain turn about it, so that a twist runs along it where
         contacts resist torsion.
         """
-        return (
-            self.periods == 1
-            and 0 in self.motions.rotations
-            and not np.any(self.contacts.normal[:, 1:])
-        )
+        turns_about_line = self.periods == 1 and 0 in self.motions.rotations
+        is_straight = not np.any(self.contacts.normal[:, 1:])
+        return turns_about_line and is_straight
 
     def elastic_tensor(self, prestress: ArrayLike | None = None) -> Array:
         """Return the stiffness, change of stress over strain, in units of k d^(2-p); (..., 3, 3) in
@@ -669,17 +710,20 @@ class LongWaves(Compatibility):
         stiffness does not resist.
         """
         self.require_rigid()
-        plain = prestress is None and not self.is_prestressed
-        return self._own_tensor if plain else self._find_elasticity(prestress)
+        has_no_prestress = prestress is None and not self.is_prestressed
+        if has_no_prestress:
+            return self._unstressed_tensor
+        return self._find_elasticity(prestress)
 
     @cached_property
-    def _own_tensor(self) -> Array:
+    def _unstressed_tensor(self) -> Array:
         """:meth:`elastic_tensor` without prestress, which every load of every state asks for;
         read-only.
         """
         return read_only(self._find_elasticity(None))
 
     def _find_elasticity(self, prestress: ArrayLike | None) -> Array:
+        """Return :meth:`elastic_tensor` (..., n, n) of a lattice that is no mechanism."""
         p = self.periods
         axes = self.motions.translations
         if not set(range(p)) <= set(axes):
@@ -688,11 +732,13 @@ class LongWaves(Compatibility):
                 "The balls do not move along the lattice",
             )
         along = [axes.index(axis) for axis in range(p)]
-        c = self.gradient_stiffness(prestress)[..., along, :, :, :][..., along, :] / self.measure
+        stiffness = self.gradient_stiffness(prestress)
+        c = stiffness[..., along, :, :, :][..., along, :] / self.measure
         if prestress is None and not self.is_prestressed:
             return take_voigt(c)
-        load, push = self._find_load(prestress)
-        tensor = take_voigt(c) + find_stress_part(-load * push[3] / self.measure)
+        load, push_forms = self._find_load(prestress)
+        stress = -load * push_forms[3] / self.measure
+        tensor = take_voigt(c) + find_stress_part(stress)
         strains = find_unstable_strains(tensor)
         if strains is not None:
             where = f"the strain {name_strain(strains)} has a modulus below zero"
@@ -706,17 +752,20 @@ class LongWaves(Compatibility):
         p = self.periods
         if p == 1:
             return True
+        # the isotropic tensor with the same c_xxxx and c_xxyy
         shear = (c[0, 0] - c[0, 1]) / 2.0
         isotropic = np.diag([c[0, 0]] * p + [shear] * (len(c) - p))
         isotropic[:p, :p][~np.eye(p, dtype=bool)] = c[0, 1]
-        return bool(np.max(np.abs(c - isotropic)) <= _ISOTROPIC * c[0, 0])
+        largest_difference = np.max(np.abs(c - isotropic))
+        return bool(largest_difference <= _ISOTROPIC * c[0, 0])
 
     def optical_branch(self, direction: ArrayLike = (1.0, 0.0)) -> tuple[float, float]:
-        """Return (omega_0^2, c) of the long-wave rotational branch omega^2 = omega_0^2 (1 - c q^2),
-        one ball in the cell.
+        """Return omega_0^2, k/M, and c, d^2, of the long-wave rotational branch omega^2 = omega_0^2
+        (1 - c q^2), for one ball in the cell.
 
         ``direction`` is a vector (p,) of any length. On the triangular lattice omega_0^2 = 30 eta
-        k/M and c = d^2/10; equation (15) prints d^2/20 (see the errata).
+        k/M and c = d^2/10; equation (15) prints d^2/20 (see the errata). Raises
+        :class:`~granphon.base.errors.InputError` if a cell has more than one rotation, or none.
         """
         if self.n_balls != 1 or len(self.motions.rotations) != 1:
             raise InputError(
@@ -724,26 +773,30 @@ class LongWaves(Compatibility):
             )
         ahead = self.contacts.vector[:, : self.periods] @ one_direction(direction, self.periods)
         rows, root = self._weight_rows()
-        gap, total = self._combine_ends(rows, root)
+        difference, total = self._combine_ends(rows, root)
         # effect on the contacts of the rotation (times cos of the half angle) and of the
         # displacements (times sin)
-        turn = gap[..., self.motions.turning]
+        turn = difference[..., self.motions.turning]
         shift = total[..., self.motions.translating]
         squared = float(np.sum(turn**2))
+        # the cosine falls with the square of the half angle
         narrowing = float(np.sum(turn**2 * ahead[:, None] ** 2)) / 4.0
         # coupling with the displacements, which lowers the branch at second order
         coupling = 0.5 * np.sum(turn * shift * ahead[:, None], axis=(0, 1))
-        return squared, (narrowing - float(coupling @ coupling) / squared) / squared
+        curvature = (narrowing - float(coupling @ coupling) / squared) / squared
+        return squared, curvature
 
 
 def _find_null(matrix: Array, size: float = 0.0) -> Array:
-    """Return an orthonormal basis, as rows, of the vectors that a matrix, of this ``size`` or
-    larger, takes to zero.
+    """Return an orthonormal basis (k, n), as rows, of the vectors that a ``matrix`` (m, n) takes to
+    zero, but for rounding of its largest singular value, or of ``size`` if this is larger.
     """
+    # with fewer rows than columns some vectors are free: add a row of zeros for each missing row
     lacking = max(0, matrix.shape[1] - len(matrix))
     padded = np.pad(matrix, ((0, lacking), (0, 0)))
-    _, values, right = np.linalg.svd(padded, full_matrices=False)
-    return np.asarray(right[values <= _SOFT * np.max(values, initial=size)])
+    _, singular_values, right_vectors = np.linalg.svd(padded, full_matrices=False)
+    is_null = singular_values <= _SOFT * np.max(singular_values, initial=size)
+    return np.asarray(right_vectors[is_null])
 
 
 def _split_columns(columns: Array, size: Array) -> tuple[Array, Array, Array]:
@@ -756,8 +809,7 @@ def _split_columns(columns: Array, size: Array) -> tuple[Array, Array, Array]:
     scale = np.where(np.any(columns != 0.0, axis=0), size, 1.0)
     # with fewer rows than columns some vectors are free: add a row of zeros for each missing row
     lacking = max(0, columns.shape[1] - len(columns))
-    basis, values, right = np.linalg.svd(
-        np.pad(columns / scale, ((0, lacking), (0, 0))), full_matrices=False
-    )
-    free = values <= _SOFT * np.max(values, initial=0.0)
-    return np.asarray(basis[: len(columns), ~free]), np.asarray(right[free].T), scale
+    padded = np.pad(columns / scale, ((0, lacking), (0, 0)))
+    basis, singular_values, right_vectors = np.linalg.svd(padded, full_matrices=False)
+    is_free = singular_values <= _SOFT * np.max(singular_values, initial=0.0)
+    return np.asarray(basis[: len(columns), ~is_free]), np.asarray(right_vectors[is_free].T), scale

@@ -90,8 +90,8 @@ def contact_rows(
     turn_j = 1.0 / np.asarray(gyration_j)
     lever_i = arm_i * turn_i
     lever_j = arm_j * turn_j
-    # each entry: kind, stiffness, axis of u, axis of phi, and the factors of phi_j and phi_i. As b
-    # = n x t, (phi x n).t is phi.b, and (phi x n).b is -phi.t
+    # each entry: kind, stiffness, axis of u, axis of phi, and the factors of phi_j and phi_i. As
+    # b = n x t, (phi x n).t is phi.b, and (phi x n).b is -phi.t
     return _keep_resisted(
         [
             ("elongation", elongation, n, none, turn_j, turn_i),
@@ -109,11 +109,9 @@ def find_gyration(network: ContactNetwork) -> Array:
     """Return (n,) radii of gyration R_g of the balls of a network, m; one of bodies that do not
     move.
     """
-    return np.sqrt(
-        np.divide(
-            network.inertias, network.masses, out=np.ones(network.n_balls), where=network.moving
-        )
-    )
+    ones = np.ones(network.n_balls)
+    squares = np.divide(network.inertias, network.masses, out=ones, where=network.moving)
+    return np.sqrt(squares)
 
 
 def network_rows(network: ContactNetwork) -> list[Row]:
@@ -142,8 +140,8 @@ def network_rows(network: ContactNetwork) -> list[Row]:
 
 
 def push_rows(normal: Array, motions: Motions) -> list[Row]:
-    """Return the displacements of ball j relative to ball i along the tangents of each contact;
-    prestress acts on these.
+    """Return the rows of the displacements of ball j relative to ball i along both tangents of each
+    contact, on which prestress acts; ``normal`` (n_c, d) are unit vectors from ball i to ball j.
     """
     _, t, b = contact_frames(normal)
     none = [np.zeros(len(normal))] * 3
@@ -179,22 +177,27 @@ def carry_rows(
     none = list(np.zeros((3, len(n))))
 
     def push(vector: Array) -> Row:
+        """Return the row of ``vector`` (n_c, 3) times the displacement dn."""
         axes = list((vector / distance[:, None]).T)
         return _make_row("push", 1.0, axes, none, turn_j, turn_i, motions)
 
     def turn(vector: Array, lever_j: Array, lever_i: Array) -> Row:
+        """Return the row of ``vector`` (n_c, 3) times lever_j phi_j + lever_i phi_i."""
         axes = list(vector.T)
         return _make_row("turn", 1.0, none, axes, lever_j * turn_j, -lever_i * turn_i, motions)
 
-    along = _make_row("elongation", 1.0, list(n.T), none, turn_j, turn_i, motions)
+    elongation = _make_row("elongation", 1.0, list(n.T), none, turn_j, turn_i, motions)
     unit = np.ones(len(n))
-    turned = (turn(n, arm_j, arm_i), push(-beside))  # as v x T is along n
-    return [(along, push(force)), turned, (turn(0.5 * beside, unit, unit), along)]
+    return [
+        (elongation, push(force)),
+        (turn(n, arm_j, arm_i), push(-beside)),  # as v x T is along n
+        (turn(0.5 * beside, unit, unit), elongation),
+    ]
 
 
 def split_pairs(pairs: Sequence[tuple[Row, Row]]) -> list[tuple[Row, float]]:
-    """Return rows, with signs: the sum of signs times squares is the symmetric part of pull^T move
-    of ``pairs``.
+    """Return rows (pull + move)/2 and (pull - move)/2 of each of the ``pairs``, with the signs 1
+    and -1: the sum of signs times squares is the symmetric part of the sum of pull^T move.
     """
     rows = []
     for pull, move in pairs:
@@ -232,7 +235,7 @@ def _make_row(
     motions: Motions,
 ) -> Row:
     """Return the row ``moved.(u_j - u_i) + turned.(factor_j phi_j - factor_i phi_i)`` in terms of
-    the motions.
+    the motions; factors are numbers or (n_c,).
     """
     moves = [moved[axis] for axis in motions.translations]
     turns = [turned[axis] for axis in motions.rotations]
@@ -245,7 +248,8 @@ def _make_row(
 def _keep_resisted(
     deformations: list[tuple[str, ArrayLike, _Axes, _Axes, Any, Any]], motions: Motions
 ) -> list[Row]:
-    """Return the rows of some deformations.
+    """Return the rows of ``deformations``, each of which is a kind, a stiffness, an axis of u, an
+    axis of phi, and the factors of phi_j and phi_i, as :func:`_make_row` takes them.
 
     Rows without effect are left out: those without stiffness, and those that no motion makes in any
     contact. If there are no contacts, the second rule does not apply.
@@ -256,7 +260,8 @@ def _keep_resisted(
             continue
         components = [moved[axis] for axis in motions.translations]
         components += [turned[axis] for axis in motions.rotations]
-        if any(component.any() or not len(component) for component in components):
+        has_effect = any(component.any() or not len(component) for component in components)
+        if has_effect:
             rows.append(_make_row(kind, stiffness, moved, turned, factor_j, factor_i, motions))
     return rows
 
@@ -277,8 +282,8 @@ class WaveRows(NamedTuple):
     half: Array
 
     def compute_rows(self, wavevectors: Array, derivative: bool = False) -> NDArray[Any]:
-        """Return (n_q, kinds * n_c, n) rows, or their derivatives with respect to the half
-        angle.
+        """Return rows (n_q, kinds * n_c, n) at ``wavevectors`` (n_q, p), or their ``derivative``
+        with respect to the half angle.
         """
         angle = wavevectors @ self.half.T
         odd_factor = np.sin(angle)
@@ -306,12 +311,13 @@ class WaveRows(NamedTuple):
             return self
         kinds = np.any(rows, axis=1)
         contacts = np.any(rows, axis=0)
-        if np.all(rows[np.ix_(kinds, contacts)]):
+        is_full_table = np.all(rows[np.ix_(kinds, contacts)])
+        if is_full_table:
             chosen: Any = np.ix_(kinds, contacts, columns)
             odd = self.odd[chosen]
             even = self.even[chosen]
             half = self.half[contacts]
-        else:
+        else:  # one kind, in which each row is a contact
             odd = self.odd[rows][None, :, columns]
             even = self.even[rows][None, :, columns]
             half = self.half[np.nonzero(rows)[1]]
@@ -320,12 +326,13 @@ class WaveRows(NamedTuple):
 
 
 def bend(angle: Array) -> Array:
-    """Return sin h - h cos h, to rounding of itself: h^3/3 at small angles. Its derivative is h sin
-    h.
+    """Return sin h - h cos h of angles h (...), rad, to rounding of itself: h^3/3 at small angles.
+
+    The derivative by h is h sin h.
     """
     square = np.square(angle)
     series = np.zeros_like(angle)
-    for coefficient in reversed(_BEND):
+    for coefficient in reversed(_BEND):  # Horner's rule
         series = series * square + coefficient
     direct = np.sin(angle) - angle * np.cos(angle)
     return np.asarray(np.where(np.abs(angle) < _SERIES, angle * square * series, direct))

@@ -56,13 +56,15 @@ def compose_ends(lattice: Compatibility, rows: list[Row], root: Array) -> tuple[
         (table.i, [row.tail for row in rows]),
     ):
         moving = np.flatnonzero(balls < n)  # contacts whose end is not a body that does not move
-        weight = root[:, moving, None] * np.asarray(coefficients)[:, moving]
-        weight = weight / np.sqrt(lattice.masses[balls[moving]])[:, None]
+        # entries (kinds, contacts, motions of a ball), with their rows and columns
+        effects = root[:, moving, None] * np.asarray(coefficients)[:, moving]
+        effects = effects / np.sqrt(lattice.masses[balls[moving]])[:, None]
         line = (np.arange(len(rows))[:, None] * len(table) + moving)[..., None]
         column = (balls[moving] * count)[:, None] + np.arange(count)
-        entries = tuple(np.broadcast_to(each, weight.shape).ravel() for each in (line, column))
+        lines = np.broadcast_to(line, effects.shape).ravel()
+        columns = np.broadcast_to(column, effects.shape).ravel()
         shape = (len(rows) * len(table), lattice.n_branches)
-        ends.append(coo_array((weight.ravel(), entries), shape=shape).tocsr())
+        ends.append(coo_array((effects.ravel(), (lines, columns)), shape=shape).tocsr())
     return ends[0], ends[1]
 
 
@@ -70,17 +72,22 @@ class SparseRelaxation:
     """Inner motions of the balls of a cell, which relax under the deformations of its contacts;
     reduced units.
 
-    ``gap`` and ``total`` (n_rows, n_branches) are the difference and the sum of the effects that
-    the mass-weighted motions of all balls have at both ends of contacts, sparse by rows. A motion
-    costs nothing if its singular value, over the largest, is up to ``soft``.
+    ``difference`` and ``total`` (n_rows, n_branches), sparse by rows, are the difference and the
+    sum of the effects that the mass-weighted motions of all balls have at both ends of contacts. A
+    motion costs nothing if its singular value, over the largest, is up to ``soft``.
     """
 
     def __init__(
-        self, lattice: Compatibility, gap: Any, total: Any, soft: float, progress: Progress = silent
+        self,
+        lattice: Compatibility,
+        difference: Any,
+        total: Any,
+        soft: float,
+        progress: Progress = silent,
     ) -> None:
         self.lattice = lattice
         with single_products():
-            self._factorise(gap, soft, progress)
+            self._factorise(difference, soft, progress)
             self._find_free(total, soft)
 
     @cached_property
@@ -90,64 +97,73 @@ class SparseRelaxation:
         p = lattice.periods
         table = lattice.contacts
         positions = lattice.positions.copy()
-        along = positions[:, :p] @ np.linalg.inv(lattice.cell[:, :p])
-        positions[:, :p] = (along - np.floor(along)) * np.linalg.norm(lattice.cell, axis=1)
-        among = table.j < lattice.n_balls
-        return dissect(positions, table.i[among], table.j[among])
+        fractions = positions[:, :p] @ np.linalg.inv(lattice.cell[:, :p])
+        lengths = np.linalg.norm(lattice.cell, axis=1)
+        positions[:, :p] = (fractions - np.floor(fractions)) * lengths
+        joins_balls = table.j < lattice.n_balls
+        return dissect(positions, table.i[joins_balls], table.j[joins_balls])
 
-    def _factorise(self, gap: Any, soft: float, progress: Progress) -> None:
+    def _factorise(self, difference: Any, soft: float, progress: Progress) -> None:
+        """Factorise the normal equations of the columns of ``difference`` (n_rows, n_branches),
+        each over its length.
+        """
         from scipy.sparse import diags_array
 
         lattice = self.lattice
         motions = self.lattice.motions
-        size = np.sqrt(np.asarray(gap.power(2).sum(axis=0)))
+        size = np.sqrt(np.asarray(difference.power(2).sum(axis=0)))
         # a column that is only rounding, compared with others of its kind, belongs to a motion that
         # deforms nothing
-        turns = np.tile(motions.is_rotation, lattice.n_balls)
-        of_kind = np.where(
-            turns, np.max(size, where=turns, initial=0.0), np.max(size, where=~turns, initial=0.0)
-        )
-        still = size <= soft * of_kind
-        self._scale = np.where(still, 1.0, size)
-        self._rows: Any = (gap @ diags_array(np.where(still, 0.0, 1.0 / self._scale))).tocsr()
+        is_turn = np.tile(motions.is_rotation, lattice.n_balls)
+        largest_turn = np.max(size, where=is_turn, initial=0.0)
+        largest_shift = np.max(size, where=~is_turn, initial=0.0)
+        is_rounding = size <= soft * np.where(is_turn, largest_turn, largest_shift)
+        self._scale = np.where(is_rounding, 1.0, size)
+        inverse_scale = np.where(is_rounding, 0.0, 1.0 / self._scale)
+        self._rows: Any = (difference @ diags_array(inverse_scale)).tocsr()
         self._columns: Any = self._rows.T.tocsr()
         matrix = (self._columns @ self._rows).tocsr()
         self._top = _bound(matrix)
         self._fronts = Fronts(matrix, self.layers, motions.count, progress)
 
     def _find_free(self, total: Any, soft: float) -> None:
-        """Tell motions that cost nothing from soft ones among those that the factors have set
-        aside.
+        """Set ``free`` (n_branches, n_free), the motions that cost nothing among those that the
+        factors have set aside, and the deformations of the others, which are soft.
 
         Most motions that cost nothing move a few balls, and change nothing in a wave either. Only
         the part that these have of the shift of all balls is of interest: ``free`` holds this part,
-        and all other motions that cost nothing.
+        and all other motions that cost nothing. ``total`` and ``soft`` are those of the class.
         """
         from scipy.sparse import csc_array, diags_array
 
-        aside = csc_array(self._fronts.follow())
-        lengths = np.sqrt(aside.power(2).sum(axis=0))
+        # motions in units of the scale of their columns, and then without
+        scaled = csc_array(self._fronts.follow())
+        lengths = np.sqrt(scaled.power(2).sum(axis=0))
         limit = soft * np.sqrt(self._top)
-        costless = np.sqrt((self._rows @ aside).power(2).sum(axis=0)) <= limit * lengths
-        moved = (diags_array(1.0 / self._scale) @ aside).tocsc()
-        change = (total @ moved).tocoo()
+        costs_nothing = np.sqrt((self._rows @ scaled).power(2).sum(axis=0)) <= limit * lengths
+        motions = (diags_array(1.0 / self._scale) @ scaled).tocsc()
+        change = (total @ motions).tocoo()
         row_lengths = np.sqrt(total.power(2).sum(axis=1))
-        column_lengths = np.sqrt(moved.power(2).sum(axis=0))
+        column_lengths = np.sqrt(motions.power(2).sum(axis=0))
         rounding = soft * row_lengths[change.row] * column_lengths[change.col]
-        idle = costless
-        idle[change.col[np.abs(change.data) > rounding]] = False
-        active = aside[:, ~idle].toarray()
+        # idle motions change nothing in a wave either
+        is_idle = costs_nothing
+        is_idle[change.col[np.abs(change.data) > rounding]] = False
+        active = scaled[:, ~is_idle].toarray()
         for _ in range(_CORRECTIONS):
             active -= self._fronts.solve(self._columns @ (self._rows @ active))
-        basis = np.linalg.qr(_leave_out(aside[:, idle], active))[0]
-        deformations, values, right = np.linalg.svd(self._rows @ basis, full_matrices=False)
-        free = values <= limit
-        self._soft_deformations = deformations[:, ~free]
-        apart = _leave_out(moved[:, idle], basis @ right[free].T / self._scale[:, None])
+        basis = np.linalg.qr(_leave_out(scaled[:, is_idle], active))[0]
+        deformations, singular_values, right_vectors = np.linalg.svd(
+            self._rows @ basis, full_matrices=False
+        )
+        is_free = singular_values <= limit
+        self._soft_deformations = deformations[:, ~is_free]
+        idle = motions[:, is_idle]
+        free_active = _leave_out(idle, basis @ right_vectors[is_free].T / self._scale[:, None])
         shifts = self._shifts
-        idle_shifts = _orthonormalise(shifts - _leave_out(moved[:, idle], shifts))
-        motions = np.concatenate([idle_shifts, apart], axis=1)
-        self.free: Array = _orthonormalise(motions - shifts @ (shifts.T @ motions))
+        idle_shifts = _orthonormalise(shifts - _leave_out(idle, shifts))
+        free = np.concatenate([idle_shifts, free_active], axis=1)
+        self.free: Array = _orthonormalise(free - shifts @ (shifts.T @ free))
 
     @property
     def _shifts(self) -> Array:
@@ -155,12 +171,13 @@ class SparseRelaxation:
         hold them.
         """
         lattice = self.lattice
-        count = len(self.lattice.motions.translations)
+        count = len(lattice.motions.translations)
+        if lattice.is_held:
+            return np.zeros((lattice.n_branches, 0))
         shifts = np.zeros((lattice.n_balls, lattice.motions.count, count))
-        shifts[:, np.arange(count), np.arange(count)] = np.sqrt(
-            lattice.masses / lattice.masses.sum()
-        )[:, None]
-        return shifts.reshape(lattice.n_branches, count)[:, : 0 if lattice.is_held else count]
+        weights = np.sqrt(lattice.masses / lattice.masses.sum())
+        shifts[:, np.arange(count), np.arange(count)] = weights[:, None]
+        return shifts.reshape(lattice.n_branches, count)
 
     def relax(self, deformations: Array) -> Array:
         """Return the part of deformations (n_rows, ...) that remains once the inner motions have
@@ -190,42 +207,56 @@ class SparseRelaxation:
         matrix = (scale @ block @ scale).tocsr()
         with single_products():
             fronts = Fronts(matrix, self.layers, lattice.motions.count)
-            loose = fronts.follow()
-            for _ in range(_CORRECTIONS):
-                loose -= fronts.solve(matrix @ loose)
-            basis = np.linalg.qr(loose / self._scale[:, None])[0]
-            costs = basis.T @ (block @ basis)
-            values, vectors = np.linalg.eigh(0.5 * (costs + costs.T))
-            top = _bound(block)
-            motions = basis @ vectors
-            largest = np.sqrt(np.linalg.norm(form) * top)
-            coupling = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0) / largest
+            energies, motions = self._find_set_aside(fronts, matrix, block)
+            highest = _bound(block)
+            largest_pull = np.sqrt(np.linalg.norm(form) * highest)
+            coupling = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0) / largest_pull
             # a motion that no strain moves belongs to another wave vector of a smaller cell
-            is_negative = values < -max(_NO_SQUARE, lattice.slack) * top
+            is_negative = energies < -max(_NO_SQUARE, lattice.slack) * highest
             unstable = np.flatnonzero(is_negative & (coupling > _UNCOUPLED))
             if unstable.size:
                 raise self._explain_buckling(block, motions[:, unstable[0]])
             # D lacks the part of static forces without a potential; the whole forces do not act on
             # motions that cost nothing
-            stiff = values > _NO_SQUARE * top
-            free = motions[:, ~stiff]
-            mixed = mixed - free @ (free.T @ mixed)
-            pull = np.asarray(scale @ mixed)
-            motion = np.zeros_like(pull)
+            is_stiff = energies > _NO_SQUARE * highest
+            free = motions[:, ~is_stiff]
+            acting = mixed - free @ (free.T @ mixed)
+            pull = np.asarray(scale @ acting)
+            response = np.zeros_like(pull)
             for _ in range(1 + _CORRECTIONS):
-                motion += fronts.solve(pull - matrix @ motion)
-        forces = motions[:, stiff].T @ mixed
-        return np.asarray(form - pull.T @ motion - forces.T @ (forces / values[stiff, None]))
+                response += fronts.solve(pull - matrix @ response)
+        saved_by_factors = pull.T @ response
+        forces = motions[:, is_stiff].T @ acting
+        saved_by_set_aside = forces.T @ (forces / energies[is_stiff, None])
+        return np.asarray(form - saved_by_factors - saved_by_set_aside)
+
+    def _find_set_aside(self, fronts: Fronts, matrix: Any, block: Any) -> tuple[Array, Array]:
+        """Return the energies (k,), ascending, of the motions that factors have set aside, and
+        these motions (n_branches, k), orthonormal.
+
+        ``fronts`` are the factors of the sparse ``matrix``, which is the energy form ``block`` of
+        motions in units of the scale of their columns.
+        """
+        set_aside = fronts.follow()
+        for _ in range(_CORRECTIONS):
+            set_aside -= fronts.solve(matrix @ set_aside)
+        basis = np.linalg.qr(set_aside / self._scale[:, None])[0]
+        energy_form = basis.T @ (block @ basis)
+        energies, vectors = np.linalg.eigh(0.5 * (energy_form + energy_form.T))
+        return energies, basis @ vectors
 
     def _explain_buckling(self, block: Any, motion: Array) -> InstabilityError:
+        """Return the error of a lattice whose inner ``motion`` (n_branches,) has a negative energy
+        under the form ``block`` (n_branches, n_branches).
+        """
         lattice = self.lattice
         squared = float(motion @ (block @ motion) / (motion @ motion))
         where = (
             f"a squared frequency at {lattice.name_wavevector(np.zeros(lattice.periods))} is"
             f" {squared:.3g} k/M or below"
         )
-        moved = motion.reshape(lattice.n_balls, -1)[:, lattice.motions.translating]
-        return lattice.explain_buckling(where, moved.T)
+        displacements = motion.reshape(lattice.n_balls, -1)[:, lattice.motions.translating]
+        return lattice.explain_buckling(where, displacements.T)
 
 
 def _bound(matrix: Any) -> float:
@@ -243,5 +274,5 @@ def _leave_out(basis: Any, vectors: Array) -> Array:
 
 def _orthonormalise(vectors: Array) -> Array:
     """Return an orthonormal basis (n, r) of what vectors (n, m) span."""
-    basis, values, _ = np.linalg.svd(vectors, full_matrices=False)
-    return np.asarray(basis[:, values > _DEPENDENT])
+    basis, singular_values, _ = np.linalg.svd(vectors, full_matrices=False)
+    return np.asarray(basis[:, singular_values > _DEPENDENT])

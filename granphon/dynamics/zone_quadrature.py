@@ -59,10 +59,12 @@ def shortest_vectors(reciprocal: Array) -> Array:
     """
     longest = float(np.linalg.norm(reciprocal, axis=1).max())
     vectors = np.concatenate([reciprocal, steps_within(reciprocal, longest) @ reciprocal])
+    # rounded, so that rounding does not decide among equals
     lengths = np.round(np.linalg.norm(vectors, axis=1) / longest, 9)
     chosen: list[Array] = []
     for vector in vectors[np.argsort(lengths, kind="stable")]:
-        if np.linalg.matrix_rank(np.array([*chosen, vector]), tol=1e-6 * longest) > len(chosen):
+        rank = np.linalg.matrix_rank(np.array([*chosen, vector]), tol=1e-6 * longest)
+        if rank > len(chosen):
             chosen.append(vector)
         if len(chosen) == len(reciprocal):
             break
@@ -70,27 +72,30 @@ def shortest_vectors(reciprocal: Array) -> Array:
 
 
 def find_symmetries(function: Callable[[Array], Array], reciprocal: Array) -> list[Operation]:
-    """Find a group of operations that leave a function of q unchanged, by its values at wave
+    """Return a group of operations that leave a function of q unchanged, by its values at wave
     vectors without symmetry.
 
-    ``function`` takes wave vectors (n_q, p) and returns (n_q, ...).
+    ``function`` takes wave vectors (n_q, p) and returns (n_q, ...); ``reciprocal`` (p, p) are
+    reciprocal vectors as rows, of any cell.
     """
     basis = shortest_vectors(reciprocal)
     operations = _list_operations(len(basis))
     fractions = _PROBES[:, : len(basis)]
-    turned = np.stack([fractions[:, turn.order] * turn.signs for turn in operations])
-    values = function(turned.reshape(-1, len(basis)) @ basis)
-    values = values.reshape(len(operations), len(fractions), -1)
-    alike = np.all(np.abs(values - values[0]) <= _EQUAL * np.abs(values[0]), axis=(1, 2))
-    allowed = {turn for turn, same in zip(operations, alike, strict=True) if same}
+    images = np.stack([fractions[:, turn.order] * turn.signs for turn in operations])
+    all_values = function(images.reshape(-1, len(basis)) @ basis)
+    values = all_values.reshape(len(operations), len(fractions), -1)
+    # the first operation is the identity
+    is_equal = np.all(np.abs(values - values[0]) <= _EQUAL * np.abs(values[0]), axis=(1, 2))
+    allowed = [operations[number] for number in np.flatnonzero(is_equal)]
     group = {operations[0]}
-    for turn in operations:
+    for turn in allowed:
+        if turn in group:
+            continue
         # in a lattice that is symmetric but for rounded numbers, some products of allowed
         # operations are not allowed
-        if turn in allowed and turn not in group:
-            grown = _close_group(group | {turn})
-            if grown <= allowed:
-                group = grown
+        larger_group = _close_group(group | {turn})
+        if larger_group <= set(allowed):
+            group = larger_group
     return sorted(group)
 
 
@@ -101,8 +106,8 @@ def _close_group(operations: set[Operation]) -> set[Operation]:
 
 
 def _list_operations(periods: int) -> list[Operation]:
-    """List all changes of order and signs of the coordinates; the first is the identity, the last
-    of its order -1.
+    """Return all changes of order and signs of ``periods`` coordinates; the first is the
+    identity.
     """
     orders = itertools.permutations(range(periods))
     return [
@@ -120,20 +125,20 @@ def _find_distinct_simplices(
     size of the set.
     """
     corners = itertools.product((0, 1), repeat=periods)
-    unassigned: dict[_Simplex, None] = dict.fromkeys(
-        itertools.product(corners, _list_operations(periods))
-    )
-    simplices = []
+    simplices = itertools.product(corners, _list_operations(periods))
+    # a dict keeps the order of its keys, and a set does not
+    unassigned: dict[_Simplex, None] = dict.fromkeys(simplices)
+    distinct = []
     while unassigned:
-        first = next(iter(unassigned))
-        corner, sides = first
+        simplex = next(iter(unassigned))
+        corner, sides = simplex
         images = {
             (tuple(corner[axis] for axis in turn.order), turn.after(sides)) for turn in symmetries
         }
         for image in images:
             del unassigned[image]
-        simplices.append((first, len(images)))
-    return simplices
+        distinct.append((simplex, len(images)))
+    return distinct
 
 
 def divide_zone(
@@ -152,21 +157,23 @@ def divide_zone(
     basis = shortest_vectors(reciprocal)
     periods = len(basis)
     if symmetries is None:
-        symmetries = [
-            _list_operations(periods)[0],
-            Operation(tuple(range(periods)), (-1,) * periods),
-        ]
+        axes = tuple(range(periods))
+        identity = Operation(axes, (1,) * periods)
+        inversion = Operation(axes, (-1,) * periods)
+        symmetries = [identity, inversion]
     points, gauss_weights = np.polynomial.legendre.leggauss(order)
     # (n^p, p), all combinations of points from 0 to 1, and of their weights
     cube = _combine(0.5 * points, periods) + 0.5
     gauss = _combine(0.5 * gauss_weights, periods)
-    away = np.cumprod(cube, axis=1)  # distances from the corner along the axes, in descending order
-    weights = np.prod(gauss, axis=1) * np.prod(away[:, :-1], axis=1)
+    # distances s from the corner along the axes, in descending order; their product without the
+    # last is the Jacobian of Duffy's map
+    distances = np.cumprod(cube, axis=1)
+    weights = np.prod(gauss, axis=1) * np.prod(distances[:, :-1], axis=1)
     for (corner, sides), count in _find_distinct_simplices(tuple(symmetries), periods):
-        fractions = 0.5 * np.array(corner) + 0.25 * away[:, sides.order] * sides.signs
+        fractions = 0.5 * np.array(corner) + 0.25 * distances[:, sides.order] * sides.signs
         yield fractions @ basis, weights * (count / 4.0**periods)
 
 
-def _combine(values: Array, count: int) -> Array:
+def _combine(numbers: Array, count: int) -> Array:
     """Return all combinations (n^count, count) of values (n,)."""
-    return np.stack(np.meshgrid(*[values] * count, indexing="ij"), axis=-1).reshape(-1, count)
+    return np.stack(np.meshgrid(*[numbers] * count, indexing="ij"), axis=-1).reshape(-1, count)

@@ -58,6 +58,25 @@ _GAP = "0.9"
 _EDGES = (BLUE, VERMILION, "0.75")
 #: part of the energy of a wave spread evenly that is in the lower or the upper quarter of a cut
 _EVEN = 0.25
+#: lengths of directions below this are rounding of zero
+_ROUNDING = 1e-9
+#: distance of the name of a corner of the zone from the corner, points
+_NAME_DISTANCE = 7.0
+#: distance of a label from its corner in the search for a free direction, in parts of the path's
+#: extent
+_LABEL_DISTANCE = 0.15
+#: height of the bar at an end of a zone on a line, over half the zone
+_BAR = 0.08
+#: the least slope of faces of a zone against the view beyond which more slope is no better
+_ENOUGH_NEARNESS = 0.15
+#: part of the path below which the labels of neighbouring corners are one above the other
+_CROWDED = 0.1
+#: distance of an inset from the lines, in parts of the axes: the least, and that beyond which more
+#: distance is no better
+_LEAST_CLEARANCE = 0.01
+_ENOUGH_CLEARANCE = 0.06
+#: distance of an inset at the top from the lines beneath, in parts of the axes
+_TOP_CLEARANCE = 0.02
 #: frequencies closer than this part of the highest one are one line in print
 _ONE_LINE = 1e-6
 #: width of a line, in points, and the number of coinciding branches that widen the lower ones
@@ -82,14 +101,21 @@ def find_reciprocal(bands: Bands) -> Array:
 
 
 def print_label(label: str) -> str:
-    """Return the label of a corner as it is printed: Γ for G, and an index as a subscript."""
-    parts = [re.sub(r"^([A-Z])(\d+)$", r"$\\mathrm{\1}_{\2}$", part) for part in label.split("|")]
-    return "|".join("Γ" if part in ("G", "GAMMA", "Gamma") else part for part in parts)
+    """Return the label of a corner as it is printed: Γ for G, and an index as a subscript; the two
+    names at a jump, as "K|M", each for itself.
+    """
+    printed_names = []
+    for name in label.split("|"):
+        if name in ("G", "GAMMA", "Gamma"):
+            printed_names.append("Γ")
+        else:
+            printed_names.append(re.sub(r"^([A-Z])(\d+)$", r"$\\mathrm{\1}_{\2}$", name))
+    return "|".join(printed_names)
 
 
 def name_corners(ax: Axes, corners: Array, labels: Sequence[str], **options: Any) -> None:
-    """Make the x axis that of a path: lines at the corners inside the path, and the names of all
-    corners, with ``options`` of the names.
+    """Make the x axis that of a path with the ``corners`` (n,), as distances along the path: lines
+    at the corners inside the path, and the names of all corners, with ``options`` of the names.
     """
     for corner in corners[1:-1].tolist():
         ax.axvline(corner, color=FRAME, linewidth=0.5, zorder=0.5)
@@ -109,55 +135,58 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     Raises :class:`~granphon.base.errors.InputError` for a cluster, which repeats along no period
     and has no zone.
     """
-    repeats = np.asarray(bands.pbc)
+    repeats = np.asarray(bands.pbc)  # (p,)
     if not np.any(repeats):
         raise InputError("the balls repeat along no period", "A cluster has no Brillouin zone")
     periods = int(np.sum(repeats))
     reciprocal = _find_reciprocal_of_periods(bands, repeats)
-    fractions = bands.qpoints[:, [0, -1], : len(repeats)][..., repeats]
-    ends = fractions @ reciprocal  # (segments, 2, periods): both ends of each segment of the path
+    ends_of_segments = bands.qpoints[:, [0, -1], : len(repeats)]
+    # (segments, 2, periods): both ends of each segment of the path, in units of 2 pi/d
+    ends = ends_of_segments[..., repeats] @ reciprocal
     if periods == 3:
         faces = zone_faces(reciprocal)
-        view = _choose_view(ends.reshape(-1, 3), faces) if view is None else view
-        outline = _draw_zone_in_space(ax, faces, view)
-        ends = view.project(ends)
+        shown_view = _choose_view(ends.reshape(-1, 3), faces) if view is None else view
+        outline = _draw_zone_in_space(ax, faces, shown_view)
+        paper_ends = shown_view.project(ends)
     elif periods == 2:
         outline = zone_polygon(reciprocal)
         style: dict[str, Any] = {"facecolor": "white", "edgecolor": "0.3", "linewidth": 0.7}
         ax.add_patch(Polygon(outline, closed=True, **style, gid="zone"))
+        paper_ends = ends
     else:
         outline = _draw_zone_on_line(ax, 0.5 * float(abs(reciprocal[0, 0])))
-        ends = np.concatenate([ends, np.zeros_like(ends)], axis=-1)
-    ax.add_collection(
-        LineCollection(list(ends), colors="black", linewidths=1.2, zorder=2.5, gid="path"),
-        autolim=False,
-    )
-    _name_corners_of_zone(ax, bands.labels, ends, outline, periods)
-    points = np.vstack([outline, *ends])
+        paper_ends = np.concatenate([ends, np.zeros_like(ends)], axis=-1)
+    path = LineCollection(list(paper_ends), colors="black", linewidths=1.2, zorder=2.5, gid="path")
+    ax.add_collection(path, autolim=False)
+    _name_corners_of_zone(ax, bands.labels, paper_ends, outline, periods)
+    points = np.vstack([outline, *paper_ends])
     low = points.min(axis=0)
     high = points.max(axis=0)
-    margin = 0.2 * np.max(high - low)
+    margin = 0.2 * np.max(high - low)  # room for the names
     hide_axes(ax, low - margin, high + margin)
     return ax
 
 
 def _find_reciprocal_of_periods(bands: Bands, repeats: Flags) -> Array:
     """Return the reciprocal vectors (p, p) of the p vectors along which the cell ``repeats``, as
-    rows in units of 2 pi/d; where not all vectors repeat, in Cartesian axes of those that do.
+    rows in units of 2 pi/d; where not all vectors repeat, in Cartesian axes that the repeating
+    vectors span.
     """
     if np.all(repeats):
         return find_reciprocal(bands)
     vectors = bands.cell[: bands.periods, : bands.periods][repeats]
-    axes, upper = np.linalg.qr(vectors.T)
-    axes = axes * np.sign(np.diag(upper))
+    orthogonal, upper = np.linalg.qr(vectors.T)
+    # the signs of a QR factorisation are arbitrary: the first axis points along the first vector
+    axes = orthogonal * np.sign(np.diag(upper))
     return np.asarray(np.linalg.inv(vectors @ axes).T)
 
 
 def _draw_zone_in_space(ax: Axes, faces: list[Array], view: View) -> Array:
-    """Draw the ``faces`` of a zone, each with its corners (n, 3); return the corners of all faces
-    on the paper, (m, 2).
+    """Draw the ``faces`` of a zone, each with its corners (n, 3) in units of 2 pi/d; return the
+    corners of all faces on the paper, (m, 2).
     """
-    painter = Painter(view)  # faces are translucent, far edges thin
+    painter = Painter(view)
+    # near faces are translucent, so that far edges, which are thin, can be seen
     near_look: dict[str, Any] = {"edge": "0.3", "width": 0.7, "face": (0.6, 0.75, 0.9, 0.18)}
     far_look: dict[str, Any] = {"edge": "0.75", "width": 0.4, "face": "none"}
     for face in faces:
@@ -173,21 +202,23 @@ def _draw_zone_on_line(ax: Axes, half: float) -> Array:
     its ends (2, 2).
     """
     outline = np.array([[-half, 0.0], [half, 0.0]])
-    bars = outline[:, None] + np.array([[0.0, -0.08], [0.0, 0.08]]) * half
+    bars = outline[:, None] + np.array([[0.0, -_BAR], [0.0, _BAR]]) * half
     lines = LineCollection([outline, *bars], colors="0.3", linewidths=0.7, gid="zone")
     ax.add_collection(lines, autolim=False)
     return outline
 
 
-def _find_way_off(corner: Array, ends: Array, middle: Array, periods: int) -> Array:
-    """Return the direction (2,) from a ``corner`` (2,) of a path to its name: away from the
-    segments with the ``ends`` (n, 2, 2), or from the ``middle`` (2,) of the zone.
+def _find_name_direction(corner: Array, ends: Array, middle: Array, periods: int) -> Array:
+    """Return the direction (2,), of any length, from a ``corner`` (2,) of a path to its name: away
+    from the segments with the ``ends`` (n, 2, 2) in space, from the ``middle`` (2,) of the zone in
+    a plane, and down on a line.
     """
     if periods == 1:
         return np.array([0.0, -1.0])
-    away = _find_free_direction(corner, ends) if periods == 3 else corner - middle
-    if np.linalg.norm(away) > 1e-9:
-        return away
+    direction = _find_free_direction(corner, ends) if periods == 3 else corner - middle
+    if np.linalg.norm(direction) > _ROUNDING:
+        return direction
+    # the corner is the middle of the zone: its name stands on the other side of the path
     middle_of_path: Array = ends.reshape(-1, 2).mean(axis=0)
     return middle - middle_of_path
 
@@ -195,20 +226,24 @@ def _find_way_off(corner: Array, ends: Array, middle: Array, periods: int) -> Ar
 def _name_corners_of_zone(
     ax: Axes, labels: Sequence[str], ends: Array, outline: Array, periods: int
 ) -> None:
-    """Draw a dot and a name at each corner of a path, whose segments have the ``ends`` (n, 2, 2) on
-    the paper.
+    """Draw a dot and a name at each corner of a path, whose segments have the ``ends`` (n, 2, 2),
+    and the zone an ``outline`` with the corners (m, 2), on the paper.
     """
-    names = {}
-    for segment in range(len(ends)):
-        # at a jump "K|M" a segment ends at K, and the next one starts at M
-        names[print_label(labels[segment].split("|")[-1])] = ends[segment, 0]
-        names[print_label(labels[segment + 1].split("|")[0])] = ends[segment, 1]
-    for name, corner in names.items():
+    corners = {}  # places (2,) by the printed names
+    for segment, (start, end) in enumerate(ends):
+        # at a jump "K|M" a segment ends at K, and the next segment starts at M
+        name_of_start = labels[segment].split("|")[-1]
+        name_of_end = labels[segment + 1].split("|")[0]
+        corners[print_label(name_of_start)] = start
+        corners[print_label(name_of_end)] = end
+    middle = outline.mean(axis=0)
+    for name, corner in corners.items():
         ax.plot(*corner, "o", color="black", markersize=2.2, zorder=2.6)
-        if name.startswith("("):
+        if name.startswith("("):  # fractions of a corner that has no name
             continue
-        away = _find_way_off(corner, ends, outline.mean(axis=0), periods)
-        x, y = (7.0 * away / max(float(np.linalg.norm(away)), 1e-9)).tolist()
+        direction = _find_name_direction(corner, ends, middle, periods)
+        length = max(float(np.linalg.norm(direction)), _ROUNDING)
+        x, y = (_NAME_DISTANCE * direction / length).tolist()
         ax.annotate(
             name,
             corner,
@@ -226,31 +261,36 @@ def _find_free_direction(corner: Array, ends: Array) -> Array:
     whose segments have the ``ends`` (n, 2, 2), are farthest from a label beside the corner.
     """
     steps = np.linspace(0.0, 1.0, 41)[:, None, None]
-    lines = (ends[:, 0] + steps * (ends[:, 1] - ends[:, 0])).reshape(-1, 2)
-    angle = 2.0 * np.pi * np.arange(32) / 32.0
-    directions = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    label_offsets = 0.15 * float(np.ptp(lines, axis=0).max()) * directions[:, None]
-    distance = np.linalg.norm(corner + label_offsets - lines, axis=2).min(axis=1)
-    return np.asarray(directions[np.argmax(np.round(distance, 9))])
+    points = (ends[:, 0] + steps * (ends[:, 1] - ends[:, 0])).reshape(-1, 2)  # along all segments
+    angles = 2.0 * np.pi * np.arange(32) / 32.0
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    extent = float(np.ptp(points, axis=0).max())
+    label_offsets = _LABEL_DISTANCE * extent * directions[:, None]  # (32, 1, 2)
+    distances = np.linalg.norm(corner + label_offsets - points, axis=2).min(axis=1)  # (32,)
+    # rounded, so that of equal distances the first is taken on every machine
+    return np.asarray(directions[np.argmax(np.round(distances, 9))])
 
 
 def _choose_view(corners: Array, faces: list[Array]) -> View:
     """Return the view in which the corners (n, 3) of a path lie far apart on the paper, on the near
-    side, and no face is seen along its plane.
+    side, and no face, each with its corners (m, 3), is seen along its plane.
     """
-    apart = np.unique(np.round(corners, 9), axis=0)
+    distinct_corners = np.unique(np.round(corners, 9), axis=0)
     middles = np.array([face.mean(axis=0) for face in faces])
-    # the middle of a face is near its normal
+    # the middle of a face lies near the normal through the centre of the zone
     normals = middles / np.linalg.norm(middles, axis=1, keepdims=True)
-    first, second = np.triu_indices(len(apart), 1)
+    first, second = np.triu_indices(len(distinct_corners), 1)  # all pairs of corners
     best_score = -np.inf
     best_view = View()
     for azimuth, elevation in itertools.product(range(0, 360, 6), (10, 16, 22, 28)):  # degrees
         view = View(azimuth, elevation)
-        flat = view.project(apart)
-        distance = float(np.linalg.norm(flat[first] - flat[second], axis=1).min(initial=np.inf))
-        score = distance * min(float(np.abs(view.nearness(normals)).min()), 0.15)
-        if score > best_score and view.nearness(apart).mean() >= 0.0:
+        paper_corners = view.project(distinct_corners)
+        distances = np.linalg.norm(paper_corners[first] - paper_corners[second], axis=1)
+        least_distance = float(distances.min(initial=np.inf))
+        least_nearness = float(np.abs(view.nearness(normals)).min())
+        score = least_distance * min(least_nearness, _ENOUGH_NEARNESS)
+        are_corners_near = view.nearness(distinct_corners).mean() >= 0.0
+        if score > best_score and are_corners_near:
             best_score = score
             best_view = view
     return best_view
@@ -293,8 +333,9 @@ def plot_bands(
     unit = _choose_unit(bands) if unit is None else unit
     # the eigenvectors that connect branches do not tell coinciding waves of two edges apart
     is_followed = bands.eigenvectors is not None and not edges
-    values = (bands.connected_frequencies if is_followed else bands.frequencies) / unit.hertz
-    # of balls with a single motion every branch would have the same colour
+    hertz = bands.connected_frequencies if is_followed else bands.frequencies
+    frequencies = hertz / unit.hertz  # (s, p, b)
+    # where balls have a single motion every branch would have the same colour
     has_colours = is_followed and bands.motions.count > 1
     if edges:
         shades = _shade_by_edges(bands)
@@ -304,20 +345,22 @@ def plot_bands(
         shades = {}
     if bulk is not None:
         _draw_bulk(bands, ax, real_array("bulk", bulk), unit)
+    top = frequencies.max()
+    least_difference = _ONE_LINE * float(top)
     for s, x in enumerate(bands.distances):
-        widths = _find_line_widths(values[s], _ONE_LINE * float(values.max()))
+        widths = _find_line_widths(frequencies[s], least_difference)
         for b in range(bands.n_branches):
             shade = shades.get((s, b), {"colors": BLUE})
-            _draw_branch(ax, x, values[s, :, b], widths[:, b], gid=f"band-{s}-{b}", **shade)
+            _draw_branch(ax, x, frequencies[s, :, b], widths[:, b], gid=f"band-{s}-{b}", **shade)
     ax.axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
     _name_corners_of_bands(ax, bands)
-    top = values.max()
     ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(-0.02 * top, 1.05 * top))
     if gaps is not None:
         _draw_gaps(ax, real_array("gaps", gaps), unit)
     if asymptotes is not None:
         plot_asymptotes(bands, asymptotes, ax, unit=unit)
     if edges:
+        # lines without points are the entries of the legend
         for name, colour in zip(("lower edge", "upper edge", "inside"), _EDGES, strict=True):
             ax.plot([], [], color=colour, label=name)
     elif colorbar and has_colours:
@@ -335,29 +378,32 @@ def _shade_by_fraction(bands: Bands) -> _Shades:
     """Return colours by the rotational fraction of the followed branches, or by the longitudinal
     fraction where no ball rotates.
     """
-    fractions = bands.longitudinal_fraction
-    colours = POLARISATION
     if bands.motions.rotate:
-        fractions = bands.rotational_fraction
+        fractions_in_order = bands.rotational_fraction
         colours = ROTATION
-    fractions = np.take_along_axis(fractions, bands.connection, 2)  # (s, p, b)
-    return {
-        (s, b): {"array": fractions[s, :, b], "cmap": colours, "norm": Normalize(0.0, 1.0)}
-        for s, b in np.ndindex(len(bands.distances), bands.n_branches)
-    }
+    else:
+        fractions_in_order = bands.longitudinal_fraction
+        colours = POLARISATION
+    # (s, p, b), from the order of frequencies to that of followed branches
+    fractions = np.take_along_axis(fractions_in_order, bands.connection, 2)
+    shades: _Shades = {}
+    for s, b in np.ndindex(len(bands.distances), bands.n_branches):
+        shades[s, b] = {"array": fractions[s, :, b], "cmap": colours, "norm": Normalize(0.0, 1.0)}
+    return shades
 
 
 def _shade_by_edges(bands: Bands) -> _Shades:
     """Return colours by the energy at the two edges of a cut; waves of the edges are drawn last."""
     weight = bands.edge_weight  # (s, p, b, 2)
-    colours = _mix_edge_colours(weight)
-    return {
-        (s, b): {
+    colours = _mix_edge_colours(weight)  # (s, p, b, 3)
+    shades: _Shades = {}
+    for s, b in np.ndindex(len(bands.distances), bands.n_branches):
+        greatest_weight = weight[s, :, b].sum(axis=-1).max()
+        shades[s, b] = {
             "colors": colours[s, :, b].clip(0.0, 1.0),
-            "zorder": 2.0 + weight[s, :, b].sum(axis=-1).max(),
+            "zorder": 2.0 + greatest_weight,
         }
-        for s, b in np.ndindex(len(bands.distances), bands.n_branches)
-    }
+    return shades
 
 
 def _draw_branch(ax: Axes, x: Array, y: Array, widths: Array, **options: Any) -> None:
@@ -381,14 +427,18 @@ def _name_corners_of_bands(ax: Axes, bands: Bands) -> None:
     has_long_labels = max(map(len, bands.labels)) > 5
     slant: dict[str, Any] = {"rotation": 30, "ha": "right"} if has_long_labels else {}
     name_corners(ax, corners, bands.labels, **slant)
-    is_crowded = np.min(np.diff(corners), initial=np.inf) < 0.1 * (corners[-1] - corners[0])
-    if is_crowded:
+    least_distance = np.min(np.diff(corners), initial=np.inf)
+    length_of_path = corners[-1] - corners[0]
+    if least_distance < _CROWDED * length_of_path:
         ax.set_xticklabels([text.get_text().replace("|", "\n") for text in ax.get_xticklabels()])
 
 
 def _draw_gaps(ax: Axes, gaps: Array, unit: HertzPrefix) -> None:
-    """Shade intervals without a branch, ``gaps`` (n, 2), Hz; InputError for another shape."""
-    if gaps.ndim != 2 or gaps.shape[1] != 2 or not np.all(np.isfinite(gaps)):
+    """Shade intervals without a branch, ``gaps`` (n, 2), Hz; InputError for another shape, or
+    numbers that are not finite.
+    """
+    has_right_shape = gaps.ndim == 2 and gaps.shape[1] == 2
+    if not has_right_shape or not np.all(np.isfinite(gaps)):
         raise InputError(
             f"gaps have the shape {gaps.shape}", mend="Give (n, 2) finite frequencies in Hz"
         )
@@ -410,9 +460,12 @@ def _mix_edge_colours(weight: Array) -> Array:
 
 
 def _draw_bulk(bands: Bands, ax: Axes, bulk: Array, unit: HertzPrefix) -> None:
-    """Draw frequencies (s, p, b, 2), Hz, of the crystal as a field behind the bands of a cut."""
+    """Draw the lowest and the highest frequency of each branch of the crystal, ``bulk`` (s, p, b,
+    2), Hz, as a field behind the bands of a cut; InputError for another shape.
+    """
     shape = bands.frequencies.shape[:2]
-    if bulk.ndim != 4 or bulk.shape[:2] != shape or bulk.shape[3] != 2:
+    has_right_shape = bulk.ndim == 4 and bulk.shape[:2] == shape and bulk.shape[3] == 2
+    if not has_right_shape:
         raise InputError(f"bulk has the shape {bulk.shape}", mend=f"Give {shape}, branches and 2")
     for s, b in np.ndindex(bulk.shape[0], bulk.shape[2]):
         low, high = bulk[s, :, b].T / unit.hertz
@@ -425,13 +478,17 @@ def _find_line_widths(frequencies: Array, least: float) -> Array:
     A branch is a step wider for each later branch that is closer than ``least`` at a point and at
     one of its neighbours.
     """
-    close = np.abs(frequencies[:, :, None] - frequencies[:, None, :]) <= least
-    coinciding = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
-    later = np.triu(coinciding[1:] | coinciding[:-1], 1).sum(axis=2)
-    return np.asarray(_WIDTH * (1.0 + np.minimum(later, _MOST_WIDENED)))
+    differences = np.abs(frequencies[:, :, None] - frequencies[:, None, :])  # (p, b, b)
+    is_close = differences <= least
+    # between a point and the next, with no coinciding branches beyond the ends
+    coincide_between = np.pad(is_close[1:] & is_close[:-1], ((1, 1), (0, 0), (0, 0)))
+    coincide = coincide_between[1:] | coincide_between[:-1]
+    n_later = np.triu(coincide, 1).sum(axis=2)  # (p, b)
+    return np.asarray(_WIDTH * (1.0 + np.minimum(n_later, _MOST_WIDENED)))
 
 
 def _choose_unit(result: Bands | DensityOfStates) -> HertzPrefix:
+    """Return the decimal unit of hertz of the highest frequency that has states."""
     frequencies = result.frequencies
     if isinstance(result, DensityOfStates):
         frequencies = frequencies[result.total > 0.0]
@@ -470,12 +527,15 @@ def plot_asymptotes(
             "Give Phonons.lattice",
         )
     label = "long waves"
-    # a segment may start at Gamma, and may end there
+    # a segment may start at Gamma, and may end there: the indices of its points at Gamma and far
+    # from Gamma
     for s, (near, far) in itertools.product(range(len(bands.qpoints)), ((0, -1), (-1, 0))):
         gamma = bands.qpoints[s, near]
-        if not np.allclose(gamma, np.round(gamma), rtol=0.0, atol=1e-9):
+        is_gamma = np.allclose(gamma, np.round(gamma), rtol=0.0, atol=1e-9)
+        if not is_gamma:
             continue
-        direction = (bands.qpoints[s, far] - gamma)[: len(reciprocal)] @ reciprocal
+        fractions = (bands.qpoints[s, far] - gamma)[: len(reciprocal)]
+        direction = fractions @ reciprocal  # in units of 2 pi/d
         q = 2.0 * np.pi * reach * np.linalg.norm(direction) * np.linspace(0.0, 1.0, 101)  # 1/d
         waves = _find_long_waves(velocities, direction, q, bands.scales.velocity)
         start = bands.distances[s, near]
@@ -483,7 +543,7 @@ def plot_asymptotes(
         for name, omega in waves.items():
             y = omega * bands.scales.frequency / unit.hertz
             ax.plot(x, y, **_LONG_WAVES, label=label, gid=f"asymptote-{name}-{s}")
-            label = "_"
+            label = "_"  # the legend has one entry
     return ax
 
 
@@ -495,18 +555,22 @@ def _find_long_waves(
     that of velocity, m/s.
     """
     if isinstance(velocities, SoundVelocities):
-        named = {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse}
-        speeds = {name: v / scale for name, v in named.items() if v is not None}
+        in_si = {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse}
+        speeds = {name: speed / scale for name, speed in in_si.items() if speed is not None}
     else:
-        along = velocities.sound_velocities(direction)[0].tolist()
-        speeds = dict(zip(velocities.wave_names, along, strict=True))
-    # a smaller velocity is rounding of zero
-    waves = {name: v * q for name, v in speeds.items() if v > 1e-9 * max(speeds.values())}
+        speeds_in_order = velocities.sound_velocities(direction)[0].tolist()
+        speeds = dict(zip(velocities.wave_names, speeds_in_order, strict=True))
+    greatest = max(speeds.values(), default=0.0)
+    waves = {}
+    for name, speed in speeds.items():
+        if speed > _ROUNDING * greatest:  # a smaller one is rounding of zero
+            waves[name] = speed * q
     if isinstance(velocities, ContactLattice):
         has_optical_branch = len(velocities.motions.rotations) == velocities.n_balls == 1
         if has_optical_branch:
             squared, curvature = velocities.optical_branch(direction)
             decrease = 1.0 - curvature * q**2
+            # the parabola ends where it would fall below zero
             waves["optical"] = np.sqrt(squared * np.where(decrease >= 0.0, decrease, np.nan))
     return waves
 
@@ -533,36 +597,50 @@ def plot_dos(
             "rotation": (dos.rotational, ROTATION(1.0)),
             **curves,
         }
-    for name, (per_hertz, colour) in curves.items():
-        density = per_hertz * unit.hertz
+    for name, (states_per_hertz, colour) in curves.items():
+        density = states_per_hertz * unit.hertz
+        line_width = 0.7
         if name != "total":
             fill(frequency, density, color=colour, alpha=0.25, linewidth=0.0)
+            line_width = 1.0
         x, y = (density, frequency) if horizontal else (frequency, density)
-        ax.plot(x, y, color=colour, linewidth=0.7 if name == "total" else 1.0, label=name)
+        ax.plot(x, y, color=colour, linewidth=line_width, label=name)
     _set_dos_axes(ax, dos, horizontal, unit)
     return ax
 
 
 def _set_dos_axes(ax: Axes, dos: DensityOfStates, horizontal: bool, unit: HertzPrefix) -> None:
     """Limit and label the axes of a density of states, in this ``unit`` of frequency; the axis of
-    the density ends below peaks of flat branches.
+    the density ends below peaks of flat branches. ``horizontal``: the density is to the right.
     """
-    along, across = ("y", "x") if horizontal else ("x", "y")
-    gap = "\n" if horizontal else " "
-    name = print_hertz(unit)
-    last = dos.frequencies[-1] / unit.hertz
+    if horizontal:
+        frequency_letter = "y"
+        density_letter = "x"
+        separator = "\n"  # the axis of the density is short
+        ticks = "labelleft"
+        most_ticks: Any = "auto"
+    else:
+        frequency_letter = "x"
+        density_letter = "y"
+        separator = " "
+        ticks = "labelbottom"
+        most_ticks = 5
+    unit_name = print_hertz(unit)
+    highest_frequency = dos.frequencies[-1] / unit.hertz
     peak = float(dos.total.max()) * unit.hertz
-    most = float(np.quantile(dos.total, _QUANTILE)) * unit.hertz
-    top = 2.0 * most if 0.0 < most < peak / _PEAK else peak
-    height_of_peaks = f"{gap}peaks to {peak:.2g}" if peak > top else ""
-    tick_options = find_axis(ax, along).get_tick_params()
-    has_numbers = tick_options.get("labelleft" if horizontal else "labelbottom", True)
-    frequency_label = f"Frequency ({name})" if has_numbers else ""
-    density_label = f"DOS per ball{gap}(1/{name}){height_of_peaks}"
-    ax.set(**{f"{along}label": frequency_label, f"{across}label": density_label})
-    ax.set(**{f"{along}lim": (0.0, last), f"{across}lim": (0.0, 1.05 * top)})
-    density_axis = find_axis(ax, across)
-    density_axis.set_major_locator(MaxNLocator("auto" if horizontal else 5, steps=[1, 2, 5, 10]))
+    quantile = float(np.quantile(dos.total, _QUANTILE)) * unit.hertz
+    has_peaks = 0.0 < quantile < peak / _PEAK
+    top = 2.0 * quantile if has_peaks else peak
+    height_of_peaks = f"{separator}peaks to {peak:.2g}" if peak > top else ""
+    # an axis that is shared with a neighbour has no numbers
+    has_numbers = find_axis(ax, frequency_letter).get_tick_params().get(ticks, True)
+    frequency_label = f"Frequency ({unit_name})" if has_numbers else ""
+    density_label = f"DOS per ball{separator}(1/{unit_name}){height_of_peaks}"
+    ax.set(**{f"{frequency_letter}label": frequency_label, f"{density_letter}label": density_label})
+    ax.set(**{f"{frequency_letter}lim": (0.0, highest_frequency)})
+    ax.set(**{f"{density_letter}lim": (0.0, 1.05 * top)})
+    density_axis = find_axis(ax, density_letter)
+    density_axis.set_major_locator(MaxNLocator(most_ticks, steps=[1, 2, 5, 10]))
     density_axis.set_major_formatter(lambda value, _: f"{value:g}")  # narrow: 0, not 0.00
 
 
@@ -584,16 +662,16 @@ def bands_figure(
     ``edges`` are as in :func:`plot_bands`. Raises
     :class:`~granphon.base.errors.InputError` if both are left out.
     """
-    first = dos if bands is None else bands
-    if first is None:
+    main_result = dos if bands is None else bands
+    if main_result is None:
         raise InputError(
             "there is nothing to draw", mend="Give bands, a density of states, or both"
         )
-    unit = _choose_unit(first)
+    unit = _choose_unit(main_result)
     has_both = bands is not None and dos is not None
     # a zone in space has too many corners for an inset
     in_space = bands is not None and sum(bands.pbc) == 3
-    height = 2.4
+    height = 2.4  # inches
     if bands is not None:
         height = 4.4 if in_space else 3.1
     with styled_figure(height) as figure:
@@ -616,20 +694,27 @@ def bands_figure(
                 plot_zone(bands, inset)
         if has_both:
             axes[1].axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
-        entries: dict[str, Any] = {}  # handles of the legend by their labels
-        for ax in axes[::-1]:
-            handles, labels = ax.get_legend_handles_labels()
-            entries.update(zip(labels, handles, strict=True))
-        if set(entries) - {"total"}:
-            figure.legend(
-                entries.values(),
-                entries.keys(),
-                loc="outside lower center",
-                ncols=4,
-                columnspacing=1.2,
-            )
+        _add_joint_legend(figure, axes)
         figure.suptitle(title or "")
     return figure
+
+
+def _add_joint_legend(figure: Figure, axes: Any) -> None:
+    """Add the legend of all ``axes``, each label once, below a figure; none where the total density
+    would be its only entry.
+    """
+    handles_by_label: dict[str, Any] = {}
+    for ax in axes[::-1]:
+        handles, labels = ax.get_legend_handles_labels()
+        handles_by_label.update(zip(labels, handles, strict=True))
+    if set(handles_by_label) - {"total"}:
+        figure.legend(
+            handles_by_label.values(),
+            handles_by_label.keys(),
+            loc="outside lower center",
+            ncols=4,
+            columnspacing=1.2,
+        )
 
 
 def _find_free_place(ax: Axes) -> tuple[float, float, float, float]:
@@ -640,42 +725,44 @@ def _find_free_place(ax: Axes) -> tuple[float, float, float, float]:
     steps = np.linspace(0.0, 1.0, 31)
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     for size in _INSETS:
-        corners = _MARGIN + (1.0 - 2.0 * _MARGIN - size) * grid
+        corners = _MARGIN + (1.0 - 2.0 * _MARGIN - size) * grid  # lower left ones of squares
         # distance of the nearest point of a line from the square at each corner
-        distances = [
+        clearances = [
             np.abs(points - corner - size / 2.0).max(axis=1).min() - size / 2.0
             for corner in corners
         ]
-        if max(distances) > 0.01:
-            x, y = corners[int(np.argmax(np.minimum(distances, 0.06)))].tolist()
+        if max(clearances) > _LEAST_CLEARANCE:
+            best = int(np.argmax(np.minimum(clearances, _ENOUGH_CLEARANCE)))
+            x, y = corners[best].tolist()
             return x, y, size, size
     # the square stands at the top, where the highest line is lowest; the axes are extended by no
     # more than the square needs
     size = _TOP_INSET
     bottom_of_square = 1.0 - _MARGIN - size
     starts = np.linspace(_MARGIN, bottom_of_square, 31)
-    heights = []  # of the highest line beneath a square that starts there
+    heights = []  # of the highest line beneath the square, for each start
     for start in starts:
-        is_beneath = np.abs(points[:, 0] - start - size / 2.0) < size / 2.0 + 0.02
+        distance = np.abs(points[:, 0] - start - size / 2.0)
+        is_beneath = distance < size / 2.0 + _TOP_CLEARANCE
         heights.append(points[is_beneath, 1].max())
-    extension = max(1.0, (min(heights) + 0.02) / bottom_of_square)
+    extension = max(1.0, (min(heights) + _TOP_CLEARANCE) / bottom_of_square)
     bottom, top = ax.get_ylim()
     ax.set_ylim(bottom, bottom + (top - bottom) * extension)
-    return float(starts[int(np.argmin(heights))]), bottom_of_square, size, size
+    best_start = float(starts[int(np.argmin(heights))])
+    return best_start, bottom_of_square, size, size
 
 
 def _list_points(ax: Axes) -> Array:
     """Return the finite points (n, 2) of bands and long waves, in parts of the axes."""
-    curves = [
-        np.asarray(collection.get_segments())[:, 1]
-        for collection in ax.collections
-        if isinstance(collection, LineCollection)
-    ]
-    curves += [
-        np.column_stack(line.get_data())[:-1]
-        for line in ax.lines
-        if str(line.get_gid()).startswith("asymptote")
-    ]
+    curves = []
+    for collection in ax.collections:
+        if isinstance(collection, LineCollection):
+            # the middle point of each piece of a branch is a point of the bands
+            curves.append(np.asarray(collection.get_segments())[:, 1])
+    for line in ax.lines:
+        if str(line.get_gid()).startswith("asymptote"):
+            # the outer end is left out
+            curves.append(np.column_stack(line.get_data())[:-1])
     left, right = ax.get_xlim()
     bottom, top = ax.get_ylim()
     points = (np.concatenate(curves) - [left, bottom]) / [right - left, top - bottom]

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -42,7 +43,15 @@ from granphon.base.results import restore
 from granphon.base.scales import HertzPrefix, write_uncertain
 from granphon.base.text import closest, suggest
 from granphon.figures.bands import name_corners
-from granphon.figures.style import COLOURS, GUIDE, STYLE, VERMILION, pick_evenly, print_hertz
+from granphon.figures.style import (
+    COLOURS,
+    GUIDE,
+    POINTS_PER_INCH,
+    STYLE,
+    VERMILION,
+    pick_evenly,
+    print_hertz,
+)
 from granphon.figures.words import (
     describe_medium,
     describe_overlap,
@@ -104,6 +113,8 @@ _VELOCITY_MARKERS = {_SLOW: "v", "transverse_fast": "^", _PULSE: "s"}
 #: greatest number of letters of a line of a legend in a column, and of a title
 _LETTERS = 50
 _LETTERS_OF_TITLE = 60
+#: greatest number of letters of a line of the legend of a fit
+_LETTERS_OF_FIT = 28
 #: greatest number of combinations of parameters in a legend
 _MOST_NAMED = 8
 #: number of marks for the medium that served along a curve
@@ -112,12 +123,17 @@ _MARKS_OF_CURVE = 12
 _LEAST_HEIGHT = 0.06
 #: width of a letter, over the size of its font
 _WIDTH_OF_LETTER = 0.55
+#: least number of letters of a line of a title, however narrow its axes are
+_LEAST_LETTERS_OF_TITLE = 20
 #: number of forces of a curve that is drawn from a fit
 _FORCES = 200
 #: marks of measured points, which are black
 _DATA_MARKS = ("o", "s", "^", "D", "v", "P")
 #: quantities of the axis of loads
 _LOADS = ("force", "pressure", "overlap", "reduced_force")
+
+#: ratios of loads that differ by less than this part are the same
+_SAME_RATIO = 1e-9
 
 #: data of the caption of an Axes: entries of the legend, and the facts that all curves share
 _Drawn = tuple[list[Line2D], list[str]]
@@ -131,27 +147,26 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
     lattice is left out.
     """
     ax.errorbar(fit.force, fit.velocity, fit.sigma, **_DATA_STYLE, label="data", gid="data")
-    structure = fit.packing.structure
-    # short lines, so that the legend has room below the curve
-    label = join_facts([describe_medium(fit.medium, structure.periods, structure.n_balls)], 28)
-    label += f":\nW = {write_width(fit)}" if "width" in fit.parameters else ""
-    style: dict[str, Any] = {"color": VERMILION, "label": label, "gid": "fit", "zorder": 1.5}
-    if np.ndim(fit.waves.frequency):
-        ax.plot(fit.force, fit.velocities, "_", markersize=6.0, **style)
+    label = _describe_fit(fit)
+    fit_style: dict[str, Any] = {"color": VERMILION, "label": label, "gid": "fit", "zorder": 1.5}
+    has_many_frequencies = np.ndim(fit.waves.frequency) > 0
+    if has_many_frequencies:
+        ax.plot(fit.force, fit.velocities, "_", markersize=6.0, **fit_style)
     else:
-        force = np.geomspace(fit.force.min(), fit.force.max(), _FORCES)
-        ax.plot(force, fit.velocity_at(force), linewidth=1.2, **style)
-        equal: dict[str, Any] = {
+        forces = np.geomspace(fit.force.min(), fit.force.max(), _FORCES)
+        ax.plot(forces, fit.velocity_at(forces), linewidth=1.2, **fit_style)
+        ideal_style: dict[str, Any] = {
             "color": GUIDE,
             "label": "equal balls",
             "gid": "ideal",
             "zorder": 1.0,
         }
-        ax.plot(force, fit.velocity_at(force, "ala"), linewidth=0.8, **equal)
+        ax.plot(forces, fit.velocity_at(forces, "ala"), linewidth=0.8, **ideal_style)
     residual_ax.axhline(0.0, color=VERMILION, linewidth=1.2, zorder=1.0)
-    residual_ax.errorbar(fit.force, fit.residuals / fit.sigma, 1.0, **_DATA_STYLE, gid="residuals")
-    for axes in (ax, residual_ax):
-        scale_axis(axes, "x", fit.force)
+    residuals = fit.residuals / fit.sigma
+    residual_ax.errorbar(fit.force, residuals, 1.0, **_DATA_STYLE, gid="residuals")
+    for panel in (ax, residual_ax):
+        scale_axis(panel, "x", fit.force)
     scale_axis(ax, "y", fit.velocity)
     if fit.waves.frequency is None:
         ax.set_ylabel(axis_label(fit.waves.branch))
@@ -160,6 +175,17 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
     residual_ax.set(xlabel=axis_label("force"), ylabel="Residual / σ")
     residual_ax.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     return ax, residual_ax
+
+
+def _describe_fit(fit: WidthFit) -> str:
+    """Return the label of the curve of a fit: the medium and, if it is fitted, the width."""
+    structure = fit.packing.structure
+    medium = describe_medium(fit.medium, structure.periods, structure.n_balls)
+    # short lines, so that the legend has room below the curve
+    label = join_facts([medium], _LETTERS_OF_FIT)
+    if "width" in fit.parameters:
+        label += f":\nW = {write_width(fit)}"
+    return label
 
 
 def write_width(fit: WidthFit) -> str:
@@ -176,10 +202,13 @@ def fit_figure(fit: WidthFit) -> Figure:
     with styled_figure(3.6) as figure:
         axes = figure.subplots(2, sharex=True, height_ratios=[3.0, 1.0])
         plot_fit(fit, axes[0], axes[1])
-        handles, labels = axes[0].get_legend_handles_labels()
-        order = [labels.index("data"), *(i for i, label in enumerate(labels) if label != "data")]
+        entries = list(zip(*axes[0].get_legend_handles_labels(), strict=True))
+        # the data come first, and the other entries in their order
+        entries.sort(key=lambda entry: entry[1] != "data")
+        handles = [handle for handle, _ in entries]
+        labels = [label for _, label in entries]
         # velocities rise with the force, so that the lower right corner is free
-        axes[0].legend([handles[i] for i in order], [labels[i] for i in order], loc="lower right")
+        axes[0].legend(handles, labels, loc="lower right")
     return figure
 
 
@@ -266,26 +295,36 @@ def make_looks(count: int) -> list[Look]:
 
     Beyond :data:`MOST_LOOKS` the looks are repeated.
     """
-    turns = [(n % len(COLOURS), n // len(COLOURS) % len(_DASHES)) for n in range(count)]
-    widths = np.linspace(2.2, 1.0, count + 1)[1:].tolist() if count > 1 else [1.6]
-    return [
-        Look(COLOURS[colour], width, _DASHES[turn], ("o", "s", "^", "D")[turn])
-        for (colour, turn), width in zip(turns, widths, strict=True)
-    ]
+    widths = [1.6]
+    if count > 1:
+        widths = np.linspace(2.2, 1.0, count + 1)[1:].tolist()
+    markers = ("o", "s", "^", "D")
+    looks = []
+    for number in range(count):
+        # all colours are used up before the dashes change
+        turn, colour = divmod(number, len(COLOURS))
+        dash = turn % len(_DASHES)
+        looks.append(Look(COLOURS[colour], widths[number], _DASHES[dash], markers[dash]))
+    return looks
 
 
 def _choose_styles(curve: Curve, look: Look) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the styles of a curve where the medium is valid, and elsewhere."""
+    """Return two styles of a curve, options of ``Axes.plot``: where the medium is valid, and for
+    all points, below.
+    """
     common: dict[str, Any] = {"color": look.colour, "markersize": _SIZE}
     if curve.as_points and not curve.served:
-        line = {"linestyle": "-", "linewidth": 0.6} if curve.path else {"linestyle": "none"}
         points = common | {"marker": look.marker}
+        # a path joins its points by a thin line
+        line = {"linestyle": "-", "linewidth": 0.6} if curve.path else {"linestyle": "none"}
         return points | {"linestyle": "none"}, points | line | _HOLLOW
     # a line is thinner below marks, so that the marks are seen
-    solid = common | {"marker": "", "linewidth": 0.8 if curve.served else look.width}
+    width = 0.8 if curve.served else look.width
+    valid_line = common | {"marker": "", "linewidth": width}
     if look.dashes:
-        solid |= {"dashes": look.dashes}
-    return solid, common | {"marker": ""} | _OUTSIDE
+        valid_line |= {"dashes": look.dashes}
+    thin_line = common | {"marker": ""} | _OUTSIDE
+    return valid_line, thin_line
 
 
 def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
@@ -295,9 +334,10 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
     A path joins its points, and triangles mark the points that are reached by a fall of x. On an
     automatic medium each kind of mark stands for the medium that served.
     """
-    has_bars = curve.as_points or np.any(curve.simulated)
-    if has_bars and np.any(curve.error > 0.0):
-        bars = np.where(curve.error > 0.0, curve.error, np.nan)
+    has_points = curve.as_points or np.any(curve.simulated)
+    has_error = curve.error > 0.0
+    if has_points and np.any(has_error):
+        bars = np.where(has_error, curve.error, np.nan)
         ax.errorbar(
             curve.x,
             curve.y,
@@ -308,37 +348,41 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
             gid=f"{gid}-errors",
         )
     valid_y = np.where(curve.valid, curve.y, np.nan)
-    solid, thin = _choose_styles(curve, look)
-    if "dashes" in solid:
+    valid_style, style_of_all = _choose_styles(curve, look)
+    if "dashes" in valid_style:
         # a thin line below would be seen through the gaps of the dashes: only stretches outside
         # the range are thin, with the points at their ends
         is_outside = ~curve.valid
         is_outside[1:] |= ~curve.valid[:-1]
         is_outside[:-1] |= ~curve.valid[1:]
-        ax.plot(curve.x, np.where(is_outside, curve.y, np.nan), gid=f"{gid}-outside", **thin)
-        thin = {"linestyle": "none"}
-    ax.plot(curve.x, curve.y, gid=f"{gid}-all", **thin)
-    ax.plot(curve.x, valid_y, gid=f"{gid}-valid", **solid)
-    falls = np.diff(curve.x, prepend=curve.x[0]) < 0.0
-    if curve.path and np.any(falls):
-        fallen = solid | {"marker": "v", "markersize": 5.0}
-        ax.plot(curve.x[falls], valid_y[falls], gid=f"{gid}-falling", **fallen)
+        outside_y = np.where(is_outside, curve.y, np.nan)
+        ax.plot(curve.x, outside_y, gid=f"{gid}-outside", **style_of_all)
+        style_of_all = {"linestyle": "none"}
+    ax.plot(curve.x, curve.y, gid=f"{gid}-all", **style_of_all)
+    ax.plot(curve.x, valid_y, gid=f"{gid}-valid", **valid_style)
+    is_fall = np.diff(curve.x, prepend=curve.x[0]) < 0.0
+    if curve.path and np.any(is_fall):
+        triangles = valid_style | {"marker": "v", "markersize": 5.0}
+        ax.plot(curve.x[is_fall], valid_y[is_fall], gid=f"{gid}-falling", **triangles)
     if curve.served:
         _mark_media(ax, curve, look.colour, gid)
 
 
 def _mark_media(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
     """Draw marks of the media that served an automatic medium: at its first and last loads, at
-    some between, and on both sides of each change of the medium.
+    some between, and on both sides of each change of the medium; hollow where it is not valid.
     """
     n = curve.x.size
     media = np.array([label.partition("(")[0] for label in curve.served])
-    change = np.flatnonzero(media[1:] != media[:-1])
-    evenly = np.arange(0, n, max(1, -(-n // _MARKS_OF_CURVE)))
-    chosen = np.concatenate([evenly, change, change + 1, [n - 1]])
-    is_chosen = np.isin(np.arange(n), chosen) | curve.simulated
-    for name, valid in itertools.product(dict.fromkeys(media.tolist()), (True, False)):
-        is_marked = is_chosen & (media == name) & (curve.valid == valid)
+    changes = np.flatnonzero(media[1:] != media[:-1])  # the last loads before each change
+    step = max(1, math.ceil(n / _MARKS_OF_CURVE))
+    evenly = np.arange(0, n, step)
+    marked_loads = np.concatenate([evenly, changes, changes + 1, [n - 1]])
+    is_chosen = np.isin(np.arange(n), marked_loads) | curve.simulated
+    names = dict.fromkeys(media.tolist())  # each once, in order
+    for name, is_valid in itertools.product(names, (True, False)):
+        is_marked = is_chosen & (media == name) & (curve.valid == is_valid)
+        filling: dict[str, Any] = {} if is_valid else _HOLLOW
         if np.any(is_marked):
             ax.plot(
                 curve.x[is_marked],
@@ -348,7 +392,7 @@ def _mark_media(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
                 markersize=_SERVING_SIZE,
                 linestyle="none",
                 gid=f"{gid}-served-{name}",
-                **({} if valid else _HOLLOW),
+                **filling,
             )
 
 
@@ -358,19 +402,21 @@ def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
     """
     xs = np.concatenate([curve.x for curve in curves])
     ys = np.concatenate([curve.y for curve in curves])
-    for which, values, name, unit in zip("xy", (xs, ys), (x, y), curves[0].units, strict=True):
-        scale_axis(ax, which, values)
-        most = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
-        name_axis(find_axis(ax, which), most, axis_label(name, ""), unit)
+    for letter, values, name, unit in zip("xy", (xs, ys), (x, y), curves[0].units, strict=True):
+        scale_axis(ax, letter, values)
+        finite = values[np.isfinite(values)]
+        largest = float(np.max(np.abs(finite), initial=0.0))
+        name_axis(find_axis(ax, letter), largest, axis_label(name, ""), unit)
 
 
-def _make_handle(look: Look, label: str, points: bool) -> Line2D:
-    """Return the entry of a legend for a line, or for ``points``, of this look."""
-    style: dict[str, Any] = {"linewidth": min(look.width, 1.6)}
-    if look.dashes:
-        style |= {"dashes": look.dashes}
-    if points:
-        style = {"marker": look.marker} | _POINTS
+def _make_handle(look: Look, label: str, is_points: bool) -> Line2D:
+    """Return the entry of a legend for a line of this look or, if ``is_points``, for points."""
+    if is_points:
+        style: dict[str, Any] = {"marker": look.marker} | _POINTS
+    else:
+        style = {"linewidth": min(look.width, 1.6)}
+        if look.dashes:
+            style |= {"dashes": look.dashes}
     return Line2D([], [], color=look.colour, label=label, **style)
 
 
@@ -379,27 +425,35 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
     served automatic media.
     """
     handles = list[Line2D]()
-    grey = dict[str, Any](color="0.3")
+    grey = "0.3"
     if not all(np.all(curve.valid) for curve in curves):
-        points: dict[str, Any] = {"marker": "o"} | _POINTS | _HOLLOW
-        look = points if all(curve.as_points for curve in curves) else _OUTSIDE
-        handles.append(Line2D([], [], label="outside its range", **grey, **look))
+        hollow_points: dict[str, Any] = {"marker": "o"} | _POINTS | _HOLLOW
+        look = hollow_points if all(curve.as_points for curve in curves) else _OUTSIDE
+        handles.append(Line2D([], [], label="outside its range", color=grey, **look))
     names = {label.partition("(")[0] for curve in curves for label in curve.served}
-    style = grey | {"markersize": _SERVING_SIZE, "linestyle": "none"}
-    return handles + [
-        Line2D(
-            [], [], marker=_SERVING.get(name, "o"), label=f"{describe_medium(name)} served", **style
+    for name in sorted(names, key=list(MEDIA).index):
+        handle = Line2D(
+            [],
+            [],
+            color=grey,
+            marker=_SERVING.get(name, "o"),
+            markersize=_SERVING_SIZE,
+            linestyle="none",
+            label=f"{describe_medium(name)} served",
         )
-        for name in sorted(names, key=list(MEDIA).index)
-    ]
+        handles.append(handle)
+    return handles
 
 
 # -- the curves of a data set
 
 
 def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
-    """Return a variable over the load; :class:`InputError` for a variable that cannot be drawn,
-    FigureError beyond matplotlib's axes.
+    """Return a variable of a data set, an array with the axis "load"; ``run`` names the data set in
+    messages.
+
+    Raises :class:`InputError` for a variable that cannot be drawn, and FigureError for numbers
+    beyond the axes of matplotlib.
     """
     if name not in dataset.variables:
         raise InputError(
@@ -415,7 +469,9 @@ def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
             f"{name} of {run or 'the sweep'} has no finite value", why, "Draw another variable"
         )
     sizes = np.abs(np.asarray(values, float))
-    is_far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
+    is_too_large = np.isfinite(sizes) & (sizes > _LARGEST)
+    is_too_small = (sizes > 0.0) & (sizes < 1.0 / _LARGEST)
+    is_far = is_too_large | is_too_small
     if np.any(is_far):
         problem = f"{name!r} has the value {np.asarray(values)[is_far].flat[0]:g}"
         why = f"Figures have axes from {1.0 / _LARGEST:g} to {_LARGEST:g}"
@@ -424,25 +480,26 @@ def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
 
 
 def list_quantities(dataset: Dataset, kinds: str = "fiu") -> tuple[str, ...]:
-    """Return the names of the variables that are one number, of these ``kinds`` of dtype, at each
-    load.
+    """Return the names of the variables that are one number at each load; ``kinds`` holds the
+    letters of the types of NumPy that count as numbers.
     """
-    dims = {"load", "medium", *list_parameters(dataset)}
-    return tuple(
-        str(name)
-        for name, values in dataset.variables.items()
-        if "load" in values.dims and set(values.dims) <= dims and values.dtype.kind in kinds
-    )
+    dimensions_of_curves = {"load", "medium", *list_parameters(dataset)}
+    names = []
+    for name, values in dataset.variables.items():
+        is_over_load = "load" in values.dims and set(values.dims) <= dimensions_of_curves
+        if is_over_load and values.dtype.kind in kinds:
+            names.append(str(name))
+    return tuple(names)
 
 
 def list_parameters(dataset: Dataset) -> list[str]:
     """Return the dimensions of the sweep besides load and medium: its parameters, and directions if
     there are several.
     """
-    along = ("direction",) * ("direction" in dataset.dims)
-    return [
-        str(name) for name in (*dataset["valid"].dims, *along) if name not in ("load", "medium")
-    ]
+    names = [str(name) for name in dataset["valid"].dims if name not in ("load", "medium")]
+    if "direction" in dataset.dims:
+        names.append("direction")
+    return names
 
 
 def turn_over(dataset: Dataset, x: str | None) -> Dataset:
@@ -451,11 +508,9 @@ def turn_over(dataset: Dataset, x: str | None) -> Dataset:
     """
     if x not in list_parameters(dataset) or dataset[x].dtype.kind not in "fiu":
         return dataset
-    return (
-        dataset.drop_vars("load", errors="ignore")
-        .swap_dims({"load": find_load(dataset)})
-        .rename_dims({x: "load"})
-    )
+    without_load = dataset.drop_vars("load", errors="ignore")
+    over_named_load = without_load.swap_dims({"load": find_load(dataset)})
+    return over_named_load.rename_dims({x: "load"})
 
 
 def read_curve(
@@ -466,37 +521,46 @@ def read_curve(
     run: str = "",
     facts: dict[str, str] | None = None,
 ) -> Curve:
-    """Return the curve of a variable over ``x`` at an index of each dimension besides the load."""
+    """Return the curve of a variable over ``x`` at an ``index`` of each dimension besides the load;
+    ``run`` names the data set in messages.
+    """
 
-    def take(values: Any) -> Any:
+    def select(values: Any) -> Any:
+        """Return the numbers (n,) of an array of the data set along the load."""
         return np.asarray(values.isel(index, missing_dims="ignore"))
 
-    across = read_values(dataset, x, run)
-    along = read_values(dataset, variable, run)
-    error = dataset.get(f"{variable}_error", dataset[variable] * np.nan)
+    x_values = select(read_values(dataset, x, run)).astype(float)
+    y_values = select(read_values(dataset, variable, run)).astype(float)
+    not_known = dataset[variable] * np.nan
+    errors = select(dataset.get(f"{variable}_error", not_known)).astype(float)
     served: tuple[str, ...] = ()
     medium = str(np.atleast_1d(dataset["medium"].values)[index["medium"]])
     if medium.startswith(AutoMedium.name) and "choice" in dataset:
-        served = tuple(map(str, take(dataset["choice"]).tolist()))
-    horizontal = take(across).astype(float)
-    media = served or (medium,)
-    simulated = [label.partition("(")[0] == DirectSimulation.name for label in media]
-    simulated = dataset.attrs.get("points", simulated)  # a fit is a line, whatever its medium
-    units = tuple(str(dataset[name].attrs.get("units", "")) for name in (x, variable))
+        served = tuple(map(str, select(dataset["choice"]).tolist()))
+    labels = served or (medium,)
+    is_simulated = [label.partition("(")[0] == DirectSimulation.name for label in labels]
+    # the data set of a fit says so itself: a fit is a line, whatever its medium
+    simulated = np.asarray(dataset.attrs.get("points", is_simulated), bool)
     media_of_sweep = json.loads(dataset.attrs.get("media", "[{}]"))  # {name: options} of each
     options: dict[str, Any] = next(iter(media_of_sweep[index["medium"]].values()), {})
-    return Curve(
-        run,
-        facts or {},
-        horizontal,
-        take(along).astype(float),
-        take(error).astype(float),
-        take(dataset["valid"]),
-        np.broadcast_to(np.asarray(simulated, bool), horizontal.shape),
-        served,
-        (units[0], units[1]),
+    curve = Curve(
+        run=run,
+        facts=facts or {},
+        x=x_values,
+        y=y_values,
+        error=errors,
+        valid=select(dataset["valid"]),
+        simulated=np.broadcast_to(simulated, x_values.shape),
+        served=served,
+        units=(_read_unit(dataset, x), _read_unit(dataset, variable)),
         path=bool(options.get("ordered")),
-    ).sorted()
+    )
+    return curve.sorted()
+
+
+def _read_unit(dataset: Dataset, name: str) -> str:
+    """Return the unit of a variable; empty if the data set does not say one."""
+    return str(dataset[name].attrs.get("units", ""))
 
 
 def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str], dict[str, int]]]:
@@ -506,30 +570,27 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
     Directions are no lines of a variable that is the same in all directions. Cells of a lattice are
     called cells if the data set does not describe the lattice, or has several lattices.
     """
-    base, periods, balls = _describe_balls(dataset)
-    overlaps = [dict[str, str]()] * dataset.sizes["medium"]
-    if "overlap" in base:
-        overlaps = [
-            {"overlap": describe_overlap(finite)} for finite in list_finite_overlap(dataset)
-        ]
+    facts_of_balls, periods, n_balls = _describe_balls(dataset)
+    # the facts of each medium
     labels = map(str, np.atleast_1d(dataset["medium"].values).tolist())
-    media = [
-        overlap | {"medium": describe_medium(label, periods, balls)}
-        for overlap, label in zip(overlaps, labels, strict=True)
-    ]
+    media = [{"medium": describe_medium(label, periods, n_balls)} for label in labels]
+    if "overlap" in facts_of_balls:
+        for facts_of_medium, is_finite in zip(media, list_finite_overlap(dataset), strict=True):
+            facts_of_medium["overlap"] = describe_overlap(is_finite)
     names = list_parameters(dataset)
     if variable in dataset and "direction" not in dataset[variable].dims:
         names = [name for name in names if name != "direction"]
     if "direction" in dataset.coords and dataset["direction"].ndim == 0:
-        base["direction"] = f"along {dataset['direction'].item()}"
+        facts_of_balls["direction"] = f"along {dataset['direction'].item()}"
     lines = []
     for numbers in np.ndindex(*(dataset.sizes[name] for name in names)):
         index = dict(zip(names, numbers, strict=True))
-        facts = dict(base)
+        facts = dict(facts_of_balls)
         for name, number in index.items():
             kind, text = _describe_value(dataset, name, number)
             facts[kind] = text
-        lines += [(facts | medium, index | {"medium": m}) for m, medium in enumerate(media)]
+        for m, facts_of_medium in enumerate(media):
+            lines.append((facts | facts_of_medium, index | {"medium": m}))
     return lines
 
 
@@ -540,7 +601,8 @@ def _describe_balls(dataset: Dataset) -> tuple[dict[str, str], int, int]:
     description: dict[str, Any] = json.loads(dataset.attrs.get("packing", "null")) or {}
     if "kinds" in description:  # a crystal
         kinds = description["order"] or [name for name, _ in description["kinds"]]
-        return {"lattice": f"{description['lattice'] or 'crystal'} of {' '.join(kinds)}"}, 2, 2
+        lattice = description["lattice"] or "crystal"
+        return {"lattice": f"{lattice} of {' '.join(kinds)}"}, 2, 2
     if not description:
         return {}, 2, 2
     packing: Packing = restore(description, Packing, "the packing of the sweep")
@@ -550,21 +612,22 @@ def _describe_balls(dataset: Dataset) -> tuple[dict[str, str], int, int]:
     names = map(str, np.atleast_1d(dataset["lattice"].values))
     try:
         lattices = [find_lattice(name) for name in names]
-    except InputError:  # a lattice of the user
+    except InputError:  # a lattice of the user, whose balls in a cell are not known
         return facts, packing.structure.periods, 2
     return facts, lattices[0].periods, max(lattice.n_balls for lattice in lattices)
 
 
 def _describe_value(dataset: Dataset, name: str, number: int) -> tuple[str, str]:
-    """Return the kind of fact of a coordinate, and its value of this number in words."""
-    value = dataset[name].values[number]
-    value = value.item() if hasattr(value, "item") else value
+    """Return the kind of fact that the coordinate ``name`` is, and its value at the index
+    ``number`` in words.
+    """
+    entry = dataset[name].values[number]
+    value = entry.item() if hasattr(entry, "item") else entry
     if name == "direction":
         return "direction", f"along {value}"
     kind, text = describe_parameter(name, value)
     if name in _LOADS:
-        unit = str(dataset[name].attrs.get("units", ""))
-        text = f"{name} {write_value(float(value), unit)}"
+        text = f"{name} {write_value(float(value), _read_unit(dataset, name))}"
     return kind, text
 
 
@@ -618,47 +681,58 @@ def _draw_sweep(
     dataset: Dataset, ax: Axes, variable: str, x: str | None
 ) -> tuple[list[Curve], list[Line2D]]:
     """Draw the curves of :func:`plot_sweep`; return the curves and the entries of the legend."""
-    if dataset.sizes["load"] == 1:
-        x = x or _find_longest_parameter(dataset)
-    dataset = turn_over(dataset, x)
-    x = x or find_load(dataset)
-    read_values(dataset, variable)
-    coloured = _choose_coloured(dataset)
-    lines = sorted(describe_lines(dataset, variable), key=lambda line: line[1].get(coloured, 0))
-    curves = [read_curve(dataset, variable, x, index, facts=facts) for facts, index in lines]
-    # curves of one colour follow each other
-    n_shades = len(lines) // len({index.get(coloured, 0) for _, index in lines})
-    groups = [curves[n : n + n_shades] for n in range(0, len(curves), n_shades)]
+    x_name = x
+    if not x and dataset.sizes["load"] == 1:
+        x_name = _find_longest_parameter(dataset)
+    turned = turn_over(dataset, x_name)
+    x_name = x_name or find_load(turned)
+    read_values(turned, variable)  # refuses a variable that cannot be drawn
+    coloured = _choose_coloured(turned)
+    groups = _read_groups(turned, variable, x_name, coloured)
+    n_shades = len(groups[0])
+    curves = [curve for group in groups for curve in group]
     shades = []
     for number in range(len(groups)):
         shades += _make_shades(COLOURS[number % len(COLOURS)], n_shades)
     dashes = _SLOW_DASHES if variable == _SLOW else None
     marker = _VELOCITY_MARKERS.get(variable, "o")
-    widths = np.linspace(2.2, 1.0, len(lines) + 1)[1:]
+    widths = np.linspace(2.2, 1.0, len(curves) + 1)[1:]
     for curve, shade, width in zip(curves, shades, widths, strict=True):
         draw_curve(ax, curve, Look(shade, width, dashes, marker), variable)
-    label_axes(ax, curves, x, variable)
+    label_axes(ax, curves, x_name, variable)
     handles = list[Line2D]()
     has_colours = len(groups) > 1
     if has_colours or n_shades == 1:
         handles += _name_colours(groups, coloured)
     if n_shades > 1:
+        # shades that all colours have are named in grey
         handles += _name_shades(groups, "0.5" if has_colours else COLOURS[0])
     return curves, handles + _make_remarks(curves)
 
 
+def _read_groups(dataset: Dataset, variable: str, x: str, coloured: str) -> list[list[Curve]]:
+    """Return the curves of a variable over ``x`` in groups of equal size, one for each value of the
+    dimension ``coloured``.
+    """
+    groups: dict[int, list[Curve]] = {}
+    for facts, index in describe_lines(dataset, variable):
+        curve = read_curve(dataset, variable, x, index, facts=facts)
+        groups.setdefault(index.get(coloured, 0), []).append(curve)
+    return [groups[number] for number in sorted(groups)]
+
+
 def _are_points(curves: Sequence[Curve]) -> bool:
-    """Whether all curves are points in a legend: those of simulations, and not of an automatic
+    """Whether the legend shows all curves as points: curves of simulations, without an automatic
     medium.
     """
     return all(np.all(curve.simulated) and not curve.served for curve in curves)
 
 
 def _name_colours(groups: Sequence[Sequence[Curve]], coloured: str) -> list[Line2D]:
-    """Return the entries of a legend for the colours, one of each of the ``groups`` of curves,
+    """Return the entries of a legend for the colours, one for each of the ``groups`` of curves,
     which differ in the dimension ``coloured``.
     """
-    kinds = ["medium"]
+    kinds = ["medium"]  # of facts that a label gives
     if coloured != "medium":
         kinds, _ = find_differing([group[0].facts for group in groups])
     handles = []
@@ -677,47 +751,56 @@ def _name_shades(groups: Sequence[Sequence[Curve]], colour: str) -> list[Line2D]
     are_points = all(_are_points(group) for group in groups)
     kinds, _ = find_differing([curve.facts for curve in curves])
     shades = _make_shades(colour, len(curves))
-    chosen = pick_evenly(len(curves), _MOST_NAMED)
+    named = pick_evenly(len(curves), _MOST_NAMED)
     handles = []
-    for n in chosen:
+    for n in named:
         label = ", ".join(curves[n].facts[kind] for kind in kinds)
         handles.append(_make_handle(Look(shades[n], 1.5), label, are_points))
-    if len(chosen) < len(curves):
-        words = f"{len(chosen)} of {len(curves)} are named"
-        handles.append(Line2D([], [], linestyle="none", label=words))
+    if len(named) < len(curves):
+        remark = f"{len(named)} of {len(curves)} are named"
+        handles.append(Line2D([], [], linestyle="none", label=remark))
     return handles
 
 
 def _find_longest_parameter(dataset: Dataset) -> str | None:
-    """Return the parameter in numbers that has the most values; None if none has several."""
-    sizes = {
-        name: dataset.sizes[name]
-        for name in list_parameters(dataset)
-        if dataset[name].dtype.kind in "fiu" and dataset.sizes[name] > 1
-    }
-    return max(sizes, key=lambda name: sizes[name], default=None)
+    """Return the parameter in numbers that has the most values, the first of several; None if no
+    parameter in numbers has several values.
+    """
+    longest = None
+    most = 1
+    for name in list_parameters(dataset):
+        if dataset[name].dtype.kind in "fiu" and dataset.sizes[name] > most:
+            longest = name
+            most = dataset.sizes[name]
+    return longest
 
 
 def _choose_coloured(dataset: Dataset) -> str:
     """Return the dimension whose values have colours: the medium, or of one medium the first of
     several parameters for whose values the colours suffice.
     """
-    sizes = {name: dataset.sizes[name] for name in list_parameters(dataset)}
-    sizes = {name: size for name, size in sizes.items() if size > 1}
-    if dataset.sizes["medium"] > 1 or len(sizes) < 2:
+    names = [name for name in list_parameters(dataset) if dataset.sizes[name] > 1]
+    if dataset.sizes["medium"] > 1 or len(names) < 2:
         return "medium"
-    return next((name for name, size in sizes.items() if size <= len(COLOURS)), "medium")
+    for name in names:
+        if dataset.sizes[name] <= len(COLOURS):
+            return name
+    return "medium"
 
 
 def _make_shades(name: str, count: int) -> list[Any]:
-    """Return ``count`` shades of a colour, from darker to lighter than the colour; a single shade
-    is the colour.
+    """Return ``count`` shades (r, g, b) of the colour called ``name``, from darker to lighter than
+    the colour; a single shade is the colour.
     """
     colour = np.array(to_rgb(name))
-    change = np.linspace(-0.5, 0.6, count) if count > 1 else np.zeros(1)
-    return [
-        tuple(colour * (1.0 + min(t, 0.0)) + max(t, 0.0) * (1.0 - colour)) for t in change.tolist()
-    ]
+    # -1 is black, 0 the colour, and 1 white
+    changes = np.linspace(-0.5, 0.6, count).tolist() if count > 1 else [0.0]
+    shades = []
+    for change in changes:
+        darkened = colour * (1.0 + min(change, 0.0))
+        whitening = max(change, 0.0) * (1.0 - colour)
+        shades.append(tuple(darkened + whitening))
+    return shades
 
 
 def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
@@ -765,15 +848,16 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
     """
     # a table of numbers that are not from a sweep has no "observe"
     observed = json.loads(dataset.attrs.get("observe", "[]"))
+    single = variable  # the only variable to draw, if there is one
     if variable is None and "motion" in observed and "velocities" not in observed:
-        variable = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
-    has_exponent = variable is None and "exponent" in dataset
-    velocities = []
-    if not variable:
-        velocities = [
-            name for name in _VELOCITIES if name in dataset and np.any(dataset[name] != 0.0)
-        ]
-    shown = velocities or [variable or "normal_stiffness"]
+        single = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
+    has_exponent = single is None and "exponent" in dataset
+    velocities = list[str]()
+    if not single:
+        for name in _VELOCITIES:
+            if name in dataset and np.any(dataset[name] != 0.0):
+                velocities.append(name)
+    shown = velocities or [single or "normal_stiffness"]
     with styled_figure(4.0 if has_exponent else 2.6) as figure:
         ratios = [1.6, 1.0] if has_exponent else [1.0]
         axes = figure.subplots(len(ratios), sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
@@ -782,6 +866,7 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
         for name in shown:
             curves[name], legends[name] = _draw_sweep(dataset, axes[0], name, x)
         if velocities:
+            # one scale for all velocities
             all_curves = itertools.chain(*curves.values())
             scale_axis(axes[0], "y", np.concatenate([curve.y for curve in all_curves]))
             axes[0].set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")
@@ -793,12 +878,15 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
             ax.margins(x=0.08)
         # a velocity that is the same in all directions has a shorter legend than the others
         longest = max(shown, key=lambda name: len(legends[name]))
-        handles = legends[longest] + _name_velocities(velocities, _are_points(curves[longest]))
+        are_points = _are_points(curves[longest])
+        handles = legends[longest] + _name_velocities(velocities, are_points)
         medium = curves[longest][0].facts["medium"]
-        is_alone = dataset.sizes["medium"] == 1 and handles[0].get_label() != medium
+        # a single medium that no entry names heads the legend
+        is_heading = dataset.sizes["medium"] == 1 and handles[0].get_label() != medium
+        heading = _break_label(medium) if is_heading else None
         for handle in handles:
             handle.set_label(_break_label(str(handle.get_label())))
-        add_legend(figure, handles, 4, _break_label(medium) if is_alone else None)
+        add_legend(figure, handles, 4, heading)
     return figure
 
 
@@ -808,10 +896,13 @@ def _name_velocities(velocities: Sequence[str], are_points: bool) -> list[Line2D
     """
     handles = []
     for name, marker in _VELOCITY_MARKERS.items():
-        if name in velocities and (name == _PULSE or _SLOW in velocities):
-            look = Look("0.3", 1.2, _SLOW_DASHES if name == _SLOW else None, marker)
-            is_point = are_points or name == _PULSE
-            handles.append(_make_handle(look, _VELOCITIES[name], is_point))
+        # a transverse wave alone, without the slow one, needs no entry
+        has_entry = name == _PULSE or _SLOW in velocities
+        if name in velocities and has_entry:
+            dashes = _SLOW_DASHES if name == _SLOW else None
+            look = Look("0.3", 1.2, dashes, marker)
+            is_points = are_points or name == _PULSE
+            handles.append(_make_handle(look, _VELOCITIES[name], is_points))
     return handles
 
 
@@ -821,29 +912,31 @@ def _break_label(label: str) -> str:
 
 
 def _write_symbols(ax: Axes, curves: Mapping[str, Sequence[Curve]]) -> None:
-    """Write the symbols of velocities beside the right ends of their ``curves``, in one text where
-    the ends are close.
+    """Write the symbols of velocities beside the right ends of their ``curves``, by the names of
+    the velocities; in one text where the ends are close.
 
     Marks of pulses, which are often near long waves, are in the legend, and have no symbol.
     """
-    ends: dict[str, float] = {}
-    for name, group in curves.items():
-        # a path may turn, and end anywhere
-        velocities = [float(curve.y[np.argmax(curve.x)]) for curve in group]
-        velocities = [velocity for velocity in velocities if np.isfinite(velocity)]
-        if name != _PULSE and velocities:
-            ends[_VELOCITIES[name]] = max(velocities)
+    ends: dict[str, float] = {}  # the greatest velocity at the right end, m/s, by the symbol
+    for name, curves_of_velocity in curves.items():
+        # the right end is at the greatest x: a path may turn, and end anywhere
+        velocities = [float(curve.y[np.argmax(curve.x)]) for curve in curves_of_velocity]
+        finite = [velocity for velocity in velocities if np.isfinite(velocity)]
+        if name != _PULSE and finite:
+            ends[_VELOCITIES[name]] = max(finite)
     to_axes = ax.transData - ax.transAxes
+    left = ax.get_xlim()[0]
     last_height = -np.inf
-    symbols: dict[float, list[str]] = {}
+    texts: list[tuple[float, list[str]]] = []  # velocity and symbols of each text, upwards
     for symbol, velocity in sorted(ends.items(), key=lambda item: item[1]):
-        height = float(to_axes.transform((ax.get_xlim()[0], velocity))[1])
+        _, height = to_axes.transform((left, velocity))
         if height - last_height > _LEAST_HEIGHT:
             last_height = height
-            symbols[velocity] = []
-        symbols[max(symbols)].append(symbol)
-    for velocity, names in symbols.items():
-        _write_beside(ax, ", ".join(names), velocity)
+            texts.append((velocity, []))
+        _, symbols = texts[-1]
+        symbols.append(symbol)
+    for velocity, symbols in texts:
+        _write_beside(ax, ", ".join(symbols), velocity)
 
 
 # -- figures of several results --------------------------------------------------------------------
@@ -891,16 +984,18 @@ def plot_together(
     """
     handles, common = _draw_together(results, ax, x, y, data, balls_per_side)
     if legend:
-        ax.legend(handles=handles, handlelength=_find_length(handles))
-        size = FontProperties(size=matplotlib.rcParams["font.size"]).get_size_in_points()
+        ax.legend(handles=handles, handlelength=_find_handle_length(handles))
+        font_size = FontProperties(size=matplotlib.rcParams["font.size"]).get_size_in_points()
         figure: Any = ax.get_figure()
-        points = 72.0 * figure.get_figwidth() * ax.get_position().width
-        letters = int(points / (_WIDTH_OF_LETTER * size))
-        ax.set_title(join_facts(common, max(20, letters)), fontsize=size)
+        inches = figure.get_figwidth() * ax.get_position().width
+        # lines of the title are as long as the axes are wide
+        n_letters = int(POINTS_PER_INCH * inches / (_WIDTH_OF_LETTER * font_size))
+        title = join_facts(common, max(_LEAST_LETTERS_OF_TITLE, n_letters))
+        ax.set_title(title, fontsize=font_size)
     return ax
 
 
-def _find_length(handles: Sequence[Line2D]) -> float | None:
+def _find_handle_length(handles: Sequence[Line2D]) -> float | None:
     """Return the length of the handles of a legend, in letters: longer if dashes tell lines apart,
     None for the usual length.
     """
@@ -919,8 +1014,8 @@ def comparison_figure(
         if not legend:
             return figure
         title = join_facts(common, _LETTERS_OF_TITLE)
-        lines = 1 + title.count("\n") if title else 0
-        add_legend(figure, handles, -lines, handlelength=_find_length(handles))
+        n_lines = len(title.splitlines())
+        add_legend(figure, handles, -n_lines, handlelength=_find_handle_length(handles))
         if title:
             figure.suptitle(title, fontsize=STYLE["axes.titlesize"])
     return figure
@@ -934,7 +1029,9 @@ def _draw_together(
     data: Any = (),
     balls_per_side: int | None = None,
 ) -> _Drawn:
-    """Draw the curves of :func:`plot_together`; return the data of the caption."""
+    """Draw the curves of :func:`plot_together`; return the entries of the legend, and the facts
+    that all curves share.
+    """
     if isinstance(results, Mapping):
         runs = [Run.of(str(name), result, named=True) for name, result in results.items()]
     else:
@@ -942,100 +1039,124 @@ def _draw_together(
     data_sets = [data] if isinstance(data, str | os.PathLike | Measurements) else list(data)
     if not runs:
         raise InputError("there is nothing to draw", mend="Give results")
-    if x is None and y is None and not data_sets:
+    may_be_spectra = x is None and y is None and not data_sets
+    if may_be_spectra:
         all_bands = [run.bands for run in runs if run.bands is not None]
         if len(all_bands) == len(runs):
             return _draw_bands_together(runs, all_bands, ax)
         densities = [run.dos for run in runs if run.dos is not None]
         if len(densities) == len(runs):
             return _draw_densities_together(runs, densities, ax)
-    if x:
-        runs = [
-            run if run.dataset is None else replace(run, dataset=turn_over(run.dataset, x.strip()))
-            for run in runs
-        ]
-    across, along = choose_axes(runs, x, y)
-    curves = list[Curve]()
+    turned_runs = []  # over the parameter x, if it is one
     for run in runs:
-        assert run.dataset is not None  # choose_axes raises for other runs
-        if run.measured is not None:
-            points = read_curve(run.measured, along, across, {"medium": 0}, run.name)
-            curves.append(replace(points, measured=True))
-        named = {"name": run.name} if run.named else {}
-        for facts, index in describe_lines(run.dataset, along):
-            curves.append(
-                read_curve(run.dataset, along, across, index, run.name, named | facts | run.facts)
-            )
-    measured = [_read_points(points, runs, across, along, balls_per_side) for points in data_sets]
-    _require_shared_axes(curves, across, along)
-    return _draw_curves(ax, curves, measured, across, along)
+        if x and run.dataset is not None:
+            turned_runs.append(replace(run, dataset=turn_over(run.dataset, x.strip())))
+        else:
+            turned_runs.append(run)
+    x_name, y_name = choose_axes(turned_runs, x, y)
+    curves = list[Curve]()
+    for run in turned_runs:
+        curves += _read_curves_of_run(run, x_name, y_name)
+    measured = [
+        _read_points(points, turned_runs, x_name, y_name, balls_per_side) for points in data_sets
+    ]
+    _require_shared_axes(curves, x_name, y_name)
+    return _draw_curves(ax, curves, measured, x_name, y_name)
+
+
+def _read_curves_of_run(run: Run, x: str, y: str) -> list[Curve]:
+    """Return the curves of ``y`` over ``x`` of a run: the data of a fit first, then a curve for
+    each line of its data set.
+    """
+    assert run.dataset is not None  # choose_axes raises for other runs
+    curves = []
+    if run.measured is not None:
+        points = read_curve(run.measured, y, x, {"medium": 0}, run.name)
+        curves.append(replace(points, measured=True))
+    name_of_run = {"name": run.name} if run.named else {}
+    for facts_of_line, index in describe_lines(run.dataset, y):
+        facts = name_of_run | facts_of_line | run.facts
+        curves.append(read_curve(run.dataset, y, x, index, run.name, facts))
+    return curves
 
 
 def _draw_bands_together(runs: Sequence[Run], all_bands: Sequence[Bands], ax: Axes) -> _Drawn:
-    """Draw the bands of each run over those of the others; InputError if their paths differ."""
+    """Draw the bands of each run over those of the others; return the entries of the legend, and
+    the facts that all runs share. InputError if the paths of the bands differ.
+    """
     first = all_bands[0]
-    for run, bands in zip(runs, all_bands, strict=True):
-        has_labels = bands.labels == first.labels
-        has_corners = bands.distances.shape[0] == first.distances.shape[0] and np.allclose(
-            bands.distances[:, [0, -1]], first.distances[:, [0, -1]], rtol=0.0, atol=1e-6
-        )
-        if not (has_labels and has_corners):
-            problem = (
-                f"the bands of {runs[0].name} and {run.name} cannot share an axis: their"
-                f" paths differ"
-            )
-            why = "The zones of the lattices have other sizes"
-            if not has_labels:
-                why = f"The one is {'-'.join(first.labels)}, the other {'-'.join(bands.labels)}"
-            raise InputError(problem, why, "Compute them along one path")
+    for run, bands in zip(runs[1:], all_bands[1:], strict=True):
+        _require_same_path(first, bands, f"{runs[0].name} and {run.name}")
     unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in all_bands))
-    lines = [
-        list(zip(bands.distances, bands.connected_frequencies / unit.hertz, strict=True))
-        for bands in all_bands
-    ]
+    lines = []
+    for bands in all_bands:
+        frequencies = bands.connected_frequencies / unit.hertz
+        lines.append(list(zip(bands.distances, frequencies, strict=True)))
     drawn = _draw_spectra(runs, ax, "bands", lines)
-    name_corners(ax, np.append(first.distances[:, 0], first.distances[-1, -1]), first.labels)
+    corners = np.append(first.distances[:, 0], first.distances[-1, -1])
+    name_corners(ax, corners, first.labels)
     ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, None))
     return drawn
+
+
+def _require_same_path(first: Bands, second: Bands, names: str) -> None:
+    """Raise InputError, which names the runs by ``names``, if two results of bands have other
+    labels of corners, or corners at other distances.
+    """
+    has_labels = first.labels == second.labels
+    has_corners = len(first.distances) == len(second.distances) and np.allclose(
+        second.distances[:, [0, -1]], first.distances[:, [0, -1]], rtol=0.0, atol=1e-6
+    )
+    if has_labels and has_corners:
+        return
+    why = "The zones of the lattices have other sizes"
+    if not has_labels:
+        why = f"The one is {'-'.join(first.labels)}, the other {'-'.join(second.labels)}"
+    raise InputError(
+        f"the bands of {names} cannot share an axis: their paths differ",
+        why,
+        "Compute them along one path",
+    )
 
 
 def _draw_densities_together(
     runs: Sequence[Run], densities: Sequence[DensityOfStates], ax: Axes
 ) -> _Drawn:
-    """Draw the density of states of each run over those of the others."""
+    """Draw the density of states of each run over those of the others; return the entries of the
+    legend, and the facts that all runs share.
+    """
     unit = HertzPrefix.for_top(max(float(dos.frequencies.max()) for dos in densities))
     lines = [[(dos.frequencies / unit.hertz, dos.total * unit.hertz)] for dos in densities]
     drawn = _draw_spectra(runs, ax, "dos", lines)
-    name = print_hertz(unit)
-    ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})")
+    unit_name = print_hertz(unit)
+    ax.set(xlabel=f"Frequency ({unit_name})", ylabel=f"DOS per ball (1/{unit_name})")
     ax.set(xlim=(0.0, None), ylim=(0.0, None))
     return drawn
 
 
-def _require_shared_axes(curves: Sequence[Curve], across: str, along: str) -> None:
-    """Raise InputError for curves with several units, infinite loads, or no finite values."""
-    for axis, name in enumerate((across, along)):
-        units: dict[str, str] = {}
+def _require_shared_axes(curves: Sequence[Curve], x: str, y: str) -> None:
+    """Raise InputError for curves of ``y`` over ``x`` with several units, infinite loads, or no
+    finite values.
+    """
+    mend_of_x = "Take --x force (x='force')"
+    mend_of_y = "Draw another quantity"
+    for axis, (name, mend) in enumerate(((x, mend_of_x), (y, mend_of_y))):
+        runs_by_unit: dict[str, str] = {}  # the first run of each unit
         for curve in curves:
-            units.setdefault(curve.units[axis], curve.run)
-        if len(units) > 1:
-            reasons = [
-                f"{run} has it {f'in {unit}' if unit else 'without a unit'}"
-                for unit, run in units.items()
-            ]
-            problem = f"{' and '.join(units.values())} cannot share an axis of {name}"
-            mend = "Take --x force (x='force')" if name == across else "Draw another quantity"
+            runs_by_unit.setdefault(curve.units[axis], curve.run)
+        if len(runs_by_unit) > 1:
+            reasons = []
+            for unit, run in runs_by_unit.items():
+                unit_words = f"in {unit}" if unit else "without a unit"
+                reasons.append(f"{run} has it {unit_words}")
+            problem = f"{' and '.join(runs_by_unit.values())} cannot share an axis of {name}"
             raise InputError(problem, "; ".join(reasons), mend)
     for curve in curves:
         if not np.all(np.isfinite(curve.x)):
-            why = "It is infinite for equal balls" if across == "reduced_force" else ""
-            raise InputError(
-                f"{across} of {curve.run} is not finite", why, "Take --x force (x='force')"
-            )
+            why = "It is infinite for equal balls" if x == "reduced_force" else ""
+            raise InputError(f"{x} of {curve.run} is not finite", why, mend_of_x)
         if not np.any(np.isfinite(curve.y)):
-            raise InputError(
-                f"{along} of {curve.run} has no finite value", mend="Draw another quantity"
-            )
+            raise InputError(f"{y} of {curve.run} has no finite value", mend=mend_of_y)
 
 
 # -- the runs of a figure, and the quantities that they share --------------------------------------
@@ -1087,10 +1208,13 @@ class Run:
     @property
     def words(self) -> str:
         """The results of the run, in words."""
-        spectra = (("bands", self.bands), ("a density of states", self.dos))
-        held = [name for name, result in spectra if result is not None]
-        if held or self.dataset is None:
-            return " and ".join(held)
+        spectra = []
+        if self.bands is not None:
+            spectra.append("bands")
+        if self.dos is not None:
+            spectra.append("a density of states")
+        if spectra or self.dataset is None:
+            return " and ".join(spectra)
         if self.measured is not None:
             return "a fit"
         return "a sweep" if self.dataset["valid"].size > 1 else "a single state"
@@ -1102,51 +1226,69 @@ class Run:
 
 
 def _tabulate_fit(name: str, fit: WidthFit, named: bool) -> Run:
-    """Return the run of a fit: its curve, and its data at their loads."""
+    """Return the run of a fit, called ``name``: a data set of its curve, and one of its data."""
     frequency = fit.waves.frequency
     branch = fit.waves.branch
-    finite = fit.waves.finite_overlap
     # a fit of pulses that each have a frequency is known at the data alone
-    at_data = np.ndim(frequency) > 0
-    force = fit.force
-    velocity = fit.velocities
-    if not at_data:
+    is_at_data = np.ndim(frequency) > 0
+    if is_at_data:
+        force = fit.force
+        velocity = fit.velocities
+    else:
         force = np.geomspace(fit.force.min(), fit.force.max(), _FORCES)
         velocity = fit.velocity_at(force)
-    # measured velocities do not determine the overlap of a simulation
-    choice = fit.choice.stand_in
-    loads = [load for load in _LOADS[1:] if load != "overlap" or choice == fit.choice]
-
-    def make(force: Array, points: bool, **velocities: Array) -> Dataset:
-        state = choice.of(fit.packing).at_force(force, finite_overlap=finite)
-        values = {load: np.asarray(getattr(state, load), float) for load in loads} | velocities
-        attributes = {"finite_overlap": int(finite), "points": int(points)}
-        return tabulate(fit.packing, fit.medium, force, values, attributes)
-
-    facts = {"spread": f"fitted W = {write_width(fit)}"} if "width" in fit.parameters else {}
-    if at_data:
+    facts = {}
+    if "width" in fit.parameters:
+        facts["spread"] = f"fitted W = {write_width(fit)}"
+    if is_at_data:
         facts["waves"] = "pulses"
     elif frequency is not None:
         facts["waves"] = f"pulses of {write_value(float(frequency), 'Hz')}"
-    measured = make(fit.force, True, **{branch: fit.velocity, f"{branch}_error": fit.sigma})
-    curve = make(force, at_data, **{branch: velocity})
+    data = {branch: fit.velocity, f"{branch}_error": fit.sigma}
+    measured = _tabulate_over_force(fit, fit.force, data, are_points=True)
+    curve = _tabulate_over_force(fit, force, {branch: velocity}, are_points=is_at_data)
     return Run(name, curve, named=named, measured=measured, facts=facts)
 
 
+def _tabulate_over_force(
+    fit: WidthFit, force: Array, velocities: Mapping[str, Array], are_points: bool
+) -> Dataset:
+    """Return the data set of ``velocities`` (n,), m/s, by their names, over the contact ``force``
+    (n,), N, of a fit, with the other loads that its medium has; ``are_points``: a figure draws no
+    line.
+    """
+    choice = fit.choice.stand_in
+    finite_overlap = fit.waves.finite_overlap
+    state = choice.of(fit.packing).at_force(force, finite_overlap=finite_overlap)
+    values = {}
+    for load in _LOADS:
+        # measured velocities do not determine the overlap of a simulation
+        is_unknown = load == "overlap" and choice != fit.choice
+        if load != "force" and not is_unknown:
+            values[load] = np.asarray(getattr(state, load), float)
+    attributes = {"finite_overlap": int(finite_overlap), "points": int(are_points)}
+    return tabulate(fit.packing, fit.medium, force, {**values, **velocities}, attributes)
+
+
 def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str, str]:
-    """Return the load and the quantity of the axes; ``x`` and ``y`` are the requested ones.
+    """Return the names of the load and of the quantity of the axes; ``x`` and ``y`` are the
+    requested names, None where the choice is free.
 
     Raises :class:`~granphon.base.errors.InputError` if there is no such load or quantity, or a run
     does not hold it.
     """
     spectra = [run for run in runs if not run.quantities]
+    runs_over_load = [run for run in runs if run.quantities]
     if spectra:
-        problem = f"{_join_names(spectra, 'holds', 'hold')} {spectra[0].words} and no velocities"
-        other_run = next((run for run in runs if run.quantities), None)
-        why_apart = "There is nothing over a load"
-        if other_run:
-            why_apart = f"{other_run.name} is {other_run.words}: they cannot share an axis"
-        raise InputError(problem, why_apart, "Draw them in figures of their own")
+        why = "There is nothing over a load"
+        if runs_over_load:
+            run = runs_over_load[0]
+            why = f"{run.name} is {run.words}: they cannot share an axis"
+        raise InputError(
+            f"{_join_names(spectra, 'holds', 'hold')} {spectra[0].words} and no velocities",
+            why,
+            "Draw them in figures of their own",
+        )
     common = [name for name in runs[0].quantities if all(name in run.quantities for run in runs)]
     load = _choose_load(runs, common, x)
     if y is None:
@@ -1164,22 +1306,24 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
 
 
 def _choose_load(runs: Sequence[Run], common: Sequence[str], x: str | None) -> str:
-    """Return the load ``x``, or a parameter in numbers, by default the load of all runs, else the
-    force; InputError if a run does not hold ``x``.
+    """Return the name of the x axis: the load or parameter in numbers ``x``, or if ``x`` is None
+    the load that all runs have, else the force; InputError if a run does not hold ``x``.
+
+    ``common`` are the quantities that all runs hold.
     """
     if x is None:
         loads = {find_load(run.dataset) for run in runs if run.dataset is not None}
         return loads.pop() if len(loads) == 1 else "force"
-    load = x.strip()
-    is_parameter = all(run.dataset is not None and load in run.dataset.coords for run in runs)
-    if not is_parameter:
-        load = load.lower().replace(" ", "_")
+    name = x.strip()
+    is_parameter = all(run.dataset is not None and name in run.dataset.coords for run in runs)
+    load = name if is_parameter else name.lower().replace(" ", "_")
     if load not in _LOADS and not is_parameter:
         dataset = runs[0].dataset
-        names = [] if dataset is None else list_parameters(dataset)
-        parameters = [
-            name for name in names if dataset is not None and dataset[name].dtype.kind in "fiu"
-        ]
+        parameters = []
+        if dataset is not None:
+            for parameter in list_parameters(dataset):
+                if dataset[parameter].dtype.kind in "fiu":
+                    parameters.append(parameter)
         raise InputError(f"{x!r} is no load", mend=suggest(load, (*_LOADS, *parameters)))
     without = [run for run in runs if load not in run.quantities]
     if without:
@@ -1190,23 +1334,22 @@ def _choose_load(runs: Sequence[Run], common: Sequence[str], x: str | None) -> s
 
 
 def _choose_velocity(runs: Sequence[Run], common: Sequence[str]) -> str:
-    """Return the first usual velocity among the ``common`` quantities of runs; InputError without
-    any.
+    """Return the first of the usual velocities that is among the ``common`` quantities of runs;
+    InputError if none is.
     """
-    usual = ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk")
-    velocity = next((name for name in usual if name in common), None)
-    if velocity is not None:
-        return velocity
+    for velocity in ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk"):
+        if velocity in common:
+            return velocity
     problem = f"{_join_names(runs)} cannot share an axis: no velocity is in all"
     if len(runs) == 1:
         problem = f"{runs[0].name} has no velocity"
-    words = ", ".join(f"{run.name} {run.words}" for run in runs)
+    contents = ", ".join(f"{run.name} {run.words}" for run in runs)
     quantities = [name for name in common if name not in _LOADS and not name.endswith("_error")]
     mend = "Draw each by itself"
     if quantities:
-        first = quantities[0]
-        mend = f"Name a quantity that all hold, as --y {first} (y={first!r})"
-    raise InputError(problem, f"Found {words}", mend)
+        example = quantities[0]
+        mend = f"Name a quantity that all hold, as --y {example} (y={example!r})"
+    raise InputError(problem, f"Found {contents}", mend)
 
 
 def _join_names(runs: Sequence[Run], verb: str = "", verb_of_several: str = "") -> str:
@@ -1216,61 +1359,85 @@ def _join_names(runs: Sequence[Run], verb: str = "", verb_of_several: str = "") 
 
 
 def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") -> float:
-    """Return the load ``x`` over the contact force; :class:`InputError` if the ratio is not one
-    number for all runs.
+    """Return the load ``x`` over the contact force, in SI units; :class:`InputError` if the ratio
+    is not one number for all runs.
     """
     if x == "force":
         return 1.0
-    ratios = [np.zeros(0)]
+    ratios = np.zeros(0)
     for run in runs:
+        # an overlap is no multiple of the force
         if run.dataset is not None and x in run.dataset and x != "overlap":
-            ratios.append(np.ravel(run.dataset[x] / run.dataset["force"]))
-    values = np.concatenate(ratios)
-    is_known = values.size > 0 and np.all(np.isfinite(values))
-    if not is_known or np.ptp(values) > 1e-9 * np.max(np.abs(values)):
+            ratios_of_run = np.ravel(run.dataset[x] / run.dataset["force"])
+            ratios = np.concatenate([ratios, ratios_of_run])
+    is_known = ratios.size > 0 and np.all(np.isfinite(ratios))
+    if not is_known or np.ptp(ratios) > _SAME_RATIO * np.max(np.abs(ratios)):
         why = "It is not the same multiple of the contact force in all of them"
-        why = "The overlap of balls was not measured" if x == "overlap" else why
+        if x == "overlap":
+            why = "The overlap of balls was not measured"
         raise InputError(f"the {x} of measured points is not known from these runs", why, mend)
-    return float(np.median(values))
+    return float(np.median(ratios))
 
 
-def _read_points(points: Any, runs: Sequence[Run], x: str, y: str, balls: int | None) -> Curve:
-    """Return the curve of measured velocities, from a file or
-    :class:`~granphon.fits.measurements.Measurements`, over the load ``x``.
+def _read_points(
+    points: Any, runs: Sequence[Run], x: str, y: str, balls_per_side: int | None
+) -> Curve:
+    """Return the curve of measured velocities over the load ``x``, from a file or
+    :class:`~granphon.fits.measurements.Measurements`; InputError if ``y`` is no velocity.
     """
     entry = CATALOGUE.get(y)
-    if entry is None or entry.cost not in ("velocities", "pulse") or entry.unit != "m/s":
+    is_velocity = entry is not None and entry.cost in ("velocities", "pulse")
+    if entry is None or not is_velocity or entry.unit != "m/s":
         raise InputError(
             f"measured velocities share no axis with {y}", mend="Take a velocity, as longitudinal"
         )
-    name = "measured"
-    if not isinstance(points, Measurements):
+    if isinstance(points, Measurements):
+        measurements = points
+        name = "measured"
+    else:
+        measurements = _read_measurements(points, runs, balls_per_side)
         name = Path(points).stem
-        dataset = runs[0].dataset
-        unit = ""
-        if dataset is not None and "pressure" in dataset:
-            unit = str(dataset["pressure"].attrs.get("units", ""))
-        frame = None if balls is None else partial(force_of_frame, balls_per_side=balls)
-
-        def press(pressure: float) -> float:
-            return pressure / _find_ratio(runs, "pressure", "Give the contact forces in the file")
-
-        periods = {"N": 1, "N/m": 2, "Pa": 3}.get(unit, 2)
-        points = Measurements.read(points, frame=frame, pressed=press, periods=periods)
     facts = {"run": name}
-    if points.frequency is not None:
-        frequency = np.unique(points.frequency)
+    if measurements.frequency is not None:
+        frequencies = np.unique(measurements.frequency)
         facts["waves"] = "pulses"
-        if frequency.size == 1:
-            facts["waves"] = f"pulses of {write_value(float(frequency[0]), 'Hz')}"
-    loads = _find_ratio(runs, x) * points.force
-    sigma = np.nan if points.sigma is None else points.sigma
-    errors = np.broadcast_to(np.asarray(sigma, float), loads.shape)
+        if frequencies.size == 1:
+            facts["waves"] = f"pulses of {write_value(float(frequencies[0]), 'Hz')}"
+    loads = _find_ratio(runs, x) * measurements.force
+    sigma = np.nan if measurements.sigma is None else measurements.sigma
     everywhere = np.ones(loads.shape, bool)
     curve = Curve(
-        name, facts, loads, points.velocity, errors, everywhere, everywhere, measured=True
+        run=name,
+        facts=facts,
+        x=loads,
+        y=measurements.velocity,
+        error=np.broadcast_to(np.asarray(sigma, float), loads.shape),
+        valid=everywhere,
+        simulated=everywhere,
+        measured=True,
     )
     return curve.sorted()
+
+
+def _read_measurements(path: Any, runs: Sequence[Run], balls_per_side: int | None) -> Measurements:
+    """Return the measurements of a file, whose pressures act on the packing of ``runs``, and whose
+    side forces on a hexagonal frame with ``balls_per_side``.
+    """
+    frame = None
+    if balls_per_side is not None:
+        frame = partial(force_of_frame, balls_per_side=balls_per_side)
+
+    def find_force(pressure: float) -> float:
+        """Return the contact force, N, of a pressure in SI units."""
+        return pressure / _find_ratio(runs, "pressure", "Give the contact forces in the file")
+
+    dataset = runs[0].dataset
+    unit_of_pressure = ""
+    if dataset is not None and "pressure" in dataset:
+        unit_of_pressure = _read_unit(dataset, "pressure")
+    # the unit of pressure tells along how many periods balls repeat
+    periods = {"N": 1, "N/m": 2, "Pa": 3}.get(unit_of_pressure, 2)
+    return Measurements.read(path, frame=frame, pressed=find_force, periods=periods)
 
 
 # -- curves ----------------------------------------------------------------------------------------
@@ -1286,24 +1453,26 @@ def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[
     if len(curves) == 1:
         label = curves[0].facts.get("medium", curves[0].run)
         return [("", label)], [text for text in common if text != label]
-    label_kinds = list[list[str]]()
-    heading_kinds = list[list[str]]()
+    kinds_by_curve = list[list[str]]()  # the kinds of facts in heading and label
+    heading_kinds = list[list[str]]()  # the kinds of facts in the heading
     for curve in curves:
         facts_of_run = [model.facts for model in curves if model.run == curve.run]
         kinds = [kind for kind in differing if kind in curve.facts]
-        same = [kind for kind in kinds if len({facts.get(kind) for facts in facts_of_run}) == 1]
-        if "name" in same:  # the name stands for all that is the same in the run
-            kinds = [kind for kind in kinds if kind == "name" or kind not in same]
-            same = ["name"]
-        label_kinds.append(kinds)
-        heading_kinds.append(same if len(facts_of_run) > 1 else [])
+        shared = [kind for kind in kinds if len({facts.get(kind) for facts in facts_of_run}) == 1]
+        if "name" in shared:  # the name stands for all facts that the curves of the run share
+            kinds = [kind for kind in kinds if kind == "name" or kind not in shared]
+            shared = ["name"]
+        kinds_by_curve.append(kinds)
+        heading_kinds.append(shared if len(facts_of_run) > 1 else [])
     labels = []
-    for curve, kinds, headed in zip(curves, label_kinds, heading_kinds, strict=True):
-        above = headed or _find_heading(curve, kinds, curves, heading_kinds)
-        heading = join_facts([curve.facts[kind] for kind in above], _LETTERS)
-        facts = [curve.facts[kind] for kind in kinds if kind not in above]
-        label = join_facts(facts or [curve.run], _LETTERS)
-        labels.append((f"{heading}:" if heading else "", label))
+    for curve, kinds, own_kinds in zip(curves, kinds_by_curve, heading_kinds, strict=True):
+        kinds_above = own_kinds or _find_heading(curve, kinds, curves, heading_kinds)
+        heading = join_facts([curve.facts[kind] for kind in kinds_above], _LETTERS)
+        if heading:
+            heading += ":"
+        facts_below = [curve.facts[kind] for kind in kinds if kind not in kinds_above]
+        label = join_facts(facts_below or [curve.run], _LETTERS)
+        labels.append((heading, label))
     return labels, common
 
 
@@ -1316,16 +1485,21 @@ def _find_heading(
     """Return the kinds of the heading of another run whose facts the ``curve`` with facts of these
     ``kinds`` shares; empty without such a run.
     """
-    for headed, heading in zip(curves, heading_kinds, strict=True):
+    for headed_curve, heading in zip(curves, heading_kinds, strict=True):
+        # a fact must be left for the label of the curve
         is_part = heading and set(heading) < set(kinds)
-        if is_part and all(headed.facts[kind] == curve.facts[kind] for kind in heading):
+        if is_part and all(headed_curve.facts[kind] == curve.facts[kind] for kind in heading):
             return heading
     return []
 
 
 def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y: str) -> _Drawn:
-    """Draw curves of runs and measured points; return the data of the caption."""
-    models = _name_runs(_join_states([curve for curve in curves if not curve.measured]))
+    """Draw ``curves`` of runs, of which those of fits have measured points too, and other
+    ``measured`` points, ``y`` over ``x``; return the entries of the legend, and the facts that all
+    curves share.
+    """
+    states = [curve for curve in curves if not curve.measured]
+    models = _name_runs(_join_states(states))
     points = [curve for curve in curves if curve.measured] + measured
     if len(models) > MOST_LOOKS:
         problem = f"{len(models)} curves are too many to be told apart"
@@ -1333,31 +1507,34 @@ def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y
         raise InputError(problem, why, "Draw fewer runs in one figure")
     labels, common = _write_legend(models)
     # entries below a heading come last, so that no other entry stands below a heading
-    groups: dict[str, list[Line2D]] = {"": []}
-    for curve, look, (heading, label) in zip(models, make_looks(len(models)), labels, strict=True):
+    looks = make_looks(len(models))
+    groups: dict[str, list[Line2D]] = {"": []}  # entries by their heading, which may be empty
+    for curve, look, (heading, label) in zip(models, looks, labels, strict=True):
         draw_curve(ax, curve, look, y)
         is_points = curve.as_points and not curve.served
         groups.setdefault(heading, []).append(_make_handle(look, label, is_points))
     handles = groups.pop("")
-    headed = list[Line2D]()
+    is_alone = len(points) == 1
+    for number, curve in enumerate(points):
+        handles.append(_draw_measured(ax, curve, number, is_alone=is_alone))
+    handles += _make_remarks(models)
     for heading, group in groups.items():
-        headed += [Line2D([], [], linestyle="none", label=heading), *group]
-    for n, curve in enumerate(points):
-        handles.append(_draw_measured(ax, curve, n, is_alone=len(points) == 1))
-    handles += _make_remarks(models) + headed
+        handles.append(Line2D([], [], linestyle="none", label=heading))
+        handles += group
     label_axes(ax, [*models, *points], x, y)
     return handles, common
 
 
 def _draw_measured(ax: Axes, curve: Curve, number: int, is_alone: bool) -> Line2D:
     """Draw measured points, with bars of their errors if these are known, and return their entry in
-    the legend; ``number`` chooses the mark.
+    the legend; ``number`` chooses the mark, and points that are not alone have the name of their
+    run.
     """
-    words = ["data"]
+    facts = ["data"]
     if not is_alone:
-        words.append(curve.run)
+        facts.append(curve.run)
     if "waves" in curve.facts:
-        words.append(curve.facts["waves"])
+        facts.append(curve.facts["waves"])
     style: dict[str, Any] = {
         "marker": _DATA_MARKS[number % len(_DATA_MARKS)],
         "markersize": 2.6,
@@ -1367,38 +1544,39 @@ def _draw_measured(ax: Axes, curve: Curve, number: int, is_alone: bool) -> Line2
     error = None if np.all(np.isnan(curve.error)) else curve.error
     gid = f"measured-{number}"
     ax.errorbar(curve.x, curve.y, error, elinewidth=0.7, gid=gid, zorder=3.0, **style)
-    return Line2D([], [], label=join_facts(words, _LETTERS), **style)
+    return Line2D([], [], label=join_facts(facts, _LETTERS), **style)
 
 
 def _join_states(curves: Sequence[Curve]) -> list[Curve]:
-    """Return curves, in which single states that differ in their load alone are one curve."""
+    """Return the curves, with single states that differ in their load alone joined to one curve,
+    in the place of the first.
+    """
     joined = list[Curve]()
-    singles = set[int]()  # numbers of curves that are made of single states
+    indices: dict[Any, int] = {}  # of the joined curves of states, by facts and units
     for curve in curves:
-        is_single = curve.x.size == 1
-        like = [
-            n
-            for n in sorted(singles)
-            if joined[n].facts == curve.facts and joined[n].units == curve.units
-        ]
-        if is_single and like:
-            joined[like[0]] = joined[like[0]].join(curve)
-            continue
-        if is_single:
-            singles.add(len(joined))
-        joined.append(curve)
+        is_state = curve.x.size == 1
+        key = (frozenset(curve.facts.items()), curve.units)
+        if is_state and key in indices:
+            index = indices[key]
+            joined[index] = joined[index].join(curve)
+        else:
+            if is_state:
+                indices[key] = len(joined)
+            joined.append(curve)
     return joined
 
 
 def _name_runs(curves: Sequence[Curve]) -> list[Curve]:
-    """Return curves, in which curves with the same facts have the names of their runs too."""
-    facts = [curve.facts for curve in curves]
-    return [
-        replace(curve, facts={"run": curve.run} | curve.facts)
-        if facts.count(curve.facts) > 1
-        else curve
-        for curve in curves
-    ]
+    """Return the curves, of which those that have the same facts have the names of their runs
+    too.
+    """
+    all_facts = [curve.facts for curve in curves]
+    named_curves = []
+    for curve in curves:
+        has_twin = all_facts.count(curve.facts) > 1
+        facts = {"run": curve.run} | curve.facts if has_twin else curve.facts
+        named_curves.append(replace(curve, facts=facts))
+    return named_curves
 
 
 # -- bands, and densities of states ----------------------------------------------------------------
@@ -1407,24 +1585,10 @@ def _name_runs(curves: Sequence[Curve]) -> list[Curve]:
 def _draw_spectra(
     runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequence[tuple[Array, Array]]]
 ) -> _Drawn:
-    """Draw the lines of each run, each in one look; their group ids begin with ``name``."""
-    known_facts = [_describe_state(run) for run in runs]
-    facts = []
-    for run, facts_of_run in zip(runs, known_facts, strict=True):
-        if not all(known_facts):
-            # a run without facts does not differ from the others by its facts
-            facts.append({"run": run.name})
-        elif known_facts.count(facts_of_run) > 1:
-            facts.append({"run": run.name} | facts_of_run)
-        else:
-            facts.append(facts_of_run)
-    differing, common = find_differing(facts)
-    labels = []
-    for run, facts_of_run in zip(runs, facts, strict=True):
-        words = [facts_of_run[kind] for kind in differing if kind in facts_of_run] or [run.name]
-        if "name" in facts_of_run:
-            words = [facts_of_run["name"]]
-        labels.append(join_facts(words, _LETTERS))
+    """Draw for each run its lines, pairs of x and y (p,), in one look; return the entries of the
+    legend, and the facts that all runs share. Group ids of lines begin with ``name``.
+    """
+    labels, common = _label_runs(runs)
     handles = []
     looks = make_looks(len(runs))
     for n, (lines_of_run, look, label) in enumerate(zip(lines, looks, labels, strict=True)):
@@ -1437,13 +1601,35 @@ def _draw_spectra(
     return handles, common if len(runs) > 1 else []
 
 
+def _label_runs(runs: Sequence[Run]) -> tuple[list[str], list[str]]:
+    """Return the label of each run of one state, and the facts that all runs share."""
+    facts_of_states = [_describe_state(run) for run in runs]
+    facts = []  # by kind, of each run
+    for run, facts_of_state in zip(runs, facts_of_states, strict=True):
+        if not all(facts_of_states):
+            # a run without facts does not differ from the others by its facts
+            facts.append({"run": run.name})
+        elif facts_of_states.count(facts_of_state) > 1:
+            facts.append({"run": run.name} | facts_of_state)
+        else:
+            facts.append(facts_of_state)
+    differing, common = find_differing(facts)
+    labels = []
+    for run, facts_of_run in zip(runs, facts, strict=True):
+        words = [facts_of_run[kind] for kind in differing if kind in facts_of_run] or [run.name]
+        if "name" in facts_of_run:
+            words = [facts_of_run["name"]]
+        labels.append(join_facts(words, _LETTERS))
+    return labels, common
+
+
 def _describe_state(run: Run) -> dict[str, str]:
     """Return the facts of a run of one state, in words by kind."""
     facts = {"name": run.name} if run.named else {}
     if run.dataset is None:
         return facts
-    kind = find_load(run.dataset)
-    load = run.dataset[kind]
-    (facts_of_state, _), *_ = describe_lines(run.dataset, "force")
-    value = write_value(float(load.values[0]), load.attrs.get("units", ""))
-    return facts | facts_of_state | {"load": f"{kind} {value}"}
+    load_kind = find_load(run.dataset)
+    load = float(run.dataset[load_kind].values[0])
+    load_text = write_value(load, _read_unit(run.dataset, load_kind))
+    facts_of_state, _ = describe_lines(run.dataset, "force")[0]
+    return facts | facts_of_state | {"load": f"{load_kind} {load_text}"}

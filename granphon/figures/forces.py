@@ -28,7 +28,15 @@ from granphon.base.errors import InputError, brief
 from granphon.base.scales import prefixed
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, one_of
-from granphon.figures.style import BLUE, GUIDE, PAGE_WIDTH, STYLE, VERMILION, colour_kinds
+from granphon.figures.style import (
+    BLUE,
+    GUIDE,
+    PAGE_WIDTH,
+    POINTS_PER_INCH,
+    STYLE,
+    VERMILION,
+    colour_kinds,
+)
 from granphon.figures.words import write_unit
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
@@ -55,6 +63,23 @@ _MOST_VECTORS = 20_000
 #: width of the line of a contact that carries the mean force, in diameters, and at most in points
 _LINE = 0.15
 _WIDEST_LINE = 1.5
+#: greatest number of rows of a legend for which a figure is made higher
+_MOST_LEGEND_ROWS = 4
+#: rounding of a site, in diameters
+_ROUNDING = 1e-9
+#: distance of the left edge of a layer from its first balls, in diameters
+_LEFT_MARGIN = 0.25
+#: widths of the bins of a distribution of forces: per rms fluctuation, and the least
+_BINS_PER_FLUCTUATION = 4.0
+_LEAST_BIN = 1e-12
+#: least and greatest number of these bins
+_LEAST_BINS = 20
+_MOST_BINS = 400
+#: range of forces over their mean below which the forces differ by rounding only; then the number
+#: of bins, and the margin on both sides
+_EQUAL_FORCES = 1e-10
+_BINS_OF_EQUAL_FORCES = 21
+_MARGIN_OF_EQUAL_FORCES = 0.05
 #: least and greatest width of a line of a network, in widths of the line of the mean force: a
 #: single contact may carry nearly all of the force
 _WIDTHS = (0.2, 4.0)
@@ -107,46 +132,61 @@ def plot_forces(
         mend = "Give a sample, such as state.samples[0], or a gp.ContactNetwork"
         raise InputError(f"{brief(sample)} has no contact forces to draw", mend=mend)
     layer = _find_layer(sample) if isinstance(sample, Sample) else _project(sample)
-    network = layer.network
-    show = _choose_show(layer, window) if show == "auto" else show
-    edges = _choose_window(layer, window) if show == "window" else layer.edges
+    shown = _choose_show(layer, window) if show == "auto" else show
+    edges = _choose_window(layer, window) if shown == "window" else layer.edges
     if ax is None:
-        height = _WINDOW_HEIGHT if show == "window" and window is None else layer.height
-        rows_of_legend = min(4, math.ceil(len(layer.kinds) / 2))
+        is_default_window = shown == "window" and window is None
+        height = _WINDOW_HEIGHT if is_default_window else layer.height
+        rows_of_legend = min(_MOST_LEGEND_ROWS, math.ceil(len(layer.kinds) / 2))
         with styled_figure(height + ROW_HEIGHT * rows_of_legend) as new_figure:
-            return plot_forces(sample, new_figure.subplots(), show=show, window=window)
-    figure: Any = ax.get_figure()
-    drawn: LineCollection | QuadMesh
-    left, bottom, right, top = edges
-    means = ""
-    if show == "density":
-        drawn, sides = _draw_density(layer, ax, edges)
-        means = f",\nmeans over {_write_sides(layer, sides)}"
+            return plot_forces(sample, new_figure.subplots(), show=shown, window=window)
+    remark = ""  # the end of the label of the colours
+    artist: LineCollection | QuadMesh
+    if shown == "density":
+        artist, sides = _draw_density(layer, ax, edges)
+        remark = f",\nmeans over {_write_sides(layer, sides)}"
     else:
-        drawn = _draw_chains(layer, ax, edges)
-    ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+        artist = _draw_chains(layer, ax, edges)
     has_balls = any(collection.get_gid() == "balls" for collection in ax.collections)
     add_title(ax, layer.title, layer.kinds if has_balls else {})
+    _set_axes(layer, ax, edges)
+    if artist.get_array() is not None:
+        _add_bar(layer, ax, artist, remark)
+    return ax
+
+
+def _set_axes(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> None:
+    """Limit the axes by these edges, the left, lower, right and upper one, and name them."""
+    left, bottom, right, top = edges
+    network = layer.network
+    ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MaxNLocator(5, integer=network is None, steps=[1, 2, 5, 10]))
     if network is None:
         ax.set(xlabel=layer.axes[0], ylabel=layer.axes[1])
     else:
+        largest = float(np.max(layer.size))
+        # a network on a line has a name along the line alone
         for axis, name in zip((ax.xaxis, ax.yaxis)[: network.dimension], layer.axes, strict=False):
-            name_axis(axis, float(np.max(layer.size)), name, "m", short=True)
-    if top - bottom < 2.0 * layer.diameter:
+            name_axis(axis, largest, name, "m", short=True)
+    is_single_row = top - bottom < 2.0 * layer.diameter
+    if is_single_row:
         ax.set_yticks([0.0])
-    if drawn.get_array() is not None:
-        bar = figure.colorbar(drawn, ax=ax, location="bottom", aspect=40, pad=0.02).ax
-        if network is None:
-            bar.set_xlabel(f"Contact force over its mean{means}")
-        else:
-            name_axis(bar.xaxis, bar.get_xlim()[1], "Contact force", "N", short=True, more=means)
-    return ax
+
+
+def _add_bar(layer: _Map, ax: Axes, artist: LineCollection | QuadMesh, remark: str) -> None:
+    """Add a bar of the colours of forces below the axes; its label ends with the ``remark``."""
+    figure: Any = ax.get_figure()
+    bar = figure.colorbar(artist, ax=ax, location="bottom", aspect=40, pad=0.02).ax
+    if layer.network is None:
+        bar.set_xlabel(f"Contact force over its mean{remark}")
+    else:
+        greatest_force = bar.get_xlim()[1]
+        name_axis(bar.xaxis, greatest_force, "Contact force", "N", short=True, more=remark)
 
 
 def _choose_show(layer: _Map, window: Sequence[float] | None) -> Show:
-    """Return what of the contacts is shown where that is left open."""
+    """Return which view of the contacts is shown for "auto"."""
     if window is not None:
         return "window"
     is_small = float(np.max(layer.size)) <= _MOST_DIAMETERS * layer.diameter
@@ -165,28 +205,31 @@ def _draw_density(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> tuple[Quad
     longest = float(np.max(layer.size))
     side = max(_SQUARE * layer.diameter, longest / _MOST_SQUARES)
     n_columns, n_rows = np.maximum(1, np.round(layer.size / side)).astype(int)
+    # the sides of the squares along x (n_columns + 1,) and y (n_rows + 1,)
     grid = [np.linspace(left, right, n_columns + 1), np.linspace(bottom, top, n_rows + 1)]
     x, y = layer.places.T
-    total = np.histogram2d(x, y, grid, weights=layer.sums)[0]
-    count = np.histogram2d(x, y, grid, weights=layer.counts)[0]
+    sum_of_forces, _, _ = np.histogram2d(x, y, grid, weights=layer.sums)
+    n_contacts, _, _ = np.histogram2d(x, y, grid, weights=layer.counts)
     with np.errstate(invalid="ignore"):  # a square without a ball has the mean nan
-        density = total / count
-    drawn = ax.pcolormesh(*grid, density.T, cmap=FORCES, gid="density", rasterized=True)
-    return drawn, sorted(float(ticks[1] - ticks[0]) for ticks in grid)
+        density = sum_of_forces / n_contacts
+    mesh = ax.pcolormesh(*grid, density.T, cmap=FORCES, gid="density", rasterized=True)
+    sides = sorted(float(ticks[1] - ticks[0]) for ticks in grid)
+    return mesh, sides
 
 
 def _write_sides(layer: _Map, sides: list[float]) -> str:
     """Return the ``sides`` of the squares of a density, in the unit of the layer, in words."""
-    length = 1.0
+    size_of_unit = 1.0
     unit = "$d$"
     if layer.network is not None:
-        length, unit = prefixed(float(np.max(layer.size)), "m")
-    return f"{' x '.join(f'{side / length:.2g}' for side in sides)} {write_unit(unit)}"
+        size_of_unit, unit = prefixed(float(np.max(layer.size)), "m")
+    numbers = [f"{side / size_of_unit:.2g}" for side in sides]
+    return f"{' x '.join(numbers)} {write_unit(unit)}"
 
 
 def _choose_window(layer: _Map, window: Sequence[float] | None) -> tuple[float, ...]:
-    """Return the edges of the given window, by default of one in the middle; InputError if
-    ``window`` has no four edges.
+    """Return the left, lower, right and upper edge of a ``window``, or of a window in the middle if
+    that is None, in the unit of the layer; InputError if ``window`` has no four edges in order.
     """
     if window is None:
         low, high = np.reshape(layer.edges, (2, 2))
@@ -194,7 +237,8 @@ def _choose_window(layer: _Map, window: Sequence[float] | None) -> tuple[float, 
         half = np.minimum((high - low) / 2.0, _HALF_WINDOW * layer.diameter)
         return (*(middle - half).tolist(), *(middle + half).tolist())
     edges = finite_array("window", window)
-    if edges.shape != (4,) or not (edges[0] < edges[2] and edges[1] < edges[3]):
+    are_in_order = edges.shape == (4,) and edges[0] < edges[2] and edges[1] < edges[3]
+    if not are_in_order:
         raise InputError(
             f"window is {brief(window)}", mend="Give its left, lower, right and upper edge"
         )
@@ -203,39 +247,47 @@ def _choose_window(layer: _Map, window: Sequence[float] | None) -> tuple[float, 
 
 def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollection:
     """Draw the contacts between these edges, the left, lower, right and upper one, and their balls
-    if there are few.
+    if there are few; return the lines of the contacts.
     """
-    figure: Any = ax.get_figure()
-    lines, forces = layer.find_lines()
+    lines, forces_of_lines = layer.find_lines()
     low = np.array(edges[:2])
     high = np.array(edges[2:])
     is_near = np.all((lines > low - layer.diameter) & (lines < high + layer.diameter), axis=(1, 2))
-    order = np.argsort(forces[is_near], kind="stable")  # strong contacts are drawn last
+    order = np.argsort(forces_of_lines[is_near], kind="stable")  # strong contacts are drawn last
     segments = lines[is_near][order]
-    forces = forces[is_near][order]
-    reach = layer.radii[:, None]
-    is_inside = np.all((layer.places + reach > low) & (layer.places - reach < high), axis=1)
+    forces = forces_of_lines[is_near][order]
+    radii = layer.radii[:, None]
+    is_inside = np.all((layer.places + radii > low) & (layer.places - radii < high), axis=1)
     if not np.any(is_inside) or not forces.size:
-        mend = f"Give edges inside the array, in {'diameters' if layer.network is None else 'm'}"
-        raise InputError("no ball of the array is in the window", mend=mend)
-    # printed size of a diameter, in points: an estimate, because the layout is not known yet
-    size_of_axes = 72.0 * figure.get_size_inches() * ax.get_position().size
-    points = float(np.min(size_of_axes / (high - low))) * layer.diameter
+        unit = "diameters" if layer.network is None else "m"
+        raise InputError(
+            "no ball of the array is in the window", mend=f"Give edges inside the array, in {unit}"
+        )
     if np.count_nonzero(is_inside) <= _MOST_BALLS:
         _draw_balls(layer, is_inside, ax)
-    widths = _find_widths(layer.network, forces)
     if layer.network is not None:
         _draw_walls(layer.network, ax)
-    # so many lines are pixels in files of vectors too
+    # many lines are pixels in files of vectors too, which would be slow to show otherwise
     is_raster = len(segments) > _MOST_VECTORS
     chains = LineCollection(list(segments), capstyle="round", gid="forces", rasterized=is_raster)
-    chains.set(linewidths=min(_LINE * points, _WIDEST_LINE) * widths)
-    if forces[-1] > 0.0:
-        chains.set(array=forces, cmap=FORCES, norm=Normalize(0.0, float(forces[-1])))
+    width_of_mean_force = min(_LINE * _estimate_diameter(layer, ax, high - low), _WIDEST_LINE)
+    chains.set(linewidths=width_of_mean_force * _find_widths(layer.network, forces))
+    greatest_force = float(forces[-1])
+    if greatest_force > 0.0:
+        chains.set(array=forces, cmap=FORCES, norm=Normalize(0.0, greatest_force))
     else:
         chains.set(color=_IDLE)
     ax.add_collection(chains, autolim=False)
     return chains
+
+
+def _estimate_diameter(layer: _Map, ax: Axes, size: Array) -> float:
+    """Return the printed size of a mean diameter, in points, where the axes show a part of the
+    layer of a ``size`` (2,): an estimate, because the layout is not known yet.
+    """
+    figure: Any = ax.get_figure()
+    points_of_axes = POINTS_PER_INCH * figure.get_size_inches() * ax.get_position().size
+    return float(np.min(points_of_axes / size)) * layer.diameter
 
 
 def _find_widths(network: ContactNetwork | None, forces: Array) -> Array:
@@ -252,12 +304,12 @@ def _find_widths(network: ContactNetwork | None, forces: Array) -> Array:
 
 
 def _draw_balls(layer: _Map, is_drawn: NDArray[np.bool_], ax: Axes) -> None:
-    """Draw the outlines of the balls that are drawn, a mask (n,), in their colours."""
-    sizes = 2.0 * layer.radii[is_drawn]
+    """Draw the outlines of the balls for which ``is_drawn`` (n,) is true, in their colours."""
+    diameters = 2.0 * layer.radii[is_drawn]
     balls = EllipseCollection(
-        sizes,
-        sizes,
-        0.0 * sizes,
+        diameters,
+        diameters,
+        np.zeros_like(diameters),
         units="xy",
         facecolors=layer.colours[is_drawn].tolist(),
         edgecolors="0.7",
@@ -271,7 +323,7 @@ def _draw_balls(layer: _Map, is_drawn: NDArray[np.bool_], ax: Axes) -> None:
 
 def _draw_walls(network: ContactNetwork, ax: Axes) -> None:
     """Draw a piece of the wall, as long as the ball's radius, at each contact with a flat wall."""
-    is_wall = np.isinf(network.radii[network.j])
+    is_wall = np.isinf(network.radii[network.j])  # a flat wall is a ball of infinite radius
     touch = network.contact_places[is_wall, :2]
     normal = network.normal[is_wall, :2]
     along_wall = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
@@ -320,10 +372,12 @@ class _Map:
 
 
 def _find_layer(sample: Sample) -> _Map:
-    """Return balls and contacts of the layer of a sample along a1 and a2 through the first ball."""
+    """Return balls and contacts of the layer of a sample along a1 and a2 through the first ball,
+    with L1 cells along a1 and L2 along a2.
+    """
     structure = sample.packing.structure
     p = len(sample.shape)
-    rows, columns = (*sample.shape, 1)[:2]
+    n_along, n_across = (*sample.shape, 1)[:2]  # L1, L2
     vectors, axes = _find_layer_axes(structure)
     plane = axes[:2, :p].T  # (p, 2)
     balls, contacts = _choose_in_layer(structure, axes[2, :p])
@@ -333,33 +387,33 @@ def _find_layer(sample: Sample) -> _Map:
     if p == 3:  # the first layer of cells along a3
         sites = sites[:, :, 0]
         forces = forces[:, :, 0]
-    # (L1, L2, n, 2), moved by whole periods of a1 into a rectangle
-    sites = sites.reshape(rows, columns, -1, p)[:, :, balls] @ plane
-    length = rows * float(np.linalg.norm(vectors[0]))
-    row_height = float(vectors[1] @ axes[1])
-    sites[..., 0] = np.mod(sites[..., 0] + 1e-9, length) - 1e-9
-    places = sites.reshape(-1, 2)
-    i, j = _number_ends(structure, balls, contacts, (rows, columns))
-    arms = np.tile(structure.contacts.normal[contacts] @ plane, (rows * columns, 1))
+    length = n_along * float(np.linalg.norm(vectors[0]))
+    sites_in_plane = sites.reshape(n_along, n_across, -1, p)[:, :, balls] @ plane  # (L1, L2, n, 2)
+    # moved by whole periods of a1 into a rectangle; a site just below zero by rounding stays there
+    sites_in_plane[..., 0] = np.mod(sites_in_plane[..., 0] + _ROUNDING, length) - _ROUNDING
+    places = sites_in_plane.reshape(-1, 2)
+    i, j = _number_ends(structure, balls, contacts, (n_along, n_across))
+    arms = np.tile(structure.contacts.normal[contacts] @ plane, (n_along * n_across, 1))
     force = forces.ravel()
     sums, counts = _sum_forces(i, j, force, len(places))
+    row_height = float(vectors[1] @ axes[1])
     # half a row below the lowest row, whose height is not zero in every cell
     bottom = float(np.min(places[:, 1])) - 0.5 * row_height
     labels = ("$x/d$", "$y/d$")
     if p == 3:
         labels = ("Along $a_1$, in $d$", "Across $a_1$ in the layer, in $d$")
     return _Map(
-        places,
-        np.full(len(places), 0.5),
-        np.full(len(places), "none"),
-        sums,
-        counts,
-        (-0.25, bottom, length - 0.25, bottom + row_height * columns),
-        1.0,
-        1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0)),
-        _write_title(sample),
-        labels,
-        partial(_find_lines_of_layer, places[i], places[j], arms, force),
+        places=places,
+        radii=np.full(len(places), 0.5),
+        colours=np.full(len(places), "none"),
+        sums=sums,
+        counts=counts,
+        edges=(-_LEFT_MARGIN, bottom, length - _LEFT_MARGIN, bottom + row_height * n_across),
+        diameter=1.0,
+        height=1.15 + float(np.clip(2.5 * n_across / n_along, 1.6, 6.0)),
+        title=_write_title(sample),
+        axes=labels,
+        find_lines=partial(_find_lines_of_layer, places[i], places[j], arms, force),
     )
 
 
@@ -371,6 +425,7 @@ def _find_layer_axes(structure: Lattice) -> tuple[Array, Array]:
     vectors = np.eye(3)
     vectors[:p, :p] = structure.vectors
     axes = np.linalg.qr(vectors.T)[0].T
+    # the signs of a QR factorisation are arbitrary: each axis points along its vector
     axes *= np.sign(np.sum(axes * vectors, axis=1))[:, None]
     return vectors, axes
 
@@ -378,16 +433,17 @@ def _find_layer_axes(structure: Lattice) -> tuple[Array, Array]:
 def _choose_in_layer(
     structure: Lattice, normal: Array
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the numbers of the balls of a cell, and of their contacts, in the layer across
-    ``normal`` (p,) through the first ball.
+    """Return the indices of the balls of a cell, and of their contacts, in the layer through the
+    first ball whose normal is ``normal`` (p,).
     """
     table = structure.contacts
     positions = structure.positions
     is_in_layer = np.abs((positions - positions[0]) @ normal) < _LEVEL
     joins_layer = is_in_layer[table.i] & is_in_layer[table.j]
     is_flat = np.abs(table.normal @ normal) < _LEVEL
-    stays_in_cells = np.all(table.shift[:, 2:] == 0, axis=1)
-    return np.flatnonzero(is_in_layer), np.flatnonzero(joins_layer & is_flat & stays_in_cells)
+    stays_in_cells = np.all(table.shift[:, 2:] == 0, axis=1)  # reaches no other cell along a3
+    is_contact_of_layer = joins_layer & is_flat & stays_in_cells
+    return np.flatnonzero(is_in_layer), np.flatnonzero(is_contact_of_layer)
 
 
 def _number_ends(
@@ -397,17 +453,22 @@ def _number_ends(
     shape: tuple[int, int],
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the numbers (m,) of the first and the second ball of each contact in a periodic array
-    of ``shape`` cells, cell by cell, of which these ``balls`` and ``contacts`` are drawn.
+    of ``shape`` (L1, L2) cells, contact by contact in each cell.
+
+    ``balls`` and ``contacts`` are the indices in a cell of those that are drawn; the drawn balls
+    are numbered cell by cell.
     """
     table = structure.contacts
     numbers = np.arange(math.prod(shape) * len(balls)).reshape(*shape, len(balls))
-    shifts = np.pad(table.shift, ((0, 0), (0, max(0, 2 - structure.periods))))
-    i = numbers[..., np.searchsorted(balls, table.i[contacts])]
+    missing_axes = max(0, 2 - structure.periods)  # a chain has no shift along a2
+    shifts = np.pad(table.shift, ((0, 0), (0, missing_axes)))
+    i = numbers[..., np.searchsorted(balls, table.i[contacts])]  # (L1, L2, contacts)
     j = np.empty_like(i)
-    ends = np.searchsorted(balls, table.j[contacts])
-    for n, (ball, contact) in enumerate(zip(ends, contacts, strict=True)):
-        a, b = shifts[contact, :2].tolist()
-        j[..., n] = np.roll(numbers[..., ball], (-a, -b), (0, 1))
+    second_balls = np.searchsorted(balls, table.j[contacts])
+    for n, (ball, contact) in enumerate(zip(second_balls, contacts, strict=True)):
+        cells_along, cells_across = shifts[contact, :2].tolist()
+        # the ball of the cell to which the contact of each cell reaches
+        j[..., n] = np.roll(numbers[..., ball], (-cells_along, -cells_across), (0, 1))
     return i.ravel(), j.ravel()
 
 
@@ -420,32 +481,36 @@ def _find_lines_of_layer(
     ball to ball, each (m, 2). A contact across an edge of the array has a line at each of its two
     balls.
     """
-    starts_from_second = second - arms
+    images_of_first = second - arms  # where the first ball would be beside the second
     is_loaded = forces > 0.0
-    is_across = is_loaded & (np.linalg.norm(starts_from_second - first, axis=1) > 0.5)
-    starts = np.concatenate([first[is_loaded], starts_from_second[is_across]])
+    is_across = is_loaded & (np.linalg.norm(images_of_first - first, axis=1) > 0.5)
+    starts = np.concatenate([first[is_loaded], images_of_first[is_across]])
     arms_of_lines = np.concatenate([arms[is_loaded], arms[is_across]])
     forces_of_lines = np.concatenate([forces[is_loaded], forces[is_across]])
-    return np.stack([starts, starts + arms_of_lines], axis=1), forces_of_lines
+    lines = np.stack([starts, starts + arms_of_lines], axis=1)
+    return lines, forces_of_lines
 
 
 def _sum_forces(
     i: NDArray[np.intp], j: NDArray[np.intp], force: Array, count: int
 ) -> tuple[Array, Array]:
     """Return, for each of ``count`` balls, the sum of the forces of its contacts, and the number of
-    its contacts.
+    its contacts, both (count,).
+
+    ``i`` and ``j`` are the balls of each contact, and ``force`` its force, each (m,).
     """
-    ends = np.concatenate([i, j])
-    sums = np.bincount(ends, np.concatenate([force, force]), count)
-    return np.asarray(sums, float), np.bincount(ends, minlength=count).astype(float)
+    balls = np.concatenate([i, j])
+    sums = np.bincount(balls, np.concatenate([force, force]), count)
+    n_contacts = np.bincount(balls, minlength=count)
+    return np.asarray(sums, float), n_contacts.astype(float)
 
 
 def _project(network: ContactNetwork) -> _Map:
     """Return the balls and contacts of a network, seen along z."""
     sums, counts = _sum_forces(network.i, network.j, network.normal_force, network.n_balls)
-    # balls without the flat walls, the lowest first
-    shown = np.flatnonzero(np.isfinite(network.radii))
-    shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
+    # balls without the flat walls, the lowest first, so that the highest are drawn last
+    balls = np.flatnonzero(np.isfinite(network.radii))
+    shown = balls[np.argsort(network.positions[balls, 2], kind="stable")]
     places = network.positions[shown, :2]
     radii = network.radii[shown]
     low = np.min(places - radii[:, None], axis=0)
@@ -458,36 +523,37 @@ def _project(network: ContactNetwork) -> _Map:
     if network.dimension == 3:
         title += ", seen along $z$"
     return _Map(
-        places,
-        radii,
-        colours,
-        sums[shown],
-        counts[shown],
-        (*(low - margin).tolist(), *(high + margin).tolist()),
-        diameter,
-        1.3 + float(np.clip(2.75 * height / width, 0.35, 6.0)),
-        title,
-        ("$x$", "$y$"),
-        partial(_find_lines_of_network, network),
-        network,
-        kinds,
+        places=places,
+        radii=radii,
+        colours=colours,
+        sums=sums[shown],
+        counts=counts[shown],
+        edges=(*(low - margin).tolist(), *(high + margin).tolist()),
+        diameter=diameter,
+        height=1.3 + float(np.clip(2.75 * height / width, 0.35, 6.0)),
+        title=title,
+        axes=("$x$", "$y$"),
+        find_lines=partial(_find_lines_of_network, network),
+        network=network,
+        kinds=kinds,
     )
 
 
 def _colour_balls(network: ContactNetwork, shown: NDArray[np.intp]) -> tuple[dict[str, str], Any]:
-    """Return the colours of the kinds of balls that move, by name, and the colours of the balls
-    ``shown`` (n,): without kinds, balls of each mass have a tint.
+    """Return the colours of the kinds of balls that move, by name, and the colours (n,) of the
+    balls with the indices ``shown`` (n,): without kinds, balls of each mass have a tint.
     """
-    moves = network.moving[shown]
+    is_moving = network.moving[shown]
     colours = np.full(len(shown), _STILL, dtype=object)
     names = np.array(network.kinds or [""] * network.n_balls, object)
-    kinds = colour_kinds(names[network.moving])
-    if kinds:
-        colours[moves] = [kinds[name] for name in names[shown][moves]]
+    colours_of_kinds = colour_kinds(names[network.moving])
+    if colours_of_kinds:
+        names_of_moving = names[shown][is_moving]
+        colours[is_moving] = [colours_of_kinds[name] for name in names_of_moving]
     else:
-        numbers = number_kinds(network.masses[shown][moves])
-        colours[moves] = [_TINTS[number % len(_TINTS)] for number in numbers]
-    return kinds, colours
+        numbers = number_kinds(network.masses[shown][is_moving])
+        colours[is_moving] = [_TINTS[number % len(_TINTS)] for number in numbers]
+    return colours_of_kinds, colours
 
 
 def _find_lines_of_network(network: ContactNetwork) -> tuple[Array, Array]:
@@ -501,24 +567,31 @@ def _find_lines_of_network(network: ContactNetwork) -> tuple[Array, Array]:
     centres = network.positions
     is_wall = np.isinf(network.radii[j])
     is_cut = np.any(network.shift != 0, axis=1) | is_wall
-    lines = [np.stack([centres[i], centres[j]], axis=1)[~is_cut]]
+    whole_lines = np.stack([centres[i], centres[j]], axis=1)
+    lines = [whole_lines[~is_cut]]
     forces = [network.normal_force[~is_cut]]
+    # the normal of a contact points from its first ball to the second; a wall is always second
     for ball, arm, is_drawn in (
         (i, network.arm_i, is_cut),
         (j, -network.arm_j, is_cut & ~is_wall),
     ):
         touch = centres[ball] + arm[:, None] * network.normal
-        lines.append(np.stack([centres[ball], touch], axis=1)[is_drawn])
+        lines_to_touch = np.stack([centres[ball], touch], axis=1)
+        lines.append(lines_to_touch[is_drawn])
         forces.append(network.normal_force[is_drawn])
     return np.concatenate(lines)[..., :2], np.concatenate(forces)
 
 
 def _write_title(sample: Sample) -> str:
+    """Return the title of a sample: its force, for equal balls in N and else reduced, with the
+    reduced spacing, and its fraction of contacts.
+    """
     state = sample.equilibrium
     contacts = f"$N_c$ = {sample.contact_fraction():.3f}"
     if not sample.packing.width:
         return f"$f$ = {sample.force:.4g} N, {contacts}"
-    return f"$f^*$ = {state.force:.3g}, $a^*$ = {state.overlap + 0.5:.4g}, {contacts}"
+    reduced_spacing = state.overlap + 0.5
+    return f"$f^*$ = {state.force:.3g}, $a^*$ = {reduced_spacing:.4g}, {contacts}"
 
 
 def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
@@ -529,26 +602,29 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     for several loads.
     """
     state.require_single()
-    forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in state.samples]
+    samples = state.samples
+    forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in samples]
     least = min(float(np.min(forces_of_sample)) for forces_of_sample in forces)
     largest = max(float(np.max(forces_of_sample)) for forces_of_sample in forces)
-    fluctuation = float(np.mean([sample.contact_force_fluctuation for sample in state.samples]))
-    width = max(fluctuation / 4.0, 1e-12)
-    bins = int(np.clip((largest - least) / width, 20, 400))
-    margin = (largest - least) / (2.0 * bins)
-    if largest - least < 1e-10:  # the forces differ by rounding only
-        bins = 21
-        margin = 0.05
-    histograms = [
-        sample.force_distribution(bins, largest + margin, max(least - margin, 0.0))
-        for sample in state.samples
-    ]
+    extent = largest - least
+    fluctuation = float(np.mean([sample.contact_force_fluctuation for sample in samples]))
+    width = max(fluctuation / _BINS_PER_FLUCTUATION, _LEAST_BIN)
+    n_bins = int(np.clip(extent / width, _LEAST_BINS, _MOST_BINS))
+    margin = extent / (2.0 * n_bins)  # half a bin
+    if extent < _EQUAL_FORCES:
+        n_bins = _BINS_OF_EQUAL_FORCES
+        margin = _MARGIN_OF_EQUAL_FORCES
+    low = max(least - margin, 0.0)
+    high = largest + margin
+    # all samples have the same bins
+    histograms = [sample.force_distribution(n_bins, high, low) for sample in samples]
     edges = histograms[0][0]
     density = np.mean([density_of_sample for _, density_of_sample in histograms], axis=0)
+    # empty bins at the ends are left out: a log scale has no zero
     first, last = np.flatnonzero(density)[[0, -1]].tolist()
-    ax.stairs(
-        density[first : last + 1], edges[first : last + 2], baseline=None, color=BLUE, gid="density"
-    )
+    shown_density = density[first : last + 1]
+    shown_edges = edges[first : last + 2]
+    ax.stairs(shown_density, shown_edges, baseline=None, color=BLUE, gid="density")
     ax.axvline(1.0, color=GUIDE, linewidth=0.6, zorder=0.5)
     ax.set(yscale="log", xlabel="Contact force over its mean", ylabel="Probability density")
     return ax
@@ -568,26 +644,42 @@ def forces_figure(state: ContactState) -> Figure:
     sample = state.samples[0]
     layer = _find_layer(sample)
     is_large = float(np.max(layer.size)) > _MOST_DIAMETERS
-    with styled_figure(3.1 if is_large else layer.height, PAGE_WIDTH) as figure:
-        *arrays, distribution = figure.subplots(1, 2 + is_large)
+    height = 3.1 if is_large else layer.height
+    n_panels = 3 if is_large else 2
+    with styled_figure(height, PAGE_WIDTH) as figure:
+        *panels, distribution = figure.subplots(1, n_panels)
         if is_large:
-            edges = _choose_window(layer, None)
-            plot_forces(sample, arrays[0], show="density")
-            left, bottom, right, top = edges
-            marked: dict[str, Any] = {
-                "fill": False,
-                "color": VERMILION,
-                "linewidth": 1.0,
-                "gid": "window",
-            }
-            arrays[0].add_patch(Rectangle((left, bottom), right - left, top - bottom, **marked))
-            plot_forces(sample, arrays[1], window=edges)
-            arrays[0].set(title="whole array")
-            arrays[1].set(title="window", ylabel="")
+            whole, part = panels
+            _draw_whole_and_window(sample, whole, part, _choose_window(layer, None))
             figure.suptitle(_write_title(sample), fontsize=STYLE["axes.titlesize"])
-            for spine in arrays[1].spines.values():
-                spine.set(color=VERMILION, linewidth=1.0)
         else:
-            plot_forces(sample, arrays[0], show="all")
+            plot_forces(sample, panels[0], show="all")
         plot_force_distribution(state, distribution)
     return figure
+
+
+def _draw_whole_and_window(
+    sample: Sample, whole: Axes, part: Axes, edges: tuple[float, ...]
+) -> None:
+    """Draw the density of the force in a whole array, with a window marked, on the Axes ``whole``,
+    and the chains in the window on the Axes ``part``.
+
+    ``edges`` are the left, lower, right and upper edge of the window, in diameters.
+    """
+    left, bottom, right, top = edges
+    outline = Rectangle(
+        (left, bottom),
+        right - left,
+        top - bottom,
+        fill=False,
+        color=VERMILION,
+        linewidth=1.0,
+        gid="window",
+    )
+    plot_forces(sample, whole, show="density")
+    whole.add_patch(outline)
+    whole.set(title="whole array")
+    plot_forces(sample, part, window=edges)
+    part.set(title="window", ylabel="")
+    for spine in part.spines.values():
+        spine.set(color=VERMILION, linewidth=1.0)

@@ -47,15 +47,31 @@ _MARK = np.pi / 2.0
 _MOST_BALLS = 500
 #: largest denominator of a fraction in the title, for components of q
 _MOST_DENOMINATOR = 24
+#: numbers of cells that are drawn along the periods of a line and of a plane
+_CELLS = ((8,), (4, 4))
 #: edge of the cube in space whose balls are drawn, in diameters
 _CUBE = 2.4
-#: colour of balls
+#: colours of balls, and of balls that do not move
 _BALL = "0.93"
+_STILL = "0.75"
 #: colours of the sectors of spins, and the white rim of their arcs on balls of any colour
 _LIGHT = {VERMILION: "#F5D6BF", BLUE: "#BFDBEB"}
 _RIM = withStroke(linewidth=2.0, foreground="white")
 #: width of the shaft of an arrow, in diameters
 _SHAFT = 0.055
+#: time that an animation takes for a period, ms
+_PERIOD = 2000
+#: margins around discs and spheres, in diameters
+_MARGIN_OF_DISCS = 0.1
+_MARGIN_OF_SPHERES = 0.05
+#: radius of the arcs of spins, over that of a disc, and over that of a sphere
+_RIM_OF_DISC = 0.72
+_RIM_OF_SPHERE = 1.03
+#: length of the head of the arc of a disc, rad, and at most over the angle of the arc
+_HEAD = 0.47
+_MOST_OF_ARC = 0.8
+#: rounding of places, in diameters
+_ROUNDING = 1e-6
 #: spins and displacements below this part of a diameter are not drawn
 _LEAST = 0.01
 
@@ -83,16 +99,20 @@ class _Motion:
         """
         return View(-75.0, 18.0 if np.ptp(self.places[:, 2]) > 0.5 else 30.0)
 
-    def draw(self, ax: Axes, phase: float, view: View, size: float, moved: bool = False) -> None:
-        """Draw the balls at a phase, as discs or as spheres seen from ``view`` with ``size`` times
-        their radii.
+    def draw(
+        self, ax: Axes, phase: float, view: View, size: float, are_moved: bool = False
+    ) -> None:
+        """Draw the balls at a ``phase``, rad, as discs or as spheres seen from ``view`` with
+        ``size`` times their radii; ``are_moved``: spheres move and turn, and have no arrows.
         """
         shift = (self.shift * np.exp(1j * phase)).real
         turn = (self.turn * np.exp(1j * phase)).real
         if self.planar:
             _draw_plane(ax, self, shift[:, :2], turn[:, 2])
+        elif are_moved:
+            _draw_moved_spheres(ax, view, self, size * self.radii, shift, turn)
         else:
-            _draw_spheres(ax, view, self, size * self.radii, shift, turn, moved)
+            _draw_spheres_with_arrows(ax, view, self, size * self.radii, shift, turn)
         add_title(ax, self.title, self.kinds)
 
 
@@ -160,58 +180,62 @@ def plot_network_mode(
     of a period and flat walls are left out. Of more than 500 balls the 500 with the most kinetic
     energy are drawn, and the title gives their number.
     """
-    mode = whole_number("mode", mode, 0, len(modes.frequencies) - 1)
-    motion = _find_network_motion(modes, mode)
+    number = whole_number("mode", mode, 0, len(modes.frequencies) - 1)
+    motion = _find_network_motion(modes, number)
     motion.draw(ax, phase, view or motion.view, positive("size", size))
     return ax
 
 
 def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
-    """Return one of the modes of a network on the balls that are drawn."""
+    """Return a mode of a network, of the index ``mode``, on the balls that are drawn."""
     network = modes.network
     motions = network.ball_motions
     diameter = network.scales.length
     balls = _choose_balls(modes, mode)
-    motion = modes.vectors[mode][balls] / np.sqrt(network.masses[balls])[:, None]
+    masses = network.masses[balls]
+    # (m, motions) displacements and angles times radii of gyration, in one unit
+    motion = modes.vectors[mode][balls] / np.sqrt(masses)[:, None]
     displacements = np.zeros((balls.size, 3))
     spins = np.zeros((balls.size, 3))  # angles times radii of gyration
     displacements[:, list(motions.translations)] = motion[:, : modes.displacements]
     spins[:, list(motions.rotations)] = motion[:, modes.displacements :]
     scale = _LARGEST / max(_find_amplitude(displacements), _find_amplitude(spins))
-    gyration = np.ones(balls.size)
-    moves = network.moving[balls]
-    inertias = network.inertias[balls][moves]
-    gyration[moves] = np.sqrt(inertias / network.masses[balls][moves]) / diameter
-    kinds, colours = _colour_balls(network)
+    is_moving = network.moving[balls]
+    inertias = network.inertias[balls][is_moving]
+    gyration = np.ones(balls.size)  # of balls that do not move any number will do
+    gyration[is_moving] = np.sqrt(inertias / masses[is_moving]) / diameter
+    colours_of_kinds, colours = _colour_balls(network)
     stays_in_plane = 2 not in motions.translations and set(motions.rotations) <= {2}
     return _Motion(
-        network.positions[balls] / diameter,
-        network.radii[balls] / diameter,
-        _list_pairs(network, balls),
-        scale * displacements,
-        scale * spins / gyration[:, None],
-        gyration,
-        motions.rotate,
-        network.dimension < 3 and stays_in_plane,
-        _write_network_title(modes, mode, balls.size),
-        [colours[ball] for ball in balls.tolist()],
-        kinds,
+        places=network.positions[balls] / diameter,
+        radii=network.radii[balls] / diameter,
+        pairs=_list_pairs(network, balls),
+        shift=scale * displacements,
+        turn=scale * spins / gyration[:, None],
+        gyration=gyration,
+        rotate=motions.rotate,
+        planar=network.dimension < 3 and stays_in_plane,
+        title=_write_network_title(modes, mode, balls.size),
+        colours=[colours[ball] for ball in balls.tolist()],
+        kinds=colours_of_kinds,
     )
 
 
 def _choose_balls(modes: NetworkModes, mode: int) -> NDArray[np.intp]:
-    """Return the numbers (m,) of the balls that are drawn, ascending: those with the most kinetic
+    """Return the indices (m,) of the balls that are drawn, ascending: those with the most kinetic
     energy, without flat walls.
     """
     is_ball = np.isfinite(modes.network.radii)
-    energy = np.where(is_ball, np.sum(modes.vectors[mode] ** 2, axis=1), -1.0)
+    energies = np.sum(modes.vectors[mode] ** 2, axis=1)
+    ranks = np.where(is_ball, energies, -1.0)  # flat walls come last
     n_drawn = min(_MOST_BALLS, np.count_nonzero(is_ball))
-    return np.sort(np.argsort(-energy, kind="stable")[:n_drawn])
+    descending = np.argsort(-ranks, kind="stable")
+    return np.sort(descending[:n_drawn])
 
 
 def _list_pairs(network: ContactNetwork, balls: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the contacts (m_c, 2) between ``balls`` (m,) that are drawn, by their indices among
-    these, without contacts across the edge of a period.
+    """Return the contacts (m_c, 2) between the ``balls`` (m,) that are drawn, by the places of both
+    balls in ``balls``, without contacts across the edge of a period.
     """
     drawn_index = np.full(network.n_balls, -1)
     drawn_index[balls] = np.arange(balls.size)
@@ -224,16 +248,17 @@ def _list_pairs(network: ContactNetwork, balls: NDArray[np.intp]) -> NDArray[np.
 def _colour_balls(network: ContactNetwork) -> tuple[dict[str, str], list[str]]:
     """Return the colours of the kinds of balls that move, by name, and the colour of each ball."""
     names = network.kinds or [""] * network.n_balls
-    kinds = colour_kinds(itertools.compress(names, network.moving))
-    colours = [
-        kinds.get(name, _BALL) if moves else "0.75"
-        for name, moves in zip(names, network.moving, strict=True)
-    ]
-    return kinds, colours
+    colours_of_kinds = colour_kinds(itertools.compress(names, network.moving))
+    colours = []
+    for name, is_moving in zip(names, network.moving, strict=True):
+        colours.append(colours_of_kinds.get(name, _BALL) if is_moving else _STILL)
+    return colours_of_kinds, colours
 
 
 def _write_network_title(modes: NetworkModes, mode: int, n_drawn: int) -> str:
-    """Return the title of a mode of a network of which ``n_drawn`` balls are drawn."""
+    """Return the title of a mode of a network, of the index ``mode``, of which ``n_drawn`` balls
+    are drawn: its frequency, the part of the energy in rotation, and the participation ratio.
+    """
     network = modes.network
     hertz = float(modes.frequencies[mode])
     unit = HertzPrefix.for_top(hertz)
@@ -268,21 +293,24 @@ def animate_mode(
     n_frames = whole_number("frames", frames, 2, 1000)
     ball_size = positive("size", size)
     direction_of_view = view or motion.view
+    # limits of spheres, the same in all pictures
+    centres = direction_of_view.project(motion.places)
+    margin = _LARGEST + ball_size * motion.radii.max() + _MARGIN_OF_SPHERES
+    low = centres.min(axis=0) - margin
+    high = centres.max(axis=0) + margin
     with styled_figure(COLUMN_WIDTH, dpi=150) as figure:
         ax = figure.subplots()
 
     def draw(frame: int) -> None:
+        phase = -2.0 * np.pi * frame / n_frames
         ax.clear()
         with matplotlib.rc_context(STYLE):
-            motion.draw(
-                ax, -2.0 * np.pi * frame / n_frames, direction_of_view, ball_size, moved=True
-            )
-            if not motion.planar:  # all pictures have the same limits
-                centres = direction_of_view.project(motion.places)
-                margin = _LARGEST + ball_size * motion.radii.max() + 0.05
-                hide_axes(ax, centres.min(axis=0) - margin, centres.max(axis=0) + margin)
+            motion.draw(ax, phase, direction_of_view, ball_size, are_moved=True)
+            if not motion.planar:
+                hide_axes(ax, low, high)
 
-    return FuncAnimation(figure, draw, frames=n_frames, interval=2000 // n_frames)
+    milliseconds_per_frame = _PERIOD // n_frames
+    return FuncAnimation(figure, draw, frames=n_frames, interval=milliseconds_per_frame)
 
 
 def _find_motion(
@@ -296,13 +324,14 @@ def _find_motion(
     arguments are those of :func:`plot_mode`.
     """
     modes = phonons.modes([real_array("q", q)], direction)
-    count = modes.frequencies.shape[1]
-    if not 0 <= branch < count:
-        raise InputError(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}")
+    n_branches = modes.frequencies.shape[1]
+    if not 0 <= branch < n_branches:
+        raise InputError(f"there is no branch {branch}", mend=f"Count from 0 to {n_branches - 1}")
     lattice = phonons.lattice
     n_balls = lattice.n_balls
     motions = lattice.motions
     vectors = modes.eigenvectors[0, :, branch].reshape(n_balls, -1)
+    # (n, motions) displacements and angles times radii of gyration of the balls of a cell
     motion = _fix_phase(vectors / np.sqrt(lattice.masses)[:, None])
     displacements = np.zeros((n_balls, 3), complex)
     spins = np.zeros((n_balls, 3), complex)  # angles times radii of gyration
@@ -310,34 +339,39 @@ def _find_motion(
     spins[:, list(motions.rotations)] = motion[:, motions.turning]
     scale = _LARGEST / max(_find_amplitude(displacements), _find_amplitude(spins))
     places, balls, pairs = _place_balls(lattice, cells)
-    q_per_diameter = modes.wavevectors[0] * phonons.scales.length
-    wave = np.exp(1j * (places[:, : lattice.periods] @ q_per_diameter))[:, None]
-    radii = phonons.atoms.arrays.get("radius", np.full(n_balls, 0.5))[balls]
+    q_per_diameter = modes.wavevectors[0] * phonons.scales.length  # rad per diameter
+    phases = places[:, : lattice.periods] @ q_per_diameter  # (m,)
+    wave = np.exp(1j * phases)[:, None]
+    angles = scale * spins / lattice.gyration[:, None]
+    radii = phonons.atoms.arrays.get("radius", np.full(n_balls, 0.5))
     names = phonons.state.kinds or [""] * n_balls
-    kinds = colour_kinds(names)
+    colours_of_kinds = colour_kinds(names)
     stays_in_plane = 2 not in motions.translations and set(motions.rotations) <= {2}
-    is_planar = lattice.periods < 3 and not places[:, 2].any() and stays_in_plane
+    is_flat = lattice.periods < 3 and not places[:, 2].any()
+    fractions = np.asarray(q, float)[: lattice.periods]
     return _Motion(
-        places,
-        radii,
-        pairs,
-        scale * displacements[balls] * wave,
-        (scale * spins / lattice.gyration[:, None])[balls] * wave,
-        lattice.gyration[balls],
-        motions.rotate,
-        is_planar,
-        _write_title(modes, np.asarray(q, float)[: lattice.periods], branch, motions.rotate),
-        [kinds.get(names[ball], _BALL) for ball in balls.tolist()],
-        kinds,
+        places=places,
+        radii=radii[balls],
+        pairs=pairs,
+        shift=scale * displacements[balls] * wave,
+        turn=angles[balls] * wave,
+        gyration=lattice.gyration[balls],
+        rotate=motions.rotate,
+        planar=is_flat and stays_in_plane,
+        title=_write_title(modes, fractions, branch, motions.rotate),
+        colours=[colours_of_kinds.get(names[ball], _BALL) for ball in balls.tolist()],
+        kinds=colours_of_kinds,
     )
 
 
 def _fix_phase(motion: NDArray[Any]) -> NDArray[Any]:
-    """Return a complex motion (n, u) with the phase at which its largest component is real and
-    positive; of components that are equal but for rounding, the first counts as the largest.
+    """Return a complex motion, u components of n balls, (n, u), with the phase at which its largest
+    component is real and positive; of components that are equal but for rounding, the first counts
+    as the largest.
     """
     sizes = np.abs(motion).ravel() / np.abs(motion).max()
-    largest = motion.ravel()[np.argmax(np.round(sizes, 6))]
+    index = np.argmax(np.round(sizes, 6))
+    largest = motion.ravel()[index]
     return np.asarray(motion * (abs(largest) / largest))
 
 
@@ -349,10 +383,12 @@ def _write_title(modes: PhononModes, q: Array, branch: int, rotate: bool) -> str
     unit = HertzPrefix.for_top(hertz)
     frequency = f"{hertz / unit.hertz:.1f} {print_hertz(unit)}"
     # a frequency of zero has rounding errors of this size
-    rounding = modes.frequencies.shape[1] * np.finfo(float).eps * float(modes.frequencies.max())
+    n_branches = modes.frequencies.shape[1]
+    rounding = n_branches * np.finfo(float).eps * float(modes.frequencies.max())
     if hertz <= rounding:
         frequency = "zero frequency"
-    title = f"q = ({', '.join(map(_write_fraction, q.tolist()))})\n{frequency}"
+    fractions = ", ".join(map(_write_fraction, q.tolist()))
+    title = f"q = ({fractions})\n{frequency}"
     if rotate:
         title += f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %"
     return title
@@ -367,22 +403,23 @@ def _write_fraction(x: float) -> str:
 def _place_balls(
     lattice: ContactLattice, cells: tuple[int, ...] | None
 ) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
-    """Return the places (m, 3) of the balls that are drawn, the indices (m,) of these balls in the
-    cell, and the contacts (m_c, 2).
+    """Return the places (m, 3) of the balls that are drawn, in diameters, the indices (m,) of these
+    balls in the cell, and their contacts (m_c, 2), by the places of both balls in the arrays.
     """
     p, d = lattice.cell.shape
     cell = np.zeros((p, 3))
     sites = np.zeros((lattice.n_balls, 3))
     cell[:, :d] = lattice.cell
     sites[:, :d] = lattice.positions
-    in_cube = cells is None and p == 3
-    if in_cube:
+    is_in_cube = cells is None and p == 3
+    if is_in_cube:
         diagonal = _CUBE * np.sqrt(3.0)
-        steps = steps_within(lattice.cell, diagonal + float(np.ptp(sites, axis=0).max()))
+        extent_of_cell = float(np.ptp(sites, axis=0).max())
+        steps = steps_within(lattice.cell, diagonal + extent_of_cell)
     else:
-        numbers: Sequence[int] = ((8,), (4, 4))[p - 1] if cells is None else cells
-        numbers = [whole_number("cells", number, 1, 1000) for number in numbers]
-        steps = np.array(list(np.ndindex(*numbers)))
+        requested: Sequence[int] = _CELLS[p - 1] if cells is None else cells
+        counts = [whole_number("cells", count, 1, 1000) for count in requested]
+        steps = np.array(list(np.ndindex(*counts)))  # (cells, p)
     if steps.shape[1:] != (p,):
         raise InputError(
             f"cells is {cells!r}", f"The lattice has {p} periods", f"Give {p} whole numbers"
@@ -390,9 +427,9 @@ def _place_balls(
     cell_steps = np.repeat(steps, lattice.n_balls, axis=0)  # (m, p), of the cell of each ball
     balls = np.tile(np.arange(lattice.n_balls), len(steps))
     places = cell_steps @ cell + sites[balls]
-    if in_cube:
+    if is_in_cube:
         from_first = places - sites[0]
-        is_inside = np.all((from_first > -1e-6) & (from_first < _CUBE), axis=1)
+        is_inside = np.all((from_first > -_ROUNDING) & (from_first < _CUBE), axis=1)
         cell_steps = cell_steps[is_inside]
         balls = balls[is_inside]
         places = places[is_inside]
@@ -402,31 +439,33 @@ def _place_balls(
 def _find_pairs(
     lattice: ContactLattice, balls: NDArray[np.intp], cell_steps: NDArray[Any]
 ) -> NDArray[np.intp]:
-    """Return the contacts (m_c, 2) of the drawn balls, which have the indices ``balls`` (m,) in
-    their cells, at ``cell_steps`` (m, p) from the first cell.
+    """Return the contacts (m_c, 2) of the drawn balls, by the places of both balls in ``balls``
+    (m,), which holds their indices in the cell; ``cell_steps`` (m, p) are the numbers of cells from
+    the first cell to theirs.
     """
-    drawn_index = {}
-    for index, (ball, step) in enumerate(zip(balls.tolist(), cell_steps.tolist(), strict=True)):
-        drawn_index[ball, tuple(step)] = index
+    drawn_index = {}  # places in the arrays, by index in the cell and steps
+    for index, (ball, steps) in enumerate(zip(balls.tolist(), cell_steps.tolist(), strict=True)):
+        drawn_index[ball, tuple(steps)] = index
     table = lattice.contacts
     pairs = []
     for i, j, shift in zip(table.i.tolist(), table.j.tolist(), table.shift.tolist(), strict=True):
-        for (ball, step), index in drawn_index.items():
+        for (ball, steps), index in drawn_index.items():
             if ball != i:
                 continue
-            neighbour = (j, tuple(x + y for x, y in zip(step, shift, strict=True)))
+            neighbour_steps = tuple(n + m for n, m in zip(steps, shift, strict=True))
+            neighbour = (j, neighbour_steps)
             if neighbour in drawn_index:
                 pairs.append((index, drawn_index[neighbour]))
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 
 def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
-    """Draw discs with displacements (m, 2) and angles (m,): each has a sector, an arc with a head,
-    and a marked diameter.
+    """Draw discs with their displacements ``shift`` (m, 2), in diameters, as arrows; where balls
+    rotate, their ``angles`` (m,), rad, each as a sector, an arc with a head, and a marked diameter.
     """
     centres = motion.places[:, :2]
     radii = motion.radii
-    discs = [Circle((x, y), r) for (x, y), r in zip(centres, radii, strict=True)]
+    discs = [Circle((x, y), radius) for (x, y), radius in zip(centres, radii, strict=True)]
     look: dict[str, Any] = {"facecolor": motion.colours, "edgecolor": "0.45", "linewidth": 0.6}
     ax.add_collection(PatchCollection(discs, **look, zorder=1.0, gid="balls"))
     if motion.rotate:
@@ -450,7 +489,7 @@ def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
     )
     low = (centres - radii[:, None]).min(axis=0)
     high = (centres + radii[:, None]).max(axis=0)
-    hide_axes(ax, low - 0.1, high + 0.1)
+    hide_axes(ax, low - _MARGIN_OF_DISCS, high + _MARGIN_OF_DISCS)
 
 
 def _draw_spins(ax: Axes, centres: Array, radii: Array, angles: Array) -> None:
@@ -463,18 +502,19 @@ def _draw_spins(ax: Axes, centres: Array, radii: Array, angles: Array) -> None:
         unit_vectors = np.stack([np.cos(directions), np.sin(directions)], axis=-1)
         return np.asarray(centres[:, None] + distances[:, None, None] * unit_vectors)
 
-    # anticlockwise, clockwise
-    colours = [VERMILION if angle >= 0.0 else BLUE for angle in angles]
-    rim = 0.72 * radii
-    ends = _MARK + angles[:, None]
-    marks = find_points(radii, ends + np.array([0.0, np.pi]))
-    arcs = find_points(rim, _MARK + angles[:, None] * np.linspace(0.0, 1.0, 33))
+    is_anticlockwise = angles >= 0.0
+    colours = [VERMILION if flag else BLUE for flag in is_anticlockwise]
+    arc_radii = _RIM_OF_DISC * radii
+    ends = _MARK + angles[:, None]  # directions of the marks, rad
+    marks = find_points(radii, ends + np.array([0.0, np.pi]))  # both ends of a diameter
+    arcs = find_points(arc_radii, _MARK + angles[:, None] * np.linspace(0.0, 1.0, 33))
     tips = arcs[:, -1:]
     # a head along the arc, as long as the arc allows
-    head_angles = np.sign(angles) * np.minimum(0.47, 0.8 * np.abs(angles))
-    necks = find_points(rim, ends - head_angles[:, None])
-    wings = 0.5 * (tips - necks) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
-    heads = np.concatenate([tips, necks + wings, necks - wings], axis=1)
+    head_angles = np.sign(angles) * np.minimum(_HEAD, _MOST_OF_ARC * np.abs(angles))
+    necks = find_points(arc_radii, ends - head_angles[:, None])
+    quarter_turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    wings = 0.5 * (tips - necks) @ quarter_turn
+    heads = np.concatenate([tips, necks + wings, necks - wings], axis=1)  # triangles (m, 3, 2)
     sectors = np.concatenate([centres[:, None], arcs], axis=1)
     light: dict[str, Any] = {"facecolors": [_LIGHT[colour] for colour in colours]}
     ax.add_collection(PolyCollection(list(sectors), **light, linewidths=0.0, zorder=1.5))
@@ -484,109 +524,134 @@ def _draw_spins(ax: Axes, centres: Array, radii: Array, angles: Array) -> None:
     ax.add_collection(PolyCollection(list(heads), facecolors=colours, linewidths=0.0, zorder=2.1))
 
 
-def _draw_spheres(
-    ax: Axes,
-    view: View,
-    motion: _Motion,
-    radii: Array,
-    shift: Array,
-    turn: Array,
-    moved: bool = False,
+def _draw_spheres_with_arrows(
+    ax: Axes, view: View, motion: _Motion, radii: Array, shift: Array, turn: Array
 ) -> None:
-    """Draw balls of ``radii`` (n,) as spheres with arrows, or as ``moved`` spheres with three great
-    circles.
+    """Draw balls of ``radii`` (m,) as spheres at rest with arrows.
 
-    A black arrow is the displacement, ``shift`` (n, 3), and a vermilion arrow the rotation,
-    ``turn`` (n, 3), about the arrow. An arrow starts at the surface of its ball; an arrow that
+    A black arrow is the displacement, ``shift`` (m, 3), and a vermilion arrow the rotation,
+    ``turn`` (m, 3), rad, about the arrow. An arrow starts at the surface of its ball; an arrow that
     points away from the viewer starts at the outline of the ball, so that its whole length is seen.
     The arc with a head, on the side of the viewer, is the angle through which the surface turns; to
     a viewer who looks along the arrow the ball turns clockwise.
     """
     painter = Painter(view)
-    centres = motion.places + shift if moved else motion.places
-    for i, j in motion.pairs:  # a line for each contact, from surface to surface
-        bond = centres[j] - centres[i]
-        bond = bond / np.linalg.norm(bond)
-        painter.add_line(
-            np.array([centres[i] + radii[i] * bond, centres[j] - radii[j] * bond]), "0.62", 1.0
-        )
-    turned: list[Any] = [()] * len(centres)
-    if moved:
-        # imported here, because only moved spheres need the package
-        from scipy.spatial.transform import Rotation
+    _add_bonds(painter, motion.pairs, motion.places, radii)
+    spins = motion.gyration[:, None] * turn
+    for ball, centre in enumerate(motion.places):
+        radius = radii[ball]
+        painter.add_sphere(centre, radius, motion.colours[ball])
+        _add_arrow(painter, centre, radius, shift[ball], "black")
+        _add_arrow(painter, centre, radius, spins[ball], VERMILION)
+        if motion.gyration[ball] * np.linalg.norm(turn[ball]) > _LEAST:
+            _add_arc(painter, centre, _RIM_OF_SPHERE * radius, turn[ball])
+    _show_spheres(painter, ax)
 
-        angle = np.linspace(0.0, 2.0 * np.pi, 49)
-        ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
-        rings = np.stack([np.roll(ring, axis, axis=1) for axis in range(3)])
-        turned = [rings @ matrix.T for matrix in Rotation.from_rotvec(turn).as_matrix()]
-    balls = zip(centres, radii, shift, turn, motion.gyration, turned, motion.colours, strict=True)
-    for centre, radius, displacement, phi, gyration, circles, face in balls:
-        painter.add_sphere(centre, radius, face)
-        if moved:
-            _add_circles(painter, centre, radius, circles)
-            continue
-        _add_arrow(painter, centre, radius, displacement, "black")
-        _add_arrow(painter, centre, radius, gyration * phi, VERMILION)
-        if gyration * np.linalg.norm(phi) > _LEAST:
-            _add_arc(painter, centre, 1.03 * radius, phi)
+
+def _draw_moved_spheres(
+    ax: Axes, view: View, motion: _Motion, radii: Array, shift: Array, turn: Array
+) -> None:
+    """Draw balls of ``radii`` (m,) as spheres that are displaced by ``shift`` (m, 3), with three
+    great circles that are turned by ``turn`` (m, 3), rad.
+    """
+    # imported here, because only moved spheres need the package
+    from scipy.spatial.transform import Rotation
+
+    painter = Painter(view)
+    centres = motion.places + shift
+    _add_bonds(painter, motion.pairs, centres, radii)
+    angle = np.linspace(0.0, 2.0 * np.pi, 49)
+    circle = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+    circles = np.stack([np.roll(circle, axis, axis=1) for axis in range(3)])  # (3, points, 3)
+    for ball, matrix in enumerate(Rotation.from_rotvec(turn).as_matrix()):
+        painter.add_sphere(centres[ball], radii[ball], motion.colours[ball])
+        _add_circles(painter, centres[ball], radii[ball], circles @ matrix.T)
+    _show_spheres(painter, ax)
+
+
+def _add_bonds(painter: Painter, pairs: NDArray[np.intp], centres: Array, radii: Array) -> None:
+    """Add a line for each contact, of which ``pairs`` (m_c, 2) are the balls, from surface to
+    surface of spheres with ``centres`` (m, 3) and ``radii`` (m,).
+    """
+    for i, j in pairs:
+        difference = centres[j] - centres[i]
+        direction = difference / np.linalg.norm(difference)
+        start = centres[i] + radii[i] * direction
+        end = centres[j] - radii[j] * direction
+        painter.add_line(np.array([start, end]), "0.62", 1.0)
+
+
+def _show_spheres(painter: Painter, ax: Axes) -> None:
+    """Draw the spheres of a painter, with distant ones fainter, on axes that hold them all."""
     painter.draw(ax, "spheres", fade=0.55)
     low, high = painter.extent
-    hide_axes(ax, low - 0.05, high + 0.05)
+    hide_axes(ax, low - _MARGIN_OF_SPHERES, high + _MARGIN_OF_SPHERES)
 
 
 def _add_arrow(painter: Painter, centre: Array, radius: float, arrow: Array, colour: str) -> None:
-    """Add an ``arrow`` (3,) that starts at the surface of a ball, unless the arrow is too short to
-    be seen; an arrow away from the viewer starts at the outline of the ball.
+    """Add an ``arrow`` (3,) that starts at the surface of a ball with ``centre`` (3,), unless the
+    arrow is too short to be seen; an arrow away from the viewer starts at the outline of the ball.
     """
     if np.linalg.norm(arrow) <= _LEAST:
         return
-    toward = painter.view.axes[2]
-    start = arrow - min(float(arrow @ toward), 0.0) * toward
+    to_viewer = painter.view.axes[2]
+    # of an arrow away from the viewer, the direction on the paper
+    component_away = min(float(arrow @ to_viewer), 0.0)
+    direction = arrow - component_away * to_viewer
     # an arrow along the line of sight has no length on the paper
-    length = float(np.linalg.norm(start)) or 1.0
-    painter.add_arrow(centre + radius / length * start, arrow, colour, _SHAFT)
+    length = float(np.linalg.norm(direction)) or 1.0
+    start = centre + radius / length * direction
+    painter.add_arrow(start, arrow, colour, _SHAFT)
 
 
 def _add_circles(painter: Painter, centre: Array, radius: float, circles: Array) -> None:
-    """Add the visible stretches of the great circles (n, n_points, 3) of a sphere."""
+    """Add the visible stretches of great circles of a sphere with ``centre`` (3,) and ``radius``;
+    ``circles`` (n, points, 3) are those of a sphere of radius one about the origin.
+    """
     view = painter.view
-    depth = float(view.nearness(centre))
+    nearness = float(view.nearness(centre))
     for circle in circles:
-        visible = np.flatnonzero(view.nearness(circle) >= 0.0)
-        for stretch in np.split(visible, np.flatnonzero(np.diff(visible) > 1) + 1):
+        visible = np.flatnonzero(view.nearness(circle) >= 0.0)  # indices of points
+        ends = np.flatnonzero(np.diff(visible) > 1)  # where a stretch ends
+        for stretch in np.split(visible, ends + 1):
             if len(stretch) > 1:
-                painter.add_line(centre + radius * circle[stretch], "0.3", 0.5, nearness=depth)
+                points = centre + radius * circle[stretch]
+                painter.add_line(points, "0.3", 0.5, nearness=nearness)
 
 
 def _add_arc(painter: Painter, centre: Array, radius: float, phi: Array) -> None:
-    """Add the arc through which a point on the viewer's side turns by ``phi`` (3,), rad, with a
-    head.
+    """Add the arc of ``radius``, about a ``centre`` (3,), through which a point on the viewer's
+    side turns by the rotation ``phi`` (3,), rad, with a head.
     """
-    _, upwards, toward = painter.view.axes
+    _, upwards, to_viewer = painter.view.axes
     angle = float(np.linalg.norm(phi))
     axis = phi / angle
-    front = toward - (toward @ axis) * axis
-    if np.linalg.norm(front) < 1e-3:  # the ball turns about the line of sight
-        front = upwards - (upwards @ axis) * axis
-    front = front / np.linalg.norm(front)
+    # the middle of the arc, as near to the viewer as the axis allows
+    across_axis = to_viewer - (to_viewer @ axis) * axis
+    if np.linalg.norm(across_axis) < 1e-3:  # the ball turns about the line of sight
+        across_axis = upwards - (upwards @ axis) * axis
+    front = across_axis / np.linalg.norm(across_axis)
     side = np.cross(axis, front)
     angles = angle * np.linspace(-0.5, 0.5, 25)
     arc = centre + radius * (np.cos(angles)[:, None] * front + np.sin(angles)[:, None] * side)
-    depth = float(painter.view.nearness(centre)) + 1e-3 * radius
+    # a little nearer than the ball, so that the arc is drawn after the ball, and its rim between
+    nearness = float(painter.view.nearness(centre)) + 1e-3 * radius
     # a white rim shows the arc on balls of any colour
-    painter.add_line(arc, "white", 2.6, nearness=depth - 1e-4 * radius)
-    painter.add_line(arc, VERMILION, 1.1, nearness=depth)
+    painter.add_line(arc, "white", 2.6, nearness=nearness - 1e-4 * radius)
+    painter.add_line(arc, VERMILION, 1.1, nearness=nearness)
     tangent = -np.sin(angles[-1]) * front + np.cos(angles[-1]) * side
-    head = 0.5 * radius
-    start = arc[-1] - 0.4 * head * tangent
-    painter.add_arrow(start, head * tangent, VERMILION, 0.25 * head, nearness=depth)
+    length_of_head = 0.5 * radius
+    start = arc[-1] - 0.4 * length_of_head * tangent
+    width = 0.25 * length_of_head
+    painter.add_arrow(start, length_of_head * tangent, VERMILION, width, nearness=nearness)
 
 
 def _find_amplitude(motion: NDArray[Any]) -> float:
-    """Return the largest length of the vectors (n, 3) in a period: the longer half axis of their
-    elliptic paths.
+    """Return the largest length that the complex vectors ``motion`` (n, 3) reach in a period: the
+    longest half axis of their elliptic paths.
     """
-    # of the squares of both half axes
+    # sum and difference of the squares of both half axes of each path
     total = np.sum(np.abs(motion) ** 2, axis=1)
     difference = np.abs(np.sum(motion * motion, axis=1))
-    return float(np.sqrt(0.5 * (total + difference)).max())
+    longer_half_axes = np.sqrt(0.5 * (total + difference))
+    return float(longer_half_axes.max())

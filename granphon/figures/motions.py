@@ -29,6 +29,8 @@ _LEAST = 1e-6
 _RADII = 20.0
 #: layers are apart by more than this part of a radius
 _LAYER = 0.1
+#: an energy below this part of the unit of the axis is not drawn
+_NO_ENERGY = 1e-9
 #: least limit of a scale of colours or of an axis, where nothing moves
 _TINY = 1e-300
 
@@ -49,18 +51,13 @@ def plot_motion(
             f"show is {brief(show)}, axis {brief(axis)}",
             mend="Give velocities or forces, 0, 1 or 2",
         )
-    along = int(np.argmin(network.pbc)) % network.dimension if axis is None else axis
+    # the first axis without a period, or 0 if all have one
+    default_axis = int(np.argmin(network.pbc)) % network.dimension
+    drawn_axis = default_axis if axis is None else axis
+    letter = "xyz"[drawn_axis]
     is_ball = np.isfinite(network.radii)
     radius = float(np.mean(network.radii[is_ball]))
-    # a ball at the edge of a period stays there when its position is rounded
-    offset = _LAYER * radius
-    ball_positions = network.positions[is_ball, along] + offset
-    contact_positions = motion.middles[:, along] + offset
-    length = network.cell[along, along]
-    is_period = network.pbc[along] and abs(length) == np.linalg.norm(network.cell[along])
-    if is_period:
-        ball_positions = np.mod(ball_positions, abs(length))
-        contact_positions = np.mod(contact_positions, abs(length))
+    ball_positions, contact_positions = _find_positions(motion, drawn_axis, radius)
     layers = _find_layers(ball_positions, radius)
     if show == "forces":
         coordinates = contact_positions
@@ -69,73 +66,98 @@ def plot_motion(
         quantity = "Change of force"
     else:
         coordinates = ball_positions
-        values = motion.velocities[:, is_ball, along]
+        values = motion.velocities[:, is_ball, drawn_axis]
         si_unit = "m/s"
-        quantity = f"Velocity along {'xyz'[along]}"
+        quantity = f"Velocity along {letter}"
     positions, means = _average_layers(layers, coordinates, values)
-    most = max(float(np.abs(means).max()), _TINY)
-    scale, unit = prefixed(most, si_unit)
+    greatest = max(float(np.abs(means).max()), _TINY)
+    scale, unit = prefixed(greatest, si_unit)
     seconds, unit_of_time = prefixed(float(motion.times[-1]), "s")
-    metre, unit_of_length = prefixed(_RADII * radius, "m")
-    drawn = ax.pcolormesh(
-        (positions - positions[0]) / metre,
+    metres, unit_of_length = prefixed(_RADII * radius, "m")
+    mesh = ax.pcolormesh(
+        (positions - positions[0]) / metres,
         motion.times / seconds,
         means / scale,
         cmap=MOTION,
         shading="nearest",
         rasterized=True,
-        norm=TwoSlopeNorm(0.0, -most / scale, most / scale),
+        norm=TwoSlopeNorm(0.0, -greatest / scale, greatest / scale),
         gid="motion",
     )
     ax.set(
-        xlabel=f"{'xyz'[along]} ({write_unit(unit_of_length)})",
+        xlabel=f"{letter} ({write_unit(unit_of_length)})",
         ylabel=f"Time ({write_unit(unit_of_time)})",
     )
-    add_bar(ax, drawn, f"{quantity} ({write_unit(unit)})")
+    add_bar(ax, mesh, f"{quantity} ({write_unit(unit)})")
     return ax
+
+
+def _find_positions(motion: Motion, axis: int, radius: float) -> tuple[Array, Array]:
+    """Return the positions (n,) of the balls and (n_c,) of the contacts along an ``axis``, m, in
+    one period; ``radius`` is the mean radius of the balls, m.
+    """
+    network = motion.network
+    # a ball at the edge of a period stays there when its position is rounded
+    offset = _LAYER * radius
+    is_ball = np.isfinite(network.radii)
+    ball_positions = network.positions[is_ball, axis] + offset
+    contact_positions = motion.middles[:, axis] + offset
+    length = abs(network.cell[axis, axis])
+    has_period = network.pbc[axis] and length == np.linalg.norm(network.cell[axis])
+    if has_period:
+        ball_positions = np.mod(ball_positions, length)
+        contact_positions = np.mod(contact_positions, length)
+    return ball_positions, contact_positions
 
 
 def _find_layers(positions: Array, radius: float) -> Array:
     """Return where layers of balls begin, (n_layers,), m, from the ``positions`` (n,) of the balls,
-    m; of balls without layers, slices a ``radius`` wide.
+    m; where balls have no layers, slices a ``radius`` wide.
     """
     distance = _LAYER * radius
     ascending = np.sort(positions)
-    layers = ascending[np.diff(ascending, prepend=-np.inf) > distance] - distance
-    if len(layers) < 3 or 2 * len(layers) < np.ptp(positions) / radius - 2.0:
-        return np.arange(layers[0], positions.max(), radius)
-    return np.asarray(layers)
+    is_first = np.diff(ascending, prepend=-np.inf) > distance  # of a layer
+    starts = ascending[is_first] - distance
+    # layers are apart by up to two radii; disordered balls run into few wide layers
+    n_radii = np.ptp(positions) / radius
+    has_layers = len(starts) >= 3 and 2 * len(starts) >= n_radii - 2.0
+    if not has_layers:
+        return np.arange(starts[0], positions.max(), radius)
+    return np.asarray(starts)
 
 
 def _average_layers(layers: Array, coordinates: Array, values: Array) -> tuple[Array, Array]:
-    """Return the means over each of the ``layers``, which begin at (n_layers,), m, of the
-    ``coordinates`` (n,), m, and of the ``values`` (n_times, n); layers without a value are left
-    out.
+    """Return the means (m,) of the ``coordinates`` (n,), m, and (n_times, m) of the ``values``
+    (n_times, n) over m of the ``layers``, which begin at (n_layers,), m; layers without a value are
+    left out.
     """
-    number = np.maximum(np.searchsorted(layers, coordinates, side="right") - 1, 0)
-    order = np.argsort(number, kind="stable")
-    starts = np.flatnonzero(np.diff(number[order], prepend=-1))
+    numbers = np.maximum(np.searchsorted(layers, coordinates, side="right") - 1, 0)
+    order = np.argsort(numbers, kind="stable")
+    starts = np.flatnonzero(np.diff(numbers[order], prepend=-1))
     counts = np.diff(starts, append=len(order))
-    means = np.add.reduceat(values[:, order], starts, axis=1) / counts
-    return np.add.reduceat(coordinates[order], starts) / counts, means
+    mean_coordinates = np.add.reduceat(coordinates[order], starts) / counts
+    mean_values = np.add.reduceat(values[:, order], starts, axis=1) / counts
+    return mean_coordinates, mean_values
 
 
 def plot_energies(motion: Motion, ax: Axes) -> Axes:
     """Draw kinetic energies of translation and rotation, the energy of contacts, and the lost
     energy over time.
     """
-    scale, unit = prefixed(max(float((motion.energy + motion.lost).max()), _TINY), "J")
-    seconds, time = prefixed(float(motion.times[-1]), "s")
+    greatest = max(float((motion.energy + motion.lost).max()), _TINY)
+    scale, unit = prefixed(greatest, "J")
+    seconds, unit_of_time = prefixed(float(motion.times[-1]), "s")
     for label, values, colour in (
         ("translation", motion.translation, COLOURS[0]),
         ("rotation", motion.rotation, COLOURS[1]),
         ("contacts", motion.stored, COLOURS[2]),
         ("lost", motion.lost, "0.4"),
     ):
-        if label in ("translation", "contacts") or np.any(values > 1e-9 * scale):
+        is_always_drawn = label in ("translation", "contacts")
+        if is_always_drawn or np.any(values > _NO_ENERGY * scale):
             ax.plot(motion.times / seconds, values / scale, color=colour, label=label)
     ax.set(
-        xlabel=f"Time ({write_unit(time)})",
+        xlabel=f"Time ({write_unit(unit_of_time)})",
         ylabel=f"Energy ({write_unit(unit)})",
         ylim=(0.0, None),
         xlim=(0.0, None),
@@ -154,22 +176,25 @@ def plot_snapshot(motion: Motion, ax: Axes, frame: int = -1, *, most: float | No
         raise InputError(
             f"the motion has no frame {frame}", mend=f"Give 0 to {len(motion.times) - 1}"
         )
-    most = float(np.linalg.norm(motion.velocities[frame], axis=1).max()) if most is None else most
-    drawn, label = _draw_speeds(motion, ax, frame, max(most, _TINY))
-    add_bar(ax, drawn, label)
+    greatest = float(np.linalg.norm(motion.velocities[frame], axis=1).max())
+    limit = greatest if most is None else most
+    balls, label = _draw_speeds(motion, ax, frame, max(limit, _TINY))
+    add_bar(ax, balls, label)
     return ax
 
 
-def _draw_speeds(motion: Motion, ax: Axes, frame: int, most: float) -> tuple[Any, str]:
-    """Draw the balls at a frame; return the drawn balls and the label of their colour bar."""
-    scale, unit = prefixed(most, "m/s")
-    seconds, time = prefixed(float(motion.times[-1]), "s")
+def _draw_speeds(motion: Motion, ax: Axes, frame: int, limit: float) -> tuple[Any, str]:
+    """Draw the balls at a frame, coloured by their speed, with the darkest colour at the ``limit``,
+    m/s; return the drawn balls and the label of their colour bar.
+    """
+    scale, unit = prefixed(limit, "m/s")
+    seconds, unit_of_time = prefixed(float(motion.times[-1]), "s")
     speeds = np.linalg.norm(motion.velocities[frame], axis=1) / scale
-    drawn = draw_balls(motion.network, speeds, ax, "magma_r", Normalize(0.0, most / scale))
-    if np.any(scale * speeds > most):  # faster balls have the darkest colour too
-        drawn.cmap.colorbar_extend = "max"  # type: ignore[assignment]  # the stubs know truth values only
-    ax.set_title(f"{motion.times[frame] / seconds:.3g} {write_unit(time)}")
-    return drawn, f"Speed ({write_unit(unit)})"
+    balls = draw_balls(motion.network, speeds, ax, "magma_r", Normalize(0.0, limit / scale))
+    if np.any(scale * speeds > limit):  # faster balls have the darkest colour too
+        balls.cmap.colorbar_extend = "max"  # type: ignore[assignment]  # the stubs know truth values only
+    ax.set_title(f"{motion.times[frame] / seconds:.3g} {write_unit(unit_of_time)}")
+    return balls, f"Speed ({write_unit(unit)})"
 
 
 def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) -> Axes:
@@ -177,22 +202,20 @@ def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) ->
     scale.
     """
     frequencies, amplitudes = motion.spectrum(ball, axis)
-    most = max(float(amplitudes.max()), _TINY)
-    top = float(frequencies[amplitudes > _LEAST * most][-1])
+    greatest = max(float(amplitudes.max()), _TINY)
+    top = float(frequencies[amplitudes > _LEAST * greatest][-1])
     prefix = HertzPrefix.for_top(top)
-    scale, unit = prefixed(most, "m")
-    ax.plot(
-        frequencies / prefix.hertz,
-        np.maximum(amplitudes, 1e-3 * _LEAST * most) / scale,
-        color=BLUE,
-        linewidth=0.9,
-    )
+    scale, unit = prefixed(greatest, "m")
+    # a logarithmic axis has no zero: smaller amplitudes are drawn far below the axes
+    shown = np.maximum(amplitudes, 1e-3 * _LEAST * greatest)
+    ax.plot(frequencies / prefix.hertz, shown / scale, color=BLUE, linewidth=0.9)
     ax.set(
         xlabel=f"Frequency ({print_hertz(prefix)})",
         ylabel=f"Displacement of ball {ball} ({write_unit(unit)})",
         yscale="log",
     )
-    ax.set(xlim=(0.0, top / prefix.hertz), ylim=(_LEAST * most / scale, 3.0 * most / scale))
+    ax.set_xlim(0.0, top / prefix.hertz)
+    ax.set_ylim(_LEAST * greatest / scale, 3.0 * greatest / scale)
     return ax
 
 
@@ -204,16 +227,18 @@ def plot_harmonics(
 
     Options are those of :meth:`granphon.Motion.harmonics`.
     """
-    amplitudes = np.abs(motion.harmonics(frequency, count, axis, periods))
-    places = motion.network.positions[:, axis]
-    metre, length = prefixed(_RADII * float(np.median(motion.network.radii)), "m")
+    amplitudes = np.abs(motion.harmonics(frequency, count, axis, periods))  # (count, n), m
+    positions = motion.network.positions[:, axis]
+    median_radius = float(np.median(motion.network.radii))
+    metres, unit_of_length = prefixed(_RADII * median_radius, "m")
     scale, unit = prefixed(float(amplitudes.max()), "m")
-    order = np.argsort(places, kind="stable")
-    for number, (values, colour) in enumerate(zip(amplitudes, COLOURS, strict=False), 1):
+    order = np.argsort(positions, kind="stable")
+    distances = (positions - positions.min())[order]
+    for number, (amplitude, colour) in enumerate(zip(amplitudes, COLOURS, strict=False), 1):
         label = f"{number} f" if number > 1 else "f"
         ax.plot(
-            (places - places.min())[order] / metre,
-            values[order] / scale,
+            distances / metres,
+            amplitude[order] / scale,
             ".-",
             color=colour,
             ms=2.5,
@@ -221,7 +246,7 @@ def plot_harmonics(
             label=label,
         )
     ax.set(
-        xlabel=f"{'xyz'[axis]} ({write_unit(length)})",
+        xlabel=f"{'xyz'[axis]} ({write_unit(unit_of_length)})",
         ylabel=f"Displacement ({write_unit(unit)})",
         yscale="log",
         xlim=(0.0, None),
@@ -236,24 +261,27 @@ def motion_figure(motion: Motion, *, show: Show | None = None, axis: int | None 
     Of a chain, and with ``show``, the motion is a map over position and time, see
     :func:`plot_motion`; of any other array the balls are drawn at three times.
     """
-    if motion.network.dimension == 1 or show is not None:
+    is_map = motion.network.dimension == 1 or show is not None
+    if is_map:
         with styled_figure(2.7, PAGE_WIDTH) as figure:
             left, right = figure.subplots(1, 2, width_ratios=[1.35, 1.0])
             plot_motion(motion, left, show=show or "velocities", axis=axis)
             plot_energies(motion, right)
         return figure
-    speeds = np.linalg.norm(motion.velocities, axis=2).max(axis=1)
-    frames = pick_evenly(len(motion.times), 4)[1:]
+    greatest_speeds = np.linalg.norm(motion.velocities, axis=2).max(axis=1)  # of each frame
+    frames = pick_evenly(len(motion.times), 4)[1:]  # the first frame shows little motion
     # balls of more than half of the greatest speed have the darkest colour
-    most = max(0.5 * float(speeds[frames].max()), _TINY)
+    limit = max(0.5 * float(greatest_speeds[frames].max()), _TINY)
+    widths = [1.0] * len(frames) + [1.25]
     with styled_figure(2.3, PAGE_WIDTH) as figure:
-        *shots, energies = figure.subplots(
-            1, len(frames) + 1, width_ratios=[1.0] * len(frames) + [1.25]
+        *snapshots, energies = figure.subplots(1, len(widths), width_ratios=widths)
+        for ax, frame in zip(snapshots, frames, strict=True):
+            balls, label = _draw_speeds(motion, ax, frame, limit)
+            ax.set_ylabel("y (mm)" if ax is snapshots[0] else "")
+        # all snapshots have the same colours
+        figure.colorbar(
+            balls, ax=snapshots, location="bottom", aspect=50, extend="max", label=label
         )
-        for ax, frame in zip(shots, frames, strict=True):
-            drawn, label = _draw_speeds(motion, ax, frame, most)
-            ax.set_ylabel("y (mm)" if ax is shots[0] else "")
-        figure.colorbar(drawn, ax=shots, location="bottom", aspect=50, extend="max", label=label)
         plot_energies(motion, energies)
     return figure
 
@@ -266,24 +294,24 @@ def motions_figure(dataset: Dataset) -> Figure:
     :class:`~granphon.base.errors.InputError` for a data set without motions.
     """
     states, handles = choose_states(dataset, "motion_force", "motions")
-    seconds, time = prefixed(float(dataset["motion_time"].values[-1]), "s")
+    times = dataset["motion_time"].values  # s
+    seconds, unit_of_time = prefixed(float(times[-1]), "s")
     with styled_figure(3.6) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.3, 1.0])
-        for ax, names, label, unit in (
+        for ax, variables, label, si_unit in (
             (above, ("motion_force",), "Greatest force", "N"),
             (below, ("motion_translation", "motion_rotation"), "Kinetic energy", "J"),
         ):
-            lines = [(colour, sum(take(name) for name in names)) for colour, take in states]
-            scale, name = prefixed(max(float(np.max(values)) for _, values in lines), unit)
+            lines = []
+            for colour, select in states:
+                total = sum(select(variable) for variable in variables)
+                lines.append((colour, total))
+            greatest = max(float(np.max(values)) for _, values in lines)
+            scale, unit = prefixed(greatest, si_unit)
             for colour, values in lines:
-                ax.plot(
-                    dataset["motion_time"].values / seconds,
-                    values / scale,
-                    color=colour,
-                    linewidth=1.0,
-                )
-            ax.set(ylabel=f"{label} ({write_unit(name)})", ylim=(0.0, None))
-        below.set(xlabel=f"Time ({write_unit(time)})", xlim=(0.0, None))
+                ax.plot(times / seconds, values / scale, color=colour, linewidth=1.0)
+            ax.set(ylabel=f"{label} ({write_unit(unit)})", ylim=(0.0, None))
+        below.set(xlabel=f"Time ({write_unit(unit_of_time)})", xlim=(0.0, None))
         if len(handles) > 1:
             add_legend(figure, handles, room=1)
     return figure

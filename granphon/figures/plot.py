@@ -95,15 +95,17 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     Raises :class:`~granphon.base.errors.InputError` for any other object, and for an option that
     the function does not have.
     """
-    kinds = [
-        f"{kind.__module__.partition('.')[0]}.{kind.__name__}" for kind in type(result).__mro__
-    ]
+    # package and name of the class and of its bases
+    classes = []
+    for kind in type(result).__mro__:
+        package = kind.__module__.partition(".")[0]
+        classes.append(f"{package}.{kind.__name__}")
     # a data set is a mapping too, of variables
-    several = isinstance(result, Mapping | list | tuple) and "xarray.Dataset" not in kinds
-    if several or axes is not None:
+    are_several = isinstance(result, Mapping | list | tuple) and "xarray.Dataset" not in classes
+    if are_several or axes is not None:
         from granphon.figures.curves import comparison_figure, plot_together
 
-        results = result if several else [result]
+        results = result if are_several else [result]
         _require_options(plot_together, "plot_together", {"results": None, "ax": None}, options)
         if axes is None:
             return _show(comparison_figure(results, **options))
@@ -111,17 +113,18 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
         return figure  # type: ignore[no-any-return]
     dataset = find_dataset(result)
     if dataset is not None:
-        picture, arguments = _choose_of_dataset(result, dataset)
+        drawing, arguments = _choose_of_dataset(result, dataset)
     else:
-        picture, arguments = _choose_of_object(result, kinds)
-    draw = picture.load()
-    _require_options(draw, picture.function, arguments | {"ax": None}, options)
-    if picture.height:
+        drawing, arguments = _choose_of_object(result, classes)
+    draw = drawing.load()
+    _require_options(draw, drawing.function, arguments | {"ax": None}, options)
+    if drawing.height:
         from granphon.figures.scales import draw_alone
 
-        return _show(draw_alone(lambda ax: draw(**arguments, ax=ax, **options), picture.height))
-    drawn = draw(**arguments, **options)
-    return _show(drawn.get_figure() if "ax" in signature(draw).parameters else drawn)
+        return _show(draw_alone(lambda ax: draw(**arguments, ax=ax, **options), drawing.height))
+    figure_or_axes = draw(**arguments, **options)
+    makes_axes = "ax" in signature(draw).parameters
+    return _show(figure_or_axes.get_figure() if makes_axes else figure_or_axes)
 
 
 def draw_states(dataset: Any, block: str) -> Figure:
@@ -130,34 +133,39 @@ def draw_states(dataset: Any, block: str) -> Figure:
     return figure
 
 
-def _choose_of_object(result: Any, kinds: list[str]) -> tuple[_Drawing, dict[str, Any]]:
-    """Return the picture of an object without a data set, and the arguments of its function.
+def _choose_of_object(result: Any, classes: list[str]) -> tuple[_Drawing, dict[str, Any]]:
+    """Return the drawing of an object without a data set, and the arguments of its function.
 
-    Without a picture for a class in ``kinds``, the picture is that of the object's network, or of
-    some cells of a small network. InputError if there is no network.
+    ``classes`` are the names of the object's class and of its bases. If none of these has a
+    drawing, the drawing is that of the object's network, or of some cells of a small network.
+    InputError if there is no network.
     """
-    name = next((kind for kind in kinds if kind in _PICTURES), None)
-    if name is not None and kinds[0] != "xarray.Dataset":
-        return _PICTURES[name], {_PICTURES[name].keyword: result}
+    known_classes = [name for name in classes if name in _PICTURES]
+    is_dataset = classes[0] == "xarray.Dataset"
+    if known_classes and not is_dataset:
+        drawing = _PICTURES[known_classes[0]]
+        return drawing, {drawing.keyword: result}
     network = getattr(result, "network", None)
-    if name is None and isinstance(network, ContactNetwork):
+    if not known_classes and isinstance(network, ContactNetwork):
         periods = sum(network.pbc)
-        if periods > 0 and network.n_balls <= _MOST_BALLS:
-            network = network.repeat((_CELLS[periods - 1],) * periods)
+        is_small = network.n_balls <= _MOST_BALLS
+        if periods > 0 and is_small:
+            n_cells = _CELLS[periods - 1]
+            network = network.repeat((n_cells,) * periods)
         return _PICTURES["granphon.ContactNetwork"], {"sample": network}
     refuse_unpressed(result)
-    words = (
+    drawable = (
         "bands (complex ones too), a transmission, a density of states, a sweep, a fit, a"
         " trade-off, spectra (of an edge too), a pulse, a response, a motion, modes, a state, a"
         " sample, a network, or the result of a run of a scene with bands, a density of states or"
         " a sweep"
     )
-    raise InputError(f"{brief(result)} has no default picture", mend=f"Give {words}")
+    raise InputError(f"{brief(result)} has no default picture", mend=f"Give {drawable}")
 
 
 def _choose_of_dataset(result: Any, dataset: Any) -> tuple[_Drawing, dict[str, Any]]:
-    """Return the picture of a data set, or of the spectra of a scene's ``result`` that has the data
-    set, and the arguments of its function.
+    """Return the drawing of a data set, or of the spectra of a scene's ``result`` that has the data
+    set, and the arguments of its function. InputError for a data set without an axis of loads.
     """
     if "load" not in dataset.dims:
         raise InputError(
@@ -175,13 +183,14 @@ def _choose_of_dataset(result: Any, dataset: Any) -> tuple[_Drawing, dict[str, A
         motion = getattr(getattr(result, "waves", None), "motion", None)
         if motion is not None:
             return _PICTURES["granphon.Motion"], {"motion": motion}
-    picture = _PICTURES["xarray.Dataset"]
-    if dataset["valid"].size == 1:  # a single state has no curves over the load
-        marks = {"response_phase": "response", "motion_force": "motion"}
-        blocks = [block for mark, block in marks.items() if mark in dataset]
-        if blocks:
-            picture = _OF_STATES[blocks[0]]
-    return picture, {"dataset": dataset}
+    drawing = _PICTURES["xarray.Dataset"]
+    is_single_state = dataset["valid"].size == 1
+    if is_single_state:  # which has no curves over the load
+        if "response_phase" in dataset:
+            drawing = _OF_STATES["response"]
+        elif "motion_force" in dataset:
+            drawing = _OF_STATES["motion"]
+    return drawing, {"dataset": dataset}
 
 
 def _show(figure: Any) -> Figure:
@@ -195,7 +204,9 @@ def _show(figure: Any) -> Figure:
 def _require_options(
     draw: Callable[..., Any], name: str, arguments: dict[str, Any], options: dict[str, Any]
 ) -> None:
-    """Raise InputError for options that a function does not have besides its ``arguments``."""
+    """Raise InputError, which calls the function ``draw`` by its ``name``, for ``options`` that the
+    function does not have besides its ``arguments``.
+    """
     allowed = [option for option in signature(draw).parameters if option not in arguments]
     unknown = [option for option in options if option not in allowed]
     if unknown:

@@ -8,6 +8,7 @@ installed, and :class:`~granphon.base.errors.FigureError` if its settings cannot
 from __future__ import annotations
 
 import logging
+import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -39,15 +40,22 @@ if TYPE_CHECKING:
     from granphon.networks.network import ContactNetwork
 
 
+#: greatest number of records of the log of an import
+_MOST_RECORDS = 1000
+
+
 @contextmanager
 def _open_door() -> Iterator[None]:
     """Import matplotlib in the block even if MPLBACKEND names a backend that does not exist,
     because saving a figure needs no backend.
+
+    Raises :class:`~granphon.base.errors.FigureError`, with what matplotlib has logged, if the
+    import fails, and :class:`~granphon.base.errors.MissingPackageError` without matplotlib.
     """
     is_first_import = "matplotlib" not in sys.modules
     backend = os.environ.pop("MPLBACKEND", None)
     log = logging.getLogger("matplotlib")
-    log_of_import = BufferingHandler(1000)
+    log_of_import = BufferingHandler(_MOST_RECORDS)
     log.addHandler(log_of_import)
     try:
         with needing("A figure"):
@@ -55,11 +63,10 @@ def _open_door() -> Iterator[None]:
     except (MemoryError, MissingPackageError):
         raise
     except Exception as error:
-        # an error of the file system, a text that is not UTF-8, or an error from the settings; the
-        # log names the file at fault
-        records = log_of_import.buffer
-        log_of_import.buffer = []
-        why = " ".join(record.getMessage() for record in records)
+        # the settings raise errors of many kinds: of the file system, of texts that are not UTF-8;
+        # the log names the file at fault
+        why = " ".join(record.getMessage() for record in log_of_import.buffer)
+        log_of_import.buffer = []  # told here, and not logged again below
         mend = "Look at its settings (matplotlibrc, MATPLOTLIBRC) and how it is installed"
         raise FigureError(
             f"matplotlib cannot be imported: {shorten_error(error)}", why, mend
@@ -71,8 +78,8 @@ def _open_door() -> Iterator[None]:
         if backend is not None:
             os.environ["MPLBACKEND"] = backend
     if is_first_import and backend:
+        # the import of matplotlib would have set the backend too, but fails on an unknown name
         with suppress(ValueError):
-            # the import of matplotlib sets the backend too, but fails on an unknown name
             matplotlib.rcParams["backend"] = backend
 
 
@@ -107,10 +114,15 @@ _LEAST = 1e-150
 _LARGEST = 1e150
 #: greatest number of letters of a label in a legend of this number of columns
 _LETTERS_OF_COLUMNS = {3: 9, 2: 24}
+#: values of an axis, or ticks and their limits, that differ by less than this part are equal
+_ROUNDING = 1e-9
+#: size of a figure in a notebook, pixels per inch
+_PIXELS_PER_INCH = 120
 #: least number of plain ticks of a logarithmic axis
 _LEAST_TICKS = 4
 #: height of a row of a legend, in inches
 ROW_HEIGHT = 0.16
+_MM_PER_M = 1e3
 
 
 def find_axis(ax: Axes, which: str) -> Axis:
@@ -120,7 +132,7 @@ def find_axis(ax: Axes, which: str) -> Axis:
 
 
 def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
-    """Make the ``which`` axis, "x" or "y", logarithmic if all values are above zero.
+    """Make the ``which`` axis, "x" or "y", logarithmic if all finite ``values`` are above zero.
 
     Its ticks are plain numbers if the ratio of the largest value to the smallest is below
     ``plain``.
@@ -128,16 +140,17 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
     Raises :class:`~granphon.base.errors.InputError` for values that no logarithmic axis reaches.
     """
     finite = values[np.isfinite(values)]
-    if finite.min() <= 0.0:
+    least = finite.min()
+    largest = finite.max()
+    if least <= 0.0:
         return
-    if finite.min() < _LEAST or finite.max() > _LARGEST:
-        problem = f"the {which} axis cannot reach from {finite.min():.4g} to {finite.max():.4g}"
+    if least < _LEAST or largest > _LARGEST:
+        problem = f"the {which} axis cannot reach from {least:.4g} to {largest:.4g}"
         why = f"An axis goes from {_LEAST:g} to {_LARGEST:g} at most"
         raise InputError(problem, why, "Look at the units of the data, and leave out what is wrong")
     ax.set(**{f"{which}scale": "log"})
     axis = find_axis(ax, which)
-    span = finite.max() / finite.min()
-    if span < plain:
+    if largest / least < plain:
         axis.set_major_locator(_PlainTicks())
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.set_minor_locator(_PlainTicks(minor=True))
@@ -151,10 +164,13 @@ def widen_axis(ax: Axes, which: str, values: Array) -> None:
     The ticks of an axis as narrow as rounding would have no meaning.
     """
     least = float(values.min())
-    most = float(values.max())
-    if most < least * (1.0 + 1e-9):
+    largest = float(values.max())
+    differ_by_rounding = largest < least * (1.0 + _ROUNDING)
+    if differ_by_rounding:
         low, high = find_axis(ax, which).get_view_interval()
-        ax.set(**{f"{which}lim": (min(low, 0.95 * least), max(high, 1.05 * most))})
+        wide_low = min(low, 0.95 * least)
+        wide_high = max(high, 1.05 * largest)
+        ax.set(**{f"{which}lim": (wide_low, wide_high)})
 
 
 def name_axis(
@@ -167,20 +183,26 @@ def name_axis(
     wherever the prefix makes numbers shorter. ``more`` follows the unit. The data of the axis stay
     in SI: only the texts at the ticks are divided.
     """
-    divided = unit in ("m", "N", "N/m", "Pa") and (short or not 1e-2 <= most < 1e5)
-    size, name = prefixed(most, unit) if divided else (1.0, unit)
-    name = name.replace("u", "µ")
-    axis.set_label_text((label if name in ("", "1") else f"{label} ({name})") + more)
-    if size == 1.0 and not short:
+    takes_prefix = unit in ("m", "N", "N/m", "Pa")
+    is_handy = 1e-2 <= most < 1e5  # in the unit itself
+    size_of_unit = 1.0
+    name_of_unit = unit
+    if takes_prefix and (short or not is_handy):
+        size_of_unit, name_of_unit = prefixed(most, unit)
+    ending = "" if name_of_unit in ("", "1") else f" ({name_of_unit.replace('u', 'µ')})"
+    axis.set_label_text(f"{label}{ending}{more}")
+    if size_of_unit == 1.0 and not short:
         return
-    if axis.get_scale() == "log" and not isinstance(axis.get_major_locator(), _PlainTicks):
-        axis.set_major_formatter(
-            lambda value, _: f"$\\mathdefault{{10^{{{round(np.log10(value / size))}}}}}$"
-        )
-    else:
-        axis.set_major_formatter(
-            lambda value, _: f"{value / size:.10g}".replace("-", "\N{MINUS SIGN}")
-        )
+
+    def write_power(value: float, _: float) -> str:
+        power = round(np.log10(value / size_of_unit))
+        return f"$\\mathdefault{{10^{{{power}}}}}$"
+
+    def write_number(value: float, _: float) -> str:
+        return f"{value / size_of_unit:.10g}".replace("-", "\N{MINUS SIGN}")
+
+    has_powers = axis.get_scale() == "log" and not isinstance(axis.get_major_locator(), _PlainTicks)
+    axis.set_major_formatter(write_power if has_powers else write_number)
 
 
 class Picture(Figure):
@@ -189,11 +211,17 @@ class Picture(Figure):
     """
 
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+        """Return the bytes of a PNG, and the size, pixels, at which a notebook shows the PNG: its
+        resolution is finer.
+        """
         stream = BytesIO()
         self.savefig(stream, format="png")
-        # size on a screen of 120 pixels for an inch; the PNG has the resolution of the figure
-        width, height = (round(120 * inches) for inches in self.get_size_inches().tolist())
-        return stream.getvalue(), {"width": width, "height": height}
+        width, height = self.get_size_inches().tolist()
+        size = {
+            "width": round(_PIXELS_PER_INCH * width),
+            "height": round(_PIXELS_PER_INCH * height),
+        }
+        return stream.getvalue(), size
 
 
 @contextmanager
@@ -221,10 +249,10 @@ def add_bar(ax: Axes, drawn: Any, label: str) -> Any:
 
 
 def add_part_bar(ax: Axes, colours: Colormap, label: str) -> None:
-    """Draw above an Axes the colour bar of a part, which goes from 0 to 1."""
-    add_bar(ax, ScalarMappable(Normalize(0.0, 1.0), colours), label).set_ticks(
-        [0.0, 0.5, 1.0], labels=["0", "0.5", "1"]
-    )
+    """Draw above an Axes the bar of ``colours`` that stand for a part, which goes from 0 to 1."""
+    mappable = ScalarMappable(Normalize(0.0, 1.0), colours)
+    bar = add_bar(ax, mappable, label)
+    bar.set_ticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
 
 
 def draw_densities(
@@ -236,41 +264,44 @@ def draw_densities(
     if unknown. The axis ends a little above the highest frequency at which a density is
     above the part ``least`` of its greatest value.
     """
-    drawn = list(curves)
-    top = max(
-        float(f[np.flatnonzero(density > least * density.max())[-1]])
-        for _, _, f, density, _ in drawn
-    )
+    listed = list(curves)
+    tops = []  # the highest frequency of each curve with a density
+    for _, _, frequencies, densities, _ in listed:
+        is_seen = densities > least * densities.max()
+        last = np.flatnonzero(is_seen)[-1]
+        tops.append(float(frequencies[last]))
+    top = max(tops)
     unit = HertzPrefix.for_top(top)
-    for colour, label, f, density, error in drawn:
-        x = f / unit.hertz
-        y = density * unit.hertz
-        off = np.nan_to_num(error) * unit.hertz
-        ax.fill_between(x, y - off, y + off, color=colour, alpha=0.3, linewidth=0.0)
+    for colour, label, frequencies, densities, errors in listed:
+        x = frequencies / unit.hertz
+        y = densities * unit.hertz
+        half_width = np.nan_to_num(errors) * unit.hertz
+        ax.fill_between(x, y - half_width, y + half_width, color=colour, alpha=0.3, linewidth=0.0)
         ax.plot(x, y, color=colour, linewidth=0.9, label=label)
-    name = print_hertz(unit)
-    ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})")
+    unit_name = print_hertz(unit)
+    ax.set(xlabel=f"Frequency ({unit_name})", ylabel=f"DOS per ball (1/{unit_name})")
     ax.set(xlim=(0.0, 1.03 * top / unit.hertz), ylim=(0.0, None))
 
 
 def draw_balls(
     network: ContactNetwork, values: Array, ax: Axes, colours: object, norm: Normalize
 ) -> EllipseCollection:
-    """Draw the balls of a network, seen along z, in the colours of their values (n,); axes are in
-    mm.
+    """Draw the balls of a network, seen along z, in the ``colours`` of their ``values`` (n,), one
+    for each ball and wall; axes are in mm. Return the drawn balls.
     """
-    shown = np.flatnonzero(np.isfinite(network.radii))
+    shown = np.flatnonzero(np.isfinite(network.radii))  # without flat walls
     if network.dimension == 3:  # the nearest balls are drawn last
         shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
-    sizes = 2e3 * network.radii[shown]
-    centres = 1e3 * network.positions[shown, :2]
-    if network.pbc[0] and not np.any(network.cell[0, 1:]):
+    diameters = 2.0 * _MM_PER_M * network.radii[shown]
+    centres = _MM_PER_M * network.positions[shown, :2]
+    repeats_along_x = network.pbc[0] and not np.any(network.cell[0, 1:])
+    if repeats_along_x:
         # an oblique cell is drawn as a rectangle
-        centres[:, 0] = np.mod(centres[:, 0], 1e3 * network.cell[0, 0])
+        centres[:, 0] = np.mod(centres[:, 0], _MM_PER_M * network.cell[0, 0])
     balls = EllipseCollection(
-        sizes,
-        sizes,
-        0.0 * sizes,
+        diameters,
+        diameters,
+        np.zeros_like(diameters),
         units="xy",
         offsets=centres,
         offset_transform=ax.transData,
@@ -282,8 +313,9 @@ def draw_balls(
         linewidths=0.15,
     )
     ax.add_collection(balls, autolim=False)
-    low = centres.min(axis=0) - 0.6 * sizes.max()
-    high = centres.max(axis=0) + 0.6 * sizes.max()
+    margin = 0.6 * diameters.max()  # a radius, and a little more
+    low = centres.min(axis=0) - margin
+    high = centres.max(axis=0) + margin
     ax.set(
         xlim=(low[0], high[0]),
         ylim=(low[1], high[1]),
@@ -308,7 +340,8 @@ def add_legend(
     """
     labels = [str(handle.get_label()) for handle in handles]
     columns = _count_columns(labels)
-    rows = -(-len(handles) // columns) + sum(text.count("\n") for text in (*labels, title or ""))
+    n_breaks = sum(text.count("\n") for text in (*labels, title or ""))
+    rows = math.ceil(len(handles) / columns) + n_breaks
     added_height = max(0, rows - room) * ROW_HEIGHT
     figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + added_height)
     figure.legend(
@@ -317,33 +350,41 @@ def add_legend(
 
 
 def _count_columns(labels: Sequence[str]) -> int:
-    """Return the number of columns of a legend in a column of a page."""
+    """Return the number of columns of a legend with these ``labels`` in a column of a page: as many
+    as have room for the longest label.
+    """
     longest = max(map(len, labels))
-    columns = next((n for n, letters in _LETTERS_OF_COLUMNS.items() if longest <= letters), 1)
-    return min(len(labels), columns)
+    most_columns = 1
+    for columns, most_letters in _LETTERS_OF_COLUMNS.items():
+        if longest <= most_letters:
+            most_columns = columns
+            break
+    return min(len(labels), most_columns)
 
 
 def add_title(ax: Axes, title: str, kinds: Mapping[str, str]) -> None:
     """Set the title of an Axes, and below the title a legend of ``kinds`` of balls, colours by
     their names, if there are kinds.
     """
-    names: dict[str, str] = {}
+    labels: dict[str, str] = {}  # by colour
     for name, colour in kinds.items():
-        names[colour] = name if colour not in names else "others"
+        # of many kinds the last ones have one colour
+        labels[colour] = name if colour not in labels else "others"
     rows = 0
-    if names:
-        columns = _count_columns(list(names.values()))
-        rows = -(-len(names) // columns)
+    if labels:
+        columns = _count_columns(list(labels.values()))
+        rows = math.ceil(len(labels) / columns)
         look: dict[str, Any] = {
             "marker": "o",
             "linestyle": "",
             "markeredgecolor": "0.35",
             "markeredgewidth": 0.5,
         }
+        handles = [
+            Line2D([], [], color=colour, label=label, **look) for colour, label in labels.items()
+        ]
         ax.legend(
-            handles=[
-                Line2D([], [], color=colour, label=name, **look) for colour, name in names.items()
-            ],
+            handles=handles,
             ncols=columns,
             loc="lower center",
             bbox_to_anchor=(0.5, 1.0),
@@ -351,7 +392,8 @@ def add_title(ax: Axes, title: str, kinds: Mapping[str, str]) -> None:
             handletextpad=0.2,
             labelspacing=0.3,
         )
-    ax.set_title(title, pad=6.0 + 11.0 * rows)
+    points_per_row = 11.0
+    ax.set_title(title, pad=6.0 + points_per_row * rows)
 
 
 def hide_axes(ax: Axes, low: Array, high: Array) -> None:
@@ -364,7 +406,8 @@ def hide_axes(ax: Axes, low: Array, high: Array) -> None:
 
 def _keep_inside(ticks: Array, low: float, high: float) -> Array:
     """Return the ticks from ``low`` to ``high``, but for rounding."""
-    return ticks[(ticks >= low * (1.0 - 1e-9)) & (ticks <= high * (1.0 + 1e-9))]
+    is_inside = (ticks >= low * (1.0 - _ROUNDING)) & (ticks <= high * (1.0 + _ROUNDING))
+    return ticks[is_inside]
 
 
 class _PlainTicks(Locator):
@@ -377,14 +420,17 @@ class _PlainTicks(Locator):
         return self.tick_values(*self.axis.get_view_interval())  # type: ignore[union-attr]
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
+        """Return the ticks of an axis between ``vmin`` and ``vmax``: the first set of round numbers
+        with enough of them, or the set with the most.
+        """
         low, high = sorted((vmin, vmax))
-        inside = finer = np.empty(0)
-        for ticks, between in _list_round_numbers(low, high):
-            inside = _keep_inside(ticks, low, high)
-            finer = _keep_inside(between, low, high)
-            if inside.size >= _LEAST_TICKS:
+        major = minor = np.empty(0)
+        for ticks, finer_ticks in _list_round_numbers(low, high):
+            major = _keep_inside(ticks, low, high)
+            minor = _keep_inside(finer_ticks, low, high)
+            if major.size >= _LEAST_TICKS:
                 break
-        return finer if self._minor else inside
+        return minor if self._minor else major
 
 
 def _list_round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]]:
@@ -393,24 +439,29 @@ def _list_round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]
 
     Each decade has the same numbers; numbers within a factor of four are evenly spaced.
     """
-    if high / low >= 4.0:
-        # the digits of logarithmic paper, of one decade or of several
-        digits = (
-            np.concatenate([np.arange(10, 20), np.arange(20, 50, 2), np.arange(50, 100, 5)]) / 10.0
-        )
-        finer = digits if high / low < 30.0 else np.arange(1.0, 10.0)
+    span = high / low
+    if span >= 4.0:
+        if span < 30.0:
+            # the digits of logarithmic paper, from 1.0 to 9.5
+            tenths = [np.arange(10, 20), np.arange(20, 50, 2), np.arange(50, 100, 5)]
+            minor_digits = np.concatenate(tenths) / 10.0
+        else:
+            minor_digits = np.arange(1.0, 10.0)
         decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
-        coarse = [(1.0, 3.0)] if high / low > 50.0 else []
-        for parts in (
-            *coarse,
+        minor_ticks = np.outer(decades, minor_digits).ravel()
+        if span > 50.0:
+            yield np.outer(decades, (1.0, 3.0)).ravel(), minor_ticks
+        for digits in (
             (1.0, 2.0, 5.0),
             (1.0, 2.0, 3.0, 5.0),
             (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0),
         ):
-            yield np.outer(decades, parts).ravel(), np.outer(decades, finer).ravel()
+            yield np.outer(decades, digits).ravel(), minor_ticks
     for count in (5, 8, 12):
         ticks = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
         step = ticks[1] - ticks[0]
         # a step of 2 has four parts, a step of 1, 5 or 10 has five: their ends are round
-        n_steps = 4 if f"{step:.0e}".startswith("2") else 5
-        yield ticks, ticks[0] + step / n_steps * np.arange(n_steps * (ticks.size - 1) + 1)
+        is_step_of_two = f"{step:.0e}".startswith("2")
+        n_parts = 4 if is_step_of_two else 5
+        n_minor_steps = n_parts * (ticks.size - 1)
+        yield ticks, ticks[0] + step / n_parts * np.arange(n_minor_steps + 1)

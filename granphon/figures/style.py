@@ -6,6 +6,7 @@ colour vision, and in grey.
 
 from __future__ import annotations
 
+import itertools
 import os
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -45,6 +46,8 @@ STYLE: dict[Any, Any] = {
 #: width of a figure of one column, and of one across the page, in inches
 COLUMN_WIDTH = 3.4
 PAGE_WIDTH = 7.0
+#: unit of letters and lines
+POINTS_PER_INCH = 72.0
 #: resolution of figures that are saved as pixels, in dots per inch
 DPI = 300
 #: colours that every eye tells apart, in grey too
@@ -82,9 +85,11 @@ def colour_kinds(kinds: Iterable[str]) -> dict[str, str]:
     """Return the colour of each kind of balls by its name, from the names of balls; empty for a
     single kind.
     """
-    names = list(dict.fromkeys(kinds))
-    colours = (*KIND_COLOURS, *(OTHER_KINDS for _ in names))
-    return dict(zip(names, colours, strict=False)) if len(names) > 1 else {}
+    names = list(dict.fromkeys(kinds))  # each once, in order
+    if len(names) < 2:
+        return {}
+    colours = itertools.chain(KIND_COLOURS, itertools.repeat(OTHER_KINDS))
+    return dict(zip(names, colours, strict=False))
 
 
 def pick_evenly(count: int, most: int) -> list[int]:
@@ -108,10 +113,10 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) ->
         without LaTeX, an unknown format or backend. No file is left at ``path``.
     OSError : the file cannot be written.
     """
-    places = "at the labels, and at the settings of matplotlib (matplotlibrc)"
-    mend = f"Look {places}"
+    suspects = "at the labels, and at the settings of matplotlib (matplotlibrc)"
+    mend = f"Look {suspects}"
     if options.get("backend"):  # the backend may be missing, or lack a package
-        mend = f"Leave --backend (backend) out or give another, or look {places}"
+        mend = f"Leave --backend (backend) out or give another, or look {suspects}"
     with _explain_failure(Path(path), mend) as target:
         figure.savefig(target, **options)
 
@@ -125,17 +130,18 @@ def save_animation(animation: FuncAnimation, path: str | os.PathLike[str]) -> No
 
 @contextmanager
 def _explain_failure(target: Path, mend: str) -> Iterator[Path]:
-    """Make the folder of a picture that the block draws; raise FigureError for a picture that
-    cannot be drawn, and leave no file.
+    """Make the folder of a picture that the block saves at ``target``, which is given; raise
+    FigureError, with the advice ``mend``, for a picture that cannot be drawn, and leave no new
+    file.
     """
     is_new = not target.exists()
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
         yield target
     except Exception as error:
-        # the caller reports an OSError with a number, which comes from the file system
-        is_of_files = isinstance(error, OSError) and error.errno is not None
-        if is_of_files or isinstance(error, GranphonError | MemoryError):
+        # an OSError with a number comes from the file system, and the caller reports it
+        is_of_file_system = isinstance(error, OSError) and error.errno is not None
+        if is_of_file_system or isinstance(error, GranphonError | MemoryError):
             raise
         if is_new:
             target.unlink(missing_ok=True)
@@ -145,8 +151,8 @@ def _explain_failure(target: Path, mend: str) -> Iterator[Path]:
 
 
 def draw(figure: Callable[[str], Figure], names: Sequence[str], folder: Path) -> dict[str, str]:
-    """Save the figures ``names``, each made by ``figure``, in ``folder``; a figure that cannot be
-    drawn does not stop the others.
+    """Save the figures of the files ``names``, each made by ``figure`` from its name, in
+    ``folder``; a figure that cannot be drawn does not stop the others.
 
     Returns a sentence for each figure that could not be drawn, by name. Raises OSError if a file
     cannot be written.
@@ -158,10 +164,10 @@ def draw(figure: Callable[[str], Figure], names: Sequence[str], folder: Path) ->
         except OSError:
             raise
         except GranphonError as error:
-            message = str(error)
-            failures[name] = (
-                message if message.startswith(name) else f"{name} could not be drawn: {message}"
-            )
+            sentence = str(error)
+            if not sentence.startswith(name):
+                sentence = f"{name} could not be drawn: {sentence}"
+            failures[name] = sentence
         except Exception as error:
             failures[name] = f"{name} could not be drawn: {type(error).__name__}: {error}"
     return failures

@@ -44,10 +44,14 @@ class View:
     @cached_property
     def axes(self) -> Array:
         """(3, 3), rows: the unit vectors to the right, upwards, and towards the viewer."""
-        a, e = np.radians([self.azimuth, self.elevation])
-        toward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-        right = np.array([-np.sin(a), np.cos(a), 0.0])
-        return np.array([right, np.cross(toward, right), toward])
+        azimuth, elevation = np.radians([self.azimuth, self.elevation])
+        horizontal = np.cos(elevation)
+        to_viewer = np.array(
+            [horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), np.sin(elevation)]
+        )
+        right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+        upwards = np.cross(to_viewer, right)
+        return np.array([right, upwards, to_viewer])
 
     def project(self, points: ArrayLike) -> Array:
         """Project points (..., 3) on the paper, (..., 2)."""
@@ -63,6 +67,8 @@ class Painter:
 
     def __init__(self, view: View) -> None:
         self.view = view
+        #: nearness, outline on the paper, colours of the face and the edge, and width of the edge,
+        #: points, of each shape
         self._shapes: list[tuple[float, Path, _Rgba, _Rgba, float]] = []
 
     def add(
@@ -80,45 +86,46 @@ class Painter:
     def add_line(
         self, points: Array, color: ColorType, width: float, nearness: float | None = None
     ) -> None:
-        """Add a line through points (n, 3), as near as their mean unless ``nearness`` is given."""
-        depth = float(self.view.nearness(points).mean()) if nearness is None else nearness
-        self.add(depth, Path(self.view.project(points)), edge=color, width=width)
+        """Add a line of a ``width``, points, through points (n, 3), as near as their mean unless
+        ``nearness`` is given.
+        """
+        if nearness is None:
+            nearness_of_line = float(self.view.nearness(points).mean())
+        else:
+            nearness_of_line = nearness
+        self.add(nearness_of_line, Path(self.view.project(points)), edge=color, width=width)
 
     def add_polygon(self, corners: Array, nearness: float, **look: Any) -> None:
-        """Add a flat face with corners (n, 3); ``look`` as in add."""
-        flat = self.view.project(corners)
-        self.add(nearness, Path(np.vstack([flat, flat[:1]]), closed=True), **look)
+        """Add a flat face with corners (n, 3); ``look`` as in :meth:`add`."""
+        self.add(nearness, _close_path(self.view.project(corners)), **look)
 
     def add_mesh(self, corners: Array, colours: Array) -> None:
         """Add the faces of a mesh, corners (n, m, 3) and colours (n, 4), without gaps between
         them.
         """
-        depths = self.view.nearness(corners).mean(axis=1).tolist()
+        nearnesses = self.view.nearness(corners).mean(axis=1).tolist()
         paths = map(Path, self.view.project(corners))
         rgba = map(tuple, colours.tolist())
-        self._shapes += [
-            (depth, path, colour, colour, 0.3)
-            for depth, path, colour in zip(depths, paths, rgba, strict=True)
-        ]
+        for nearness, path, colour in zip(nearnesses, paths, rgba, strict=True):
+            # edges of the colour of the face cover the gaps
+            self._shapes.append((nearness, path, colour, colour, 0.3))
 
     def add_sphere(self, centre: Array, radius: float, color: ColorType) -> None:
-        """Add a ball lit from the upper left."""
-        depth = float(self.view.nearness(centre))
+        """Add a ball with a ``centre`` (3,) and a ``radius``, lit from the upper left."""
+        nearness = float(self.view.nearness(centre))
         middle = self.view.project(centre)
         base = np.array(to_rgba(color))
+        to_light = np.array([-1.0, 1.0])
+        # discs that shrink towards the light, each a step brighter: first darkened, then whitened
         for fraction in np.linspace(0.0, 1.0, 15):
-            # discs that shrink towards the light, each a step brighter
-            shade = base * [*[0.6 + 0.4 * np.sqrt(fraction)] * 3, 1.0]
+            shade = base.copy()
+            shade[:3] *= 0.6 + 0.4 * np.sqrt(fraction)
             shade[:3] += (1.0 - shade[:3]) * 0.6 * fraction**2
-            across, up = (middle + radius * 0.36 * fraction * np.array([-1.0, 1.0])).tolist()
-            disc = Path.circle((across, up), radius * (1.0 - 0.95 * fraction))
-            self.add(
-                depth,
-                disc,
-                face=tuple(shade),
-                edge="0.35" if fraction == 0.0 else "none",
-                width=0.5,
-            )
+            x, y = (middle + radius * 0.36 * fraction * to_light).tolist()
+            disc = Path.circle((x, y), radius * (1.0 - 0.95 * fraction))
+            is_outermost = fraction == 0.0
+            edge = "0.35" if is_outermost else "none"
+            self.add(nearness, disc, face=tuple(shade), edge=edge, width=0.5)
 
     def add_arrow(
         self,
@@ -129,40 +136,49 @@ class Painter:
         nearness: float | None = None,
     ) -> None:
         """Add a flat arrow from ``start`` (3,) by ``along`` (3,), with a shaft of ``width``, in
-        units of length.
+        units of length; the arrow is as near as its middle unless ``nearness`` is given.
         """
-        depth = float(self.view.nearness(start + 0.5 * along)) if nearness is None else nearness
+        if nearness is None:
+            nearness_of_arrow = float(self.view.nearness(start + 0.5 * along))
+        else:
+            nearness_of_arrow = nearness
         tail = self.view.project(start)
-        shaft = self.view.project(along)
-        length = float(np.linalg.norm(shaft))
+        arrow = self.view.project(along)
+        length = float(np.linalg.norm(arrow))
         if length < width:
             return  # the arrow points along the line of sight
-        x = shaft / length
-        y = np.array([-x[1], x[0]])
+        direction = arrow / length
+        normal = np.array([-direction[1], direction[0]])
         # an arrow that is short on the paper keeps its shape, and is drawn smaller
-        head = min(_HEAD_LENGTH * width, 0.6 * length)
-        half = 0.5 * head / _HEAD_LENGTH
-        wing = 1.7 * head / _HEAD_LENGTH
-        neck = length - head
-        along_x = [0.0, neck, neck, length, neck, neck, 0.0]
-        along_y = [-half, -half, -wing, 0.0, wing, half, half]
-        outline = tail + np.outer(along_x, x) + np.outer(along_y, y)
-        self.add(
-            depth,
-            Path(np.vstack([outline, outline[:1]]), closed=True),
-            face=color,
-            edge="white",
-            width=0.25,
-        )
+        head_length = min(_HEAD_LENGTH * width, 0.6 * length)
+        half_shaft = 0.5 * head_length / _HEAD_LENGTH
+        half_head = 1.7 * head_length / _HEAD_LENGTH
+        neck = length - head_length
+        # the seven corners, from the tail along one side to the tip and back
+        along_arrow = [0.0, neck, neck, length, neck, neck, 0.0]
+        across_arrow = [
+            -half_shaft,
+            -half_shaft,
+            -half_head,
+            0.0,
+            half_head,
+            half_shaft,
+            half_shaft,
+        ]
+        outline = tail + np.outer(along_arrow, direction) + np.outer(across_arrow, normal)
+        path = _close_path(outline)
+        self.add(nearness_of_arrow, path, face=color, edge="white", width=0.25)
 
     def draw(self, ax: Axes, gid: str, *, fade: float = 0.0, **options: Any) -> PathCollection:
-        """Draw all shapes as one collection of paths; the part ``fade`` of the farthest colour is
-        white.
+        """Draw all shapes as one collection of paths, and return the collection; the part ``fade``
+        of the farthest colour is white.
         """
-        depths, paths, faces, edges, widths = zip(
-            *sorted(self._shapes, key=lambda shape: shape[0]), strict=True
-        )
-        white = fade * (depths[-1] - np.array(depths)[:, None]) / max(depths[-1] - depths[0], 1e-9)
+        shapes = sorted(self._shapes, key=lambda shape: shape[0])
+        nearnesses, paths, faces, edges, widths = zip(*shapes, strict=True)
+        nearest = nearnesses[-1]
+        depth = max(nearest - nearnesses[0], 1e-9)  # of all shapes that are equally near, too
+        # the white part of each shape, (n, 1)
+        white = fade * (nearest - np.array(nearnesses)[:, None]) / depth
         look: dict[str, Any] = {
             "linewidths": widths,
             "capstyle": "round",
@@ -173,12 +189,17 @@ class Painter:
             rgba = np.array(colours)
             rgba[:, :3] += white * (1.0 - rgba[:, :3])
             look[name] = rgba
-        drawn = PathCollection(list(paths), **look, **options)
-        ax.add_collection(drawn, autolim=False)
-        return drawn
+        collection = PathCollection(list(paths), **look, **options)
+        ax.add_collection(collection, autolim=False)
+        return collection
 
     @property
     def extent(self) -> tuple[Array, Array]:
         """The lowest and highest coordinates on the paper, (2,) and (2,)."""
         points = np.concatenate([path.vertices for _, path, *_ in self._shapes])
         return points.min(axis=0), points.max(axis=0)
+
+
+def _close_path(corners: Array) -> Path:
+    """Return the closed outline through corners (n, 2) on the paper."""
+    return Path(np.vstack([corners, corners[:1]]), closed=True)

@@ -93,10 +93,17 @@ _NEAR = 0.15
 #: largest change of k, relative to k, in the last iteration of Newton's method: convergence is
 #: quadratic, so the remaining error is far smaller
 _SETTLED = 1e-8
+#: largest change of the root, relative to the root at the upper end of the step, after which only
+#: rounding remains: Newton's method for an overlap converges quadratically too
+_SETTLED_ROOT = 1e-9
+#: largest number of iterations of Newton's method, which converges quadratically
+_MOST_ITERATIONS = 30
 #: half length of the shortest step in the root, relative to its middle
 _SHORTEST = 1e-12
 #: upper bound on the rounding error of k that is allowed for, relative to k
 _WORST_NOISE = 1e-8
+#: estimate of the relative rounding error of y and of the forces at the points of a step
+_ROUNDING = 16.0 * np.finfo(float).eps
 #: a contact is far if its overlap is at least this many times half the range of the block
 _FAR_OVERLAP = 6.0
 #: degree of the polynomials for far contacts; their errors are then 1e-15
@@ -141,32 +148,37 @@ class EffectiveLaw(SpreadLaw):
         return float(energy_of_curve - series.value(series.start, ENERGY))
 
     def _evaluate_near(self, y: Array, order: int) -> Array:
+        """As :meth:`SpreadLaw._evaluate_near`; PrecisionError below the start of the curve."""
         curve = self.curve
-        closed = y > -self.shape.bounds[1]
-        if np.any(closed & (y < curve.start)):
+        touches = y > -self.shape.bounds[1]  # elsewhere all contacts are open, and the law is zero
+        if np.any(touches & (y < curve.start)):
+            least_overlap = float(np.min(y[touches]))
             raise self._refuse(
-                f"an overlap of {float(np.min(y[closed])):.6g} widths is below that of f* ="
+                f"an overlap of {least_overlap:.6g} widths is below that of f* ="
                 f" {curve.least_force:.6g}"
             )
-        values = np.zeros(y.shape)
-        values[closed] = curve.value(y[closed], order)
-        return values
+        derivatives = np.zeros(y.shape)
+        derivatives[touches] = curve.value(y[touches], order)
+        return derivatives
 
     def _find_near_overlap(self, force: Array) -> Array:
+        """As :meth:`SpreadLaw._find_near_overlap`; PrecisionError below the start of the curve."""
         curve = self.curve
         if np.any(force < curve.least_force):
+            least_force = float(np.min(force))
             raise self._refuse(
-                f"a mean contact force of f* = {float(np.min(force)):.3g} is below"
-                f" {curve.least_force:.6g}"
+                f"a mean contact force of f* = {least_force:.3g} is below {curve.least_force:.6g}"
             )
         return curve.overlap(force)
 
-    def _refuse(self, what: str) -> PrecisionError:
-        """Return the error that ``what`` is below the start of the curve."""
+    def _refuse(self, problem: str) -> PrecisionError:
+        """Return the error for a ``problem``: an overlap or a force below the start of the
+        curve.
+        """
         why = f"There the effective medium is not solved (it is valid from f* = {VALID_FORCE:g})"
         if self.curve.stiffness_vanishes:
             why = "The stiffness is zero there, and equation (36) has no solution at smaller forces"
-        return PrecisionError(what, why, "Raise the load")
+        return PrecisionError(problem, why, "Raise the load")
 
 
 # -- the curve -------------------------------------------------------------------------------------
@@ -207,68 +219,83 @@ class EffectiveCurve:
         the overlap grows; below that point there is no solution with k > 0.
         """
         origin, middle, half = self.steps[:, 0].tolist()
-        depth = origin + (middle - half) ** 2 - float(self.shape.openings[0])
-        return bool(self.ends(STIFFNESS)[0, 0] * depth < _VANISHED * self.ends(FORCE)[0, 0])
+        depth = origin + (middle - half) ** 2 - float(self.shape.openings[0])  # y - y_1
+        stiffness = self.ends(STIFFNESS)[0, 0]
+        force = self.ends(FORCE)[0, 0]
+        return bool(stiffness * depth < _VANISHED * force)
 
     def ends(self, order: int) -> Array:
-        """Return (2, steps) energy, force or stiffness at the lower and the upper end of each
-        step.
+        """Return (2, steps) the reduced energy, force or stiffness, by the ``order`` of the
+        derivative of the energy, at the lower and the upper end of each step.
         """
         table = self.tables[order]
         # Chebyshev polynomials are 1 at the upper end, and 1, -1, 1, ... at the lower one
-        lower = np.sum(table[::2], axis=0) - np.sum(table[1::2], axis=0)
-        return np.stack([lower, np.sum(table, axis=0)])
+        at_lower_end = np.sum(table[::2], axis=0) - np.sum(table[1::2], axis=0)
+        at_upper_end = np.sum(table, axis=0)
+        return np.stack([at_lower_end, at_upper_end])
 
     def value(self, y: Array, order: int) -> Array:
-        """Return a derivative of the energy at y between the start of the curve, from which
-        energies are counted, and the start of the series.
+        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy at each overlap
+        ``y`` (any shape), between the start of the curve and the start of the series.
+
+        The energy is counted from the start of the curve.
         """
 
         def evaluate(index: Index, overlap: Array) -> Array:
             return self._evaluate(index, np.sqrt(overlap - self.steps[0, index]), order)
 
+        inner_edges = self._edges[0]
         # a kink belongs to the step below it, where the slope is finite
-        return self._evaluate_by_step(np.searchsorted(self._edges[0], y), y, evaluate)
+        step_of_overlap = np.searchsorted(inner_edges, y)
+        return self._evaluate_by_step(step_of_overlap, y, evaluate)
 
     def overlap(self, force: Array) -> Array:
-        """Return y at forces between those at the ends of the curve, by Newton's method."""
+        """Return the reduced overlap y at each reduced ``force`` (any shape), between the forces
+        at the ends of the curve, by Newton's method.
+        """
 
         rounding = 4.0 * np.finfo(float).eps
-        below, above = self._edges[1]
-        # a step has at least the rounding of the force
-        span = np.maximum(above - below, rounding * below)
+        lower_force, upper_force = self._edges[1]
+        # the force rises by at least its rounding on a step, so that no division is by zero
+        span = np.maximum(upper_force - lower_force, rounding * lower_force)
 
         def invert(index: Index, target: Array) -> Array:
+            """Return y (m,) at the forces ``target`` (m,) on the steps ``index``."""
             origin, middle, half = self.steps[:, index]
             # u is smooth in a variable from 0 to 1. Where contacts open, f rises as u^2, and the
             # variable is the root of f; elsewhere f may span decades, and the variable is log f
-            rise = np.clip(target - below[index], 0.0, span[index])
-            touching = self.steps[1, index] == self.steps[2, index]
-            logarithm = np.log1p(rise / below[index]) / np.log1p(span[index] / below[index])
-            fraction = np.where(touching, np.sqrt(rise / span[index]), logarithm)
-            root = middle + half * (2.0 * fraction - 1.0)
-            for _ in range(30):
+            rise = np.clip(target - lower_force[index], 0.0, span[index])
+            begins_at_opening = middle == half
+            log_rise = np.log1p(rise / lower_force[index])
+            log_span = np.log1p(span[index] / lower_force[index])
+            variable = np.where(begins_at_opening, np.sqrt(rise / span[index]), log_rise / log_span)
+            root = middle + half * (2.0 * variable - 1.0)
+            for _ in range(_MOST_ITERATIONS):
                 residual = target - self._evaluate(index, root, FORCE)
                 slope = 2.0 * root * self._evaluate(index, root, STIFFNESS)
                 change = np.divide(residual, slope, out=np.zeros_like(root), where=slope > 0.0)
                 root = np.clip(root + change, middle - half, middle + half)
-                # convergence is quadratic: after so small a change only rounding remains
-                settled = np.abs(change) <= 1e-9 * (middle + half)
-                if np.all(settled | (np.abs(residual) <= rounding * target)):
+                is_settled = np.abs(change) <= _SETTLED_ROOT * (middle + half)
+                if np.all(is_settled | (np.abs(residual) <= rounding * target)):
                     break
             return np.asarray(origin + root**2)
 
-        return self._evaluate_by_step(np.searchsorted(above[:-1], force), force, invert)
+        step_of_force = np.searchsorted(upper_force[:-1], force)
+        return self._evaluate_by_step(step_of_force, force, invert)
 
     @cached_property
     def _edges(self) -> tuple[Array, Array]:
-        """Reduced overlap y where steps meet, and force f* (2, steps) at both ends of each step."""
+        """Reduced overlap y (steps - 1,) where steps meet, and force f* (2, steps) at the lower
+        and the upper end of each step.
+        """
         origin, middle, half = self.steps
-        return (origin + (middle - half) ** 2)[1:], self.ends(FORCE)
+        lower_overlaps = origin + (middle - half) ** 2
+        return lower_overlaps[1:], self.ends(FORCE)
 
     @cached_property
     def _slopes(self) -> tuple[Array, Array]:
-        """Two tables of the slope of k: a series, and a series that must be divided by dy/dt.
+        """Two tables (n, steps) whose sum is the slope of k: a series, and a series that must be
+        divided by dy/dt.
 
         dy/dt is zero where contacts open. There, for listed diameters, k rises as the square root
         of the distance in y, and its slope is unbounded. For a density, k rises as the fifth power
@@ -277,63 +304,71 @@ class EffectiveCurve:
         numerator = np.asarray(chebyshev.chebder(self.tables[STIFFNESS]), float)
         quotient = np.zeros((max(1, len(numerator) - 1), numerator.shape[1]))
         if not isinstance(self.shape, PointShape):
-            for i in np.flatnonzero(self.steps[1] == self.steps[2]):
-                rise = 2.0 * self.steps[2, i] * self.steps[1:, i]  # dy/dt
-                slopes = chebyshev.chebdiv(numerator[:, i], rise)[0]
-                quotient[: slopes.size, i] = slopes
-                numerator[:, i] = 0.0
+            _, middle, half = self.steps
+            begins_at_opening = middle == half
+            for step in np.flatnonzero(begins_at_opening):
+                rise = 2.0 * half[step] * self.steps[1:, step]  # dy/dt, a series of two terms
+                slopes = chebyshev.chebdiv(numerator[:, step], rise)[0]
+                quotient[: slopes.size, step] = slopes
+                numerator[:, step] = 0.0
         return quotient, numerator
 
     def _evaluate(self, index: Index, root: Array, order: int) -> Array:
-        """Return a derivative of the energy at u = ``root`` on the steps ``index``."""
+        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy at each u =
+        ``root`` (m,) on the steps ``index`` (m,), or on the one step ``index``.
+        """
         _, middle, half = self.steps[:, index]
         t = (root - middle) / half
         if order < SLOPE:
             return np.asarray(chebyshev.chebval(t, self.tables[order][:, index], tensor=False))
         quotients, numerators = self._slopes
-        whole = chebyshev.chebval(t, quotients[:, index], tensor=False)
+        quotient = chebyshev.chebval(t, quotients[:, index], tensor=False)
         numerator = chebyshev.chebval(t, numerators[:, index], tensor=False)
         rise = 2.0 * half * root  # dy/dt
         divided = np.divide(numerator, rise, out=np.zeros_like(rise), where=numerator != 0.0)
-        return np.asarray(whole + divided)
+        return np.asarray(quotient + divided)
 
     def _evaluate_by_step(
-        self, index: NDArray[np.intp], values: Array, function: Callable[[Index, Array], Array]
+        self, index: NDArray[np.intp], arguments: Array, function: Callable[[Index, Array], Array]
     ) -> Array:
-        """Return a function of the step and the value, at values on the steps ``index``."""
-        count = self.steps.shape[1]
-        flat = values.ravel()
-        numbers = index.ravel()
+        """Return ``function(step, argument)``, of the shape of the ``arguments``, each of which is
+        on the step of the same place in ``index``.
+        """
+        step_count = self.steps.shape[1]
+        flat = arguments.ravel()
+        steps = index.ravel()
         results = np.empty(flat.size)
-        if flat.size < _MANY_VALUES * count:
+        if flat.size < _MANY_VALUES * step_count:
             for begin in range(0, flat.size, _VALUES_AT_ONCE):
                 chunk = slice(begin, begin + _VALUES_AT_ONCE)
-                results[chunk] = function(numbers[chunk], flat[chunk])
-            return results.reshape(values.shape)
+                results[chunk] = function(steps[chunk], flat[chunk])
+            return results.reshape(arguments.shape)
         # sorted by step, each step is evaluated once; small integers sort in linear time
-        order = np.argsort(numbers.astype(np.min_scalar_type(count)), kind="stable")
+        order = np.argsort(steps.astype(np.min_scalar_type(step_count)), kind="stable")
         ascending = flat[order]
-        numbers = numbers[order]
-        changes = np.append(numbers.size > 0, numbers[1:] != numbers[:-1])
-        begins = np.flatnonzero(changes).tolist()
+        steps = steps[order]
+        is_first_of_step = np.append(steps.size > 0, steps[1:] != steps[:-1])
+        begins = np.flatnonzero(is_first_of_step).tolist()
         for begin, end in pairwise([*begins, order.size]):
-            results[order[begin:end]] = function(int(numbers[begin]), ascending[begin:end])
-        return results.reshape(values.shape)
+            results[order[begin:end]] = function(int(steps[begin]), ascending[begin:end])
+        return results.reshape(arguments.shape)
 
 
 def _integrate_over_steps(table: Array, rise: Array, start: float) -> Array:
-    """Return the table (n + 2, steps) of the integral over y, equal to ``start`` where the first
-    step begins.
+    """Return the table (n + 2, steps) of the integral over y of a function with the ``table`` (n,
+    steps); the integral is ``start`` where the first step begins.
 
     ``rise`` (2, steps) are the coefficients of dy/dt.
     """
+    # the product of the function and dy/dt, as 2 T_1 T_m = T_(m + 1) + T_|m - 1|
     product = np.zeros((len(table) + 1, table.shape[1]))
     product[:-1] += rise[0] * table
     product[1:] += 0.5 * rise[1] * table
     product[1] += 0.5 * rise[1] * table[0]
     product[:-2] += 0.5 * rise[1] * table[1:]
-    integral = np.asarray(chebyshev.chebint(product, lbnd=-1.0), float)
-    integral[0] += start + np.append(0.0, np.cumsum(np.sum(integral, axis=0))[:-1])
+    integral = np.asarray(chebyshev.chebint(product, lbnd=-1.0), float)  # zero where a step begins
+    at_upper_ends = np.cumsum(np.sum(integral, axis=0))
+    integral[0] += start + np.append(0.0, at_upper_ends[:-1])
     return integral
 
 
@@ -358,10 +393,12 @@ class Block(NamedTuple):
         origin, low, high = np.array(steps).T[:, :, None]
         middle = 0.5 * (low + high)
         half = 0.5 * (high - low)
+        inner_roots = (middle + half * points)[:, 1:-1]
         # middle - half may round, and at an opening the root must be exactly zero: the ends are
         # copied
-        root = np.concatenate([low, (middle + half * points)[:, 1:-1], high], axis=1)
-        return cls(origin, middle, half, root, half * (points - 1.0))
+        root = np.concatenate([low, inner_roots, high], axis=1)
+        drop = half * (points - 1.0)
+        return cls(origin, middle, half, root, drop)
 
     @property
     def y(self) -> Array:
@@ -393,13 +430,13 @@ class DensityBalls:
         # on a short step differentiation amplifies the rounding of y and of the forces, which are
         # counted from their mean
         lengths = (self.base_force / self.base_stiffness + np.abs(y))[:, -1:]
-        amplified = block.root.shape[1] ** 2 * lengths
-        amplified /= 4.0 * block.middle * block.half
-        self.noise = np.minimum(16.0 * np.finfo(float).eps * amplified[:, 0], _WORST_NOISE)
+        point_count = block.root.shape[1]
+        amplification = point_count**2 * lengths / (4.0 * block.middle * block.half)
+        self.noise = np.minimum(_ROUNDING * amplification[:, 0], _WORST_NOISE)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """Return G(y, k) less ``base_force``, and dG/dk, (B, s + 1); and G at the lower ends
-        (B,).
+        """Return G(y, k) less ``base_force``, and dG/dk, (B, s + 1), for ``k`` (B, s + 1); and G
+        at the lower ends (B,); all reduced.
         """
         compliance = 1.0 / (self.stiffness + self.xi * k[..., None])
         weights = self.weights * compliance
@@ -423,10 +460,11 @@ class PointAverages:
 
         self.xi = xi
         x = np.array(shape.positions)
-        self._weights = np.array(shape.weights)
+        w = np.array(shape.weights)
+        #: (n,) weights of the listed diameters
+        self._weights = w
         #: (n, n) openings of all pairs, in units of W
         self._opening_matrix = -0.5 * (x[:, None] + x)
-        w = self._weights
         i, j = np.triu_indices(w.size)
         order = np.argsort(self._opening_matrix[i, j], kind="stable")
         i = i[order]
@@ -442,11 +480,8 @@ class PointAverages:
         self._pair_weights: Any = csc_array((weights, (rows, columns)), shape=(w.size, i.size))
 
     def _find_range(self, block: Block) -> tuple[float, float, float, slice]:
-        """Return the middle and the half extent in y of a block, above its least origin, and which
-        contacts are near.
-
-        Contacts with openings up to the third number are far; the slice is that of the openings of
-        near contacts.
+        """Return the middle and the half extent in y of a block, above its least origin; the
+        greatest opening of far contacts; and the slice of the openings of near contacts.
         """
         least_origin = block.origin[-1, 0]
         low = block.root[-1, 0] ** 2
@@ -462,11 +497,13 @@ class PointAverages:
         """Return how many steps of the block should be solved at once, so that arrays of near
         contacts fit in memory.
         """
+        point_count: int = block.root.shape[1]
         steps = min(len(block.root), max(_LEAST_STEPS, len(self._weights) // 3))
         *_, near = self._find_range(block)
-        elements = (near.stop - near.start) * steps * block.root.shape[1]
+        near_count: int = near.stop - near.start
+        elements = near_count * steps * point_count
         if steps > 1 and elements > _MOST_NEAR:
-            return steps // 2
+            return steps // 2  # the caller asks again for the smaller block
         return steps
 
     def balls(self, block: Block) -> PointBalls:
@@ -485,92 +522,108 @@ class PointAverages:
         return PointBalls(self._weights, self.xi, *sums)
 
     def _sum_near(self, block: Block, near: slice) -> list[Array]:
-        """Return the four sums over near contacts, contact by contact."""
+        """Return the four sums of :meth:`balls` over near contacts, contact by contact.
+
+        Arrays of the contacts are (near contacts, B) or (near contacts, B, s + 1).
+        """
         openings = self._openings[near]
         pair_weights = self._pair_weights[..., near]
-        closed = openings[:, None] <= block.origin[:, 0]
-        rise = np.where(closed, block.origin[:, 0] - openings[:, None], 0.0)
-        root = np.sqrt(rise[..., None] + block.root**2) * closed[..., None]
+        origin = block.origin[:, 0]
+        closed = openings[:, None] <= origin
+        # h^(1/2) of the overlaps h = (origin - opening) + u^2, and its change since the upper end
+        overlap_at_origin = np.where(closed, origin - openings[:, None], 0.0)
+        root = np.sqrt(overlap_at_origin[..., None] + block.root**2) * closed[..., None]
         top = root[..., -1:]
         sum_of_roots = np.where(closed[..., None], root + top, np.inf)
         change = block.drop * (block.root + block.root[:, -1:]) / sum_of_roots
 
-        def sum_pairs(values: Array) -> Array:
-            """Return the sums over the pairs of each ball, (n, ...), of values (m, ...)."""
-            shape = values.shape[1:]
-            columns = values.reshape(len(values), int(np.prod(shape)))
+        def sum_pairs(terms: Array) -> Array:
+            """Return the sums over the pairs of each ball, (n, ...), of the terms (m, ...) of the
+            pairs.
+            """
+            shape = terms.shape[1:]
+            columns = terms.reshape(len(terms), int(np.prod(shape)))
             return np.asarray(pair_weights @ columns).reshape(-1, *shape)
 
-        forces = change * (root * (root + top) + top * top)
+        force_changes = change * (root * (root + top) + top * top)  # root^3 - top^3
+        top_forces = top[..., 0] ** 3
         return [
             1.5 * sum_pairs(root),
             1.5 * sum_pairs(change),
-            sum_pairs(forces),
-            sum_pairs(top[..., 0] ** 3),
+            sum_pairs(force_changes),
+            sum_pairs(top_forces),
         ]
 
     def _sum_far(self, block: Block, middle: float, half: float, last_far: float) -> list[Array]:
-        """Return the four sums over far contacts, by polynomials on the range of the block.
+        """Return the four sums of :meth:`balls` over far contacts, by polynomials on the range of
+        the block, whose ``middle`` and ``half`` extent are those of :meth:`_find_range`.
 
         The slope of the stiffness is interpolated, and integrated twice.
         """
         w = self._weights
         least_origin = block.origin[-1, 0]
-        far = self._opening_matrix <= last_far
-        gap = np.where(far, least_origin - self._opening_matrix + middle, np.inf)
+        is_far = self._opening_matrix <= last_far
+        # (n, n) overlaps at the middle of the range: infinite ones have no slope, zero ones no
+        # force, so that near contacts count in neither sum
+        overlap = least_origin - self._opening_matrix + middle
         nodes = chebyshev.chebpts1(_DEGREE + 1)
-        slope = np.stack([0.75 / np.sqrt(gap + half * node) @ w for node in nodes])
-        gap = np.where(far, gap, 0.0)
-        root = np.sqrt(gap)
-        series = np.asarray(np.linalg.solve(chebyshev.chebvander(nodes, _DEGREE), slope), float)
-        stiffness = _integrate_series(series, half, 1.5 * root @ w)
-        force = _integrate_series(stiffness, half, gap * root @ w)
+        far_overlap = np.where(is_far, overlap, np.inf)
+        slope = np.stack([0.75 / np.sqrt(far_overlap + half * node) @ w for node in nodes])
+        slope_series = np.linalg.solve(chebyshev.chebvander(nodes, _DEGREE), slope)
+        far_overlap = np.where(is_far, overlap, 0.0)
+        root = np.sqrt(far_overlap)
+        stiffness_series = _integrate_series(slope_series, half, 1.5 * root @ w)
+        force_series = _integrate_series(stiffness_series, half, far_overlap * root @ w)
         # T_m at the points, and its difference from T_m at the upper end of the step, both by
         # recurrence: no digits are lost
         t = (block.origin - least_origin + block.root**2 - middle) / half
         drop = block.drop * (block.root + block.root[:, -1:]) / half
-        values = [np.ones_like(t), t]
+        polynomials = [np.ones_like(t), t]
         changes = [np.zeros_like(t), drop]
-        for _ in range(len(force) - 2):
-            values.append(2.0 * t * values[-1] - values[-2])
-            changes.append(2.0 * (drop * values[-2] + t[:, -1:] * changes[-1]) - changes[-2])
-        basis = np.stack(values)
-        change = np.stack(changes)
+        for _ in range(len(force_series) - 2):
+            change = 2.0 * (drop * polynomials[-1] + t[:, -1:] * changes[-1]) - changes[-2]
+            polynomials.append(2.0 * t * polynomials[-1] - polynomials[-2])
+            changes.append(change)
+        basis = np.stack(polynomials)
+        basis_change = np.stack(changes)
         return [
-            _sum_series(stiffness, basis),
-            _sum_series(stiffness, change),
-            _sum_series(force, change),
-            _sum_series(force, basis[..., -1]),
+            _sum_series(stiffness_series, basis),
+            _sum_series(stiffness_series, basis_change),
+            _sum_series(force_series, basis_change),
+            _sum_series(force_series, basis[..., -1]),
         ]
 
 
 def _sum_series(table: Array, terms: Array) -> Array:
-    """Return the sums (n, ...) of the Chebyshev series (m, n) of n balls, from terms (m or more,
-    ...).
+    """Return the sums (n, ...) of the Chebyshev series ``table`` (m, n) of n balls; ``terms`` (m or
+    more, ...) are the Chebyshev polynomials.
     """
     return np.asarray(np.einsum("mn,m...->n...", table, terms[: len(table)]))
 
 
 def _integrate_series(table: Array, scale: float, middle: Array) -> Array:
-    """Return the Chebyshev series of the integral that equals ``middle`` at 0."""
-    out = np.asarray(chebyshev.chebint(table, scl=scale), float)
-    out[0] += middle - chebyshev.chebval(0.0, out)
-    return out
+    """Return the Chebyshev series (m + 1, n) of the integrals of n series (m, n), over ``scale``
+    times the variable; each equals ``middle`` (n,) at 0.
+    """
+    integral = np.asarray(chebyshev.chebint(table, scl=scale), float)
+    integral[0] += middle - chebyshev.chebval(0.0, integral)
+    return integral
 
 
 @dataclass(frozen=True, eq=False)
 class PointBalls:
-    """Averages by sums, as :class:`DensityBalls`: ``stiffness`` (n, B, s + 1) is K^Q at the points.
+    """Averages by sums, as :class:`DensityBalls`: ``weights`` (n,) are those of the listed
+    diameters, ``stiffness`` (n, B, s + 1) is K^Q at the points.
 
-    ``change`` and ``work`` (n, B, s + 1) are the changes of K^Q and F^Q since the upper end of the
-    step, where F^Q is ``top`` (n, B).
+    ``change`` and ``force_change`` (n, B, s + 1) are the changes of K^Q and F^Q since the upper end
+    of the step, where F^Q is ``top`` (n, B); all reduced.
     """
 
     weights: Array
     xi: float
     stiffness: Array
     change: Array
-    work: Array
+    force_change: Array
     top: Array
 
     base_stiffness = 0.0
@@ -583,8 +636,8 @@ class PointBalls:
         return self._average(self.stiffness)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """Return what :meth:`DensityBalls.balance` returns, as the whole of G; forces are counted
-        from the upper end.
+        """Return G(y, k) less G at the upper end, and dG/dk, (B, s + 1), for ``k`` (B, s + 1); and
+        G at the lower ends (B,); all reduced.
         """
         compliance = 1.0 / (self.stiffness + self.xi * k)
         top_compliance = compliance[..., -1]
@@ -593,10 +646,10 @@ class PointBalls:
         # <(F^Q - f) compliance> is zero at the upper end: elsewhere the mean is the sum of the
         # changes of F^Q and of the compliance
         stiffening = self.change + self.xi * (k - k[:, -1:])
-        moved = self.work - stiffening * (top_excess * top_compliance)[..., None]
+        changes = self.force_change - stiffening * (top_excess * top_compliance)[..., None]
         total = self._average(compliance)
-        force = self._average(compliance * moved) / total
-        excess = self.work + top_excess[..., None] - force
+        force = self._average(compliance * changes) / total
+        excess = self.force_change + top_excess[..., None] - force
         by_k = -self.xi * self._average(compliance * compliance * excess) / total
         return force, by_k, top_force + force[:, 0]
 
@@ -609,8 +662,8 @@ class PointBalls:
 
 @lru_cache(maxsize=64)
 def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
-    """Solve equation (36) for a shape and Xi; force and stiffness are right to 1e-8 or better from
-    f* = 1e-4 on.
+    """Return the curve of a shape and Xi, the solution of equation (36); force and stiffness are
+    right to 1e-8 or better from f* = 1e-4 on.
 
     Results are cached.
 
@@ -631,13 +684,15 @@ def radau(stages: int) -> tuple[Array, Array, Array]:
     """
     from scipy.special import roots_jacobi
 
-    inner = roots_jacobi(stages - 1, 0.0, 1.0)[0] if stages > 1 else np.empty(0)
-    points = np.concatenate([[-1.0], inner, [1.0]])
-    inverse = np.linalg.inv(chebyshev.chebvander(points, stages))
-    slopes = np.stack(
-        [chebyshev.chebval(points[:-1], chebyshev.chebder(column)) for column in inverse.T], axis=1
-    )
-    return points, slopes, inverse
+    inner_points = np.empty(0)
+    if stages > 1:
+        inner_points, _ = roots_jacobi(stages - 1, 0.0, 1.0)
+    points = np.concatenate([[-1.0], inner_points, [1.0]])
+    to_series = np.linalg.inv(chebyshev.chebvander(points, stages))
+    # a column of to_series is the polynomial that is 1 at one of the points, 0 at the others
+    derivatives = [chebyshev.chebder(polynomial) for polynomial in to_series.T]
+    to_slopes = np.stack([chebyshev.chebval(points[:-1], series) for series in derivatives], axis=1)
+    return points, to_slopes, to_series
 
 
 def solve_curve(
@@ -648,8 +703,8 @@ def solve_curve(
     most: float = np.inf,
     order: int = _ORDER,
 ) -> EffectiveCurve:
-    """Solve equation (36) for a shape and Xi with s = ``stages``; no step is longer than ``most``
-    in the square root.
+    """Return the curve of a shape and Xi: equation (36), solved with s = ``stages``; no step is
+    longer than ``most`` in the square root u.
 
     ``tolerance`` is the largest value of the last two Chebyshev coefficients of k, relative to the
     least k on the step; ``order`` is that of the quadrature over the balls of a density. Raises
@@ -676,8 +731,8 @@ def solve_curve(
         if (origin, low) == (first_opening, 0.0):
             pending[-1:] = _halve(pending[-1])
             continue
-        attempted = reversed(pending[-count:])
-        steps = [step for step in attempted if step[:2] != (first_opening, 0.0)]
+        descending = reversed(pending[-count:])
+        steps = [step for step in descending if step[:2] != (first_opening, 0.0)]
         block = Block.of(steps, points)
         # steps of a density are long and few: one is solved at a time, because a step that must be
         # halved makes the work on the steps below it useless
@@ -688,19 +743,21 @@ def solve_curve(
         balls = averages.balls(block) if averages else DensityBalls(shape, xi, order, block)
         start = _estimate(balls, block, guess, stiffness)
         solution = _relax(balls, derivative, block, start, stiffness)
+        # steps on which the solution fails, or is not resolved, must be halved
         is_rough = np.ones(len(steps), bool)
         if solution is not None:
             k, forces = solution
             table = k @ coefficients.T
-            last = np.max(np.abs(table[:, -2:]), axis=1)
-            is_rough = last > np.maximum(tolerance, balls.noise) * np.min(k, axis=1)
-        is_hopeless = bool(np.any((block.half < _SHORTEST * block.middle)[is_rough]))
+            is_rough = _find_rough(table, k, np.maximum(tolerance, balls.noise))
+        # doubles cannot tell apart the points of a step that is shorter than the shortest
+        is_shortest = block.half < _SHORTEST * block.middle
+        is_hopeless = bool(np.any(is_shortest[is_rough]))
         if len(steps) > 1 and (solution is None or is_hopeless):
             count = len(steps) // 2
             continue
-        if is_hopeless:  # doubles cannot tell apart the points of a shorter step
-            if force < VALID_FORCE:
-                break
+        if is_hopeless and force < VALID_FORCE:
+            break
+        if is_hopeless:
             overlap = float(block.y[0, -1])
             raise PrecisionError(
                 f"the effective medium does not converge below an overlap of {overlap:.6g} widths",
@@ -714,12 +771,13 @@ def solve_curve(
                 ascending = np.argsort(block.y, axis=None)
                 guess = block.y.ravel()[ascending], (k / balls.mean).ravel()[ascending]
             continue
-        kept = min(len(steps), 1 + int(np.count_nonzero(forces > LEAST_SOLVED_FORCE)))
+        # the last step that counts is the first that reaches below the least force
+        solved_count = min(len(steps), 1 + int(np.count_nonzero(forces > LEAST_SOLVED_FORCE)))
         geometry = np.concatenate([block.origin, block.middle, block.half], axis=1)
-        solved_steps.append(geometry[:kept])
-        solved_tables.append(table[:kept])
-        stiffness = float(k[kept - 1, 0])
-        force = float(forces[kept - 1])
+        solved_steps.append(geometry[:solved_count])
+        solved_tables.append(table[:solved_count])
+        stiffness = float(k[solved_count - 1, 0])
+        force = float(forces[solved_count - 1])
         del pending[-len(steps) :]
         count = 2 * count
         guess = None
@@ -727,18 +785,20 @@ def solve_curve(
 
 
 def _divide_range(ends: list[float], most: float) -> list[Step]:
-    """Return the initial steps between the openings and the start of the series, in ascending
-    order; no step is longer than ``most`` in the square root.
+    """Return the initial steps between the reduced overlaps ``ends``, the openings and the start of
+    the series, in ascending order; no step is longer than ``most`` in the square root u.
     """
     steps: list[Step] = []
-    for below, origin, end in zip([-np.inf, *ends], ends[:-1], ends[1:], strict=False):
-        cuts = [math.sqrt(end - origin)]
-        while origin - below < _NEAR * cuts[-1] ** 2:
+    next_below = -np.inf
+    for origin, end in pairwise(ends):
+        cuts = [math.sqrt(end - origin)]  # values of u, descending
+        while origin - next_below < _NEAR * cuts[-1] ** 2:
             cuts.append(0.5 * cuts[-1])
         for low, high in pairwise([0.0, *reversed(cuts)]):
             pieces = 2 ** math.ceil(math.log2(max(1.0, (high - low) / most)))
             roots = np.linspace(low, high, pieces + 1).tolist()
             steps += [(origin, *step_roots) for step_roots in pairwise(roots)]
+        next_below = origin
     return steps
 
 
@@ -750,12 +810,14 @@ def _make_curve(
     tables: list[Array],
     lowest_force: float,
 ) -> EffectiveCurve:
-    """Return the curve from its steps (n, 3) and the series of k on each step (n, s + 1), in
-    descending order; ``lowest_force`` is the force at its lower end.
+    """Return the curve from its ``steps`` (n, 3), each an origin, a middle and a half length, and
+    the series of k on each step, the ``tables`` (n, s + 1), both in descending order.
+
+    ``far`` is the series beyond the steps, ``lowest_force`` the reduced force at the lower end.
     """
     geometry = np.ascontiguousarray(np.concatenate(steps)[::-1].T)
     stiffness = np.ascontiguousarray(np.concatenate(tables)[::-1].T)
-    # force and energy are integrals
+    # force and energy are integrals of the stiffness, so that all three agree exactly
     rise = 2.0 * geometry[2] * geometry[1:]  # dy/dt, as a series
     forces = _integrate_over_steps(stiffness, rise, lowest_force)
     # the curve and the series differ here by rounding alone; scaling the curve removes the jump
@@ -777,12 +839,22 @@ def _estimate(
     ``guess``, or else a constant.
     """
     ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
-    return np.asarray(balls.mean * ratio * (top / (balls.mean[0, -1] * ratio[0, -1])))
+    scale = top / (balls.mean[0, -1] * ratio[0, -1])
+    return np.asarray(balls.mean * ratio * scale)
+
+
+def _find_rough(table: Array, k: Array, tolerance: Array) -> Flags:
+    """Return (B,) whether k (B, s + 1) is not resolved on each step: the last two of its Chebyshev
+    coefficients, ``table`` (B, s + 1), are above the ``tolerance`` (B,) or (1,), relative to the
+    least k.
+    """
+    last_coefficients = np.max(np.abs(table[:, -2:]), axis=1)
+    return np.asarray(last_coefficients > tolerance * np.min(k, axis=1))
 
 
 def _halve_rough(steps: list[Step], is_rough: Flags) -> list[Step]:
-    """Return the steps, which are in descending order, in ascending order, with the rough ones
-    halved.
+    """Return the ``steps``, given in descending order, in ascending order, with the rough ones
+    halved; ``is_rough`` (steps,) says which.
     """
     finer = []
     for step, must_halve in zip(reversed(steps), reversed(is_rough.tolist()), strict=True):
@@ -800,32 +872,40 @@ def _halve(step: Step) -> list[Step]:
 def _relax(
     balls: DensityBalls | PointBalls, derivative: Array, block: Block, k: Array, top: float
 ) -> tuple[Array, Array] | None:
-    """Return k at the points of a block and the force at the lower ends, by Newton's method from
-    an estimate ``k``; None if the method fails. ``top`` is k at the upper end of the block.
+    """Return k (B, s + 1) at the points of a block and the force (B,) at the lower ends, by
+    Newton's method from an estimate ``k``, which is overwritten; None if the method fails.
+
+    ``derivative`` (s, s + 1) gives the derivative at the Radau points (see :func:`radau`), ``top``
+    is k at the upper end of the block.
     """
     rise = 2.0 * block.half * block.root[:, :-1]  # dy/dt
-    inner = derivative[:, :-1]
-    last = derivative[:, -1]
+    inner_columns = derivative[:, :-1]
+    last_column = derivative[:, -1]
     k[:, -1] = np.append(top, k[:-1, 0])
-    for _ in range(30):
+    for _ in range(_MOST_ITERATIONS):
         force, by_k, _ = balls.balance(k)
-        matrix = inner * by_k[:, None, :-1] - rise[:, :, None] * np.eye(len(inner))
+        # k dy/dt = dG/dt at the Radau points, to first order in the change of k there; the second
+        # side is the response to a change of k at the upper end of the step
+        matrix = inner_columns * by_k[:, None, :-1] - rise[:, :, None] * np.eye(len(inner_columns))
         residual = (k - balls.base_stiffness)[:, :-1] * rise - force @ derivative.T
-        sides = np.stack([residual, -last * by_k[:, -1:]], axis=-1)
+        sides = np.stack([residual, -last_column * by_k[:, -1:]], axis=-1)
         try:
             responses = np.linalg.solve(matrix, sides)
         except np.linalg.LinAlgError:
             return None
         # the change of k at the lower end of a step is linear in the change at its upper end
-        changes = [0.0]
+        end_changes = [0.0]
         for offset, gain in responses[:, 0].tolist():
-            changes.append(offset + gain * changes[-1])
-        change = responses[..., 0] + responses[..., 1] * np.array(changes[:-1])[:, None]
+            end_changes.append(offset + gain * end_changes[-1])
+        upper_changes = np.array(end_changes[:-1])[:, None]
+        change = responses[..., 0] + responses[..., 1] * upper_changes
         if not np.all(np.isfinite(change)):
             return None
+        # a large change may overshoot, but the stiffness stays above zero
         k[:, :-1] = np.maximum(k[:, :-1] + change, 0.1 * k[:, :-1])
         k[1:, -1] = k[:-1, 0]
         if np.all(np.abs(change) <= _SETTLED * k[:, :-1]):
             # convergence is quadratic: no further iteration is needed
-            return k, balls.balance(k)[2]
+            _, _, lower_force = balls.balance(k)
+            return k, lower_force
     return None

@@ -36,11 +36,12 @@ from granphon.balls.hertz import (
     HertzLaw,
     high_pressure_overlap,
 )
-from granphon.base.arrays import Array
+from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import InputError, PrecisionError
 from granphon.base.scales import WidthUnits
 
-#: the same derivatives of (2/5) y^(5/2), each divided by its power of y
+#: (2/5) y^(5/2), the reduced energy of equal balls, and its derivatives of order 1 to 3, each
+#: divided by its power of y
 _HERTZ = (0.4, 1.0, 1.5, 0.75)
 #: y over the largest deviation x, from which the series is used
 _SERIES_START = 12.0
@@ -54,6 +55,12 @@ _LEAST_DEPTH = 1e-8
 _COUNTING = 128
 #: number of loads averaged over balls at once, which bounds the memory
 _LOADS_AT_ONCE = 1024
+#: largest number of rounds of the inverse of the series
+_MOST_ROUNDS = 20
+#: largest number of Newton steps for the overlap of the averaged force
+_MOST_STEPS = 200
+#: number of rows of the table from which Newton's method starts
+_TABLE_ROWS = 512
 
 
 class Series(NamedTuple):
@@ -70,24 +77,28 @@ class Series(NamedTuple):
     weights: Array
 
     def ratio(self, y: Array, order: int) -> Array:
-        """Return a derivative of the energy divided by that of equal balls."""
+        """Return the derivative, of an ``order`` of 0 to 3, of the energy at each overlap ``y``
+        (any shape) divided by that of equal balls.
+        """
         coefficients = self.mean * _compute_factors(order) / _HERTZ[order]
         return np.asarray(np.polynomial.polynomial.polyval(self.scale / y, coefficients))
 
     def value(self, y: float, order: int) -> float:
-        """Return a derivative of the reduced energy at y."""
+        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy at y."""
         return float(_HERTZ[order] * y ** (2.5 - order) * self.ratio(np.asarray(y), order))
 
     def excess(self, y: Array) -> tuple[Array, Array]:
-        """Return (F^Q - f)/f and K^Q/k, (n_y, n_Q), at y (n_y,); the leading terms, which cancel,
-        are left out.
+        """Return (F^Q - f)/f and K^Q/k, (n_y, n_Q), of each ball at the overlaps y (n_y,).
+
+        The terms of order 0 of F^Q and f are equal. They are left out of F^Q - f, so that no digits
+        are lost.
         """
         powers = (self.scale / y[:, None]) ** np.arange(_TERMS)
-        slopes = powers * _compute_factors(STIFFNESS)
+        stiffness_terms = powers * _compute_factors(STIFFNESS)
         differences = powers[:, 1:] @ (self.balls - self.mean[:, None])[1:]
-        excess = differences / (powers @ self.mean)[:, None]
-        stiffness = slopes @ self.balls / (slopes @ self.mean)[:, None]
-        return excess, stiffness
+        force_excess = differences / (powers @ self.mean)[:, None]
+        stiffness_ratio = stiffness_terms @ self.balls / (stiffness_terms @ self.mean)[:, None]
+        return force_excess, stiffness_ratio
 
 
 def _compute_factors(order: int) -> Array:
@@ -103,39 +114,53 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
     """Return the series of f* where all contacts are closed, by equation (36); infinite Xi gives
     the averaged force.
 
-    The equation is solved order by order. Force and stiffness of all balls agree at leading order,
-    so that a coefficient of the unknown force enters its own order of (36) linearly, and the
-    stiffness that belongs to it enters higher orders only. To second order f* = y^(3/2) (1 + r/(64
-    y^2)) for symmetric shapes, with r = Xi/(1 + Xi).
+    To second order f* = y^(3/2) (1 + r/(64 y^2)) for symmetric shapes, with r = Xi/(1 + Xi).
     """
-    n = np.arange(_TERMS)
     scale = max(map(abs, shape.bounds)) or 1.0
     x, weights = shape.nodes(_SERIES_START * scale)
-    x = x / scale
+    balls = _expand_forces(x / scale, weights)
+    mean = balls @ weights if math.isinf(xi) else _solve_orders(balls, weights, xi)
+    return Series(mean, scale, _SERIES_START * scale, balls, weights)
+
+
+def _expand_forces(x: Array, weights: Array) -> Array:
+    """Return the coefficients (n, n_Q) of (scale/y)^n in F^Q/y^(3/2) of balls with the deviations
+    ``x`` (n_Q,) of their diameters, in units of the scale; ``weights`` (n_Q,) are those of balls.
+
+    F^Q/y^(3/2) is the mean of (1 + z (x + x')/2)^(3/2) over the deviations x' of the balls that
+    touch, with z = scale/y; so the coefficient of z^m has the mean of (x + x')^m.
+    """
+    n = np.arange(_TERMS)
     moments = [float(np.sum(weights * x**m)) for m in n]
     binomial = np.cumprod(np.concatenate([[1.0], (1.5 - n[:-1]) / (n[:-1] + 1.0)]))
-    # (1 + z (x + x')/2)^(3/2) with z = scale/y, averaged over x': the term of z^m of each ball has
-    # the mean of (x + x')^m
-    rows = []
+    coefficients = []
     for m in n.tolist():
         mean_power = sum(math.comb(m, j) * moments[j] * x ** (m - j) for j in range(m + 1))
-        rows.append(binomial[m] * 0.5**m * mean_power)
-    balls = np.array(rows)
-    if math.isinf(xi):
-        return Series(balls @ weights, scale, _SERIES_START * scale, balls, weights)
-    powers = _compute_factors(STIFFNESS)
+        coefficients.append(binomial[m] * 0.5**m * mean_power)
+    return np.array(coefficients)
+
+
+def _solve_orders(balls: Array, weights: Array, xi: float) -> Array:
+    """Return the coefficients (n,) of f*, which solve equation (36) order by order, from those of
+    F^Q, ``balls`` (n, n_Q).
+
+    Force and stiffness of all balls agree at leading order, so that a coefficient of the unknown
+    force enters its own order of (36) linearly, and the stiffness that belongs to it enters higher
+    orders only.
+    """
+    n = np.arange(_TERMS)
+    stiffness_factors = _compute_factors(STIFFNESS)
     mean = np.zeros(_TERMS)
-    inverse = np.zeros_like(balls)
+    inverse = np.zeros_like(balls)  # coefficients of 1/(K^Q + Xi k)
     mean[0] = 1.0
     inverse[0] = 1.0 / (1.5 * (1.0 + xi))
     for m in n[1:]:
         terms = [(balls[j] - mean[j]) * inverse[m - j] for j in n[1:m]]
         mean[m] = weights @ sum(terms, balls[m] * inverse[0]) / inverse[0, 0]
-        # 1/(K^Q + Xi k), to the same order
-        stiffnesses = [powers[j] * (balls[j] + xi * mean[j]) for j in n[1 : m + 1]]
+        stiffnesses = [stiffness_factors[j] * (balls[j] + xi * mean[j]) for j in n[1 : m + 1]]
         products = [stiffness * inverse[m - j] for j, stiffness in enumerate(stiffnesses, 1)]
         inverse[m] = -inverse[0] * sum(products)
-    return Series(mean, scale, _SERIES_START * scale, balls, weights)
+    return mean
 
 
 class SpreadLaw(EnergyLaw):
@@ -193,19 +218,21 @@ class SpreadLaw(EnergyLaw):
             )
 
         def invert_near(force: Array) -> Array:
+            """Return the overlaps, m, at forces below that at the start of the series, N."""
             reduced = np.asarray(self._units.reduced_force(force))
             return self.width * self._find_near_overlap(reduced)
 
         def invert_series(force: Array) -> Array:
+            """Return the overlaps, m, at forces from that at the start of the series on, N."""
             hertz = HertzLaw(self.coefficient)
             delta = np.asarray(hertz.overlap(force))
-            for _ in range(20):
+            for _ in range(_MOST_ROUNDS):
                 # the ratio is within 1 % of one: each round gains two digits or more
                 ratio = self._series.ratio(delta / self.width, FORCE)
-                better = np.asarray(hertz.overlap(force / ratio))
-                settled = np.all(np.abs(better - delta) <= 4e-16 * better)
-                delta = better
-                if settled:
+                next_delta = np.asarray(hertz.overlap(force / ratio))
+                is_settled = np.all(np.abs(next_delta - delta) <= ROUNDED * next_delta)
+                delta = next_delta
+                if is_settled:
                     break
             return delta
 
@@ -218,35 +245,44 @@ class SpreadLaw(EnergyLaw):
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Return Delta f / f of Section IV: the rms deviation of the relaxed force over balls,
-        divided by the mean force.
+        divided by the mean force; a number for each ``overlap``, m.
         """
 
-        def rms(excess: Array, stiffness: Array, weights: Array) -> Array:
+        def compute_rms(force_excess: Array, stiffness_ratio: Array, weights: Array) -> Array:
+            """Return the rms (n_y,) over balls of the relaxed excess of force; arguments are (n_y,
+            n_Q), weights also (n_Q,).
+            """
             # F^Q - K^Q u^Q - f = (F^Q - f)/(1 + K^Q/Xi k)
-            relaxed = excess / (1.0 + stiffness / self.xi)
-            return np.asarray(np.sqrt(np.sum(weights * relaxed**2, axis=-1)))
+            relaxed_excess = force_excess / (1.0 + stiffness_ratio / self.xi)
+            return np.asarray(np.sqrt(np.sum(weights * relaxed_excess**2, axis=-1)))
 
         def far(y: Array) -> Array:
-            return rms(*self._series.excess(y), self._series.weights)
+            force_excess, stiffness_ratio = self._series.excess(y)
+            return compute_rms(force_excess, stiffness_ratio, self._series.weights)
 
         def near(y: Array) -> Array:
             nodes = self.shape.nodes(y)
-            return rms(*self._compute_excesses(y, nodes.positions), nodes.weights)
+            force_excess, stiffness_ratio = self._compute_excesses(y, nodes.positions)
+            return compute_rms(force_excess, stiffness_ratio, nodes.weights)
 
         return self._evaluate_joined(overlap, far, near)
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """Return the fraction of contacts that are closed (N_c of Section IV), the corona of each
-        ball displaced by u^Q.
+        """Return the fraction of contacts that are closed (N_c of Section IV) at each ``overlap``,
+        m, when the corona of each ball is displaced by u^Q.
         """
 
         def near(y: Array) -> Array:
+            """Return the fractions (n_y,) at overlaps y (n_y,) below the start of the series."""
             nodes = self.shape.nodes(y, _COUNTING, whole=True)
-            excess, stiffness = self._compute_excesses(y, nodes.positions)
+            force_excess, stiffness_ratio = self._compute_excesses(y, nodes.positions)
             force = self._evaluate_near(y, FORCE)
             k = self._evaluate_near(y, STIFFNESS)
             force_over_stiffness = force / np.where(k > 0.0, k, 1.0)
-            displacement = force_over_stiffness[:, None] * excess / (stiffness + self.xi)
+            # u^Q = (F^Q - f)/(K^Q + Xi k), reduced
+            displacement = (
+                force_over_stiffness[:, None] * force_excess / (stiffness_ratio + self.xi)
+            )
             closed = self.shape.average(y[:, None] - displacement, 0.0, nodes.positions)
             # weights sum to one but for rounding
             return np.asarray(np.minimum(np.sum(nodes.weights * closed, axis=-1), 1.0))
@@ -262,9 +298,10 @@ class SpreadLaw(EnergyLaw):
         force = self._evaluate_near(y, FORCE)[:, None]
         k = self._evaluate_near(y, STIFFNESS)[:, None]
         closed = force > 0.0
-        excess = self.shape.force(y[:, None], x) / np.where(closed, force, 1.0) - 1.0
-        stiffness = self.shape.stiffness(y[:, None], x) / np.where(closed, k, 1.0)
-        return excess * closed, stiffness
+        divisor = np.where(closed, force, 1.0)  # no division by zero where all contacts are open
+        force_excess = self.shape.force(y[:, None], x) / divisor - 1.0
+        stiffness_ratio = self.shape.stiffness(y[:, None], x) / np.where(closed, k, 1.0)
+        return force_excess * closed, stiffness_ratio
 
     # -- between SI and reduced --------------------------------------------------------------------
 
@@ -287,6 +324,9 @@ class SpreadLaw(EnergyLaw):
         return float(self.force(high_pressure_overlap(width)))
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """As :meth:`EnergyLaw._evaluate`: by the series at large overlaps, and in reduced units
+        below.
+        """
         delta = np.asarray(overlap, float)
         hertz = HertzLaw(self.coefficient)
         offset = 0.0
@@ -300,31 +340,38 @@ class SpreadLaw(EnergyLaw):
         def near(overlap: Array) -> Array:
             return self._find_unit(order) * self._evaluate_near(overlap / self.width, order)
 
+        # W may be so small that y is above the floating range, where the series holds
         with np.errstate(over="ignore", under="ignore"):
-            return self._evaluate_parts(delta, delta / self.width >= self._series.start, far, near)
+            is_far = delta / self.width >= self._series.start
+            return self._evaluate_parts(delta, is_far, far, near)
 
     @staticmethod
     def _evaluate_parts(
-        values: Array, is_far: Any, far: Callable[[Array], Array], near: Callable[[Array], Array]
+        arguments: Array, is_far: Any, far: Callable[[Array], Array], near: Callable[[Array], Array]
     ) -> Any:
-        """Evaluate the function ``far`` where ``is_far`` is true, and ``near`` elsewhere; a
-        function that is not needed is not called.
+        """Return an array of the shape of the ``arguments`` (a float for a number): the function
+        ``far`` of those with ``is_far``, and ``near`` of the others.
+
+        A function that is not needed is not called.
         """
         if np.all(is_far):
-            return far(values)[()]
+            return far(arguments)[()]
         if not np.any(is_far):
-            return near(values)[()]
-        results = np.empty(values.shape)
-        results[is_far] = far(values[is_far])
-        results[~is_far] = near(values[~is_far])
+            return near(arguments)[()]
+        results = np.empty(arguments.shape)
+        results[is_far] = far(arguments[is_far])
+        results[~is_far] = near(arguments[~is_far])
         return results
 
     def _evaluate_joined(
         self, overlap: ArrayLike, far: Callable[[Array], Array], near: Callable[[Array], Array]
     ) -> Any:
-        """Evaluate a function of y: ``far`` from the start of the series on, ``near`` below it."""
+        """Return a function of y at each ``overlap``, m: ``far`` from the start of the series on,
+        ``near`` below it; both map (n,) to (n,).
+        """
         far_in_blocks = partial(evaluate_in_blocks, far, size=_LOADS_AT_ONCE)
         near_in_blocks = partial(evaluate_in_blocks, near, size=_LOADS_AT_ONCE)
+        # W may be so small that y is above the floating range, where the series holds
         with np.errstate(over="ignore", under="ignore"):
             y = np.asarray(np.asarray(overlap, float) / self.width)
             is_far = y >= self._series.start
@@ -352,11 +399,14 @@ class AveragedLaw(SpreadLaw):
         return np.asarray(_HERTZ[order] * self.shape.average(y, 2.5 - order))
 
     def _find_near_overlap(self, force: Array) -> Array:
-        depths, logs = _tabulate_force(self.shape)
-        first = -self.shape.bounds[1]
+        """As :meth:`SpreadLaw._find_near_overlap`, by Newton's method; PrecisionError for a force
+        that is too small.
+        """
+        log_depths, log_forces = _tabulate_force(self.shape)
+        first_contact = -self.shape.bounds[1]  # y up to which all contacts are open
         with np.errstate(divide="ignore"):  # a force below the floating range is refused below
             log_force = np.log(force)
-        if np.any(log_force < logs[0]):
+        if np.any(log_force < log_forces[0]):
             raise PrecisionError(
                 f"a mean contact force of {float(np.min(force)):.3g} c W^(3/2) is too small",
                 "So near the first contact an overlap in double precision does not give the"
@@ -366,37 +416,41 @@ class AveragedLaw(SpreadLaw):
         # the force is convex: from too large an overlap Newton's method descends to the root, past
         # any kink. The index is limited because, just below the start of the series, rounding may
         # put a force beyond the table
-        row = np.minimum(np.searchsorted(logs, log_force), logs.size - 1)
-        y = np.ravel(first + np.exp(depths[row]))
-        goal = np.ravel(force)
-        active = np.ones(y.shape, bool)
-        for _ in range(200):
-            residual = np.asarray(self.shape.force(y[active])) - goal[active]
-            step = residual / np.asarray(self.shape.stiffness(y[active]))
+        index = np.minimum(np.searchsorted(log_forces, log_force), log_forces.size - 1)
+        y = np.ravel(first_contact + np.exp(log_depths[index]))
+        target = np.ravel(force)
+        is_active = np.ones(y.shape, bool)
+        for _ in range(_MOST_STEPS):
+            residual = np.asarray(self.shape.force(y[is_active])) - target[is_active]
+            step = residual / np.asarray(self.shape.stiffness(y[is_active]))
             # a step that is negative, or no larger than rounding, ends the iteration
-            small = step <= 2e-16 * np.abs(y[active])
-            y[active] -= np.where(small, 0.0, step)
-            active[active] = ~small
-            if not np.any(active):
+            is_settled = step <= 0.5 * ROUNDED * np.abs(y[is_active])
+            y[is_active] -= np.where(is_settled, 0.0, step)
+            is_active[is_active] = ~is_settled
+            if not np.any(is_active):
                 return y.reshape(np.shape(force))
         raise PrecisionError(
             "the overlap of the averaged force does not converge", mend="Give a less uneven spread"
         )
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """Return the fraction of pairs that overlap."""
-        # weights sum to one but for rounding
-        return self._evaluate_joined(
-            overlap, np.ones_like, lambda y: np.minimum(self.shape.average(y, 0.0), 1.0)
-        )
+        """Return the fraction of pairs that overlap, at each ``overlap`` of mean balls, m."""
+
+        def near(y: Array) -> Array:
+            # weights sum to one but for rounding
+            return np.asarray(np.minimum(self.shape.average(y, 0.0), 1.0))
+
+        return self._evaluate_joined(overlap, np.ones_like, near)
 
 
 @lru_cache(maxsize=128)
 def _tabulate_force(shape: Shape) -> tuple[Array, Array]:
-    """Return the logarithms of the depth y + max(x) and of the averaged force there, up to the
-    start of the series.
+    """Return the natural logarithms (rows,) of the depth y + max(x) and of the averaged force f*
+    there, up to the start of the series.
     """
     start = high_pressure_series(shape, math.inf).start
-    first = -shape.bounds[1]
-    depths = np.linspace(math.log(_LEAST_DEPTH * abs(first)), math.log(start - first), 512)
-    return depths, np.log(shape.force(first + np.exp(depths)))
+    first_contact = -shape.bounds[1]
+    log_least = math.log(_LEAST_DEPTH * abs(first_contact))
+    log_most = math.log(start - first_contact)
+    log_depths = np.linspace(log_least, log_most, _TABLE_ROWS)
+    return log_depths, np.log(shape.force(first_contact + np.exp(log_depths)))

@@ -48,19 +48,27 @@ def compute_form_coefficients(shape: Shape) -> tuple[float, float]:
     """Return skewness and excess kurtosis of a distribution; both are zero for a normal
     distribution without cutoff.
     """
-    x, weights = shape.nodes(0.0, 64, whole=True)
-    second = float(np.sum(weights * x**2))
-    third = float(np.sum(weights * x**3))
-    fourth = float(np.sum(weights * x**4))
-    return third / second**1.5, fourth / second**2 - 3.0
+    x, weights = shape.nodes(0.0, 64, whole=True)  # the mean of x is zero
+    second_moment = float(np.sum(weights * x**2))
+    third_moment = float(np.sum(weights * x**3))
+    fourth_moment = float(np.sum(weights * x**4))
+    skewness = third_moment / second_moment**1.5
+    excess_kurtosis = fourth_moment / second_moment**2 - 3.0
+    return skewness, excess_kurtosis
 
 
 def find_rows(structure: Lattice, truth: FrictionHistory = REST) -> Mapping[str, Any] | None:
-    """Return the part of the table for a lattice and the arrays of a ``truth``; None if there is
-    none.
+    """Return the part of the table for a lattice and the arrays of a ``truth``; None if the table
+    has no such part.
     """
+    is_registered = LATTICES.get(structure.name) == structure
+    return _find_lattices(truth).get(structure.name) if is_registered else None
+
+
+def _find_lattices(truth: FrictionHistory) -> Mapping[str, Any]:
+    """Return the parts of the table for the arrays of a ``truth``, by the names of lattices."""
     lattices: Mapping[str, Any] = read_table()["loaded" if truth.is_loaded else "rest"]
-    return lattices.get(structure.name) if LATTICES.get(structure.name) == structure else None
+    return lattices
 
 
 def explain_uncovered(packing: Packing, truth: FrictionHistory = REST) -> str | None:
@@ -69,7 +77,7 @@ def explain_uncovered(packing: Packing, truth: FrictionHistory = REST) -> str | 
         return None
     rows = find_rows(packing.structure, truth)
     if rows is None:
-        lattices = ", ".join(read_table()["loaded" if truth.is_loaded else "rest"])
+        lattices = ", ".join(_find_lattices(truth))
         against = " against arrays loaded with friction" if truth.is_loaded else ""
         return (
             f"none were measured on the {packing.structure.name} lattice{against}; they were on"
@@ -107,18 +115,19 @@ def _explain_friction(eta: float, truth: FrictionHistory, rows: Mapping[str, Any
     """Return the reason why a Mindlin ratio ``eta`` or a ``truth`` with friction was not measured;
     None if both were.
     """
-    measured = "against arrays loaded with friction they were measured for"
+    clause = "against arrays loaded with friction they were measured for"
     low, high = rows["mindlin_ratios"]
-    if not low * (1.0 - 1e-9) <= eta <= high * (1.0 + 1e-9):
-        return f"{measured} Mindlin ratios from {low:.3g} to {high:.3g}, not for {eta:.3g}"
+    is_measured_eta = low * (1.0 - 1e-9) <= eta <= high * (1.0 + 1e-9)  # but for rounding
+    if not is_measured_eta:
+        return f"{clause} Mindlin ratios from {low:.3g} to {high:.3g}, not for {eta:.3g}"
     mu = truth.friction_coefficient
-    least = rows["friction_coefficient"]
-    if mu is not None and mu < least:
-        return f"{measured} friction coefficients from {least:g} on, not for {mu:g}"
+    least_mu = rows["friction_coefficient"]
+    if mu is not None and mu < least_mu:
+        return f"{clause} friction coefficients from {least_mu:g} on, not for {mu:g}"
     if truth.shear_response not in rows["errors"]:
         responses = " and ".join(rows["errors"])
         return (
-            f"{measured} shear_response {responses} on this lattice, not for {truth.shear_response}"
+            f"{clause} shear_response {responses} on this lattice, not for {truth.shear_response}"
         )
     return None
 
@@ -140,17 +149,26 @@ def find_error(
     rows = find_rows(packing.structure, truth)
     if rows is None or explain_uncovered(packing, truth) is not None:
         return np.full(load.shape, np.inf)
-    axis = "overlap" if load.kind == "overlap" else "force"
-    loads = np.array(rows["loads"][axis])
-    errors = _find_row(rows, medium, packing, axis, truth)
-    reduced = np.maximum(reduce_load(packing, load), 0.0)
+    axis = _find_axis(load)
+    table_loads = np.array(rows["loads"][axis])
+    table_errors = _find_row(rows, medium, packing, axis, truth)
+    reduced_load = np.maximum(reduce_load(packing, load), 0.0)
     power = 1.0 if _find_response(packing, truth) == "partial_slip" else 2.0
+    # the logarithm of a load of zero is -inf, and its error that of the least load
     with np.errstate(over="ignore", divide="ignore"):
-        error = _interpolate(reduced, loads, errors)
-        error = error / _fall_above_table(reduced, loads[-1], axis) ** power
+        table_error = _interpolate(reduced_load, table_loads, table_errors)
+        growth = _find_growth_of_overlap(reduced_load, table_loads[-1], axis)
+        error = table_error / growth**power
     if medium == SIMULATION:
         error = error * (DEVIATIONS / math.sqrt(balls))
-    return np.asarray(np.where(reduced >= loads[0], error, np.inf))
+    return np.asarray(np.where(reduced_load >= table_loads[0], error, np.inf))
+
+
+def _find_axis(load: Load) -> str:
+    """Return the name of the axis of the table for a kind of load: "overlap" (a*) or "force"
+    (f*).
+    """
+    return "overlap" if load.kind == "overlap" else "force"
 
 
 def _find_response(packing: Packing, truth: FrictionHistory) -> str:
@@ -179,21 +197,22 @@ def _find_row(
     return np.array(rows["errors"][response_key][diameters][axis][medium])
 
 
-def _interpolate(reduced: Array, loads: Array, errors: Array) -> Array:
-    """Return the errors at ``reduced`` loads, linear in logarithms between those at ``loads``
-    (n,).
+def _interpolate(reduced_load: Array, table_loads: Array, table_errors: Array) -> Array:
+    """Return the error at each ``reduced_load``, linear in logarithms between the errors of the
+    table (n,) at its loads (n,).
     """
-    return np.exp(np.interp(np.log(reduced), np.log(loads), np.log(errors)))
+    log_errors = np.interp(np.log(reduced_load), np.log(table_loads), np.log(table_errors))
+    return np.exp(log_errors)
 
 
-def _fall_above_table(reduced: Array, greatest: float, axis: str) -> Array:
-    """Return the overlap at ``reduced`` loads over that at the ``greatest`` load of the table, by
-    the law of equal balls; 1 within the table.
+def _find_growth_of_overlap(reduced_load: Array, greatest: float, axis: str) -> Array:
+    """Return the overlap at each ``reduced_load`` over that at the ``greatest`` load of the table,
+    by the law of equal balls; 1 within the table.
     """
     if axis == "overlap":
-        growth = (reduced - 0.5) / (greatest - 0.5)
+        growth = (reduced_load - 0.5) / (greatest - 0.5)
     else:
-        growth = np.asarray(overlap_of(reduced / greatest))
+        growth = np.asarray(overlap_of(reduced_load / greatest))
     return np.maximum(growth, 1.0)
 
 
@@ -204,4 +223,4 @@ def find_least_load(packing: Packing, load: Load, truth: FrictionHistory = REST)
     rows = find_rows(packing.structure, truth)
     if rows is None or not packing.spread_matters:
         return 0.0
-    return float(rows["loads"]["overlap" if load.kind == "overlap" else "force"][0])
+    return float(rows["loads"][_find_axis(load)][0])

@@ -57,21 +57,23 @@ class CrystalCell(Lattice):
 
     @classmethod
     def of(cls, crystal: Crystal, diameter: float) -> CrystalCell:
-        """Return the cell of a crystal, whose contacts are in m."""
-        positions = crystal.positions.copy()
+        """Return the cell of a crystal, whose contacts are in m, for a mean ``diameter``, m."""
+        sites = crystal.positions.copy()
         vectors = crystal.cell
         if not crystal.periods:
-            length = float(np.ptp(positions[:, 0])) + 4.0 * float(np.max(crystal.radii))
-            vectors = np.eye(positions.shape[1])[:1] * length
+            # two diameters of the largest ball are free between a cluster and its image
+            length = float(np.ptp(sites[:, 0])) + 4.0 * float(np.max(crystal.radii))
+            vectors = np.eye(sites.shape[1])[:1] * length
         p = len(vectors)
-        positions[:, :p] = positions[:, :p] @ np.linalg.inv(vectors[:, :p])
-        positions[:, p:] /= diameter
+        sites[:, :p] = sites[:, :p] @ np.linalg.inv(vectors[:, :p])
+        sites[:, p:] /= diameter
         distances = np.linalg.norm(crystal.contacts.vector, axis=1)
         reach = float(distances.max(initial=0.0)) / diameter
-        rows = tuple(map(tuple, (vectors / diameter).tolist()))
-        sites = tuple(map(tuple, positions.tolist()))
+        cell_rows = tuple(map(tuple, (vectors / diameter).tolist()))
+        site_rows = tuple(map(tuple, sites.tolist()))
         pressed_axes = max(1, crystal.periods + len(crystal.faces))
-        cell = cls(crystal.name, rows, sites, reach, pressed_axes)
+        cell = cls(crystal.name, cell_rows, site_rows, reach, pressed_axes)
+        # the cached property of Lattice, which would search for contacts of equal balls
         cell.__dict__["contacts"] = crystal.contacts
         return cell
 
@@ -131,13 +133,15 @@ class Arrangement:
     @classmethod
     def of(cls, crystal: Crystal) -> Arrangement:
         """Return the arrangement that is a crystal; its faces stand as cuts of no layers."""
-        names = np.array(crystal.names, object)[crystal.kind].tolist()
+        kind_of_ball = np.array(crystal.names, object)[crystal.kind].tolist()
+        positions = map(tuple, crystal.positions.tolist())
+        options = {name: getattr(crystal, name) for name in _OPTIONS}
         return cls(
             tuple(zip(crystal.names, crystal.kinds, strict=True)),
             cell=tuple(map(tuple, crystal.cell.tolist())),
-            sites=tuple(zip(map(tuple, crystal.positions.tolist()), names, strict=True)),
+            sites=tuple(zip(positions, kind_of_ball, strict=True)),
             cut=tuple((face.axis, 0, (face.edges[0], face.edges[1])) for face in crystal.faces),
-            **{name: getattr(crystal, name) for name in _OPTIONS},
+            **options,
             given=crystal,
         )
 
@@ -152,23 +156,30 @@ class Arrangement:
 
     @cached_property
     def crystal(self) -> Crystal:
-        """The crystal."""
+        """The crystal: the one that was given, or the one that the other attributes make."""
         if self.given is not None:
             return self.given
         cell = self._make_cell()
-        if not any(ball.spread for ball in cell.kinds):
-            return self._cut(cell.repeat(self.repeat) if self.repeat else cell)
-        if self.cut or self.replace or self.remove:
-            problem = "a crystal is cut or has defects, and a kind of its balls has a spread"
-            why = "Layers would repeat one sample"
-            raise InputError(problem, why, "Leave one of them out, or use gp.Crystal")
+        has_spread = any(ball.spread for ball in cell.kinds)
+        if not has_spread:
+            supercell = cell.repeat(self.repeat) if self.repeat else cell
+            return self._cut(supercell)
+        has_defects = bool(self.replace or self.remove)
+        if self.cut or has_defects:
+            raise InputError(
+                "a crystal is cut or has defects, and a kind of its balls has a spread",
+                "Layers would repeat one sample",
+                "Leave one of them out, or use gp.Crystal",
+            )
         return cell.sample(self.repeat or None, self.seed)
 
-    def _cut(self, whole: Crystal) -> Crystal:
-        """Return the crystal that is cut from a ``whole`` one, with its defects."""
-        crystal = whole
+    def _cut(self, supercell: Crystal) -> Crystal:
+        """Return the crystal that is cut from a ``supercell``, with its defects."""
+        crystal = supercell
         for axis, layers, edges in self.cut:
-            crystal = crystal.cut(list(axis) if isinstance(axis, tuple) else axis, layers, edges)
+            # Miller indices are a tuple here, so that an arrangement can be hashed
+            axis_or_indices = list(axis) if isinstance(axis, tuple) else axis
+            crystal = crystal.cut(axis_or_indices, layers, edges)
         for index, name in self.replace:
             crystal = crystal.replace(index, self._find_ball(name))
         if self.remove:
@@ -183,11 +194,12 @@ class Arrangement:
             site_balls = [self._find_ball(name) for _, name in self.sites]
             positions = [list(position) for position, _ in self.sites]
             return Crystal(site_balls, self.cell, positions, name="crystal", **options)
-        kinds = [self._find_ball(name) for name in self.order or tuple(self._named_balls)]
-        return Crystal.on(self.lattice, kinds, **options)
+        order = self.order or tuple(self._named_balls)
+        balls = [self._find_ball(name) for name in order]
+        return Crystal.on(self.lattice, balls, **options)
 
     def _find_ball(self, name: str) -> Ball:
-        """Return the ball of the kind of this name."""
+        """Return the ball of the kind of a ``name``; InputError if there is no such kind."""
         balls = self._named_balls
         if name not in balls:
             guess = closest(name, balls)
@@ -240,11 +252,12 @@ class Arrangement:
         ratios = self.crystal.mindlin_ratios if self.friction else np.zeros(1)
         if np.any(ratios) and self.crystal._springs.know_radii:  # the ratio depends on the load
             return None
-        return float(ratios[0]) if np.ptp(ratios) <= _SAME else None
+        is_common = np.ptp(ratios) <= _SAME
+        return float(ratios[0]) if is_common else None
 
     def describe(self) -> list[tuple[str, Any, str]]:
-        """Return names, values and SI units that describe the arrangement, as a notebook shows
-        them.
+        """Return the rows of the table of the arrangement in a notebook: name, value and SI unit of
+        each quantity.
         """
         crystal = self.crystal
         rows = list[tuple[str, Any, str]]()
@@ -252,14 +265,15 @@ class Arrangement:
             if name in crystal.names:
                 rows += _describe_kind(name, ball)
         counts = np.bincount(crystal.kind, minlength=len(crystal.kinds)).tolist()
-        pairs = zip(counts, crystal.names, strict=True)
-        balls = ", ".join(f"{count} {name}" for count, name in pairs)
+        counts_of_kinds = zip(counts, crystal.names, strict=True)
+        balls = ", ".join(f"{count} {name}" for count, name in counts_of_kinds)
         law = "of each pair" if isinstance(self.law, tuple) else type(self.law).__name__
         rows.append(("crystal", crystal.name, ""))
         rows.append(("balls of the cell", balls, ""))
         rows.append(("contact law", law, ""))
         for _, layers, edges in self.cut:
-            rows.append(("cut", f"{counted(layers, 'layer')}, {' and '.join(edges)}", ""))
+            cut = f"{counted(layers, 'layer')}, {' and '.join(edges)}"
+            rows.append(("cut", cut, ""))
         if self.torsion:
             rows.append(("torsion", self.torsion, "k d^2"))
         if self.bending:
@@ -275,21 +289,28 @@ class Arrangement:
         A mass that was given stays if the material or the diameter changes. The diameter of a kind
         changes the distances of balls, so that balls must lie on a lattice.
         """
+        allowed = [
+            f"{kind}.{parameter}"
+            for kind, parameter in itertools.product(self.kind_names, KIND_PARAMETERS)
+        ]
         balls = dict(self.kinds)
         for name, value in values.items():
+            if name not in allowed:
+                raise InputError(
+                    f"the crystal has no parameter {name!r}",
+                    f"It has {', '.join(allowed)}",
+                    "Use one of these",
+                )
             kind, _, parameter = name.rpartition(".")
-            if kind not in self.kind_names or parameter not in KIND_PARAMETERS:
-                pairs = itertools.product(self.kind_names, KIND_PARAMETERS)
-                allowed = ", ".join(map(".".join, pairs))
-                problem = f"the crystal has no parameter {name!r}"
-                raise InputError(problem, f"It has {allowed}", "Use one of these")
             balls[kind] = _change_ball(balls[kind], parameter, value)
         crystal = None if self.given is None else self.given.with_balls(balls)
         return replace(self, kinds=tuple(balls.items()), given=crystal)
 
 
 def _describe_kind(name: str, ball: Ball) -> list[tuple[str, Any, str]]:
-    """Return names, values and SI units of the ball of a kind and of its material."""
+    """Return the rows of a table for the ball of the kind ``name`` and its material: name, value
+    and SI unit of each constant.
+    """
     rows: list[tuple[str, Any, str]] = [
         (f"diameter of {name}", ball.diameter, "m"),
         (f"mass of {name}", ball.mass, "kg"),
@@ -305,13 +326,14 @@ def _describe_kind(name: str, ball: Ball) -> list[tuple[str, Any, str]]:
 
 
 def _change_ball(ball: Ball, parameter: str, value: Any) -> Ball:
-    """Return the ball with another value of a parameter of its own or of its material, SI.
+    """Return the ball with another ``value``, SI, of a ``parameter`` of its own or of its material.
 
     The mass and the moment of inertia of a solid ball follow; those that were given stay.
     """
     changes: dict[str, Any] = {}
     solid_mass = ball.material.ball_mass(ball.diameter)
-    solid_inertia = 0.1 * ball.mass * ball.diameter**2
+    solid_inertia = 0.1 * ball.mass * ball.diameter**2  # (2/5) m R^2
+    # None lets the new ball compute the number of a solid one
     if math.isclose(ball.mass, solid_mass, rel_tol=_SAME):
         changes["mass"] = None
     if math.isclose(ball.inertia, solid_inertia, rel_tol=_SAME):
@@ -368,16 +390,17 @@ class LoadedCrystal(NetworkState):
         """Whether each state is within the range of its contact laws."""
         return self.source.valid
 
-    def _average(self, values: Array) -> Any:
-        """Return the mean over contacts of ``values`` (..., n_c).
+    def _average(self, quantity: Array) -> Any:
+        """Return the mean over contacts of a ``quantity`` (..., n_c).
 
         Open contacts do not count; of a sample, whose contacts open one by one, all contacts count,
         as in :meth:`Crystal.at_force`.
         """
-        counts = self.source.normal_stiffness > 0.0
-        if np.any(self.source.crystal.deviations):
-            counts = np.ones_like(counts)
-        return np.mean(values, axis=-1, where=counts)[()]
+        is_counted = self.source.normal_stiffness > 0.0
+        is_sample = bool(np.any(self.source.crystal.deviations))
+        if is_sample:
+            is_counted = np.ones_like(is_counted)
+        return np.mean(quantity, axis=-1, where=is_counted)[()]
 
     @property
     def force(self) -> Any:
@@ -463,17 +486,18 @@ class CrystalMedium(Medium[Any]):
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> Any:
         """Return the state at a load, with the shape of the values of the load."""
         crystal = self.packing.crystal
-        values = load.array
+        sizes = load.array
         options: dict[str, Any] = {"finite_overlap": finite_overlap}
         if load.gravity is not None:
             options["gravity"] = load.gravity * crystal.downward
-        if load.tensor is not None:
-            values = np.asarray(values)[..., None] * np.array(load.tensor)
-        find_state: dict[str, Callable[..., CrystalState]] = {
+        if load.tensor is not None:  # (..., Voigt components) for sizes (...)
+            sizes = np.asarray(sizes)[..., None] * np.array(load.tensor)
+        methods: dict[str, Callable[..., CrystalState]] = {
             "force": crystal.at_force,
             "overlap": crystal.at_overlap,
             "pressure": crystal.at_pressure,
             "stress": crystal.at_stress,
             "strain": crystal.at_strain,
         }
-        return LoadedCrystal(self.packing, find_state[load.kind](values, **options))
+        find_state = methods[load.kind]
+        return LoadedCrystal(self.packing, find_state(sizes, **options))

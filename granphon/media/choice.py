@@ -140,25 +140,30 @@ class AutoMedium(Medium[ContactState]):
         """
         load = Load(kind, loads).flat
         candidates, errors = self._find_errors(load)
-        chosen = np.argmax(errors <= self.tolerance, axis=0)
-        serving = []
-        for index in np.unique(chosen):
-            served = np.flatnonzero(chosen == index)
-            medium = candidates[index]
-            serving.append(
-                ServingMedium(medium, served, self.packing, load[served], True, self.truth)
+        candidate_of_load = np.argmax(errors <= self.tolerance, axis=0)  # (n_loads,)
+        serving_media = []
+        for candidate in np.unique(candidate_of_load):
+            served = np.flatnonzero(candidate_of_load == candidate)
+            serving_medium = ServingMedium(
+                candidates[candidate],
+                served,
+                self.packing,
+                load[served],
+                chosen_automatically=True,
+                truth=self.truth,
             )
-        return serving
+            serving_media.append(serving_medium)
+        return serving_media
 
     def serving(self, kind: str, loads: ArrayLike) -> MediumChoice:
-        """Return the first medium that is accurate enough at all ``loads``.
+        """Return the first medium that is accurate enough at all ``loads``, or else the largest
+        simulation, which comes nearest.
 
-        They are of one ``kind``, "force" (N), "pressure" or "overlap" (m).
+        The loads are of one ``kind``, "force" (N), "pressure" or "overlap" (m).
         """
         candidates, errors = self._find_errors(Load(kind, loads).flat)
         sufficient = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
-        # if no candidate serves every load, the largest simulation comes nearest
-        return candidates[sufficient[0] if sufficient.size else -1]
+        return candidates[sufficient[0]] if sufficient.size else candidates[-1]
 
     def _find_errors(self, load: Load) -> tuple[list[MediumChoice], Array]:
         """Return the candidates and their expected relative errors (n_candidates, n_loads).
@@ -174,33 +179,37 @@ class AutoMedium(Medium[ContactState]):
         errors = np.array(
             [medium.expected_error(self.packing, load, self.truth) for medium in candidates]
         )
-        least = np.min(errors, axis=0)
-        worst = int(np.argmax(least))
-        if least[worst] > self.tolerance:
-            error = self._explain_failure(load[worst], float(least[worst]), candidates[-1])
-            error.load_index = worst
-            raise error
+        least_errors = np.min(errors, axis=0)  # (n_loads,)
+        worst = int(np.argmax(least_errors))
+        if least_errors[worst] > self.tolerance:
+            least_error = float(least_errors[worst])
+            refusal = self._explain_failure(load[worst], least_error, candidates[-1])
+            refusal.load_index = worst
+            raise refusal
         return candidates, errors
 
-    def _explain_failure(self, load: Load, least: float, largest: MediumChoice) -> InputError:
-        """Return the error for a load at which the ``least`` expected error is too large."""
-        where = load.describe(self.packing.structure.periods)
+    def _explain_failure(self, load: Load, least_error: float, largest: MediumChoice) -> InputError:
+        """Return the error for a load at which the least expected error is too large; ``largest``
+        is the simulation that has it.
+        """
+        load_in_words = load.describe(self.packing.structure.periods)
         if self.truth.is_loaded:
-            where += f" against {self.truth}"
-        if math.isfinite(least):
+            load_in_words += f" against {self.truth}"
+        if math.isfinite(least_error):
             balls = largest.of(self.packing).arrays[0].balls
             return InputError(
-                f"no medium has an expected error of {self.tolerance:g} or less at {where}",
-                f"The smallest expected error there is {least:.2g}, of a simulation of"
+                f"no medium has an expected error of {self.tolerance:g} or less at {load_in_words}",
+                f"The smallest expected error there is {least_error:.2g}, of a simulation of"
                 f" {balls:,} balls",
                 "Raise the tolerance, or simulate more samples by hand",
             )
-        name = "a*" if load.kind == "overlap" else "f*"
-        reduced = float(reduce_load(self.packing, load))
+        symbol = "a*" if load.kind == "overlap" else "f*"
+        reduced_load = float(reduce_load(self.packing, load))
         least_load = find_least_load(self.packing, load, self.truth)
         return InputError(
-            f"the errors of the media are not known at {where}, {name} = {reduced:.3g}",
-            f"They are known from {name} = {least_load:g} on",
+            f"the errors of the media are not known at {load_in_words},"
+            f" {symbol} = {reduced_load:.3g}",
+            f"They are known from {symbol} = {least_load:g} on",
             "Raise the load, or name a medium",
         )
 
@@ -210,9 +219,9 @@ class AutoMedium(Medium[ContactState]):
         """
         if read_finite_overlap(finite_overlap):
             raise no_finite_overlap(self.name)
-        load = load.applied
-        medium = self.serving(load.kind, load.array).of(self.packing)
-        state: ContactState = medium.at(load, finite_overlap=finite_overlap)
+        applied = load.applied
+        medium = self.serving(applied.kind, applied.array).of(self.packing)
+        state: ContactState = medium.at(applied, finite_overlap=finite_overlap)
         return replace(state, chosen_automatically=True)
 
 
@@ -310,9 +319,8 @@ class MediumChoice:
         if "shape" in settings:
             settings["shape"] = settings["shape"] or DEFAULT_SHAPES[lattice.periods]
         if "friction_history" in settings and not self.history.is_loaded:
-            settings = {
-                name: value for name, value in settings.items() if name not in HISTORY_OPTIONS
-            }
+            for option in HISTORY_OPTIONS:
+                settings.pop(option, None)
         start = settings.get("start")
         if isinstance(start, Load):
             quantity = load_quantities(lattice.periods)[start.kind]
@@ -329,7 +337,9 @@ class MediumChoice:
                 return f"{value.kind} {value.values[0]:g}"
             if isinstance(value, bool):
                 return str(value).lower()
-            return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+            if isinstance(value, tuple):
+                return " ".join(map(str, value))
+            return str(value)
 
         options = ", ".join(f"{option}={write(value)}" for option, value in self.options)
         return f"{self.name}({options})" if options else self.name
@@ -367,25 +377,31 @@ class MediumChoice:
         """
         if not packing.spread_matters:
             return np.zeros(load.shape)
-        settings = self.settings
-        is_known = self.name in AVERAGES and settings.get("local_field") != "paper"
-        if self.simulates:
-            leaves_out = against.is_loaded and settings["geometry"] == LATTICE
-            is_known = self.history == against and not leaves_out
-        if not is_known:
+        if not self._has_known_error(against):
             return np.full(load.shape, np.inf)
         deficit = expect_shear_deficit(packing, load, against.is_loaded).reshape(load.shape)
         if self.simulates:
             (simulation,) = self.of(packing).arrays
             balls = simulation.balls * simulation.samples
-            missing = find_left_out(deficit, simulation.geometry)
+            missing_modulus = find_left_out(deficit, simulation.geometry)
         else:
             balls = 1
             rows = find_rows(packing.structure, against)
-            ratio = rows["width_ratio"] if rows else 0.0
-            measured = expect_shear_deficit(packing, load, against.is_loaded, ratio)
-            missing = np.abs(deficit - measured.reshape(load.shape))
-        return find_error(self.name, packing, load, balls, against) + 0.5 * missing
+            table_ratio = rows["width_ratio"] if rows else 0.0
+            table_deficit = expect_shear_deficit(packing, load, against.is_loaded, table_ratio)
+            missing_modulus = np.abs(deficit - table_deficit.reshape(load.shape))
+        error = find_error(self.name, packing, load, balls, against)
+        # a velocity goes as the square root of a modulus
+        return error + 0.5 * missing_modulus
+
+    def _has_known_error(self, against: FrictionHistory) -> bool:
+        """Return whether the error of the medium is known against the arrays of a truth."""
+        settings = self.settings
+        if not self.simulates:
+            return self.name in AVERAGES and settings.get("local_field") != "paper"
+        # a history of friction in the directions of the lattice was not measured
+        is_measured = not (against.is_loaded and settings["geometry"] == LATTICE)
+        return is_measured and self.history == against
 
     @property
     def simulates(self) -> bool:
@@ -419,10 +435,11 @@ class MediumChoice:
         """
         medium = self.of(packing)
         choices = []
-        for serving, indices in medium.by_geometry(load, finite_overlap or None):
+        for medium_in_geometry, indices in medium.by_geometry(load, finite_overlap or None):
             choice_of_geometry = self
-            if isinstance(serving, DirectSimulation) and serving is not medium:
-                options = (*self.options, ("geometry", serving.geometry))
+            is_other = medium_in_geometry is not medium
+            if is_other and isinstance(medium_in_geometry, DirectSimulation):
+                options = (*self.options, ("geometry", medium_in_geometry.geometry))
                 choice_of_geometry = MediumChoice(self.name, options)
             choices.append((choice_of_geometry, indices))
         return choices
@@ -443,36 +460,38 @@ class MediumChoice:
 
     def require_fixed(self, what: str) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for an :class:`AutoMedium`, with which
-        ``what`` cannot be done.
+        the task ``what`` cannot be done.
         """
         if self.name == AutoMedium.name:
-            why = "It chooses another medium at each load and width"
             raise InputError(
-                f"the medium {self.label!r} cannot be used in {what}", why, "Name a medium"
+                f"the medium {self.label!r} cannot be used in {what}",
+                "It chooses another medium at each load and width",
+                "Name a medium",
             )
 
     def require_arrays(self, what: str) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` unless it simulates arrays, as ``what``
-        is asked of these.
+        """Raise :class:`~granphon.base.errors.InputError` unless the medium simulates arrays, which
+        the task ``what`` needs.
         """
         if not self.simulates:
-            problem = f"the medium {self.label!r} has no array of balls for {what}"
             raise InputError(
-                problem, mend="Take medium: simulation, or in Python gp.Waves of a state's network"
+                f"the medium {self.label!r} has no array of balls for {what}",
+                mend="Take medium: simulation, or in Python gp.Waves of a state's network",
             )
 
     def require_for(self, balls: Balls) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if it is no medium of these balls, of one
-        kind or of several.
+        """Raise :class:`~granphon.base.errors.InputError` if the choice is no medium of these
+        balls, of one kind or of several.
         """
-        if bool(balls.kind_names) != (self.name == CrystalMedium.name):
-            several = "balls of several kinds"
-            mend = f"Take {default_medium(balls)}"
-            why = (
-                f"{several.capitalize()} have the medium {CrystalMedium.name} alone, and no"
-                f" others have it"
+        has_kinds = bool(balls.kind_names)
+        is_of_crystals = self.name == CrystalMedium.name
+        if has_kinds != is_of_crystals:
+            raise InputError(
+                f"the medium is {self.label!r}",
+                f"Balls of several kinds have the medium {CrystalMedium.name} alone, and no"
+                f" others have it",
+                f"Take {default_medium(balls)}",
             )
-            raise InputError(f"the medium is {self.label!r}", why, mend)
 
     def of(self, packing: Balls) -> Medium[Any]:
         """Return the medium for this packing."""
@@ -533,13 +552,12 @@ class ServingMedium:
         """The simulation of each sample alone, which is the same however many samples there are;
         none of other media.
         """
-        name = self.medium.name
-        options = {option: value for option, value in self.medium.options if option != "samples"}
+        options = {name: value for name, value in self.medium.options if name != "samples"}
         samples = []
         for simulation in self.arrays:
             for seed in range(simulation.seed, simulation.seed + simulation.samples):
-                of_sample = options | {"shape": simulation.shape, "seed": seed}
-                medium = MediumChoice(name, tuple(of_sample.items()))
+                sample_options = options | {"shape": simulation.shape, "seed": seed}
+                medium = MediumChoice(self.medium.name, tuple(sample_options.items()))
                 samples.append(replace(self, medium=medium))
         return samples
 
@@ -556,17 +574,15 @@ class ServingMedium:
         """
         choices = self.medium.by_geometry(self.packing, self.load, finite_overlap)
         if len(choices) == 1:
-            return [replace(self, medium=choices[0][0])]
-        return [
-            replace(
-                self,
-                medium=medium,
-                loads=self.loads[indices],
-                load=self.load[indices],
-                is_part=True,
-            )
-            for medium, indices in choices
-        ]
+            [(only_choice, _)] = choices
+            return [replace(self, medium=only_choice)]
+        serving_media = []
+        for medium, indices in choices:
+            loads = self.loads[indices]
+            load = self.load[indices]
+            part = replace(self, medium=medium, loads=loads, load=load, is_part=True)
+            serving_media.append(part)
+        return serving_media
 
     @cached_property
     def errors(self) -> Array:
@@ -591,16 +607,17 @@ def list_candidates(packing: Packing, truth: FrictionHistory = REST) -> list[Med
     structure = packing.structure
     for side in SIDES[structure.periods]:
         shape = even_shape(structure, side)
-        candidates.append(MediumChoice(DirectSimulation.name, (("shape", shape), *history)))
+        options = (("shape", shape), *history)
+        candidates.append(MediumChoice(DirectSimulation.name, options))
     return candidates
 
 
 def even_shape(structure: Lattice, side: float) -> tuple[int, ...]:
-    """Return the numbers of cells along each period of a sample whose sides are about ``side``
-    diameters.
+    """Return the number of cells along each period, (p,), of a sample whose sides are about
+    ``side`` diameters.
     """
-    lengths = np.linalg.norm(structure.vectors, axis=1)
-    return tuple(max(round(side / length), 1) for length in lengths.tolist())
+    period_lengths = np.linalg.norm(structure.vectors, axis=1)
+    return tuple(max(round(side / length), 1) for length in period_lengths.tolist())
 
 
 def split_label(label: str) -> tuple[str, dict[str, str]]:
@@ -622,8 +639,8 @@ def is_exact_label(label: str) -> bool:
 
 
 def _split_medium(value: Any) -> tuple[Any, Any]:
-    """Return the name of a medium and its options, None without these, from a value that names
-    it.
+    """Return the name of a medium and its options, or None where there are no options, from a
+    ``value`` as :func:`read_medium` takes it.
     """
     if isinstance(value, MediumChoice):
         return value.name, dict(value.options)
@@ -688,8 +705,8 @@ def _read_name(value: Any) -> str:
 def _read_options(
     name: str, values: Any, lattice: Lattice | None = None, written: bool = False
 ) -> dict[str, Any]:
-    """Read options of the medium ``name`` by their rules; see :func:`read_medium` for the other
-    arguments.
+    """Return the options of the medium ``name`` by name, each read by its rule; see
+    :func:`read_medium` for the other arguments.
     """
     rules = {option: known.rule for option, known in find_medium(name).options.items()}
     if lattice is not None and "shape" in rules:
@@ -697,12 +714,12 @@ def _read_options(
     if lattice is not None and "start" in rules:
         quantities = load_quantities(lattice.periods)
 
-        def read(kind: str, value: Any) -> float:
-            """Read the value of a load of this kind, SI."""
+        def read_load(kind: str, value: Any) -> float:
+            """Return the value of a load of a kind, SI."""
             is_plain = not written and not isinstance(value, str)
             return real_number(value) if is_plain else quantities[kind].read(value)
 
-        rules["start"] = partial(read_start, load=read)
+        rules["start"] = partial(read_start, load=read_load)
     options = block(values, rules)
     if options and "friction_history" in rules:
         FrictionHistory.read(options)

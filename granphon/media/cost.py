@@ -55,6 +55,10 @@ _SMALL_MATRIX = 500
 _FEW_BALLS = 2000.0
 #: least exponent by which the time per ball of a loading with friction grows with the balls
 _LOADED_GROWTH = 0.25
+#: that exponent for a load that the small array does not bear
+_UNKNOWN_GROWTH = 0.5
+#: least number of cells along a side of the small array
+_LEAST_SIDE = 4
 #: products with a vector that take as long as a step of a motion, and as a frame of it; factors of
 #: dashpots and of implicit steps
 _STEP_PRODUCTS = 2.0
@@ -153,7 +157,9 @@ class Cost:
         return sum(number * measure() for number, measure in self.units)
 
     def takes_longer(self, seconds: float) -> bool:
-        """Return whether the time is above ``seconds``, s. Nothing is timed if it cannot be."""
+        """Return whether the time is above ``seconds``, s. Nothing is timed if the number of units
+        alone says that it is not.
+        """
         longest = _SLOWEST_UNIT * sum(number for number, _ in self.units)
         return longest > seconds and self.seconds > seconds
 
@@ -167,30 +173,32 @@ class Cost:
     @property
     def text(self) -> str:
         """The estimate as one line of text: what is done, memory, and the time in one word."""
-        parts = list(self.parts)
+        descriptions = list(self.parts)
         if self.equilibria:
-            many = f", {self.equilibria} equilibria" if self.equilibria > 1 else ""
-            parts.insert(0, f"simulation of {self.balls:,} balls{many}")
-        size = f"{self.memory / 1e6:.0f} MB"
+            simulation = f"simulation of {self.balls:,} balls"
+            if self.equilibria > 1:
+                simulation += f", {self.equilibria} equilibria"
+            descriptions.insert(0, simulation)
+        memory = f"{self.memory / 1e6:.0f} MB"
         if self.memory >= 1e9:
-            size = f"{_write_digits(self.memory / 1e9)} GB"
+            memory = f"{_write_digits(self.memory / 1e9)} GB"
         seconds = self.seconds
-        word = next(word for most, word in _WORDS if seconds < most)
-        return f"{'; '.join(parts)}: about {size} and {word}"
+        duration = next(word for most, word in _WORDS if seconds < most)
+        return f"{'; '.join(descriptions)}: about {memory} and {duration}"
 
 
 def write_duration(seconds: float) -> str:
-    """Text of a time, s, with two digits, in the unit in which people say it."""
-    for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
-        if seconds >= 2.0 * size:
-            return f"{_write_digits(seconds / size)} {unit}"
+    """Return a time, s, as a text of two digits, in the largest unit that makes it two or more."""
+    for unit_seconds, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * unit_seconds:
+            return f"{_write_digits(seconds / unit_seconds)} {unit}"
     if seconds < 0.1:
         return "less than 0.1 s"
     return f"{seconds:.0f} s" if seconds >= 10.0 else f"{seconds:.2g} s"
 
 
 def _write_digits(value: float) -> str:
-    """Write a number with two significant digits."""
+    """Return a number as a text of two significant digits."""
     rounded = f"{value:.2g}"
     return rounded if value < 100.0 else f"{float(rounded):,.0f}"
 
@@ -198,21 +206,21 @@ def _write_digits(value: float) -> str:
 # -- what is timed ---------------------------------------------------------------------------------
 
 
-def time_once(work: Callable[[], object]) -> float:
-    """Return the processor's time of a small piece of work, s, the shortest of some repetitions."""
+def time_once(do_piece: Callable[[], object]) -> float:
+    """Return the processor's time of ``do_piece()``, s, the shortest of some repetitions."""
     shortest = math.inf
-    begin = process_time()
-    before = begin
-    while before - begin < _REPEATED_SECONDS:
-        work()
-        shortest = min(shortest, process_time() - before)
-        before = process_time()
+    first_start = process_time()
+    start = first_start
+    while start - first_start < _REPEATED_SECONDS:
+        do_piece()
+        shortest = min(shortest, process_time() - start)
+        start = process_time()
     return shortest
 
 
 def _measure_ball(simulation: DirectSimulation, load: Load) -> float:
-    """Return the time per ball, s, of one equilibrium of an array at a load, of several loads the
-    mean.
+    """Return the time per ball, s, of one equilibrium of an array at a load; the mean of several
+    loads.
 
     The time is that of a small array of the same kind. Where contacts are open, an equilibrium
     takes more steps in a larger array: the time per ball grows with the number of balls to the
@@ -222,14 +230,15 @@ def _measure_ball(simulation: DirectSimulation, load: Load) -> float:
     balls = simulation.balls
     most_balls = _SMALL_LOADED_BALLS if simulation.history.is_loaded else _SMALL_BALLS
     scale = min(1.0, most_balls / balls) ** (1.0 / len(simulation.cells))
-    shape = tuple(min(cells, max(round(cells * scale), 4)) for cells in simulation.cells)
+    shape = tuple(min(cells, max(round(cells * scale), _LEAST_SIDE)) for cells in simulation.cells)
     small = simulation
     if shape != simulation.cells or simulation.samples > 1:
         small = replace(simulation, shape=shape, diameters=None, samples=1, executor=None)
-    seconds, growth = _time_array(small, load)
-    larger = balls / small.balls
-    few = (1.0 + _FEW_BALLS / balls) / (1.0 + _FEW_BALLS / small.balls)
-    return seconds / small.balls * few * math.pow(larger, growth)
+    small_seconds, growth = _time_array(small, load)
+    size_ratio = balls / small.balls
+    # a small array takes longer per ball, as what does not depend on the balls is shared by few
+    few_balls_factor = (1.0 + _FEW_BALLS / balls) / (1.0 + _FEW_BALLS / small.balls)
+    return small_seconds / small.balls * few_balls_factor * math.pow(size_ratio, growth)
 
 
 @lru_cache(maxsize=32)
@@ -237,21 +246,23 @@ def _time_array(simulation: DirectSimulation, load: Load) -> tuple[float, float]
     """Return the time, s, of an equilibrium of a small array with its moduli, and the exponent by
     which the time per ball grows with the number of balls.
     """
-    loaded = simulation.history.is_loaded
-    numbers = [(load.size - 1) // 2]
-    if loaded:  # a path passes the loads between
-        numbers = np.unique(np.linspace(0, load.size - 1, _SMALL_LOADS).astype(int)).tolist()
+    is_loaded = simulation.history.is_loaded
+    indices = [(load.size - 1) // 2]
+    if is_loaded:  # a path passes the loads between
+        indices = np.unique(np.linspace(0, load.size - 1, _SMALL_LOADS).astype(int)).tolist()
     if not simulation.ordered:
-        numbers = np.argsort(load.array, axis=None)[numbers].tolist()
+        indices = np.argsort(load.array, axis=None)[indices].tolist()
     _pay_for_imports()
-    begin = process_time()
-    growth = 0.5
+    start = process_time()
+    growth = _UNKNOWN_GROWTH
     with suppress(GranphonError):  # a load that the array does not bear takes as long as its search
-        state = simulation.at(load.flat[numbers])
+        state = simulation.at(load.flat[indices])
         _ = state.elastic_tensor
         growth = 1.0 - float(np.mean(state.contact_fraction))
-    seconds = (process_time() - begin) / len(numbers)
-    return seconds, max(growth, _LOADED_GROWTH) if loaded else growth
+    seconds = (process_time() - start) / len(indices)
+    if is_loaded:
+        growth = max(growth, _LOADED_GROWTH)
+    return seconds, growth
 
 
 @cache
@@ -264,16 +275,18 @@ def _pay_for_imports() -> None:
 
 @cache
 def _measure_number() -> float:
-    """Return the time in which a number is written as text, s."""
+    """Return the time in which a number is written as text, s, a mean of many numbers."""
     numbers = np.linspace(0.0, 1.0, 10_000).tolist()
     return time_once(lambda: [f"{number:.12f}" for number in numbers]) / len(numbers)
 
 
 @cache
 def _measure_matrix(eigenvectors: bool) -> float:
-    """Return the time of the eigenvalues of a complex matrix over the cube of its size, s."""
-    parts = np.random.default_rng(0).normal(size=(2, _SMALL_MATRIX, _SMALL_MATRIX))
-    matrix = parts[0] + parts[0].T + 1j * (parts[1] - parts[1].T)
+    """Return the time of the eigenvalues of a complex matrix over the cube of its size, s; also of
+    its ``eigenvectors`` if they are wanted.
+    """
+    real, imaginary = np.random.default_rng(0).normal(size=(2, _SMALL_MATRIX, _SMALL_MATRIX))
+    matrix = real + real.T + 1j * (imaginary - imaginary.T)  # Hermitian
 
     def solve() -> Any:
         """Find the eigenvalues of the matrix, once."""
@@ -286,8 +299,8 @@ def _measure_matrix(eigenvectors: bool) -> float:
 
 
 def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) -> Cost:
-    """Estimate memory and time of the states at a load, with their moduli, on one processor of this
-    machine.
+    """Return the estimated memory and time of the states at a load, with their moduli, on one
+    processor of this machine.
 
     With ``exponents`` the estimate includes the two neighbouring equilibria of each state, and
     their moduli, from which the local exponent is found. The time is that of an array of at most a
@@ -296,55 +309,103 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     """
     packing = simulation.packing
     balls = simulation.balls
-    around = 3 if exponents and packing.spread_matters else 1
-    equilibria = load.size * simulation.samples * around
+    equilibria_of_state = 3 if exponents and packing.spread_matters else 1
+    equilibria = load.size * simulation.samples * equilibria_of_state
     memory = estimate_memory(packing, balls, simulation.samples, load, simulation.history.is_loaded)
-    work = float(balls) * equilibria
-    units = Units(work, partial(_measure_ball, simulation, load.applied.flat))
-    return Cost(memory, units=(units,), work=work, balls=balls, equilibria=equilibria)
+    relaxed_balls = float(balls) * equilibria
+    units = Units(relaxed_balls, partial(_measure_ball, simulation, load.applied.flat))
+    return Cost(memory, units=(units,), work=relaxed_balls, balls=balls, equilibria=equilibria)
 
 
 def find_typical_force(packing: Packing, load: Load) -> Array:
-    """Return the mean contact force (n,), N, at each value of an applied load, about: no array is
-    simulated.
+    """Return the approximate mean contact force (n,), N, at each value of an applied load; no array
+    is simulated.
     """
     if packing.width:
-        reduced = np.maximum(estimate_reduced_force(packing, load.applied), LEAST_FORCE)
-        return np.asarray(reduced * packing.width_units.force)
+        reduced_force = np.maximum(estimate_reduced_force(packing, load.applied), LEAST_FORCE)
+        return np.asarray(reduced_force * packing.width_units.force)
     return np.ravel(AveragedLattice(packing).at(load.applied).force)
 
 
 # -- spectra, and sweeps ---------------------------------------------------------------------------
 
+#: bytes that are kept of frequencies alone, for each wave vector and branch
+_FREQUENCY_BYTES = 50.0
+#: bytes that are kept of bands with eigenvectors, for each wave vector; and over the square of the
+#: number of branches, with and without the lines of a file
+_BAND_BYTES = 2000.0
+_WRITTEN_VECTOR_BYTES = 295.0
+_KEPT_VECTOR_BYTES = 32.0
+#: numbers of text that take as long as a wave vector of bands; and those over the square of the
+#: number of branches: frequencies alone, with eigenvectors, and with the lines of a file
+_BAND_NUMBERS = 275.0
+_FREQUENCY_NUMBERS = 0.2
+_VECTOR_NUMBERS = 1.2
+_WRITTEN_VECTOR_NUMBERS = 30.0
+#: largest part of the points of a mesh with equal sides that symmetry leaves
+_PART_BY_SYMMETRY = 0.125
+#: wave vectors of a mesh whose matrices are held at a time
+_MESH_POINTS_AT_ONCE = 4096.0
+#: bytes of a density of states: of any; for each point of the mesh; for each point that is solved
+#: and branch; and of each matrix over the square of the number of branches
+_DENSITY_BYTES = 1e6
+_MESH_POINT_BYTES = 70.0
+_MODE_BYTES = 20.0
+_MATRIX_BYTES = 200.0
+#: numbers of text that take as long as a point of a density of states; and those over the square of
+#: the number of branches
+_MESH_POINT_NUMBERS = 50.0
+_MODE_NUMBERS = 4.0
+#: bytes for each pair of atoms while force constants are made; and their time in numbers of text:
+#: the number of atoms times a factor, to a power
+_PAIR_BYTES = 20.0
+_ATOM_FACTOR = 0.76
+_ATOM_POWER = 2.2
+#: bytes for each ball and each contact in a frame of a motion: 15 numbers, and 2 numbers
+_FRAME_BALL_BYTES = 8.0 * 15.0
+_FRAME_CONTACT_BYTES = 8.0 * 2.0
+#: bytes of a sweep: for each case, for each state, for each frequency of a state, and for each
+#: frequency of the bands
+_CASE_BYTES = 8000.0
+_STATE_BYTES = 2400.0
+_STATE_FREQUENCY_BYTES = 30.0
+_SWEEP_FREQUENCY_BYTES = 120.0
+#: numbers of text that take as long as a case of a sweep, and as a state without its frequencies
+_CASE_NUMBERS = 10_000.0
+_STATE_NUMBERS = 125.0
+
 
 def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = True) -> Cost:
-    """Estimate the cost of a band structure at ``points`` wave vectors, and of its ``file``.
+    """Return the estimated cost of a band structure at ``points`` wave vectors, and of its
+    ``file``.
 
     Eigenvectors, phonopy's dynamical matrices and the lines of the file take bytes as measured with
     2, 3 and 9 branches, and the time of so many numbers of text for each wave vector. Matrices go
-    as the square of the number of branches. In large cells eigenvalues take the most, which go as
-    its cube: a small matrix is timed.
+    as the square of the number of branches. In large cells eigenvalues take the most time, which
+    goes as its cube: a small matrix is timed.
     """
     square = branches * branches
-    name = "bands" if eigenvectors else "frequencies"
-    what = f"{name} at {points:,} wave {'vector' if points == 1 else 'vectors'}"
-    kept = points * 50.0 * branches
-    numbers = 275.0 + 0.2 * square
+    kept = points * _FREQUENCY_BYTES * branches
+    numbers = _BAND_NUMBERS + _FREQUENCY_NUMBERS * square
     if eigenvectors:
-        kept = points * (2000.0 + (295.0 if file else 32.0) * square)
-        numbers = 275.0 + (30.0 if file else 1.2) * square
+        vector_bytes = _WRITTEN_VECTOR_BYTES if file else _KEPT_VECTOR_BYTES
+        vector_numbers = _WRITTEN_VECTOR_NUMBERS if file else _VECTOR_NUMBERS
+        kept = points * (_BAND_BYTES + vector_bytes * square)
+        numbers = _BAND_NUMBERS + vector_numbers * square
     units = [Units(points * numbers, _measure_number)]
+    result = "bands" if eigenvectors else "frequencies"
+    description = f"{result} at {points:,} wave {'vector' if points == 1 else 'vectors'}"
     working = 0.0
     if branches > MANY_COLUMNS:
-        what += f" with {branches:,} branches"
+        description += f" with {branches:,} branches"
         cubes = points * float(branches) ** 3
         units.append(Units(cubes, partial(_measure_matrix, eigenvectors)))
         working = (_VECTORS_BYTES if eigenvectors else BYTES) * square
-    return Cost(working, kept, tuple(units), parts=(what,))
+    return Cost(working, kept, tuple(units), parts=(description,))
 
 
 def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
-    """Estimate the cost of a density of states on a mesh.
+    """Return the estimated cost of a density of states on a ``mesh`` of wave vectors.
 
     Each point of the mesh needs phonopy's tables of the grid. Each point that symmetry leaves (at
     most an eighth of a mesh with equal sides; of others it may be all) needs its modes, whose
@@ -354,26 +415,30 @@ def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
     """
     points = math.prod(mesh)
     has_equal_sides = len(set(mesh)) < len(mesh)
-    solved = points * (0.125 if has_equal_sides else 1.0)
-    matrices = min(solved, 4096.0) * 200.0 * branches**2
-    memory = 1e6 + 70.0 * points + solved * 20.0 * branches + matrices
-    units = Units(solved * (50.0 + 4.0 * branches**2), _measure_number)
-    what = f"density of states on {' x '.join(map(str, mesh))} wave vectors"
-    return Cost(memory, units=(units,), parts=(what,))
+    solved_points = points * (_PART_BY_SYMMETRY if has_equal_sides else 1.0)
+    matrices = min(solved_points, _MESH_POINTS_AT_ONCE) * _MATRIX_BYTES * branches**2
+    tables = _MESH_POINT_BYTES * points
+    modes = solved_points * _MODE_BYTES * branches
+    memory = _DENSITY_BYTES + tables + modes + matrices
+    numbers_of_point = _MESH_POINT_NUMBERS + _MODE_NUMBERS * branches**2
+    units = Units(solved_points * numbers_of_point, _measure_number)
+    description = f"density of states on {' x '.join(map(str, mesh))} wave vectors"
+    return Cost(memory, units=(units,), parts=(description,))
 
 
 def force_constants(dim: tuple[int, ...], balls: int) -> Cost:
-    """Estimate the cost of force constants on phonopy's supercell of ``dim`` cells with ``balls``
-    each, and of the file.
+    """Return the estimated cost of force constants on phonopy's supercell of ``dim`` cells with
+    ``balls`` each, and of the file.
 
     phonopy compares the atoms of the supercell with each other, once for every cell: this takes 20
     bytes for each pair, and a time that goes as the number of atoms to the power 2.2. The file has
     one more atom in each cell.
     """
     atoms = math.prod(dim) * (balls + 1)
-    what = f"force constants of {' x '.join(map(str, dim))} cells"
-    units = Units((0.76 * atoms) ** 2.2, _measure_number)
-    return Cost(20.0 * atoms * atoms, units=(units,), parts=(what,))
+    numbers = (_ATOM_FACTOR * atoms) ** _ATOM_POWER
+    units = Units(numbers, _measure_number)
+    description = f"force constants of {' x '.join(map(str, dim))} cells"
+    return Cost(_PAIR_BYTES * atoms * atoms, units=(units,), parts=(description,))
 
 
 def array_waves(
@@ -385,24 +450,26 @@ def array_waves(
     heard: float = 0.0,
     readings: float = 0.0,
 ) -> Cost:
-    """Estimate the cost of waves in an array with ``contacts`` and ``rows`` of their deformations
-    for each of the ``balls``.
+    """Return the estimated cost of waves in an array with ``contacts`` and ``rows`` of their
+    deformations for each of the ``balls``.
 
     ``products`` is the number of products of the dynamical matrix with a vector, whose time per
-    ball is ``measure()``, ``heard`` the number of products of a pulse times that of the balls that
-    hear it, and ``readings`` that number times the times at which they hear it, in all samples.
+    ball, s, is ``measure()``. ``heard`` is the number of products of a pulse times the number of
+    balls that hear the pulse, and ``readings`` the number of these balls times the number of times
+    at which they are read, in all samples.
     """
     memory = _CONTACT_BYTES * balls * contacts + _HEARD_BYTES * heard
-    units = Units(products * balls + readings * _READING_ROWS / rows, measure)
+    ball_products = products * balls + readings * _READING_ROWS / rows
+    units = Units(ball_products, measure)
     return Cost(memory, units=(units,), parts=(f"waves in {balls:,} balls",))
 
 
 def motion_memory(balls: int, contacts: int, frames: int) -> float:
-    """Return the memory, bytes, of a motion of so many ``balls`` and ``contacts``, kept at so many
-    times.
+    """Return the memory, bytes, of a motion of so many ``balls`` and ``contacts``, kept in so many
+    ``frames``.
     """
-    frame_bytes = 8.0 * frames * (15.0 * balls + 2.0 * contacts)
-    return frame_bytes * _MOTION_COPIES + _MOTION_CONTACT_BYTES * contacts
+    frame_bytes = _FRAME_BALL_BYTES * balls + _FRAME_CONTACT_BYTES * contacts
+    return frames * frame_bytes * _MOTION_COPIES + _MOTION_CONTACT_BYTES * contacts
 
 
 def motion(
@@ -414,20 +481,23 @@ def motion(
     damped: bool,
     implicit: bool,
 ) -> Cost:
-    """Estimate the cost of a motion of so many ``balls`` and ``contacts``, kept at so many times.
+    """Return the estimated cost of a motion of so many ``balls`` and ``contacts``, kept in so many
+    ``frames``.
 
-    A step takes as long as some products of the dynamical matrix with a vector, whose time per ball
-    is ``measure()``; ``implicit`` steps are iterated. That loops are compiled once is not counted.
+    A step takes as long as some products of the dynamical matrix with a vector, whose time per
+    ball, s, is ``measure()``; ``damped`` steps have dashpots, ``implicit`` steps are iterated. The
+    time in which loops are compiled once is not counted.
     """
-    step = _STEP_PRODUCTS
+    products_of_step = _STEP_PRODUCTS
     if damped:
-        step *= _DAMPED_STEP
+        products_of_step *= _DAMPED_STEP
     if implicit:
-        step *= _IMPLICIT_STEP
-    units = Units((steps * step + frames * _FRAME_PRODUCTS) * balls, measure)
-    what = f"motion of {balls:,} balls in {steps:,.0f} steps"
+        products_of_step *= _IMPLICIT_STEP
+    products = steps * products_of_step + frames * _FRAME_PRODUCTS
+    units = Units(products * balls, measure)
     memory = motion_memory(balls, contacts, frames)
-    return Cost(memory, units=(units,), parts=(what,), libraries=_NUMBA_BYTES)
+    description = f"motion of {balls:,} balls in {steps:,.0f} steps"
+    return Cost(memory, units=(units,), parts=(description,), libraries=_NUMBA_BYTES)
 
 
 def response(
@@ -438,26 +508,32 @@ def response(
     frequencies: int,
     factors: float,
 ) -> Cost:
-    """Estimate the cost of a response of so many ``balls`` and ``contacts``, which takes as long as
-    so many ``products``, and of its bytes of ``factors``.
+    """Return the estimated cost of a response of so many ``balls`` and ``contacts``.
+
+    The response takes as long as so many ``products`` of the dynamical matrix with a vector, whose
+    time per ball, s, is ``measure()``; its ``factors`` take so many bytes.
     """
-    number = f"{frequencies:,} {'frequency' if frequencies == 1 else 'frequencies'}"
-    what = f"response of {balls:,} balls at {number}"
+    noun = "frequency" if frequencies == 1 else "frequencies"
+    description = f"response of {balls:,} balls at {frequencies:,} {noun}"
+    memory = _CONTACT_BYTES * contacts + factors
     units = Units(_RESPONSE_PRODUCTS * products * balls, measure)
-    return Cost(_CONTACT_BYTES * contacts + factors, units=(units,), parts=(what,))
+    return Cost(memory, units=(units,), parts=(description,))
 
 
 def sweep_states(cases: int, loads: int, frequencies: int) -> Cost:
-    """Estimate the cost of a sweep of ``cases`` (a medium with a packing), each at ``loads`` loads.
+    """Return the estimated cost of a sweep of ``cases`` (a medium with a packing), each at
+    ``loads`` loads.
 
     Each state has ``frequencies`` frequencies of bands, and some thirty numbers that are held as
     results, stacked, and written; each case has tables. Bytes, and the numbers of text that take as
     long, were measured with 40 to 40 000 states, and up to 1e7 frequencies.
     """
     states = cases * loads
-    what = f"{states:,} states"
+    description = f"{states:,} states"
     if frequencies:
-        what += f" with {frequencies:,} frequencies each"
-    memory = 8000.0 * cases + states * (2400.0 + 30.0 * frequencies) + 120.0 * frequencies
-    units = Units(10_000.0 * cases + states * (125.0 + frequencies), _measure_number)
-    return Cost(kept=memory, units=(units,), parts=(what,))
+        description += f" with {frequencies:,} frequencies each"
+    bytes_of_state = _STATE_BYTES + _STATE_FREQUENCY_BYTES * frequencies
+    memory = _CASE_BYTES * cases + states * bytes_of_state + _SWEEP_FREQUENCY_BYTES * frequencies
+    numbers = _CASE_NUMBERS * cases + states * (_STATE_NUMBERS + frequencies)
+    units = Units(numbers, _measure_number)
+    return Cost(kept=memory, units=(units,), parts=(description,))

@@ -17,7 +17,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from operator import attrgetter
 from string import ascii_uppercase
 from typing import Annotated, Any, NamedTuple, Self
@@ -97,6 +97,8 @@ _ROUNDED_MEAN = 1e-13
 _LEAST_CELL = 1e-3
 #: units of a pressure, by the number of axes along which it acts
 _PRESSURE_UNITS = ("N", "N", "N/m", "Pa")
+#: relative size of a component of a tensor or of gravity that is put down to rounding
+_ROUNDED = 1e-12
 #: difference of the exponents of contacts that is put down to rounding
 _SAME_EXPONENT = 1e-9
 
@@ -244,7 +246,9 @@ class Crystal(Result):
         if len(vectors) == 0 and n == 1:
             raise InputError("a single ball without a period touches nothing", mend="Give a cell")
         contacts = find_contacts(vectors, centres, name, radii)
-        twist, roll = read_rolling(f"the crystal {name!r}", d, motions, torsion, bending)
+        read_torsion, read_bending = read_rolling(
+            f"the crystal {name!r}", d, motions, torsion, bending
+        )
         self._set(
             kinds=kinds,
             names=name_kinds(kinds),
@@ -255,16 +259,16 @@ class Crystal(Result):
             law=read_laws(law),
             friction=require("friction", truth, friction),
             motions=motions,
-            torsion=twist,
-            bending=roll,
+            torsion=read_torsion,
+            bending=read_bending,
             name=name,
             faces=(),
             deviations=None,
         )
 
-    def _set(self, **values: Any) -> None:
+    def _set(self, **attributes: Any) -> None:
         """Set the attributes, of which arrays become read-only; raise if a pair lacks a law."""
-        for name, value in values.items():
+        for name, value in attributes.items():
             frozen = read_only(value) if isinstance(value, np.ndarray) else value
             object.__setattr__(self, name, frozen)
         _ = self._springs
@@ -285,49 +289,63 @@ class Crystal(Result):
         read_rolling(
             f"the crystal {self.name!r}", self.dimension, self.motions, self.torsion, self.bending
         )
+        for fault, is_found in self._find_faults():
+            if is_found:
+                problem = f"{fault} in the data of the crystal {self.name!r}"
+                raise InputError(problem, mend="Make the crystal again")
+
+    def _find_faults(self) -> list[tuple[str, bool]]:
+        """Return what may be wrong with the data of a crystal, in words, and whether it is."""
         table = self.contacts
         radii = self._mean_radii
         ends = np.concatenate([table.i, table.j, *(side.balls for side in self._sides)])
+        has_kinds = bool(np.all(np.isin(self.kind, range(len(self.kinds)))))
+        has_ends = bool(np.all(np.isin(ends, range(self.n_balls))))
+        faults = [
+            ("a ball has no kind", not has_kinds),
+            ("there are not as many names as kinds", len(self.names) != len(self.kinds)),
+            ("a contact or a face names a ball that is not there", not has_ends),
+        ]
+        if not has_ends:  # the numbers below belong to the balls at both ends
+            return faults
         separations = self.positions[table.j] + table.shift @ self.cell - self.positions[table.i]
         along_normal = table.normal * np.linalg.norm(separations, axis=1)[:, None]
         tolerance = TOUCH * float(np.mean(radii))
-        kinds_exist = np.all(np.isin(self.kind, range(len(self.kinds))))
-        kinds_are_named = len(self.names) == len(self.kinds)
-        ends_exist = np.all(np.isin(ends, range(self.n_balls)))
-        vectors_lead = np.all(np.abs(table.vector - separations) <= tolerance)
-        normals_lie_along = np.all(np.abs(along_normal - separations) <= tolerance)
-        arms_i_are_radii = np.all(np.abs(table.arm_i - radii[table.i]) <= tolerance)
-        arms_j_are_radii = np.all(np.abs(table.arm_j - radii[table.j]) <= tolerance)
-        cuts_are_thick = all(
+
+        def differ(numbers: Array, expected: Array) -> bool:
+            """Return whether some of the numbers, m, are not as expected."""
+            return not np.all(np.abs(numbers - expected) <= tolerance)
+
+        has_wrong_arm = differ(table.arm_i, radii[table.i]) or differ(table.arm_j, radii[table.j])
+        has_thickness = all(
             face.thickness > 0.0 and np.isfinite(face.thickness) for face in self.faces
         )
-        for holds, problem in (
-            (kinds_exist, "a ball has no kind"),
-            (kinds_are_named, "there are not as many names as kinds"),
-            (ends_exist, "a contact or a face names a ball that is not there"),
-            (vectors_lead, "a contact does not lead from ball to ball"),
-            (normals_lie_along, "a normal is not along it"),
-            (arms_i_are_radii and arms_j_are_radii, "an arm is not the radius"),
-            (cuts_are_thick, "a cut has no thickness"),
-        ):
-            if not holds:
-                problem = f"{problem} in the data of the crystal {self.name!r}"
-                raise InputError(problem, mend="Make the crystal again")
+        return [
+            *faults,
+            ("a contact does not lead from ball to ball", differ(table.vector, separations)),
+            ("a normal is not along it", differ(along_normal, separations)),
+            ("an arm is not the radius", has_wrong_arm),
+            ("a cut has no thickness", not has_thickness),
+        ]
 
     def _derive(self, **changes: Any) -> Self:
         """Return the crystal with other values of some attributes."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return self._of_fields(*(values | changes).values())
+        attributes = {field.name: getattr(self, field.name) for field in fields(self)}
+        attributes |= changes
+        return self._of_fields(*attributes.values())
 
     def _take(
         self, origin: Index, contacts: ContactTable, positions: Array, **changes: Any
     ) -> Self:
-        """Return a crystal of the balls with the numbers ``origin``, which keep their kinds and
-        their faces.
+        """Return a crystal of the balls with the numbers ``origin`` (m,), which keep their kinds
+        and their faces, at other ``positions`` (m, d), m.
         """
         kind = self.kind[origin]
         # the kinds that remain, in the order in which their balls come
-        used = kind[np.sort(np.unique(kind, return_index=True)[1])]
+        _, first_balls = np.unique(kind, return_index=True)
+        used_kinds = kind[np.sort(first_balls)]
+        # the number of each ball's kind among these
+        new_kind = np.argsort(used_kinds)[np.searchsorted(np.sort(used_kinds), kind)]
         faces = []
         for face in self.faces:
             lower, upper = face.balls
@@ -335,9 +353,9 @@ class Crystal(Result):
             new_upper = read_only(np.flatnonzero(np.isin(origin, upper)))
             faces.append(replace(face, balls=(new_lower, new_upper)))
         return self._derive(
-            kinds=tuple(self.kinds[number] for number in used),
-            names=tuple(self.names[number] for number in used),
-            kind=np.argsort(used)[np.searchsorted(np.sort(used), kind)],
+            kinds=tuple(self.kinds[number] for number in used_kinds),
+            names=tuple(self.names[number] for number in used_kinds),
+            kind=new_kind,
             positions=positions,
             contacts=contacts,
             deviations=None if self.deviations is None else self.deviations[origin],
@@ -365,27 +383,28 @@ class Crystal(Result):
         if neighbours cannot all touch, because the radii do not fit the lattice.
         """
         kinds = list_balls(balls)
-        find_kinds(kinds)
-        if (isinstance(lattice, str) and lattice == "chain") or lattice is LATTICES["chain"]:
+        find_kinds(kinds)  # raises for an entry that is no ball
+        is_chain = lattice is LATTICES["chain"]
+        if isinstance(lattice, str):
+            is_chain = lattice == "chain"
+        if is_chain:
             radii = np.array([ball.radius for ball in kinds])
             # each ball touches the next, and the last touches the first of the next cell
-            ends = np.cumsum(radii + np.roll(radii, -1))
-            positions = np.append(0.0, ends[:-1])[:, None]
+            next_centres = np.cumsum(radii + np.roll(radii, -1))
+            positions = np.append(0.0, next_centres[:-1])[:, None]
+            period = float(next_centres[-1])
             options = {"name": "chain"} | options
-            return cls(kinds, [[float(ends[-1])]], positions, **options)
+            return cls(kinds, [[period]], positions, **options)
         structure = find_structure(lattice)
         n = structure.n_balls
         if len(kinds) > n or n % len(kinds):
-            problem = (
+            raise InputError(
                 f"{counted(len(kinds), 'kind')} of balls do not go on the {counted(n, 'site')} in"
-                f" a cell of {structure.name}"
-            )
-            why = "Kinds follow each other on the sites of one cell"
-            mend = (
+                f" a cell of {structure.name}",
+                "Kinds follow each other on the sites of one cell",
                 "Give a lattice that has a multiple, such as NaCl or CsCl for two kinds, or a"
-                " cell and places"
+                " cell and places",
             )
-            raise InputError(problem, why, mend)
         site_balls = [kinds[site % len(kinds)] for site in range(n)]
         scale = _scale_until_touch(structure, site_balls)
         cell = scale * structure.vectors
@@ -412,14 +431,17 @@ class Crystal(Result):
             raise InputError(problem, mend="Give ase.Atoms, with lengths in m")
         symbols = atoms.get_chemical_symbols()
         _require_symbols(symbols, balls)
-        find_kinds([balls[symbol] for symbol in symbols])
-        named = {symbol: replace(balls[symbol], name=symbol) for symbol in sorted(set(symbols))}
+        find_kinds([balls[symbol] for symbol in symbols])  # raises for an entry that is no ball
+        ball_of_symbol = {
+            symbol: replace(balls[symbol], name=symbol) for symbol in sorted(set(symbols))
+        }
         positions = np.array(atoms.positions, float)
-        cell = np.array(atoms.cell, float)[np.array(atoms.pbc, bool)]
-        tolerance = TOUCH * float(np.mean([ball.radius for ball in named.values()]))
+        is_periodic = np.array(atoms.pbc, bool)
+        cell = np.array(atoms.cell, float)[is_periodic]
+        tolerance = TOUCH * float(np.mean([ball.radius for ball in ball_of_symbol.values()]))
         d = _find_dimension(positions, cell, tolerance)
         options = {"name": "of these atoms"} | options
-        site_balls = [named[symbol] for symbol in symbols]
+        site_balls = [ball_of_symbol[symbol] for symbol in symbols]
         return cls(site_balls, cell[:, :d], positions[:, :d], **options)
 
     def repeat(self, shape: Any) -> Self:
@@ -430,16 +452,19 @@ class Crystal(Result):
         if not self.periods:
             problem = f"crystal {self.name!r} has no period along which it could be repeated"
             raise InputError(problem, mend="Give its cell")
-        counts = require("shape", lambda value: lengths(value, 1, _MOST_CELLS, self.periods), shape)
+        rule = partial(lengths, low=1, high=_MOST_CELLS, periods=self.periods)
+        counts = require("shape", rule, shape)
         _require_room(math.prod(counts), self)
         table = self.contacts
         n = self.n_balls
-        cells, *ends = repeat_contacts(table.i, table.j, table.shift, n, tuple(counts))
+        cells, i, j, shift = repeat_contacts(table.i, table.j, table.shift, n, tuple(counts))
         origin = np.tile(np.arange(n), len(cells))
         rows = np.tile(np.arange(len(table)), len(cells))
-        positions = ((cells @ self.cell)[:, None] + self.positions).reshape(-1, self.dimension)
-        cell = self.cell * np.array(counts)[:, None]
-        return self._take(origin, table.take(rows, *ends), positions, cell=cell)
+        contacts = table.take(rows, i, j, shift)
+        cell_origins = cells @ self.cell
+        positions = (cell_origins[:, None] + self.positions).reshape(-1, self.dimension)
+        supercell = self.cell * np.array(counts)[:, None]
+        return self._take(origin, contacts, positions, cell=supercell)
 
     def sample(self, shape: Any = None, seed: int = 0, diameters: ArrayLike | None = None) -> Self:
         """Return a supercell whose balls have their own diameters, with the distributions that
@@ -466,56 +491,73 @@ class Crystal(Result):
         given.
         """
         p = self.periods
-        listed = None
+        given_diameters = None
         if diameters is not None:
-            listed = self._read_diameters(diameters, shape)
-            shape = listed.shape[:p]
+            given_diameters = self._read_diameters(diameters, shape)
+            shape = given_diameters.shape[:p]
         elif not any(ball.spread for ball in self.kinds):
-            problem = f"no ball of crystal {self.name!r} has a spread of diameters"
-            mend = "Give one to a ball, as granphon.Ball(material, 8e-3, spread=...), or diameters"
-            raise InputError(problem, mend=mend)
-        one_cell = (1,) * p
-        counts = tuple(np.atleast_1d(np.asarray(one_cell if shape is None else shape)).tolist())
+            raise InputError(
+                f"no ball of crystal {self.name!r} has a spread of diameters",
+                mend="Give one to a ball, as granphon.Ball(material, 8e-3, spread=...), or"
+                " diameters",
+            )
+        if shape is None:
+            shape = (1,) * p
+        counts = tuple(np.atleast_1d(np.asarray(shape)).tolist())
+        # a cluster without periods has an empty shape; repeat refuses another one
         supercell = self.repeat(counts) if p or counts else self
-        if listed is None:
-            deviations = self._draw(supercell.kind, counts, seed)
+        if given_diameters is None:
+            sizes = self._draw(supercell.kind, counts, seed)
         else:
-            deviations = listed.ravel().astype(float)
+            sizes = given_diameters.ravel().astype(float)
+        return supercell._derive(deviations=supercell._centre_sizes(sizes))
+
+    def _centre_sizes(self, sizes: Array) -> Array:
+        """Return the deviations (n,), m, from the ``sizes`` of the balls (n,), m: diameters, or
+        deviations with any mean. The mean of each kind becomes zero.
+
+        Raises :class:`~granphon.base.errors.InputError` for a ball without a size.
+        """
+        deviations = sizes.copy()
         for number, ball in enumerate(self.kinds):
-            members = supercell.kind == number
+            is_of_kind = self.kind == number
             # the mean is subtracted twice, so that what remains of it is zero to the rounding of
             # the deviations, not of the diameters
-            deviations[members] -= np.mean(deviations[members])
-            deviations[members] -= np.mean(deviations[members])
-            least = ball.diameter + float(np.min(deviations[members]))
-            if least <= 0.0:
-                problem = f"the smallest ball has a diameter of {least:g} m"
+            deviations[is_of_kind] -= np.mean(deviations[is_of_kind])
+            deviations[is_of_kind] -= np.mean(deviations[is_of_kind])
+            least_diameter = ball.diameter + float(np.min(deviations[is_of_kind]))
+            if least_diameter <= 0.0:
+                problem = f"the smallest ball has a diameter of {least_diameter:g} m"
                 raise InputError(problem, mend="Give a smaller spread")
-        return supercell._derive(deviations=deviations)
+        return deviations
 
     def _draw(self, kind: Index, counts: tuple[int, ...], seed: int) -> Array:
-        """Return deviations, m, or diameters with any mean, of the balls of a supercell, whose
-        kinds are ``kind`` (n,); zero of balls without a spread.
+        """Return the deviations (n,), m, with any mean, of the balls of a supercell, whose kinds
+        are ``kind`` (n,); zero of balls without a spread.
         """
         deviations = np.zeros(kind.size)
         n = self.n_balls
         sample_shape = (*counts, n) if n > 1 or not self.periods else counts
         for number, ball in enumerate(self.kinds):
             if ball.spread is not None:
-                members = kind == number
-                deviations[members] = ball.spread.sample(sample_shape, seed).ravel()[members]
+                # drawn for all sites, so that a ball does not depend on the kinds of the others
+                deviations_of_sites = ball.spread.sample(sample_shape, seed).ravel()
+                is_of_kind = kind == number
+                deviations[is_of_kind] = deviations_of_sites[is_of_kind]
         return deviations
 
     def _read_diameters(self, diameters: ArrayLike, shape: Any) -> Array:
-        """Return diameters (L1, ..., Lp), or (L1, ..., Lp, n) of n > 1 balls in the cell, m."""
+        """Return diameters (L1, ..., Lp), or (L1, ..., Lp, n) of n > 1 balls in the cell, m, as an
+        array; InputError for other axes, or if a ``shape`` is given too.
+        """
         p = self.periods
         n = self.n_balls
         array = finite_array("diameters", diameters, "m", "above zero")
         axes = [f"L{axis + 1}" for axis in range(p)]
         if n > 1:
             axes.append(str(n))
-        has_balls = n == 1 or array.shape[-1:] == (n,)
-        if array.ndim != len(axes) or not has_balls or shape is not None:
+        has_axes = array.ndim == len(axes) and (n == 1 or array.shape[-1] == n)
+        if not has_axes or shape is not None:
             problem = f"diameters have the shape {array.shape}, and shape is {brief(shape)}"
             raise InputError(problem, mend=f"Give an array ({', '.join(axes)}), and no shape")
         return array
@@ -533,16 +575,16 @@ class Crystal(Result):
         for site in sites.tolist():
             radius = site_balls[site].radius
             if abs(ball.radius - radius) > 0.5 * TOUCH * ball.radius:
-                problem = (
+                raise InputError(
                     f"ball {site} has the radius {radius:.9g} m, and the new one"
-                    f" {ball.radius:.9g} m"
+                    f" {ball.radius:.9g} m",
+                    "Its neighbours would overlap or miss it",
+                    "Give a ball of the same size, or a new crystal from cell and positions",
                 )
-                why = "Its neighbours would overlap or miss it"
-                mend = "Give a ball of the same size, or a new crystal from cell and positions"
-                raise InputError(problem, why, mend)
             site_balls[site] = ball
         kinds, kind = find_kinds(site_balls)
-        names = name_kinds(kinds, dict(zip(self.kinds, self.names, strict=True)))
+        known_names = dict(zip(self.kinds, self.names, strict=True))
+        names = name_kinds(kinds, known_names)
         deviations = self.deviations
         if deviations is not None:
             is_replaced = np.isin(np.arange(self.n_balls), sites)
@@ -570,23 +612,25 @@ class Crystal(Result):
                 raise InputError(problem, mend=f"Give one of {', '.join(kinds)}")
             diameter = kinds[name].diameter
             if ball.diameter != diameter:
-                problem = (
+                raise InputError(
                     f"balls {name!r} of {ball.diameter:g} m do not touch their neighbours where"
-                    f" those of {diameter:g} m lie"
+                    f" those of {diameter:g} m lie",
+                    "Only on a named lattice places follow from diameters",
+                    "Make the crystal anew",
                 )
-                why = "Only on a named lattice places follow from diameters"
-                raise InputError(problem, why, "Make the crystal anew")
-        return self._derive(kinds=tuple((kinds | dict(balls)).values()))
+        changed_kinds = kinds | dict(balls)  # in the order of the names
+        return self._derive(kinds=tuple(changed_kinds.values()))
 
     def remove(self, index: Any) -> Self:
         """Return the crystal without a ball, or without several: a vacancy. ``index`` is a number
         or a list of numbers.
         """
+        removed = index_array("index", index, self.n_balls)
         remains = np.ones(self.n_balls, bool)
-        remains[index_array("index", index, self.n_balls)] = False
+        remains[removed] = False
         if not np.any(remains):
             raise InputError("no ball is left", mend="Remove fewer")
-        new_numbers = np.cumsum(remains) - 1
+        new_numbers = np.cumsum(remains) - 1  # of the balls that remain
         table = self.contacts
         rows = np.flatnonzero(remains[table.i] & remains[table.j])
         i = new_numbers[table.i[rows]]
@@ -625,20 +669,21 @@ class Crystal(Result):
         face_edges = require("edges", read_edges, edges)
         layering = Layers.across(axis, self.cell)
         n = self.n_balls
-        across = self.periods - 1
+        normal_axis = self.periods - 1
         table = self.contacts
-        stack = layering.stack
-        sites, shift = layering.gather(self.positions, table.i, table.j, table.shift)
-        i, j, rows, shift = layering.unfold(table.i, table.j, shift, n, count)
-        layer_positions = (sites @ layering.turn.T)[None]
-        positions = layer_positions + np.arange(count)[:, None, None] * stack
-        positions = positions.reshape(-1, self.dimension)
-        origin = np.tile(np.arange(n), count)
+        sites, gathered_shift = layering.gather(self.positions, table.i, table.j, table.shift)
+        i, j, rows, shift = layering.unfold(table.i, table.j, gathered_shift, n, count)
         contacts = table.take(rows, i, j, shift, layering.turn)
+        # (count, n, d): the first layer, and the others above
+        first_layer = sites @ layering.turn.T
+        layer_positions = first_layer[None] + np.arange(count)[:, None, None] * layering.stack
+        positions = layer_positions.reshape(-1, self.dimension)
+        origin = np.tile(np.arange(n), count)
         crystal = self._take(origin, contacts, positions, cell=layering.cell)
-        outer_balls = find_faces(positions[:, across], self._mean_radii[origin], face_edges, n)
-        thickness = count * abs(float(stack[across]))
-        faces = Faces(across, thickness, face_edges, outer_balls)
+        heights = positions[:, normal_axis]
+        face_balls = find_faces(heights, self._mean_radii[origin], face_edges, n)
+        thickness = count * abs(float(layering.stack[normal_axis]))
+        faces = Faces(normal_axis, thickness, face_edges, face_balls)
         crystal = crystal._derive(faces=(*crystal.faces, faces))
         crystal._require_joined()
         return crystal
@@ -650,18 +695,22 @@ class Crystal(Result):
         n = self.n_balls
         table = self.contacts
         if not all(side.balls.size for side in self._sides):
-            problem = f"no ball is left at a face of crystal {self.name!r}"
-            why = "It could be neither held nor pressed there"
-            raise InputError(problem, why, "Remove balls first, and cut then")
+            raise InputError(
+                f"no ball is left at a face of crystal {self.name!r}",
+                "It could be neither held nor pressed there",
+                "Remove balls first, and cut then",
+            )
         if not self.n_contacts:
             problem = f"no balls of crystal {self.name!r} touch"
             raise InputError(problem, mend="Give more layers, or remove fewer balls")
         held = np.zeros(n, bool)  # by a wall, which extends along all periods
         for side in self._sides:
-            held[side.balls] |= side.edge != "free"
-        alone = np.setdiff1d(np.flatnonzero(~held), np.append(table.i, table.j))
-        if alone.size:
-            problem = f"ball {alone[0]} of crystal {self.name!r} touches no other"
+            if side.edge != "free":
+                held[side.balls] = True
+        touching_balls = np.append(table.i, table.j)
+        lone_balls = np.setdiff1d(np.flatnonzero(~held), touching_balls)
+        if lone_balls.size:
+            problem = f"ball {lone_balls[0]} of crystal {self.name!r} touches no other"
             raise InputError(problem, mend="Remove it too")
         require_joined(
             table.i,
@@ -707,10 +756,8 @@ class Crystal(Result):
         return abs(float(np.linalg.det(self.cell[:, : self.periods]))) if self.periods else 1.0
 
     def __repr__(self) -> str:
-        kinds = ", ".join(
-            f"{np.count_nonzero(self.kind == number)} {name}"
-            for number, name in enumerate(self.names)
-        )
+        counts = np.bincount(self.kind, minlength=len(self.names)).tolist()
+        kinds = ", ".join(f"{n} {name}" for n, name in zip(counts, self.names, strict=True))
         balls = f"{counted(self.n_balls, 'ball')} ({kinds})"
         contacts = counted(self.n_contacts, "contact")
         periods = counted(self.periods, "period")
@@ -750,22 +797,25 @@ class Crystal(Result):
 
         Raises :class:`~granphon.base.errors.InputError` if no face is held.
         """
-        for side in self._sides:
+        for side in self._sides:  # the lower face comes first
             if side.edge != "free":
-                return np.asarray(side.sign * np.eye(self.dimension)[side.axis])
-        problem = f"nothing holds crystal {self.name!r} against gravity"
-        mend = 'Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))'
-        error = InputError(problem, mend=mend)
+                axes = np.eye(self.dimension)
+                return np.asarray(side.sign * axes[side.axis])
+        error = InputError(
+            f"nothing holds crystal {self.name!r} against gravity",
+            mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))',
+        )
         error.block = ("load", "gravity")
         raise error
 
-    def _take_least_of_ends(self, values: Array) -> Array:
-        """Return the smaller of the ``values`` (n,) of the two balls of each contact, (n_c,); at
-        a floor the value of the ball.
+    def _take_least_of_ends(self, quantity: Array) -> Array:
+        """Return the smaller number of a ``quantity`` (n,) of balls at the two ends of each
+        contact, (n_c,); at a floor the number of the ball.
         """
         table = self.contacts
-        on_floors = [values[floor.balls] for floor in self._floors]
-        return np.concatenate([np.minimum(values[table.i], values[table.j]), *on_floors])
+        between_balls = np.minimum(quantity[table.i], quantity[table.j])
+        on_floors = [quantity[floor.balls] for floor in self._floors]
+        return np.concatenate([between_balls, *on_floors])
 
     @cached_property
     def masses(self) -> Array:
@@ -776,12 +826,16 @@ class Crystal(Result):
     def _sides(self) -> list[Side]:
         """The faces of all cuts, the lower before the upper of each."""
         sides = list[Side]()
-        walls = 0
+        wall_count = 0
         for face in self.faces:
-            for sign, edge, balls in zip((-1.0, 1.0), face.edges, face.balls, strict=True):
-                wall = walls if face.is_pressed and sign > 0.0 else -1
-                sides.append(Side(face.axis, sign, edge, balls, wall))
-            walls += face.is_pressed
+            lower_edge, upper_edge = face.edges
+            lower_balls, upper_balls = face.balls
+            upper_wall = -1
+            if face.is_pressed:
+                upper_wall = wall_count
+                wall_count += 1
+            sides.append(Side(face.axis, -1.0, lower_edge, lower_balls, -1))
+            sides.append(Side(face.axis, 1.0, upper_edge, upper_balls, upper_wall))
         return sides
 
     @property
@@ -795,20 +849,24 @@ class Crystal(Result):
         pair of each contact.
         """
         table = self.contacts
-        m = len(self.kinds)
+        floor_number = len(self.kinds)  # the floor counts as a kind after those of the balls
+        body_count = floor_number + 1
         kinds_i = self.kind[table.i]
         kinds_j = self.kind[table.j]
         on_floors = [self.kind[floor.balls] for floor in self._floors]
         kinds_on_floors = np.concatenate([np.zeros(0, np.intp), *on_floors])
-        floor_kinds = np.full(len(kinds_on_floors), m)
-        low = np.concatenate([np.minimum(kinds_i, kinds_j), kinds_on_floors])
-        high = np.concatenate([np.maximum(kinds_i, kinds_j), floor_kinds])
-        keys, pair_of_contact = np.unique(low * (m + 1) + high, return_inverse=True)
+        floor_numbers = np.full(len(kinds_on_floors), floor_number)
+        lower_kind = np.concatenate([np.minimum(kinds_i, kinds_j), kinds_on_floors])
+        higher_kind = np.concatenate([np.maximum(kinds_i, kinds_j), floor_numbers])
+        # one whole number for each pair of kinds
+        keys, pair_of_contact = np.unique(
+            lower_kind * body_count + higher_kind, return_inverse=True
+        )
         bodies: list[Body] = [*self.kinds, RIGID_PLANE]
         names = [*self.names, RIGID_PLANE.name]
         pairs = []
         for key in keys.tolist():
-            first, second = divmod(key, m + 1)
+            first, second = divmod(key, body_count)
             pairs.append((bodies[first], bodies[second], names[first], names[second]))
         return pairs, pair_of_contact.astype(np.intp)
 
@@ -881,10 +939,12 @@ class Crystal(Result):
     def ball_motions(self) -> Motions:
         """The motions of each ball, without rotations if no contact resists any."""
         allowed = allowed_motions(self.dimension)
-        motions = next(iter(allowed.values())) if self.motions is None else allowed[self.motions]
-        slip = 1.0 if self.friction else 0.0
-        twist = 1.0 if self.torsion else 0.0
-        return select_motions(slip, twist, self.bending, motions)
+        default_motions = next(iter(allowed.values()))
+        motions = default_motions if self.motions is None else allowed[self.motions]
+        # only whether these stiffnesses are zero matters; torsion may be a word
+        mindlin_ratio = 1.0 if self.friction else 0.0
+        torsion = 1.0 if self.torsion else 0.0
+        return select_motions(mindlin_ratio, torsion, self.bending, motions)
 
     @cached_property
     def _frame(self) -> tuple[Frame, Index, Index]:
@@ -1153,80 +1213,88 @@ class Crystal(Result):
         )
         return self._solve_each(values, pushes, finite_overlap, 2)
 
-    def _read_tensor(self, name: str, values: ArrayLike, shear: float) -> Array:
+    def _read_tensor(self, name: str, given: ArrayLike, shear_factor: float) -> Array:
         """Return tensors (..., p, p), from such tensors or from vectors in Voigt's order, whose
-        shears count by the factor ``shear``.
+        shears are multiplied by ``shear_factor``; InputError for other shapes.
+
+        ``name`` is what messages call the tensor.
         """
         p = self.periods
         if not p:
             problem = f"crystal {self.name!r} has no period that a {name} could act on"
             raise InputError(problem, mend="Give a pressure")
-        tensors = finite_array(name, values)
+        components = finite_array(name, given)
         voigt = voigt_pairs(p)
-        if p == 1 and tensors.ndim == 0:
-            tensors = tensors[None]
-        if tensors.shape[-2:] == (p, p):
-            skew = np.abs(tensors - np.swapaxes(tensors, -1, -2))
-            if np.any(skew > 1e-12 * np.max(np.abs(tensors))):
+        if p == 1 and components.ndim == 0:
+            components = components[None]
+        if components.shape[-2:] == (p, p):
+            asymmetry = np.abs(components - np.swapaxes(components, -1, -2))
+            if np.any(asymmetry > _ROUNDED * np.max(np.abs(components))):
                 raise InputError(f"{name} is not symmetric", mend="Give a symmetric matrix")
-            return tensors
-        if tensors.shape[-1:] != (len(voigt),):
-            problem = f"{name} has the shape {tensors.shape}"
+            return components
+        if components.shape[-1:] != (len(voigt),):
+            problem = f"{name} has the shape {components.shape}"
             mend = f"Give ({p}, {p}), or ({len(voigt)},) in Voigt order, or an array of these"
             raise InputError(problem, mend=mend)
-        full = np.zeros((*tensors.shape[:-1], p, p))
+        tensors = np.zeros((*components.shape[:-1], p, p))
         for number, (a, b) in enumerate(voigt):
-            entry = tensors[..., number] * (1.0 if a == b else shear)
-            full[..., a, b] = entry
-            full[..., b, a] = entry
-        return full
+            factor = 1.0 if a == b else shear_factor
+            tensors[..., a, b] = components[..., number] * factor
+            tensors[..., b, a] = tensors[..., a, b]
+        return tensors
 
     def _read_gravity(
         self, values: Array, gravity: ArrayLike | None, rank: int = 0
     ) -> tuple[Array, list[Array | None]]:
-        """Return loads broadcast with gravity, and the acceleration (d,), m/s^2, at each load, None
-        of no gravity.
+        """Return the ``values`` of loads broadcast with gravity, and a list of the acceleration
+        (d,), m/s^2, at each load, None where there is no gravity.
 
         The last ``rank`` axes of ``values`` belong to one load.
         """
         load_shape = values.shape[: values.ndim - rank]
+        tensor_shape = values.shape[len(load_shape) :]
         if gravity is None:
             return values, [None for _ in range(math.prod(load_shape))]
         field = finite_array("gravity", gravity)
         d = self.dimension
-        field = field[..., None] if d == 1 and field.shape[-1:] != (1,) else field
-        shape = None
+        if d == 1 and field.shape[-1:] != (1,):  # numbers along a line need no axis of components
+            field = field[..., None]
+        common_shape = None
         if field.shape[-1:] == (d,):
-            with suppress(ValueError):
-                shape = np.broadcast_shapes(load_shape, field.shape[:-1])
-        if shape is None:
+            with suppress(ValueError):  # of shapes that do not broadcast
+                common_shape = np.broadcast_shapes(load_shape, field.shape[:-1])
+        if common_shape is None:
             loads = f", and the loads {load_shape}" if load_shape else ""
             problem = f"gravity has the shape {field.shape}{loads}"
             mend = f"Give its {counted(d, 'component')}, m/s^2, as (0, -9.81) in a plane"
             raise InputError(problem, mend=mend)
         self._require_standing(field)
-        each_field = np.broadcast_to(field, (*shape, d)).reshape(-1, d)
-        each_value = np.broadcast_to(values, shape + values.shape[len(load_shape) :])
-        return each_value, [vector if np.any(vector) else None for vector in each_field]
+        field_of_loads = np.broadcast_to(field, (*common_shape, d)).reshape(-1, d)
+        values_of_loads = np.broadcast_to(values, common_shape + tensor_shape)
+        accelerations = [vector if np.any(vector) else None for vector in field_of_loads]
+        return values_of_loads, accelerations
 
     def _require_standing(self, field: Array) -> None:
-        """Raise :class:`InputError` for gravity (..., d) along an axis on which nothing holds the
-        balls.
+        """Raise :class:`InputError` for gravity ``field`` (..., d), m/s^2, along an axis on which
+        nothing holds the balls.
         """
         d = self.dimension
-        acts = np.abs(field) > 1e-12 * np.max(np.abs(field), axis=-1, keepdims=True)
+        largest = np.max(np.abs(field), axis=-1, keepdims=True)
+        acts = np.abs(field) > _ROUNDED * largest
+        acting_axes = np.flatnonzero(np.any(acts.reshape(-1, d), axis=0)).tolist()
         wall_axes = {side.axis for side in self._sides if side.edge != "free"}
         has_clamp = any("clamped" in face.edges for face in self.faces)
-        for axis in np.flatnonzero(np.any(acts.reshape(-1, d), axis=0)).tolist():
+        for axis in acting_axes:
             is_period = axis < self.periods
-            if is_period or not (axis in wall_axes or has_clamp):
-                reason = "repeats" if is_period else "stands on nothing"
-                problem = f"gravity acts along {'xyz'[axis]}, where crystal {self.name!r} {reason}"
-                why = "Nothing holds the balls there"
-                mend = (
-                    'Cut it, and let it stand: crystal.cut(axis, layers, edges=("floor", "free"))'
-                )
-                raise InputError(problem, why, mend)
+            is_held = axis in wall_axes or has_clamp  # a clamp holds along all axes
+            if is_held and not is_period:
+                continue
+            reason = "repeats" if is_period else "stands on nothing"
+            raise InputError(
+                f"gravity acts along {'xyz'[axis]}, where crystal {self.name!r} {reason}",
+                "Nothing holds the balls there",
+                'Cut it, and let it stand: crystal.cut(axis, layers, edges=("floor", "free"))',
+            )
 
     def _push(
         self,
@@ -1661,18 +1729,18 @@ class CrystalState(Result):
         """Return the state at some of the loads, indexed like an array."""
         if self.is_single:
             raise InputError("the state has one load, and no index", mend="Use it as it is")
-        count = int(np.prod(self.shape))
-        axes = len(self.shape)
-        chosen_loads = np.arange(count).reshape(self.shape)[index]
-        if not np.size(chosen_loads):
+        load_count = int(np.prod(self.shape))
+        load_axes = len(self.shape)
+        selected_loads = np.arange(load_count).reshape(self.shape)[index]
+        if not np.size(selected_loads):
             problem = f"the index {brief(index)} selects none of the loads"
             raise InputError(problem, mend="Select one or more")
-        arrays = {name: getattr(self, name) for name in _PER_LOAD}
-        chosen: Any = {
-            name: read_only(array.reshape(count, *array.shape[axes:])[chosen_loads])
-            for name, array in arrays.items()
-        }
-        return replace(self, **chosen)
+        selected: dict[str, Any] = {}
+        for name in _PER_LOAD:
+            array = getattr(self, name)
+            array_of_loads = array.reshape(load_count, *array.shape[load_axes:])
+            selected[name] = read_only(array_of_loads[selected_loads])
+        return replace(self, **selected)
 
     def __repr__(self) -> str:
         forces = self.normal_force
@@ -1745,12 +1813,12 @@ class CrystalState(Result):
             slope = self.crystal._springs.stiffness_slope(self.overlap[index])
             contact_exponents = 0.5 * (force[loaded] / k[loaded]) * (slope[loaded] / k[loaded])
             if np.ptp(contact_exponents) > _SAME_EXPONENT:
-                problem = (
+                raise InputError(
                     f"the exponents of contacts differ, from {np.min(contact_exponents):.6g} to"
-                    f" {np.max(contact_exponents):.6g}"
+                    f" {np.max(contact_exponents):.6g}",
+                    "Their laws are not one power",
+                    "Compare the velocities at two loads",
                 )
-                why = "Their laws are not one power"
-                raise InputError(problem, why, "Compare the velocities at two loads")
             exponents[index] = np.mean(contact_exponents)
         return exponents[()]
 
@@ -1782,11 +1850,13 @@ class CrystalState(Result):
         checks += self._check_balls()
         strengths = [ball.material.yield_strength for ball in crystal.kinds]
         if any(strengths):
-            known_strengths = [math.inf if value is None else value for value in strengths]
-            strength = crystal._take_least_of_ends(np.array(known_strengths)[crystal.kind])
+            # a ball whose strength is not known does not yield
+            kind_strengths = [math.inf if value is None else value for value in strengths]
+            ball_strengths = np.array(kind_strengths)[crystal.kind]
+            contact_strengths = crystal._take_least_of_ends(ball_strengths)
             area = math.pi * self.contact_radius**2
             pressure = np.divide(self.normal_force, area, out=np.zeros_like(area), where=area > 0.0)
-            checks.append(check_limit("yield", np.max(pressure / strength, axis=-1)))
+            checks.append(check_limit("yield", np.max(pressure / contact_strengths, axis=-1)))
         return tuple(checks)
 
     def _check_balls(self) -> list[Check]:
@@ -1794,12 +1864,13 @@ class CrystalState(Result):
         crystal = self.crystal
         checks = []
         for name, (attribute, _, _, limit, at_least) in BALL_LIMITS.items():
+            find_constant = attrgetter(attribute)
             for ball, kind_name in zip(crystal.kinds, crystal.names, strict=True):
-                value = attrgetter(attribute)(ball)
-                is_beyond = value < limit if at_least else value > limit
+                constant = find_constant(ball)
+                is_beyond = constant < limit if at_least else constant > limit
                 if is_beyond:
-                    values = np.full(self.shape, value)
-                    checks.append(check_limit(name, values, f" (ball {kind_name})"))
+                    at_each_load = np.full(self.shape, constant)
+                    checks.append(check_limit(name, at_each_load, f" (ball {kind_name})"))
         return checks
 
     @property
@@ -1812,8 +1883,8 @@ class CrystalState(Result):
         table of a tabulated law. A diameter, density or Young modulus that no solid ball has, so
         that its unit is probably wrong, is not valid either.
         """
-        met = np.all([check.ok for check in self.limits], axis=0)
-        return bool(met) if self.is_single else met
+        are_met = np.all([check.ok for check in self.limits], axis=0)
+        return bool(are_met) if self.is_single else are_met
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -1822,23 +1893,25 @@ class CrystalState(Result):
         return tuple(warning for warning in warnings if warning is not None)
 
     @cached_property
-    def _clamped(self) -> Flags:
-        """(n,) which balls are held."""
-        held = np.zeros(self.crystal.n_balls, bool)
+    def _is_clamped(self) -> Flags:
+        """(n,) whether each ball belongs to a clamped layer."""
+        is_clamped = np.zeros(self.crystal.n_balls, bool)
         for side in self.crystal._sides:
-            held[side.balls] |= side.edge == "clamped"
-        return held
+            if side.edge == "clamped":
+                is_clamped[side.balls] = True
+        return is_clamped
 
     @cached_property
     def _in_network(self) -> Flags:
-        """(n_c,) which contacts the network has: contacts that are closed, and not between two
-        bodies that are held.
+        """(n_c,) whether the network has each contact: contacts that are closed, and not between
+        two bodies that are held.
         """
-        held = self._clamped
+        is_clamped = self._is_clamped
         table = self.crystal.contacts
-        floors = [held[floor.balls] for floor in self.crystal._floors]
-        between_held = np.concatenate([held[table.i] & held[table.j], *floors])
-        return np.asarray((self.normal_stiffness > 0.0) & ~between_held)
+        between_balls = is_clamped[table.i] & is_clamped[table.j]
+        on_floors = [is_clamped[floor.balls] for floor in self.crystal._floors]
+        is_between_held = np.concatenate([between_balls, *on_floors])
+        return np.asarray((self.normal_stiffness > 0.0) & ~is_between_held)
 
     @cached_property
     def network(self) -> ContactNetwork:
@@ -1849,13 +1922,12 @@ class CrystalState(Result):
         Raises :class:`~granphon.base.errors.InputError` for several loads.
         """
         if not self.is_single:
-            problem = f"the state holds {int(np.prod(self.shape))} loads"
-            why = "A network, atoms and phonons belong to one"
-            mend = (
+            raise InputError(
+                f"the state holds {int(np.prod(self.shape))} loads",
+                "A network, atoms and phonons belong to one",
                 "Make a state with one load, as crystal.at_pressure(1e5) does, or take one of"
-                " these: state[0]"
+                " these: state[0]",
             )
-            raise InputError(problem, why, mend)
         crystal = self.crystal
         p = crystal.periods
         d = crystal.dimension
@@ -1871,7 +1943,9 @@ class CrystalState(Result):
         )
 
     def _list_bodies(self) -> dict[str, Any]:
-        """Return the cell, and the balls and then the walls, as arguments of a network."""
+        """Return the cell, and the bodies, first the balls and then the floors, as arguments of a
+        network, by name: lengths in m, masses in kg.
+        """
         crystal = self.crystal
         floors = crystal._floors
         n = crystal.n_balls
@@ -1890,21 +1964,25 @@ class CrystalState(Result):
             radii = crystal._mean_radii[floor.balls]
             heights = positions[floor.balls, floor.axis] + floor.sign * radii
             positions[number, floor.axis] = np.mean(heights)
-        infinite = np.full(len(floors), np.inf)
+        # a body of infinite mass and radius does not move, and is flat
+        of_floors = np.full(len(floors), np.inf)
+        masses = np.where(self._is_clamped, np.inf, crystal.masses)
         inertias = np.array([ball.inertia for ball in crystal.kinds])[crystal.kind]
         kinds = [crystal.names[number] for number in crystal.kind.tolist()]
         kinds += [RIGID_PLANE.name for _ in floors]
         return {
             "cell": cell,
             "positions": positions,
-            "radii": np.append(crystal.radii, infinite),
-            "masses": np.append(np.where(self._clamped, np.inf, crystal.masses), infinite),
-            "inertias": np.append(inertias, infinite),
+            "radii": np.append(crystal.radii, of_floors),
+            "masses": np.append(masses, of_floors),
+            "inertias": np.append(inertias, of_floors),
             "kinds": tuple(kinds),
         }
 
     def _list_contacts(self) -> dict[str, Any]:
-        """Return the closed contacts as arguments of a network, those with floors last."""
+        """Return the contacts :attr:`_in_network` as arguments of a network, by name, those with
+        floors last.
+        """
         crystal = self.crystal
         table = crystal.contacts
         i, j, arm_i, arm_j = self._list_ends()
@@ -1917,7 +1995,7 @@ class CrystalState(Result):
             half_overlap = 0.5 * self.overlap
             arm_i = arm_i + bulges[i] - half_overlap
             arm_j = arm_j + bulges[j] - half_overlap
-        fields: dict[str, Any] = {
+        columns: dict[str, Any] = {
             "i": i,
             "j": j,
             "shift": shift,
@@ -1930,9 +2008,10 @@ class CrystalState(Result):
             "arm_i": arm_i,
             "arm_j": arm_j,
         }
-        contacts = {name: values[self._in_network] for name, values in fields.items()}
+        in_network = self._in_network
+        contacts = {name: column[in_network] for name, column in columns.items()}
         if self.finite_overlap:  # the statics are those of normal forces alone
-            contacts["tangential_force"] = np.zeros((np.count_nonzero(self._in_network), 3))
+            contacts["tangential_force"] = np.zeros((np.count_nonzero(in_network), 3))
         return contacts
 
     def _list_ends(self) -> tuple[Index, Index, Array, Array]:
@@ -1954,18 +2033,24 @@ class CrystalState(Result):
 
 
 def list_balls(balls: Any) -> list[Any]:
-    """Return balls, the argument of a public call, as a list; one ball is a list of one."""
+    """Return ``balls``, the argument of a public call, as a list; one ball is a list of one.
+
+    Raises :class:`~granphon.base.errors.InputError` for an argument without an order.
+    """
     if isinstance(balls, Ball):
         return [balls]
-    listed = balls.tolist() if isinstance(balls, np.ndarray) else balls
-    if isinstance(listed, str | Mapping | set | frozenset) or not isinstance(listed, Iterable):
+    sequence = balls.tolist() if isinstance(balls, np.ndarray) else balls
+    has_no_order = isinstance(sequence, str | Mapping | set | frozenset)
+    if has_no_order or not isinstance(sequence, Iterable):
         raise InputError(f"the balls are {brief(balls)}", mend="Give a list of granphon.Ball")
-    return list(listed)
+    return list(sequence)
 
 
 def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
-    """Return the different balls in the order in which they come, and the number of the kind of
-    each ball.
+    """Return the different balls in the order in which they come, and the number (n,) of the kind
+    of each of the n ``balls``.
+
+    Raises :class:`~granphon.base.errors.InputError` if there are none, or one is no ball.
     """
     if not balls:
         raise InputError("there are no balls", mend="Give a list of granphon.Ball")
@@ -1996,28 +2081,37 @@ def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -
     """Return the name of each kind: the ``known`` name, or that of its ball, or the next of A, B,
     C, ...
     """
-    names = {ball: (known or {}).get(ball) or ball.name for ball in kinds}
+    known_names = known or {}
+    names = {ball: known_names.get(ball) or ball.name for ball in kinds}  # empty if there is none
     used_names = {name for name in names.values() if name} | {RIGID_PLANE.name}
-    free_names = (letters for letters in _count_in_letters() if letters not in used_names)
-    kind_names = tuple(names[ball] or next(free_names) for ball in kinds)
+    unused_letters = (letters for letters in _count_in_letters() if letters not in used_names)
+    kind_names = tuple(names[ball] or next(unused_letters) for ball in kinds)
     counts = Counter([*kind_names, RIGID_PLANE.name])
-    twice = next((name for name in kind_names if counts[name] > 1), None)
-    if twice is not None:
-        problem = f"two kinds are called {twice!r}"
-        raise InputError(problem, "Laws are given by names", "Name each kind differently")
+    repeated_name = next((name for name in kind_names if counts[name] > 1), None)
+    if repeated_name is not None:
+        raise InputError(
+            f"two kinds are called {repeated_name!r}",
+            "Laws are given by names",
+            "Name each kind differently",
+        )
     return kind_names
 
 
 def _read_sites(positions: ArrayLike, cell: ArrayLike) -> tuple[Array, Array]:
-    """Return centres (n, d) and the vectors (p, d) of a cell, m, whose shapes fit."""
+    """Return the centres (n, d) and the vectors (p, d) of a cell, m; InputError if their shapes do
+    not fit, or a number is not finite.
+    """
     centres = real_array("positions", positions)
     vectors = real_array("cell", cell)
-    if centres.ndim != 2 or not len(centres) or not 1 <= centres.shape[1] <= 3:
+    are_centres = centres.ndim == 2 and len(centres) > 0 and 1 <= centres.shape[1] <= 3
+    if not are_centres:
         problem = f"positions of the crystal have the shape {centres.shape}"
         raise InputError(problem, mend="Give (n, d) centres in m, d = 1, 2 or 3")
     d = centres.shape[1]
-    vectors = vectors.reshape(0, d) if vectors.size == 0 else vectors
-    if vectors.ndim != 2 or vectors.shape[1] != d or len(vectors) > d:
+    if vectors.size == 0:  # an empty list
+        vectors = vectors.reshape(0, d)
+    are_vectors = vectors.ndim == 2 and vectors.shape[1] == d and len(vectors) <= d
+    if not are_vectors:
         problem = f"the cell has the shape {vectors.shape}, and positions have {d} coordinates"
         raise InputError(problem, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m")
     if not (np.all(np.isfinite(centres)) and np.all(np.isfinite(vectors))):
@@ -2042,14 +2136,17 @@ def _require_symbols(symbols: Sequence[str], balls: object) -> None:
 
 
 def _find_dimension(positions: Array, cell: Array, tolerance: float) -> int:
-    """Return the dimension of the line, plane or space in which balls lie, of positions (n, 3) and
-    a cell (p, 3), m: z, and then y, are left out if all are equal to a ``tolerance``, m.
+    """Return the dimension, 1 to 3, of the line, plane or space in which balls lie, from their
+    positions (n, 3) and a cell (p, 3), m.
+
+    The coordinate z, and then y, is left out if all balls have the same one to a ``tolerance``, m,
+    and no period has a component along the axis.
     """
     for dimension in (3, 2):
         axis = dimension - 1
-        is_level = np.ptp(positions[:, axis]) <= tolerance
-        leaves = np.any(np.abs(cell[:, axis]) > tolerance)
-        if len(cell) >= dimension or not is_level or leaves:
+        are_level = np.ptp(positions[:, axis]) <= tolerance
+        has_component = np.any(np.abs(cell[:, axis]) > tolerance)
+        if len(cell) >= dimension or has_component or not are_level:
             return dimension
     return 1
 
@@ -2060,13 +2157,16 @@ def _require_cell(vectors: Array, radius: float, name: str) -> None:
     """
     p = len(vectors)
     if np.any(np.abs(vectors[:, p:]) > TOUCH * radius):
-        axes = ("", "along x", "in the xy plane", "")[p]
-        problem = f"the cell of crystal {name!r} does not lie {axes}"
+        extent = ("", "along x", "in the xy plane", "")[p]
+        problem = f"the cell of crystal {name!r} does not lie {extent}"
         raise InputError(problem, mend="Turn the crystal")
-    if p and not abs(np.linalg.det(vectors[:, :p] / radius)) > _LEAST_CELL:
-        problem = f"the cell of crystal {name!r} has no room for a ball"
-        why = f"Its vectors are too short for balls of {2.0 * radius:.4g} m, or not independent"
-        raise InputError(problem, why, "Give lengths in m")
+    relative_measure = abs(np.linalg.det(vectors[:, :p] / radius))  # 1 without a period
+    if not relative_measure > _LEAST_CELL:
+        raise InputError(
+            f"the cell of crystal {name!r} has no room for a ball",
+            f"Its vectors are too short for balls of {2.0 * radius:.4g} m, or not independent",
+            "Give lengths in m",
+        )
 
 
 def _scale_until_touch(structure: Lattice, site_balls: Sequence[Ball]) -> float:
@@ -2079,40 +2179,43 @@ def _scale_until_touch(structure: Lattice, site_balls: Sequence[Ball]) -> float:
     distances = radii[table.i] + radii[table.j]
     scale = float(np.mean(distances))
     if np.ptp(distances) > TOUCH * scale:
-        extremes = [int(np.argmin(distances)), int(np.argmax(distances))]
+        extreme_contacts = [int(np.argmin(distances)), int(np.argmax(distances))]
         texts = [
-            f"those of sites {table.i[row]} and {table.j[row]} at {distances[row]:.6g} m"
-            for row in extremes
+            f"those of sites {table.i[contact]} and {table.j[contact]} at"
+            f" {distances[contact]:.6g} m"
+            for contact in extreme_contacts
         ]
-        problem = f"balls of these sizes cannot all touch on the {structure.name} lattice"
-        why = f"Centres would be apart: {', '.join(texts)}"
-        mend = "Give balls of one size, or a cell and places at which they touch"
-        raise InputError(problem, why, mend)
+        raise InputError(
+            f"balls of these sizes cannot all touch on the {structure.name} lattice",
+            f"Centres would be apart: {', '.join(texts)}",
+            "Give balls of one size, or a cell and places at which they touch",
+        )
     return scale
 
 
 def _require_large_enough(structure: Lattice, cell: Array, kinds: Sequence[Ball]) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if the larger of two balls touch each other
-    before they touch the smaller one.
+    """Raise :class:`~granphon.base.errors.InputError` if the larger of two ``kinds`` of balls touch
+    each other before they touch the smaller ones, in a ``cell`` (p, d), m, with one ball of each.
     """
     p = structure.periods
-    images = np.array(list(itertools.product((-1, 0, 1), repeat=p)))
-    images = images[np.any(images, axis=1)]  # without the ball itself
-    gap = float(np.min(np.linalg.norm(images @ cell, axis=1)))
+    steps = np.array(list(itertools.product((-1, 0, 1), repeat=p)))
+    image_steps = steps[np.any(steps, axis=1)]  # without the ball itself
+    image_distance = float(np.min(np.linalg.norm(image_steps @ cell, axis=1)))
     small, large = sorted(kinds, key=lambda ball: ball.diameter)
-    if gap >= large.diameter * (1.0 - TOUCH):
+    if image_distance >= large.diameter * (1.0 - TOUCH):
         return
-    scale = 0.5 * (small.diameter + large.diameter) / gap
-    least = 2.0 * large.diameter * scale - large.diameter
+    # the distance of unlike balls over that of images, which is fixed by the lattice
+    distance_ratio = 0.5 * (small.diameter + large.diameter) / image_distance
+    least_diameter = 2.0 * large.diameter * distance_ratio - large.diameter
     name = small.name or "AB"[kinds.index(small)]
-    problem = f"ball {name} of {small.diameter:g} m is too small for its site in {structure.name}"
     ratio = small.diameter / large.diameter
-    least_ratio = least / large.diameter
-    why = (
+    least_ratio = least_diameter / large.diameter
+    raise InputError(
+        f"ball {name} of {small.diameter:g} m is too small for its site in {structure.name}",
         f"The others, of {large.diameter:g} m, touch each other before they touch it: the ratio of"
-        f" the diameters is {ratio:.4g}, and must be {least_ratio:.4g} or more"
+        f" the diameters is {ratio:.4g}, and must be {least_ratio:.4g} or more",
+        f"Give it a diameter of {least_diameter:.6g} m or more",
     )
-    raise InputError(problem, why, f"Give it a diameter of {least:.6g} m or more")
 
 
 def _require_room(cells: int, crystal: Crystal) -> None:

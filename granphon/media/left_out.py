@@ -57,9 +57,11 @@ _CURVES = {
         np.array([3e-3, 5.33e-3, 9.49e-3, 1.69e-2, 3e-2, 9.49e-2, 0.3]),
     ),
 }
-#: f* at which the fraction of open contacts is known, and the largest fraction there of 19
-#: distributions (those of tests/benchmarks/accuracy.py), in the plane (triangular, 48 x 48 balls)
-#: and in space (fcc and hcp, 10 diameters wide)
+#: lattices on which the fraction of open contacts was measured: triangular 48 x 48 balls, fcc and
+#: hcp 10 diameters wide
+_MEASURED_LATTICES = ("triangular", "fcc", "hcp")
+#: f* at which that fraction is known, and the largest fraction there of 19 distributions (those of
+#: tests/benchmarks/accuracy.py), in the plane and in space
 _OPEN_FORCES = np.array([0.003, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.18, 0.27, 0.4, 0.6, 0.9])
 _OPEN_CONTACTS = {
     2: np.array([0.485, 0.387, 0.318, 0.266, 0.202, 0.137, 0.086, 0.047, 0.024, 0.007, 0.0, 0.0]),
@@ -68,17 +70,17 @@ _OPEN_CONTACTS = {
 
 
 def estimate_reduced_force(packing: Packing, load: Load) -> Array:
-    """Return the approximate f* of each value of an applied load."""
-    reduced = np.ravel(reduce_load(packing, load))
+    """Return the approximate f* (n,) of each value of an applied load."""
+    reduced_load = np.ravel(reduce_load(packing, load))  # f*, or a* of an overlap
     if load.kind != "overlap":
-        return reduced
-    alike = np.asarray(force_of(reduced - 0.5))
+        return reduced_load
+    force_of_equal_balls = np.asarray(force_of(reduced_load - 0.5))
     if packing.structure.periods not in _CURVES:
-        return alike
+        return force_of_equal_balls
     spacings, forces = _CURVES[packing.structure.periods]
-    log_spacing = np.log(np.maximum(reduced, spacings[0]))
+    log_spacing = np.log(np.maximum(reduced_load, spacings[0]))
     interpolated = np.exp(np.interp(log_spacing, np.log(spacings), np.log(forces)))
-    return np.where(reduced > spacings[-1], alike, interpolated)
+    return np.where(reduced_load > spacings[-1], force_of_equal_balls, interpolated)
 
 
 def estimate_open_contacts(packing: Packing, load: Load) -> Array:
@@ -96,19 +98,20 @@ def estimate_open_contacts(packing: Packing, load: Load) -> Array:
         log_force = np.log(force)
     if structure.periods not in _OPEN_CONTACTS or not packing.spread_matters:
         return np.zeros_like(force)
-    fraction: Array = np.interp(
+    open_fraction: Array = np.interp(
         log_force, np.log(_OPEN_FORCES), _OPEN_CONTACTS[structure.periods], left=1.0
     )
-    if structure.name in ("triangular", "fcc", "hcp") and LATTICES[structure.name] == structure:
-        return fraction
-    return np.where(fraction > 0.0, 1.0, 0.0)
+    has_measured_name = structure.name in _MEASURED_LATTICES
+    if has_measured_name and LATTICES[structure.name] == structure:
+        return open_fraction
+    return np.where(open_fraction > 0.0, 1.0, 0.0)
 
 
 def estimate_shear_deficit(
     contact_fraction: ArrayLike, ratio: float, periods: int, history: bool = False
 ) -> Array:
     """Return the part, at most 1, by which a shear modulus with friction is expected to be too
-    small in the limit W/d = 0.
+    small in the limit W/d = 0; of the shape of ``contact_fraction``.
 
     Parameters
     ----------
@@ -117,9 +120,10 @@ def estimate_shear_deficit(
     periods : of the lattice, 2 or 3; contacts on a line do not shear.
     history : whether the array has been loaded with friction; otherwise it is at rest without.
     """
-    share = _DEFICITS[periods] * (_BY_HISTORY if history else 1.0)
-    opened = 1.0 - np.asarray(contact_fraction)
-    return np.asarray(np.minimum(share * opened**_OPEN_POWER * ratio**_WIDTH_POWER, 1.0))
+    amplitude = _DEFICITS[periods] * (_BY_HISTORY if history else 1.0)
+    open_fraction = 1.0 - np.asarray(contact_fraction)
+    deficit = amplitude * open_fraction**_OPEN_POWER * ratio**_WIDTH_POWER
+    return np.asarray(np.minimum(deficit, 1.0))
 
 
 def expect_shear_deficit(
@@ -128,26 +132,28 @@ def expect_shear_deficit(
     """Return :func:`estimate_shear_deficit` (n,) at each value of an applied load, before anything
     is simulated.
 
-    ``ratio`` is W/d, by default that of the packing. It is zero of balls that resist no slip, of
-    equal balls and on a line.
+    ``ratio`` is W/d, by default that of the packing. The deficit is zero of balls that resist no
+    slip, of equal balls and on a line.
     """
     if not (packing.mindlin_ratio and packing.spread_matters):
         return np.zeros(load.size)
-    closed = 1.0 - estimate_open_contacts(packing, load)
+    contact_fraction = 1.0 - estimate_open_contacts(packing, load)
     ratio = packing.relative_width if ratio is None else ratio
-    return estimate_shear_deficit(closed, ratio, packing.structure.periods, history)
+    return estimate_shear_deficit(contact_fraction, ratio, packing.structure.periods, history)
 
 
 def find_left_out(deficit: Array, geometry: str | None) -> Array:
-    """Return the part of the shear modulus that arrays leave out; ``deficit`` is that in the
-    directions of the lattice.
+    """Return the part (n,) of the shear modulus that arrays leave out; ``deficit`` (n,) is the part
+    that they leave out in the directions of the lattice.
 
-    It is zero in the exact geometry, which a geometry that is not named (None) is where the deficit
-    is too large.
+    Nothing is left out in the exact geometry, which is chosen, if no ``geometry`` is named (None),
+    where the deficit is too large.
     """
     if geometry == EXACT:
         return np.zeros_like(deficit)
-    return deficit if geometry == LATTICE else np.where(deficit > _CHOSEN_LIMIT, 0.0, deficit)
+    if geometry == LATTICE:
+        return deficit
+    return np.where(deficit > _CHOSEN_LIMIT, 0.0, deficit)
 
 
 def can_be_exact(packing: Packing) -> bool:
@@ -160,12 +166,12 @@ def can_be_exact(packing: Packing) -> bool:
 def choose_geometries(
     packing: Packing, load: Load, finite_overlap: bool | None = None
 ) -> list[str]:
-    """Return the geometry of an array at rest without friction at each value of an applied load, if
-    none is named.
+    """Return the geometry (a list, n) of an array at rest without friction at each value of an
+    applied load, if none is named.
 
-    It is :data:`LATTICE` where its directions are expected to leave out less than 1e-3 of the shear
-    modulus (of other results that is less), else :data:`EXACT`. With ``finite_overlap`` it is
-    exact, and where that is False, and not None, it is not.
+    It is :data:`LATTICE` where the directions of the lattice are expected to leave out less than
+    1e-3 of the shear modulus (other results lose less), else :data:`EXACT`. ``finite_overlap``
+    decides if it is given: True makes all exact, False none.
     """
     if finite_overlap is not None or not can_be_exact(packing):
         is_exact = np.full(load.size, bool(finite_overlap))

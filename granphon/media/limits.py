@@ -157,10 +157,13 @@ class Check(Result):
         if self.name == "medium":
             return self._warn_of_medium(worst, failing, loads)
         # the spread and the constants of a ball do not depend on the load
-        several = loads > 1 and self.name not in ("spread", *BALL_LIMITS)
-        bound = "up to " if several and failing > 1 else ""
-        place = _write_share(failing, loads) if several else ""
-        sentence = f"{place}{self._write_sentence(worst, bound)}"
+        depends_on_load = self.name not in ("spread", *BALL_LIMITS)
+        bound = ""
+        share = ""
+        if depends_on_load and loads > 1:
+            bound = "up to " if failing > 1 else ""
+            share = _write_share(failing, loads)
+        sentence = f"{share}{self._write_sentence(worst, bound)}"
         return f"{sentence[0].upper()}{sentence[1:]}: {self.reason}."
 
     def _write_sentence(self, worst: float, bound: str) -> str:
@@ -172,19 +175,21 @@ class Check(Result):
             relation = "less" if self.at_least else "more"
             limit = f"{self.limit:g} {unit}"
             return f"the {quantity} is {bound}{worst:.4g} {unit}, {relation} than {limit}"
+        # a velocity goes as the square root of a modulus
+        velocity_deficit = 1.0 - math.sqrt(max(1.0 - worst, 0.0))
         words = {
             "worst": f"{bound}{worst:.4g}",
             "percent": f"{bound}{100.0 * worst:.4g} %",
             "limit": f"{self.limit:g}",
             "limit_percent": f"{100.0 * self.limit:g} %",
             "about": f"{bound}about {100.0 * worst:.2g} %",
-            "half": f"{100.0 * (1.0 - math.sqrt(max(1.0 - worst, 0.0))):.2g} %",
+            "half": f"{100.0 * velocity_deficit:.2g} %",
         }
         return _LIMITS[self.name].sentence.format_map(words)
 
     def _warn_of_medium(self, worst: float, failing: int, loads: int) -> str:
-        """Return the warning that contact forces, at worst ``worst`` N, are below the range of the
-        medium.
+        """Return the warning that the contact forces at ``failing`` of the ``loads`` are below the
+        range of the medium; the least is ``worst``, N.
         """
         clause = "the contact force is"
         if loads > 1:
@@ -194,8 +199,8 @@ class Check(Result):
 
 
 def check_limit(name: str, value: Any, more: str = "") -> Check:
-    """Return the condition of a name, on contacts or on balls, for a ``value``; ``more`` is added
-    to the reason.
+    """Return the condition of a ``name``, on contacts or on balls, for a ``value`` in the unit of
+    the limit; ``more`` is added to the reason.
     """
     if name in BALL_LIMITS:
         _, quantity, unit, limit, at_least = BALL_LIMITS[name]

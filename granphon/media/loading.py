@@ -46,21 +46,21 @@ from granphon.media.medium import AveragedLattice, Option, explain_untouched
 
 def reduce_load(packing: Packing, load: Load) -> Array:
     """Return f* of each value of an applied load, or a* of a load that is given as an overlap, with
-    its shape.
+    the shape of the load.
     """
     units = packing.width_units
-    values = load.array
     with np.errstate(all="ignore"):  # beyond the floating range f* and a* are infinite
         if load.kind == "overlap":
-            return np.asarray(units.reduced_spacing(values))
+            return np.asarray(units.reduced_spacing(load.array))
+        forces = load.array
         if load.kind == "pressure":
-            values = values / packing.pressure_per_force
-        return np.asarray(units.reduced_force(values))
+            forces = load.array / packing.pressure_per_force
+        return np.asarray(units.reduced_force(forces))
 
 
 def prescribe(packing: Packing, load: Load, is_exact: bool = False) -> list[ReducedLoad]:
-    """Convert each value of an applied load to a prescribed force or overlap in units of the width,
-    in C order.
+    """Return the prescribed force or overlap, in units of the width, of each value of an applied
+    load, in C order.
 
     In the exact geometry the boundary on which a pressure acts shrinks with the cell.
     """
@@ -81,29 +81,29 @@ def require_load(packing: Packing, load: Load, largest: float) -> None:
     not even two of the largest balls touch; ``largest`` is the excess of the largest diameter over
     the mean, m.
     """
-    hertz = AveragedLattice(replace(packing, spread=None))
-    differ_on_line = packing.width and not packing.spread_matters
-    if load.kind == "overlap" and packing.width and not differ_on_line:
-        if np.max(load.array) > packing.width:
-            hertz.at(Load("overlap", np.max(load.array)))
+    equal_balls = AveragedLattice(replace(packing, spread=None))
+    # balls that differ on a line have the law of equal ones
+    if load.kind == "overlap" and packing.spread_matters:
+        greatest = np.max(load.array)
+        if greatest > packing.width:
+            equal_balls.at(Load("overlap", greatest))  # raises for too large an overlap
         if np.min(load.array) <= -largest:
             raise explain_untouched(load, largest)
         return
-    forces = hertz.at(load).force
+    forces = equal_balls.at(load).force
     if not packing.width:
         return
     least_force = packing.width_units.reduced_force(float(np.min(forces)))
     if least_force >= THRESHOLD_FORCE:
         return
-    if not differ_on_line:
+    if packing.spread_matters:
         raise explain_too_small(least_force)
-    # no threshold of rigidity is on a line
-    problem = (
+    # on a line there is no threshold of rigidity that the error could name
+    raise InputError(
         f"a contact force of f* = {least_force:.3g} is below {THRESHOLD_FORCE:g}, the least that is"
-        f" simulated"
+        f" simulated",
+        mend="Raise the load, or take another medium, which on a line is exact too",
     )
-    mend = "Raise the load, or take another medium, which on a line is exact too"
-    raise InputError(problem, mend=mend)
 
 
 def sort_by_load(prescribed: Sequence[ReducedLoad]) -> list[int]:
@@ -123,8 +123,8 @@ def find_equilibria(
     workers: int,
     ratio: float = 0.0,
 ) -> dict[int, Equilibrium]:
-    """Find the equilibria of a sample with these ``deviations`` under all loads, by the index of
-    the load.
+    """Return the equilibria of a sample with these ``deviations`` (of the shape of the array, in
+    units of the width) under all ``prescribed`` loads, by the index of the load.
 
     Each equilibrium is found from the one at the next higher load. A ``ratio`` W/d above zero means
     the true geometry: there each equilibrium is found from that of the lattice under the same load,
@@ -137,7 +137,7 @@ def find_equilibria(
     for index in sort_by_load(prescribed):
         try:
             equilibrium = find_equilibrium(deviations, stencils, prescribed[index], previous, ratio)
-            # every state needs the stiffness; a worker that finds it finds it in parallel
+            # every state needs the stiffness: found here, it is found by workers in parallel
             _ = equilibrium.stiffness
         except GranphonError as error:
             error.load_index = index
@@ -155,7 +155,7 @@ def find_equilibrium(
     previous: tuple[float, Array] | None,
     ratio: float = 0.0,
 ) -> Equilibrium:
-    """Find the equilibrium of a sample with these ``deviations`` under one load.
+    """Return the equilibrium of a sample with these ``deviations`` under one load.
 
     The search starts from ``previous``, the overlap and displacements of an earlier equilibrium, if
     there is one. In the true geometry the search starts from the lattice.
@@ -208,24 +208,28 @@ class FrictionHistory:
         :class:`~granphon.base.errors.Refused` for an option out of range, a history without a
         friction coefficient, and options of a history without ``friction_history``.
         """
-        values: dict[str, Any] = {}
+        history_options: dict[str, Any] = {}
         for name, option in HISTORY_OPTIONS.items():
             if name in options:
-                values[name] = read_inside(name, option.rule, options[name])
-        has_history = values.pop("friction_history", False)
-        if has_history and values.get("friction_coefficient") is None:
-            allowed = "a number, zero or above, or inf"
-            mend = "Give a friction_coefficient too, such as 0.2: it is a property of the surfaces."
-            path = ("friction_coefficient",)
-            raise Refused("no friction_coefficient", allowed, mend, path)
+                history_options[name] = read_inside(name, option.rule, options[name])
+        has_history = history_options.pop("friction_history", False)
+        if has_history and history_options.get("friction_coefficient") is None:
+            raise Refused(
+                "no friction_coefficient",
+                "a number, zero or above, or inf",
+                "Give a friction_coefficient too, such as 0.2: it is a property of the surfaces.",
+                ("friction_coefficient",),
+            )
         if has_history:
-            return cls(**values)
-        for name, value in values.items():
+            return cls(**history_options)
+        for name, value in history_options.items():
             if value != HISTORY_OPTIONS[name].default:
-                received = f"{show(options[name])} without friction_history"
-                allowed = f"{name} together with friction_history: true"
-                mend = "Samples then come to rest without friction."
-                raise Refused(received, allowed, mend, (name,))
+                raise Refused(
+                    f"{show(options[name])} without friction_history",
+                    f"{name} together with friction_history: true",
+                    "Samples then come to rest without friction.",
+                    (name,),
+                )
         return cls()
 
     @property
@@ -258,10 +262,11 @@ class FrictionHistory:
         boundary that shrinks.
         """
         if isinstance(self.start, Load):
-            return prescribe(packing, self.start.applied, is_exact)[0]
+            (start,) = prescribe(packing, self.start.applied, is_exact)
+            return start
         if isinstance(self.start, str):
             return self.start
-        return ReducedLoad(overlap=self.start - 0.5)
+        return ReducedLoad(overlap=self.start - 0.5)  # y = a* - 1/2
 
     def sort(self, prescribed: Sequence[ReducedLoad]) -> list[int]:
         """Return the indices of the loads in the order in which they are applied."""
@@ -290,7 +295,8 @@ def read_friction_coefficient(value: Any) -> float | None:
     if value is None:
         return None
     word = value.strip().lower() if isinstance(value, str) else ""
-    coefficient = math.inf if word in ("inf", "infinite", "infinity") else real_number(value)
+    is_infinite = word in ("inf", "infinite", "infinity")
+    coefficient = math.inf if is_infinite else real_number(value)
     if not coefficient >= 0.0:
         raise Refused(show(value), "a number, zero or above, or inf")
     return coefficient
@@ -323,22 +329,23 @@ def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> f
 def _read_start_load(
     block: Mapping[Any, Any], read_load: Callable[[str, Any], float] | None
 ) -> Load:
-    """Read the start of a loading as a load, {force: ...}, {pressure: ...} or {overlap: ...}, whose
-    value ``read_load`` reads.
+    """Return the start of a loading from a block {force: ...}, {pressure: ...} or {overlap: ...},
+    whose value ``read_load`` reads; without it the value is a plain number in SI.
     """
     kinds = ("force", "pressure", "overlap")
     if len(block) != 1 or next(iter(block)) not in kinds:
         keys = " and ".join(map(str, block)) or "an empty block"
         raise Refused(keys, "one of " + ", ".join(f"{{{kind}: ...}}" for kind in kinds))
-    kind, value = next(iter(block.items()))
-    allowed = f"one {kind}{'' if read_load else ' in SI, as a plain number'}"
+    [(kind, value)] = block.items()
+    allowed = f"one {kind}" if read_load else f"one {kind} in SI, as a plain number"
     is_array = isinstance(value, np.ndarray) and value.ndim > 0
     if is_array or isinstance(value, list | tuple | Mapping):
         raise Refused(show(value), allowed, "A loading starts at one load.", (kind,))
     if read_load is None and not math.isfinite(real_number(value)):
         raise Refused(show(value), allowed, path=(kind,))
     try:
-        return Load(kind, real_number(value) if read_load is None else read_load(kind, value))
+        size = real_number(value) if read_load is None else read_load(kind, value)
+        return Load(kind, size)
     except Refused as refused:
         raise refused.under(kind) from None
     except InputError as error:
@@ -398,7 +405,7 @@ class LoadedSample:
         try:
             for equilibrium in press(path):
                 sample = PressedSample(self.packing, self.seed, equilibrium, response)
-                # every state needs the tensor; a worker that finds it finds it in parallel
+                # every state needs the tensor: found here, it is found by workers in parallel
                 _ = sample.elastic_tensor
                 samples.append(sample)
                 report()
@@ -408,10 +415,11 @@ class LoadedSample:
         return samples, None
 
     def require_start(self, path: Sequence[ReducedLoad]) -> None:
-        """Raise as :meth:`press` does for a load below the start; of the states, the start alone is
+        """Raise for a load of the path below the start, as :meth:`press` does; the start alone is
         solved.
         """
-        if not self.history.ordered and np.ptp(self.deviations):
+        balls_differ = bool(np.ptp(self.deviations))
+        if balls_differ and not self.history.ordered:
             history, start = self._begin()
             self._require_above(history, start, path)
 
@@ -424,14 +432,12 @@ class LoadedSample:
     def _begin(self) -> tuple[LoadingHistory, PressedArray]:
         """Return the history of different balls, and their state at its start."""
         stencils = self._stencils(self.packing.mindlin_ratio)
-        friction = self.history
         geometry = ExactGeometry(stencils, self.deviations, self.ratio) if self.ratio else None
-        start = friction.reduce_start(self.packing, bool(self.ratio))
-        mu = friction.friction_coefficient
+        start = self.history.reduce_start(self.packing, is_exact=bool(self.ratio))
+        mu = self.history.friction_coefficient
         assert mu is not None
-        history = LoadingHistory(
-            self.deviations, stencils, mu, friction.step_tolerance, start, geometry=geometry
-        )
+        tolerance = self.history.step_tolerance
+        history = LoadingHistory(self.deviations, stencils, mu, tolerance, start, geometry=geometry)
         try:
             return history, history.begin()
         except GranphonError as error:
@@ -446,11 +452,11 @@ class LoadedSample:
         """
         if self.history.ordered:
             return
-        force = start.force
-        if path[0].overlap is None:
-            force = history.stepper.measure(start, path[0])
-        from_gas = isinstance(history.start, str)
-        require_above(ReducedLoad(start.overlap, force), path, from_gas)
+        start_force = start.force
+        if path[0].overlap is None:  # a force, which may act on a boundary that shrinks
+            start_force = history.stepper.measure(start, path[0])
+        start_load = ReducedLoad(start.overlap, start_force)
+        require_above(start_load, path, from_gas=isinstance(history.start, str))
 
     def _press_different(self, path: Sequence[ReducedLoad]) -> Iterator[PressedEquilibrium]:
         """Yield the equilibria of balls that differ, loaded step by step from the start."""
@@ -476,19 +482,22 @@ class LoadedSample:
         """
         stencils = self._stencils(self.packing.mindlin_ratio)
         smooth = self._stencils()
-        start = self.history.reduce_start(self.packing, bool(self.ratio))
+        start = self.history.reduce_start(self.packing, is_exact=bool(self.ratio))
         mu = self.history.friction_coefficient
         assert mu is not None
         # mean energy of a contact at the start, in units of c W^(5/2); zero at the gas
         start_energy = 0.0
         if isinstance(start, ReducedLoad):
-            overlap = overlap_of(start.force) if start.overlap is None else max(start.overlap, 0.0)
-            start_energy = float(energy_of(force_of(overlap), overlap))
+            if start.overlap is None:
+                start_overlap = overlap_of(start.force)
+            else:
+                start_overlap = max(start.overlap, 0.0)
+            start_energy = float(energy_of(force_of(start_overlap), start_overlap))
         for load in path:
             at_rest = equilibrate(self.deviations, load, smooth)
-            state = LoadingHistory(self.deviations, stencils, mu, start=at_rest).begin()
-            state = replace(state, work=state.stored - start_energy)
-            equilibrium = PressedEquilibrium.of(state, self.deviations, stencils, 0.0)
+            pressed = LoadingHistory(self.deviations, stencils, mu, start=at_rest).begin()
+            pressed = replace(pressed, work=pressed.stored - start_energy)
+            equilibrium = PressedEquilibrium.of(pressed, self.deviations, stencils, 0.0)
             yield equilibrium.share(self.deviations, smooth)
 
 
@@ -512,20 +521,20 @@ def require_above(start: ReducedLoad, path: Sequence[ReducedLoad], from_gas: boo
 
 def _explain_below(start: ReducedLoad, load: ReducedLoad, from_gas: bool) -> InputError:
     """Return the error of a load below the start."""
-    name = f"f* = {load.force:.4g}"
+    load_in_words = f"f* = {load.force:.4g}"
     if load.overlap is not None:
-        name = f"a* = {load.overlap + 0.5:.4g}"
-    starts = []
+        load_in_words = f"a* = {load.overlap + 0.5:.4g}"
+    start_in_words = []
     if start.force:
-        starts.append(f"f* = {start.force:.4g}")
+        start_in_words.append(f"f* = {start.force:.4g}")
     if start.overlap is not None:
-        starts.append(f"a* = {start.overlap + 0.5:.4g}")
-    problem = f"the load {name} is below the start of the loading, {' at '.join(starts)}"
+        start_in_words.append(f"a* = {start.overlap + 0.5:.4g}")
+    problem = (
+        f"the load {load_in_words} is below the start of the loading, {' at '.join(start_in_words)}"
+    )
     path_mend = "unload along a path: simulation.path(...), in a scene ordered: true"
     if from_gas:
-        stand = "Pressed from the gas, the sample stands there at first"
-        return InputError(
-            problem, f"{stand}, and is loaded from there", f"Raise the load, or {path_mend}"
-        )
+        why = "Pressed from the gas, the sample stands there at first, and is loaded from there"
+        return InputError(problem, why, f"Raise the load, or {path_mend}")
     why = "Samples are at rest without friction at the start, and loaded from there"
     return InputError(problem, why, f"Raise the load, give a lower start, or {path_mend}")

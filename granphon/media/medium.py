@@ -24,7 +24,7 @@ from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.loads import Load, require_compressive
 from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing, given_packing, require_shallow
-from granphon.base.arrays import Array
+from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import InputError
 from granphon.base.memory import require_memory
 from granphon.base.validation import Rule, choice, one_of
@@ -106,8 +106,9 @@ class Medium(ABC, Generic[StateT]):
         """
         packing = self.packing
         stiffnesses = (packing.mindlin_ratio, packing.torsion, packing.bending)
-        present = tuple(float(bool(stiffness)) for stiffness in stiffnesses)
-        _require_sound(packing.structure, present, packing.ball_motions, pushed)
+        # 1 for any stiffness above zero, so that packings of one lattice share an answer
+        unit_stiffnesses = tuple(1.0 if stiffness else 0.0 for stiffness in stiffnesses)
+        _require_sound(packing.structure, unit_stiffnesses, packing.ball_motions, pushed)
 
     def require(self, load: Load) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if an applied load is known not to be
@@ -161,14 +162,15 @@ class Medium(ABC, Generic[StateT]):
 
 @cache  # a sweep has many packings of one lattice
 def _require_sound(
-    structure: Lattice, present: tuple[float, ...], motions: Motions, pushed: bool
+    structure: Lattice, unit_stiffnesses: tuple[float, ...], motions: Motions, pushed: bool
 ) -> None:
-    """Raise as :meth:`Medium.require_sound` does; ``present`` says by 0 or 1 which stiffnesses
-    contacts have, against slip, twist and rolling.
+    """Raise as :meth:`Medium.require_sound` does; ``unit_stiffnesses`` are 0 or 1 for the
+    stiffnesses of contacts against slip, twist and rolling.
     """
-    eta, torsion, bending = present
+    eta, torsion, bending = unit_stiffnesses
     lattice = ContactLattice.of(structure, eta, torsion=torsion, bending=bending, motions=motions)
-    lattice.sound_velocities(np.eye(lattice.periods), _LEAST_PUSH if pushed else None)
+    prestress = _LEAST_PUSH if pushed else None
+    lattice.sound_velocities(np.eye(lattice.periods), prestress)
 
 
 def explain_untouched(load: Load, largest: float) -> InputError:
@@ -192,6 +194,8 @@ _LIST_OPENINGS = 64 * 65 / 2
 _LIST_POWER = 1.25
 #: time below which work is done even when a scene is only checked and not run, s
 _QUICK_TIME = 0.1
+#: largest number of Newton steps for the overlap under a boundary that shrinks
+_MOST_STEPS = 100
 #: where the effective medium has its local field from; the first is the default
 _LOCAL_FIELDS = ("computed", "paper")
 
@@ -240,22 +244,26 @@ class LawMedium(Medium[ContactState]):
         require_memory(
             f"states at {load.size:,} loads", self._load_bytes * load.size, "Take fewer loads"
         )
-        load = load.applied
+        applied = load.applied
         follows = read_finite_overlap(finite_overlap)
         packing = self.packing
-        words = load.describe(packing.structure.periods)
+        load_in_words = applied.describe(packing.structure.periods)
         with np.errstate(all="ignore"):  # numbers beyond double precision are refused below
-            force, overlap = self._solve(load, follows)
+            force, overlap = self._solve(applied, follows)
             stiffness = np.asarray(self.law.stiffness(overlap))
             length = np.maximum(np.abs(overlap), packing.width)
-            # the last three are of the size of the slope of the stiffness, the pressure and the
-            # moduli
-            ratios = [stiffness / length, force / packing.diameter, stiffness / packing.diameter]
-            sizes = np.array([force, stiffness, length, *ratios])
-        if not np.all((sizes >= LEAST_NORMAL) & (sizes < np.inf)):
-            raise InputError(f"{words} is too small or too large for double precision")
-        depth = float(np.max(overlap / packing.diameter))
-        require_shallow(packing.material.young_modulus, depth, words)
+            sizes = [
+                force,
+                stiffness,
+                length,
+                stiffness / length,  # of the size of the slope of the stiffness
+                force / packing.diameter,  # of the size of the pressure
+                stiffness / packing.diameter,  # of the size of the moduli
+            ]
+        if not all(np.all((size >= LEAST_NORMAL) & (size < np.inf)) for size in sizes):
+            raise InputError(f"{load_in_words} is too small or too large for double precision")
+        greatest_overlap = float(np.max(overlap / packing.diameter))
+        require_shallow(packing.material.young_modulus, greatest_overlap, load_in_words)
         return ContactState(
             packing=packing,
             medium=self.name,
@@ -281,32 +289,32 @@ class LawMedium(Medium[ContactState]):
         if load.kind != "pressure":
             return load.array, np.asarray(law.overlap(load.array))
         # the lattice's pressure factor times f is P d^(p-1), or P a^(p-1) if the boundary follows
-        # the balls; the slope is f over the power of the spacing
+        # the balls
         structure = self.packing.structure
-        slope = load.array / structure.pressure_factor
-        force = slope * self.packing.diameter ** (structure.periods - 1)
+        pressure_over_factor = load.array / structure.pressure_factor
+        force = pressure_over_factor * self.packing.diameter ** (structure.periods - 1)
         overlap = np.asarray(law.overlap(force))
         if follows and structure.periods > 1:
-            overlap = self._shrink_boundary(slope, overlap)
+            overlap = self._shrink_boundary(pressure_over_factor, overlap)
             force = np.asarray(law.force(overlap))
         return force, overlap
 
-    def _shrink_boundary(self, slope: Array, overlap: Array) -> Array:
-        """Return the overlap delta at which the boundary has shrunk with the balls: f(delta) =
-        ``slope`` (d - delta)^(p - 1), from the larger ``overlap`` of a boundary that does not.
+    def _shrink_boundary(self, pressure_over_factor: Array, overlap: Array) -> Array:
+        """Return the overlap delta, m, at which the boundary has shrunk with the balls: f(delta) =
+        b (d - delta)^(p - 1), where b is ``pressure_over_factor``.
 
-        The force f rises and is convex, and the right side falls, so that Newton's method descends
-        from a larger overlap.
+        The search begins at the larger ``overlap`` of a boundary that does not shrink. The force f
+        rises and is convex, and the right side falls, so that Newton's method descends from there.
         """
         law = self.law
         power = self.packing.structure.periods - 1
-        for _ in range(100):
+        for _ in range(_MOST_STEPS):
             spacing = self.packing.diameter - overlap
-            slide = power * slope * spacing ** (power - 1)
-            residual = law.force(overlap) - slope * spacing**power
-            step = residual / (law.stiffness(overlap) + slide)
+            slope_of_boundary = power * pressure_over_factor * spacing ** (power - 1)
+            residual = law.force(overlap) - pressure_over_factor * spacing**power
+            step = residual / (law.stiffness(overlap) + slope_of_boundary)
             overlap = overlap - step
-            if np.all(np.abs(step) <= 4e-16 * np.abs(overlap)):
+            if np.all(np.abs(step) <= ROUNDED * np.abs(overlap)):
                 break
         return overlap
 
@@ -400,17 +408,23 @@ class EffectiveMedium(LawMedium):
         self, packing: Packing, local_field: Literal["computed", "paper"] = "computed"
     ) -> None:
         one_of("local_field", local_field, _LOCAL_FIELDS)
-        if local_field == "paper" and isinstance(packing, Packing):
-            lacking = ""
-            if packing.structure != TRIANGULAR:
-                lacking = f"of the {packing.structure.name} lattice"
-            elif packing.bending:
-                lacking = "with bending"
-            if lacking:
-                raise InputError(f"the paper gives no local field {lacking}", mend="Use 'computed'")
         object.__setattr__(self, "packing", packing)
         object.__setattr__(self, "source", local_field)
         self.__post_init__()
+        if local_field == "paper":
+            self._require_field_of_paper()
+
+    def _require_field_of_paper(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for balls whose local field the paper
+        does not give.
+        """
+        case = ""
+        if self.packing.structure != TRIANGULAR:
+            case = f"of the {self.packing.structure.name} lattice"
+        elif self.packing.bending:
+            case = "with bending"
+        if case:
+            raise InputError(f"the paper gives no local field {case}", mend="Use 'computed'")
 
     def __repr__(self) -> str:
         return f"EffectiveMedium({self.packing!r}, local_field={self.source!r})"
@@ -425,7 +439,8 @@ class EffectiveMedium(LawMedium):
         shape = self.packing.spread.shape
         if not isinstance(shape, PointShape):
             return _DENSITY_TIME
-        list_time = float(_LIST_TIME * (shape.openings.size / _LIST_OPENINGS) ** _LIST_POWER)
+        relative_openings = shape.openings.size / _LIST_OPENINGS
+        list_time = float(_LIST_TIME * relative_openings**_LIST_POWER)
         return max(_DENSITY_TIME, list_time)
 
     @property
@@ -453,7 +468,7 @@ class EffectiveMedium(LawMedium):
         is left out, because it is of the order delta/d, as other terms that the medium leaves out.
         """
         packing = self.packing
-        eta = self.packing.mindlin_ratio
+        eta = packing.mindlin_ratio
         if self.source == "paper":
             return paper_local_field(eta)
         torsion = packing.torsion if isinstance(packing.torsion, float) else 0.0

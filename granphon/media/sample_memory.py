@@ -50,21 +50,22 @@ def estimate_memory(packing: Packing, balls: int, samples: int, load: Load, load
     Samples are ``loaded`` step by step with friction, or brought to rest at each load.
     """
     structure = packing.structure
-    turning = packing.ball_motions.rotate
-    count = load.size * samples
+    rotate = packing.ball_motions.rotate
+    states = load.size * samples
     periods = structure.periods
-    motions = packing.ball_motions.count if turning else periods
-    green = _GREEN_BYTES * structure.n_balls * motions**2
-    kept = _SAMPLE_BYTES * (samples - 1) + _EQUILIBRIUM_BYTES[periods] * (count - 1)
-    solved = _ROTATING_BALL_BYTES[periods] if turning else _BALL_BYTES[periods]
-    memory = balls * (solved + green + kept)
+    motions = packing.ball_motions.count if rotate else periods
+    # bytes for each ball
+    green_bytes = _GREEN_BYTES * structure.n_balls * motions**2
+    kept_bytes = _SAMPLE_BYTES * (samples - 1) + _EQUILIBRIUM_BYTES[periods] * (states - 1)
+    solved_bytes = _ROTATING_BALL_BYTES[periods] if rotate else _BALL_BYTES[periods]
+    memory = balls * (solved_bytes + green_bytes + kept_bytes)
     memory += (samples - 1) * min(_WORKSPACE_BYTES[periods] * balls, _MOST_WORKSPACE)
     if not packing.width:
         return memory
     force = np.maximum(estimate_reduced_force(packing, load.applied), LEAST_FORCE)
-    are_factorised = periods > 1 and balls <= MOST_BALLS[periods - 1]
-    if are_factorised and np.any(force < _FACTOR_FORCE):
-        memory += balls * (_ROTATING_FACTOR_BYTES if turning else _FACTOR_BYTES)
+    can_be_factorised = periods > 1 and balls <= MOST_BALLS[periods - 1]
+    if can_be_factorised and np.any(force < _FACTOR_FORCE):
+        memory += balls * (_ROTATING_FACTOR_BYTES if rotate else _FACTOR_BYTES)
     if loaded:
-        memory += balls * (_HISTORY_BYTES[periods] + count * _HISTORY_STATE_BYTES[periods])
+        memory += balls * (_HISTORY_BYTES[periods] + states * _HISTORY_STATE_BYTES[periods])
     return memory

@@ -97,6 +97,8 @@ _LEAST_SAMPLE = {False: 625, True: 2500}
 #: f* of a start that takes twice as long as a start at a high force; below it the time grows as
 #: 1/f*
 _SLOW_FORCE = 0.0015
+#: shear modulus over bulk modulus that is rounding
+_ROUNDED_SHEAR = 1e-12
 
 
 @dataclass(frozen=True)
@@ -131,13 +133,17 @@ class SampleLaw(EnergyLaw):
         return -largest * simulation.packing.width_units.width
 
     def _average_at(self, overlap: ArrayLike, quantity: Callable[[Sample], float]) -> Any:
-        """Return the mean over samples of a quantity at each ``overlap``, m."""
+        """Return the mean over samples of a ``quantity`` at each ``overlap``, m; of the shape of
+        the overlaps.
+        """
         overlaps = np.asarray(overlap, float)
-        distinct, numbers = np.unique(overlaps, return_inverse=True)
+        # equilibria are found once where an overlap is asked for twice
+        distinct, index = np.unique(overlaps, return_inverse=True)
         means = []
-        for value in distinct.tolist():
-            means.append(np.mean([quantity(sample) for sample in self._simulate(value)]))
-        return np.array(means)[numbers].reshape(overlaps.shape)[()]
+        for distinct_overlap in distinct.tolist():
+            samples = self._simulate(distinct_overlap)
+            means.append(np.mean([quantity(sample) for sample in samples]))
+        return np.array(means)[index].reshape(overlaps.shape)[()]
 
     @cached_property
     def _simulate(self) -> Callable[[float], tuple[Sample, ...]]:
@@ -211,21 +217,25 @@ class SimulatedState(ContactState):
 
     @classmethod
     def of(cls, simulation: DirectSimulation, samples: Sequence[Any], load: Load) -> Self:
-        """Make the state of ``samples`` under an applied ``load``.
+        """Make the state of ``samples`` under an applied ``load``; samples come in C order of the
+        loads, the index of the sample fastest.
 
         The force or the overlap of the state is exact if the load is given as such.
         """
         shape = (*load.shape, -1)  # that of the load, then samples
-        forces = np.reshape([sample.force for sample in samples], shape)
-        overlaps = np.reshape([sample.overlap for sample in samples], shape)
         stiffnesses = np.reshape([sample.normal_stiffness for sample in samples], shape)
         fixed_overlap = load.kind == "overlap"
         if fixed_overlap:  # samples act in parallel
             stiffness = np.mean(stiffnesses, axis=-1)
+            overlap = load.array
         else:  # samples act in series
             stiffness = 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
-        force = load.array if load.kind == "force" else np.mean(forces, axis=-1)
-        overlap = load.array if fixed_overlap else np.mean(overlaps, axis=-1)
+            overlap = np.mean(np.reshape([sample.overlap for sample in samples], shape), axis=-1)
+        if load.kind == "force":
+            force = load.array
+        else:
+            force = np.mean(np.reshape([sample.force for sample in samples], shape), axis=-1)
+        is_exact = any(medium.is_exact for medium, _ in simulation.by_geometry(load))
         return cls(
             packing=simulation.packing,
             medium=simulation.name,
@@ -235,7 +245,7 @@ class SimulatedState(ContactState):
             normal_stiffness=np.asarray(stiffness)[()],
             samples=tuple(samples),
             fixed_overlap=fixed_overlap,
-            finite_overlap=any(medium.is_exact for medium, _ in simulation.by_geometry(load)),
+            finite_overlap=is_exact,
         )
 
     def __post_init__(self) -> None:
@@ -247,8 +257,9 @@ class SimulatedState(ContactState):
 
     def __getitem__(self, index: Any) -> Self:
         """Return the state at some of the loads, indexed like an array."""
-        chosen = np.arange(int(np.prod(self.shape, dtype=int))).reshape(self.shape)[index]
-        samples = self._table.reshape(-1, self.n_samples)[chosen]
+        load_count = int(np.prod(self.shape, dtype=int))
+        selected_loads = np.arange(load_count).reshape(self.shape)[index]
+        samples = self._table.reshape(load_count, self.n_samples)[selected_loads]
         return replace(
             self,
             force=np.asarray(self.force)[index],
@@ -359,23 +370,31 @@ class SimulatedState(ContactState):
         return self._average_distribution("mobilisation_distribution", bins)
 
     def _average_distribution(self, name: str, *arguments: Any) -> tuple[Array, Array, Array]:
-        """Return the edges of a distribution of the samples, its mean over them, and the standard
-        error of the mean.
+        """Return the edges (bins + 1,) of a distribution of the samples, its mean over samples
+        (..., bins), and the standard error of the mean (..., bins).
+
+        The distribution is the method of a sample with the ``name``, called with the ``arguments``.
         """
         if not hasattr(self.samples[0], name):
-            problem = f"there is no {name}"
-            why = "Balls that come to rest without friction bear no tangential forces"
             raise InputError(
-                problem, why, "Give friction_history=True to granphon.DirectSimulation"
+                f"there is no {name}",
+                "Balls that come to rest without friction bear no tangential forces",
+                "Give friction_history=True to granphon.DirectSimulation",
             )
-        distribution = methodcaller(name, *arguments)
-        edges: Array = distribution(self.samples[0])[0]
-        densities = self.over_samples(lambda sample: distribution(sample)[1])
-        axis = len(self.shape)
-        mean = np.mean(densities, axis=axis)
+        find_distribution = methodcaller(name, *arguments)
+        edges: Array = find_distribution(self.samples[0])[0]
+
+        def find_density(sample: Any) -> Array:
+            """Return the probability density (bins,) of one sample."""
+            _, density = find_distribution(sample)
+            return np.asarray(density)
+
+        densities = self.over_samples(find_density)
+        sample_axis = len(self.shape)
+        mean = np.mean(densities, axis=sample_axis)
         error = np.full_like(mean, np.nan)
         if self.n_samples > 1:
-            error = standard_error(densities, axis)
+            error = standard_error(densities, sample_axis)
         return edges, mean, error
 
     def _average_history(self, name: str) -> Any:
@@ -458,25 +477,28 @@ class SimulatedState(ContactState):
     def _find_waves(
         self, tensor: Array, density: ArrayLike, direction: ArrayLike
     ) -> tuple[Array, Array]:
-        """Return velocities and displacements of waves from elastic tensors (..., n, n) of samples,
-        or of their mean.
+        """Return velocities and displacements of waves, of the shapes of :meth:`polarised_waves`,
+        from elastic tensors (..., n, n), Pa, and densities (...) of samples, or of their mean.
         """
         structure = self.packing.structure
         along = as_direction(direction, structure.periods)
         if structure.periods != 2 or not self.is_isotropic:
-            tensor = symmetrise(tensor, structure) / np.asarray(density)[..., None, None]
-            return waves_of_tensor(tensor, along)
+            squared_velocities = (
+                symmetrise(tensor, structure) / np.asarray(density)[..., None, None]
+            )
+            return waves_of_tensor(squared_velocities, along)
         bulk, shear = np.moveaxis(bulk_and_shear(tensor), -1, 0)
         # a sample that resists no shear has a modulus of zero, to rounding
-        shear = np.where(np.abs(shear) < 1e-12 * np.abs(bulk), np.maximum(shear, 0.0), shear)
+        is_rounding = np.abs(shear) < _ROUNDED_SHEAR * np.abs(bulk)
+        shear = np.where(is_rounding, np.maximum(shear, 0.0), shear)
         # v_L and v_T, m/s, from K and G, Pa (equation 16)
         wave_moduli = np.stack([bulk + shear, shear], axis=-1)
         velocities = np.sqrt(wave_moduli / np.asarray(density)[..., None])
         if along.ndim > 1:
             velocities = np.repeat(velocities[..., None, :], len(along), axis=-2)
         across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-        vectors = np.stack([along, across], axis=-1)
-        return velocities, np.broadcast_to(vectors, (*velocities.shape, 2))
+        displacements = np.stack([along, across], axis=-1)
+        return velocities, np.broadcast_to(displacements, (*velocities.shape, 2))
 
     def wave_errors(self, direction: ArrayLike) -> Array | None:
         """Return standard errors of velocities along ``direction``, m/s, in the order of
@@ -490,16 +512,17 @@ class SimulatedState(ContactState):
         return standard_error(velocities, len(self.shape))
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
-        """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves
-        of the samples.
+        """Return the velocity, m/s, that scales each named branch of the ideal lattice to the long
+        wave of the samples; shapes are those of :meth:`State.branch_scales`.
         """
         velocities = self.long_waves(direction)
-        ideal_velocities = super().polarised_waves(direction)[0]
+        ideal_velocities, _ = super().polarised_waves(direction)
+        ideal_scales = super().branch_scales(direction, names)
         scales = []
-        for name, scale in zip(names, super().branch_scales(direction, names), strict=True):
-            column = self.wave_names.index(name)
-            reduced_velocity = ideal_velocities[..., column] / scale
-            scales.append(np.asarray(velocities[..., column] / reduced_velocity))
+        for name, ideal_scale in zip(names, ideal_scales, strict=True):
+            branch = self.wave_names.index(name)
+            reduced_velocity = ideal_velocities[..., branch] / ideal_scale
+            scales.append(np.asarray(velocities[..., branch] / reduced_velocity))
         return scales
 
     @property
@@ -541,7 +564,9 @@ class SimulatedState(ContactState):
         geometry, for equal balls, on a line, and where no contact resists slip.
         """
         simulation = self._simulation
-        if simulation is None or np.all(self._is_exact) or not simulation.resists_slip:
+        if simulation is None or not simulation.resists_slip:
+            return None
+        if np.all(self._is_exact):
             return None
         ratio = self.packing.relative_width
         periods = self.packing.structure.periods
@@ -631,15 +656,13 @@ class SimulatedState(ContactState):
 
     @property
     def _exponent_terms(self) -> Array:
-        """The terms of each sample whose means :func:`_compute_exponent` takes, (..., n_samples,
-        4).
+        """The terms M', M, k and f of each sample, (..., n_samples, 4), whose means
+        :func:`_compute_exponent` takes.
         """
-        moduli_beside = longitudinal_modulus(
-            self.over_samples(attrgetter("elastic_tensors_beside"))
-        )
-        low, high = np.moveaxis(moduli_beside, -1, 0)
+        tensors_beside = self.over_samples(attrgetter("elastic_tensors_beside"))
+        lower_modulus, higher_modulus = np.moveaxis(longitudinal_modulus(tensors_beside), -1, 0)
         modulus = longitudinal_modulus(self.over_samples(attrgetter("elastic_tensor")))
-        rise = modulus * np.log(high / low) / (2.0 * STEP)  # dM / d log f
+        rise = modulus * np.log(higher_modulus / lower_modulus) / (2.0 * STEP)  # dM / d log f
         # samples at the same force need neither their force nor their stiffness
         force = np.ones_like(modulus)
         stiffness = np.ones_like(modulus)
@@ -757,8 +780,7 @@ class DirectSimulation(Medium[SimulatedState]):
 
     def __post_init__(self) -> None:
         given_packing(self.packing)
-        history = self.history
-        for name, value in history.options.items():
+        for name, value in self.history.options.items():
             object.__setattr__(self, name, value)
         self._require_simulated_lattice()
         periods = self.packing.structure.periods
@@ -786,11 +808,11 @@ class DirectSimulation(Medium[SimulatedState]):
     def _require_width(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for diameters that differ too little."""
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
-            problem = (
-                f"the width of the diameters is {self.packing.relative_width:.3g} of their mean"
+            raise InputError(
+                f"the width of the diameters is {self.packing.relative_width:.3g} of their mean",
+                f"Samples are simulated from {_LEAST_WIDTH:g} on",
+                "Leave the spread out",
             )
-            why = f"Samples are simulated from {_LEAST_WIDTH:g} on"
-            raise InputError(problem, why, "Leave the spread out")
 
     def _require_simulated_lattice(self) -> None:
         """Raise unless balls move as simulated balls do, and stand without friction, or are held by
@@ -799,14 +821,17 @@ class DirectSimulation(Medium[SimulatedState]):
         structure = self.packing.structure
         motions = self._read_motions()
         history = self.history
-        is_held = history.is_loaded and history.from_gas and history.friction_coefficient != 0
-        soft_waves = None if is_held else _explain_fall(structure, motions)
+        has_friction = history.is_loaded and history.friction_coefficient != 0
+        if has_friction and history.from_gas:
+            return
+        soft_waves = _explain_fall(structure, motions)
         if soft_waves is not None:
-            problem = (
+            raise MechanismError(
                 f"the {structure.name} lattice is not simulated, because it does not stand without"
-                f" friction"
+                f" friction",
+                soft_waves,
+                self._suggest_support(),
             )
-            raise MechanismError(problem, soft_waves, self._suggest_support())
 
     def _read_motions(self) -> Motions:
         """Return the motions of simulated balls; raise
@@ -815,33 +840,37 @@ class DirectSimulation(Medium[SimulatedState]):
         packing = self.packing
         structure = packing.structure
         periods = structure.periods
-        motions = next(iter(allowed_motions(periods).values()))
+        default_motions = next(iter(allowed_motions(periods).values()))
         why = "Simulated balls move along the periods of their lattice"
         if structure.dimension > periods:
             problem = f"balls with a lattice of {periods} periods in space are not simulated"
             raise InputError(problem, why, "Use another medium")
-        if packing.motions not in (None, motions.name):
+        if packing.motions not in (None, default_motions.name):
             problem = f"balls with the motions {packing.motions!r} are not simulated"
-            mend = f"Use another medium, or the motions {motions.name!r}"
+            mend = f"Use another medium, or the motions {default_motions.name!r}"
             raise InputError(problem, why, mend)
-        return motions
+        return default_motions
 
     def _suggest_support(self) -> str:
-        """Return what holds the lattice, which does not stand without friction."""
+        """Return the sentence of a message that says what holds a lattice which does not stand
+        without friction.
+        """
         packing = self.packing
-        lattices = "use another medium, or a lattice with more contacts, such as triangular or fcc"
-        with_friction = ContactLattice.of(
+        alternative = (
+            "use another medium, or a lattice with more contacts, such as triangular or fcc"
+        )
+        lattice_with_friction = ContactLattice.of(
             packing.structure, packing.material.mindlin_ratio, bending=packing.bending
         )
-        if with_friction.mechanism:
-            return f"Friction does not hold it either: {lattices}"
+        if lattice_with_friction.mechanism:
+            return f"Friction does not hold it either: {alternative}"
         friction = "" if packing.friction else "friction: true of the packing and "
         if self.history.is_loaded:
-            keys = f"{friction}start: gas, and a friction_coefficient above zero"
-            start = f"Start the history at the gas ({keys}), from which friction holds it"
-            return f"{start}; or {lattices}"
-        keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
-        return f"A simulation with {keys} simulates it; or {lattices}"
+            settings = f"{friction}start: gas, and a friction_coefficient above zero"
+            start = f"Start the history at the gas ({settings}), from which friction holds it"
+            return f"{start}; or {alternative}"
+        settings = f"{friction}friction_history: true with a friction_coefficient and start: gas"
+        return f"A simulation with {settings} simulates it; or {alternative}"
 
     def _read_shape(self) -> tuple[int, ...] | None:
         """Return the numbers of cells along the periods, None if they are not given."""
@@ -850,14 +879,19 @@ class DirectSimulation(Medium[SimulatedState]):
         periods = self.packing.structure.periods
         rule = partial(lengths, low=1, high=_MOST_SIDE, periods=periods)
         shape: tuple[int, ...] = require("shape", rule, self.shape)
-        if math.prod(shape) > _MOST_CELLS:
-            problem = f"shape is {shape}, which are {float(math.prod(shape)):.3g} cells"
-            why = f"No memory holds more than {_MOST_CELLS:.3g}"
-            raise InputError(problem, why, "Give fewer")
+        cells = math.prod(shape)
+        if cells > _MOST_CELLS:
+            raise InputError(
+                f"shape is {shape}, which are {float(cells):.3g} cells",
+                f"No memory holds more than {_MOST_CELLS:.3g}",
+                "Give fewer",
+            )
         return shape
 
     def _read_diameters(self, diameters: ArrayLike) -> Array:
-        """Return diameters (L1, ..., Lp), or (L1, ..., Lp, n) of n > 1 balls in the cell, m."""
+        """Return diameters (L1, ..., Lp), or (L1, ..., Lp, n) of n > 1 balls in the cell, m, as a
+        read-only array; InputError for another shape.
+        """
         structure = self.packing.structure
         periods = structure.periods
         n = structure.n_balls
@@ -865,13 +899,16 @@ class DirectSimulation(Medium[SimulatedState]):
         axes = [f"L{axis + 1}" for axis in range(periods)]
         if n > 1:
             axes.append(str(n))
-        if array.ndim != len(axes) or (n > 1 and array.shape[-1] != n):
+        has_axis_of_balls = n == 1 or array.shape[-1:] == (n,)
+        if array.ndim != len(axes) or not has_axis_of_balls:
             problem = f"diameters have the shape {array.shape}"
             raise InputError(problem, mend=f"Give an array ({', '.join(axes)})")
         if self.shape not in (DEFAULT_SHAPES[periods], array.shape[:periods]):
-            problem = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
-            why = "The diameters determine the shape of the sample"
-            raise InputError(problem, why, "Leave shape out")
+            raise InputError(
+                f"shape is {self.shape!r}, and the diameters have the shape {array.shape}",
+                "The diameters determine the shape of the sample",
+                "Leave shape out",
+            )
         return array
 
     def _take_spread(self, diameters: Array) -> Packing:
@@ -894,10 +931,12 @@ class DirectSimulation(Medium[SimulatedState]):
         elif geometry is None and self.history.is_loaded:
             geometry = EXACT
         if geometry == EXACT and not self.packing.spread_matters:
-            balls = "on a line" if self.packing.width else "of equal balls"
-            problem = f"the exact geometry {balls} is not simulated"
-            why = f"The contacts {balls} have the directions of the lattice anyway"
-            raise InputError(problem, why, "Use a medium with finite_overlap")
+            case = "on a line" if self.packing.width else "of equal balls"
+            raise InputError(
+                f"the exact geometry {case} is not simulated",
+                f"The contacts {case} have the directions of the lattice anyway",
+                "Use a medium with finite_overlap",
+            )
         return geometry
 
     def _require_history(self) -> None:
@@ -911,11 +950,13 @@ class DirectSimulation(Medium[SimulatedState]):
             why = "On a line contacts do not slip, so that friction does nothing"
             raise InputError("a chain has no friction_history", why, "Leave it out")
         if not self.packing.mindlin_ratio > 0.0:
-            problem = "friction_history needs contacts with friction"
-            why = "The balls of this packing resist no slip (its mindlin_ratio is zero)"
-            raise InputError(problem, why, "Give the packing friction=True")
+            raise InputError(
+                "friction_history needs contacts with friction",
+                "The balls of this packing resist no slip (its mindlin_ratio is zero)",
+                "Give the packing friction=True",
+            )
         start = history.start
-        if isinstance(start, float) and self.packing.width:
+        if isinstance(start, float) and self.packing.width:  # a reduced spacing a*
             start = Load("overlap", self.packing.width * (start - 0.5))
         if isinstance(start, Load):
             try:
@@ -944,7 +985,9 @@ class DirectSimulation(Medium[SimulatedState]):
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        """All values that determine the results, except those of given diameters."""
+        """The values that determine the results, for comparison and hashing; of given diameters
+        only whether there are any, as an array has no hash.
+        """
         has_diameters = self.diameters is not None
         return (
             self.packing,
@@ -992,12 +1035,11 @@ class DirectSimulation(Medium[SimulatedState]):
         if self.geometry is not None:
             return [(self, list(range(load.size)))]
         geometries = choose_geometries(self.packing, load.applied.flat, finite_overlap)
-        indices_of: dict[str, list[int]] = {}
-        for index, geometry in enumerate(geometries):
-            indices_of.setdefault(geometry, []).append(index)
-        return [
-            (replace(self, geometry=geometry), indices) for geometry, indices in indices_of.items()
-        ]
+        simulations = []
+        for geometry in dict.fromkeys(geometries):
+            indices = [index for index, name in enumerate(geometries) if name == geometry]
+            simulations.append((replace(self, geometry=geometry), indices))
+        return simulations
 
     @property
     def floats(self) -> bool:
@@ -1021,12 +1063,12 @@ class DirectSimulation(Medium[SimulatedState]):
         that may be drawn.
         """
         packing = self.packing
-        largest = packing.spread.largest if packing.spread else 0.0
+        largest_of_spread = packing.spread.largest if packing.spread else 0.0
         if self.diameters is None:
-            return max(0.0, largest)
+            return max(0.0, largest_of_spread)
         # diameters that are given may be larger than the largest of the packing's spread
         largest_given = packing.width_units.width * float(np.max(self.deviations(0)))
-        return max(largest_given, largest)
+        return max(largest_given, largest_of_spread)
 
     def seed_of(self, index: int) -> int | None:
         """Return the seed of a sample; None if the diameters are given."""
@@ -1039,12 +1081,12 @@ class DirectSimulation(Medium[SimulatedState]):
         """
         packing = self.packing
         n = packing.structure.n_balls
-        shape = (*self.cells, n) if n > 1 else self.cells
         if packing.spread is None:
             return np.zeros((n, *self.cells) if n > 1 else self.cells)
         diameters = self.diameters
         if diameters is None:
-            diameters = packing.spread.sample(shape, self.seed + index)
+            drawn_shape = (*self.cells, n) if n > 1 else self.cells
+            diameters = packing.spread.sample(drawn_shape, self.seed + index)
         if n > 1:  # the balls of a cell come in front of the cells
             diameters = np.ascontiguousarray(np.moveaxis(diameters, -1, 0))
         # the mean is subtracted twice, so that what remains of it is zero to the rounding of the
@@ -1078,54 +1120,57 @@ class DirectSimulation(Medium[SimulatedState]):
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap`
         take its value in SI.
         """
-        load = load.applied
+        applied = load.applied
         follows = read_finite_overlap(finite_overlap)
         if self.geometry is None:
-            return self._join_geometries(load, finite_overlap)
+            return self._join_geometries(applied, finite_overlap)
         if follows and not self.is_exact:
             raise no_finite_overlap(self.name)
-        if finite_overlap is not None and self.is_exact and not follows:
-            problem = "the exact geometry has finite overlap"
-            why = "Balls that have their true geometry overlap as much as they do"
-            raise InputError(problem, why, "Leave finite_overlap out")
-        prescribed = self.prescribed(load)
-        self._require_memory(load)
+        is_denied = finite_overlap is not None and not follows
+        if self.is_exact and is_denied:
+            raise InputError(
+                "the exact geometry has finite overlap",
+                "Balls that have their true geometry overlap as much as they do",
+                "Leave finite_overlap out",
+            )
+        prescribed = self.prescribed(applied)
+        self._require_memory(applied)
         if self.history.is_loaded:
-            return self._press(load, prescribed)
+            return self._press(applied, prescribed)
         equilibria = self._find_equilibria(prescribed)
         samples = []
-        for load_index in range(load.size):
-            for index, equilibria_of_sample in enumerate(equilibria):
+        for load_index in range(applied.size):
+            for sample_index, equilibria_of_sample in enumerate(equilibria):
                 equilibrium = equilibria_of_sample[load_index]
-                samples.append(Sample(self.packing, self.seed_of(index), equilibrium))
-        return SimulatedState.of(self, samples, load)
+                samples.append(Sample(self.packing, self.seed_of(sample_index), equilibrium))
+        return SimulatedState.of(self, samples, applied)
 
     def _join_geometries(self, load: Load, finite_overlap: bool | None) -> SimulatedState:
         """Return the state at an applied load whose values have a geometry each."""
         self.require(load)
-        groups = self.by_geometry(load, finite_overlap)
+        simulations = self.by_geometry(load, finite_overlap)
         if finite_overlap is not None:  # one geometry at all loads
-            return groups[0][0].at(load, finite_overlap=finite_overlap)
-        samples_at: list[Sequence[Any]] = [() for _ in range(load.size)]
-        for simulation, indices in groups:
+            [(only_simulation, _)] = simulations
+            return only_simulation.at(load, finite_overlap=finite_overlap)
+        samples_of_load: list[Sequence[Any]] = [() for _ in range(load.size)]
+        for simulation, indices in simulations:
             try:
                 samples = simulation.at(load.flat[indices]).samples
             except GranphonError as error:
                 if error.load_index is not None:
                     error.load_index = indices[error.load_index]
                 raise
-            first = 0
-            for index in indices:
-                samples_at[index] = samples[first : first + self.samples]
-                first += self.samples
-        all_samples = list(itertools.chain.from_iterable(samples_at))
+            for position, index in enumerate(indices):
+                first_sample = position * self.samples
+                samples_of_load[index] = samples[first_sample : first_sample + self.samples]
+        all_samples = list(itertools.chain.from_iterable(samples_of_load))
         return SimulatedState.of(self, all_samples, load)
 
     def _find_equilibria(self, prescribed: Sequence[ReducedLoad]) -> list[dict[int, Equilibrium]]:
         """Return the equilibria of each sample at rest without friction, by the index of the
         load.
         """
-        find = partial(
+        find_equilibria_of_sample = partial(
             find_equilibria,
             lattice=self.packing.structure,
             prescribed=prescribed,
@@ -1134,16 +1179,17 @@ class DirectSimulation(Medium[SimulatedState]):
         )
         deviations = [read_only(self.deviations(index)) for index in range(self.samples)]
         if self.executor is None:
-            return [find(deviations_of_sample) for deviations_of_sample in deviations]
+            return list(map(find_equilibria_of_sample, deviations))
         with naming_lost_workers("the simulation"):
-            jobs = [self.executor.submit(find, array) for array in deviations]
+            jobs = [self.executor.submit(find_equilibria_of_sample, array) for array in deviations]
             equilibria = [job.result() for job in jobs]
         return [self._share(equilibria_of_sample) for equilibria_of_sample in equilibria]
 
     def _share(self, equilibria: dict[int, Equilibrium]) -> dict[int, Equilibrium]:
-        """Return the equilibria of a sample with deviations and stencils in common.
+        """Return the equilibria of a sample with deviations and stencils in common, by the index of
+        the load.
 
-        Equilibria from another process have a copy each.
+        Equilibria from another process have a copy of both each, which would fill the memory.
         """
         first = next(iter(equilibria.values()))
         stencils = Stencils(first.stencils.shape, workers=self.workers, lattice=first.lattice)
@@ -1171,48 +1217,53 @@ class DirectSimulation(Medium[SimulatedState]):
         error is the state at the loads before it, None if there are none.
         """
         if not self.history.is_loaded:
-            why = "Without friction the forces do not depend on the way to the load"
-            mend = "Give friction_history=True, or use at_force"
-            raise InputError("a path needs friction_history", why, mend)
-        values_of = {"force": force, "pressure": pressure, "overlap": overlap}
-        load = _read_path(load, values_of).applied
-        self._require_memory(load)
+            raise InputError(
+                "a path needs friction_history",
+                "Without friction the forces do not depend on the way to the load",
+                "Give friction_history=True, or use at_force",
+            )
+        values_of_kinds = {"force": force, "pressure": pressure, "overlap": overlap}
+        applied = _read_path(load, values_of_kinds).applied
+        self._require_memory(applied)
         simulation = replace(self, ordered=True)
-        return simulation._press(load, simulation.prescribed(load), progress)
+        prescribed = simulation.prescribed(applied)
+        return simulation._press(applied, prescribed, progress)
 
     def _press(
         self, load: Load, prescribed: Sequence[ReducedLoad], progress: Progress = silent
     ) -> SimulatedState:
-        """Load all samples along one path; an error at which the path ends has ``reached`` the
-        state at the loads before.
+        """Return the state of all samples after they were loaded along one path.
+
+        An error at which the path ends has the state at the loads before as its ``reached``.
         """
         order = self.history.sort(prescribed)
         path = [prescribed[index] for index in order]
         results = self._press_each(path, progress)
-        # the loads that all samples have reached, in the order of ``load``
-        n_reached = min(len(samples) for samples, _ in results)
-        steps = sorted(range(n_reached), key=lambda step_index: order[step_index])
-        reached = []
-        for step_index in steps:
-            reached += [samples[step_index] for samples, _ in results]
-        errors = [error for samples, error in results if len(samples) == n_reached]
-        error = next((error for error in errors if error is not None), None)
-        if error is None:
-            return SimulatedState.of(self, reached, load)
-        if error.load_index is not None:
-            error.load_index = order[error.load_index]
-        if reached:
-            loads = load.flat[[order[step_index] for step_index in steps]]
-            error.reached = SimulatedState.of(self, reached, loads)
-        raise error
+        # the steps of the path that all samples have reached, in the order of ``load``
+        reached_count = min(len(samples) for samples, _ in results)
+        reached_steps = sorted(range(reached_count), key=lambda step: order[step])
+        reached_samples = []
+        for step in reached_steps:
+            reached_samples += [samples[step] for samples, _ in results]
+        # the path ends with the sample that has come least far
+        errors = [error for samples, error in results if len(samples) == reached_count]
+        first_error = next((error for error in errors if error is not None), None)
+        if first_error is None:
+            return SimulatedState.of(self, reached_samples, load)
+        if first_error.load_index is not None:
+            first_error.load_index = order[first_error.load_index]
+        if reached_samples:
+            reached_load = load.flat[[order[step] for step in reached_steps]]
+            first_error.reached = SimulatedState.of(self, reached_samples, reached_load)
+        raise first_error
 
     def _press_each(
         self, path: Sequence[ReducedLoad], progress: Progress
     ) -> list[tuple[list[PressedSample], GranphonError | None]]:
-        """Load each sample along a path: return its states at the loads that it reaches, and the
-        error at which its path ends.
+        """Load each sample along a path, and return for each its states at the loads that it
+        reaches, and the error at which its path ends, or None.
         """
-        loaded_samples = [self._loaded_sample(number) for number in range(self.samples)]
+        loaded_samples = [self._loaded_sample(index) for index in range(self.samples)]
         with progress.step("loading with friction", len(path) * self.samples) as step:
             if self.executor is None:
                 return [sample.press(path, report=step.advance) for sample in loaded_samples]
@@ -1241,8 +1292,8 @@ class DirectSimulation(Medium[SimulatedState]):
         )
 
     def prescribed(self, load: Load) -> list[ReducedLoad]:
-        """Convert each value of an applied load to a prescribed force or overlap in reduced units,
-        in C order.
+        """Return the prescribed force or overlap, in reduced units, of each value of an applied
+        load, in C order.
 
         Raises as :meth:`require` does.
         """
@@ -1281,7 +1332,8 @@ class DirectSimulation(Medium[SimulatedState]):
         start at the gas must be found first.
         """
         history = self.history
-        if not history.is_loaded or history.ordered or not self.packing.width:
+        may_go_down = history.ordered or not self.packing.width  # equal balls never slip
+        if not history.is_loaded or may_go_down:
             return None
         start = history.reduce_start(self.packing, self.is_exact)
         return start if isinstance(start, ReducedLoad) else None
@@ -1305,20 +1357,23 @@ class DirectSimulation(Medium[SimulatedState]):
         start = self._start
         if start is None:
             return 0.0
-        by_force = start.overlap is None
-        if all((reduced.overlap is None) == by_force for reduced in self.prescribed(load)):
-            return 0.0
-        slowness = 1.0 + _SLOW_FORCE / start.force if by_force else 1.0
+        starts_at_force = start.overlap is None
+        are_forces = [reduced.overlap is None for reduced in self.prescribed(load)]
+        if all(is_force == starts_at_force for is_force in are_forces):
+            return 0.0  # loads of the kind of the start are compared with it unsolved
+        slowness = 1.0 + _SLOW_FORCE / start.force if starts_at_force else 1.0
         balls = self.balls
         if self.is_exact:
             balls *= _EXACT_BALL
         return slowness * self.samples * max(balls, _LEAST_SAMPLE[self.is_exact])
 
 
-def _read_path(load: Load | None, values_of: Mapping[str, ArrayLike | None]) -> Load:
-    """Return the loads of a path, from a load or from the values of one kind, in SI."""
+def _read_path(load: Load | None, values_of_kinds: Mapping[str, ArrayLike | None]) -> Load:
+    """Return the loads of a path, from a ``load`` or from the values of one kind, in SI;
+    InputError unless just one of both is given.
+    """
     if load is None:
-        return Load.only(**values_of)
+        return Load.only(**values_of_kinds)
     if not isinstance(load, Load):
         problem = f"a path takes no {brief(load)}"  # type: ignore[unreachable]
         mend = (
@@ -1326,7 +1381,7 @@ def _read_path(load: Load | None, values_of: Mapping[str, ArrayLike | None]) -> 
             " granphon.balls.loads"
         )
         raise InputError(problem, "It does not say what kind of load that is", mend)
-    kinds = [kind for kind, values in values_of.items() if values is not None]
+    kinds = [kind for kind, values in values_of_kinds.items() if values is not None]
     if kinds:
         problem = f"the loads of a path are given as a Load and as {' and '.join(kinds)}"
         raise InputError(problem, mend="Give one")
@@ -1348,26 +1403,27 @@ def no_finite_overlap(medium: str) -> InputError:
     """Return the error for terms of finite overlap in a ``medium`` that is, or may become, a
     simulation.
     """
-    problem = f"the medium {medium!r} has no terms of finite overlap"
-    limit = "the limit of spread and overlap small against the diameter"
-    why = f"Its linear response is found in {limit}"
-    mend = "Leave finite_overlap out, simulate with geometry exact, or take another medium"
-    return InputError(problem, why, mend)
+    return InputError(
+        f"the medium {medium!r} has no terms of finite overlap",
+        "Its linear response is found in the limit of spread and overlap small against the"
+        " diameter",
+        "Leave finite_overlap out, simulate with geometry exact, or take another medium",
+    )
 
 
 @lru_cache(maxsize=64)
 def _explain_fall(structure: Lattice, motions: Motions) -> str | None:
-    """Return which waves of the lattice without friction cost no energy; None if all waves cost
-    energy, except translations of the whole.
+    """Return the sentence of a message on the waves of the lattice without friction that cost no
+    energy; None if all waves cost energy, except translations of the whole.
     """
     frictionless = ContactLattice.of(structure, 0.0, motions=motions)
     if frictionless.mechanism:
         return frictionless.mechanism
     periods = structure.periods
-    tick = np.arange(_PROBED) / _PROBED
-    grids = np.meshgrid(*[tick for _ in range(periods)], indexing="ij")
+    coordinates = np.arange(_PROBED) / _PROBED  # fractions of a reciprocal vector
+    grids = np.meshgrid(*[coordinates for _ in range(periods)], indexing="ij")
     fractions = np.stack(grids, axis=-1).reshape(-1, periods)
     wavevectors = frictionless.wavevectors(fractions[1:])  # without q = 0
     lowest_frequencies = frictionless.frequencies(wavevectors)[:, 0]
-    stands = np.all(lowest_frequencies > _SOFT)
-    return None if stands else "Some of its waves cost no energy"
+    is_stable = bool(np.all(lowest_frequencies > _SOFT))
+    return None if is_stable else "Some of its waves cost no energy"

@@ -95,11 +95,13 @@ def ideal_lattice(
     """
     if torsion is None:
         torsion = 0.0 if packing.torsion == MINDLIN else float(packing.torsion)
+    if bending is None:
+        bending = packing.bending
     return ContactLattice.of(
         packing.structure,
         packing.mindlin_ratio,
         torsion=torsion,
-        bending=packing.bending if bending is None else bending,
+        bending=bending,
         motions=packing.ball_motions,
     )
 
@@ -250,14 +252,16 @@ class State(ABC):
         return None
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
-        """Return the unit of velocity d (k/M)^1/2 of each named branch, m/s, (...) or (..., n) for
-        directions (n, 2).
+        """Return the unit of velocity d (k/M)^1/2, m/s, of each branch of the ``names``; each is an
+        array with the shape of the load, (...), or (..., n) for directions (n, p).
+
+        The branches of a law have one unit in common; those of samples have units of their own.
         """
         scale = np.asarray(self.velocity_scale)
-        directions = np.shape(direction)[:-1]
-        scale_at_each = scale.reshape(scale.shape + (1,) * len(directions))
-        scales = np.broadcast_to(scale_at_each, scale.shape + directions)
-        return [scales for _ in names]
+        direction_shape = np.shape(direction)[:-1]  # () or (n,)
+        with_direction_axis = scale.reshape(scale.shape + (1,) * len(direction_shape))
+        common_scale = np.broadcast_to(with_direction_axis, scale.shape + direction_shape)
+        return [common_scale for _ in names]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -304,7 +308,7 @@ class ContactState(State, Result):
     chosen_automatically: bool = False
 
     def _check(self) -> None:
-        """Raise :class:`InputError` too if an overlap that was read is out of range, or does not
+        """Raise :class:`InputError` also if an overlap that was read is out of range, or does not
         belong to its force.
 
         Balls neither lie in each other nor, where they differ, are all of them apart.
@@ -312,40 +316,44 @@ class ContactState(State, Result):
         super()._check()
         overlap = np.asarray(self.overlap)
         diameter = self.packing.diameter
-        least = -self.packing.width_units.width if self.samples else self.law.least_overlap
-        in_range = (overlap > max(least, -diameter)) & (overlap < diameter)
-        if not np.all(in_range):
-            value = float(overlap[~in_range].flat[0])
-            problem = f"overlap of the {type(self).__name__} is {value:g} m"
+        least_overlap = self.law.least_overlap
+        if self.samples:  # the least overlap of their law would need the diameters to be drawn
+            least_overlap = -self.packing.width_units.width
+        is_in_range = (overlap > max(least_overlap, -diameter)) & (overlap < diameter)
+        if not np.all(is_in_range):
+            first_outside = float(overlap[~is_in_range].flat[0])
             raise InputError(
-                problem, f"The mean diameter is {diameter:g} m", "Make the state again"
+                f"overlap of the {type(self).__name__} is {first_outside:g} m",
+                f"The mean diameter is {diameter:g} m",
+                "Make the state again",
             )
-        derived = self._find_again()
+        expected = self._find_again()
         for name, unit in (("force", "N"), ("overlap", "m"), ("normal_stiffness", "N/m")):
-            if name in derived:
-                self._require_derived(name, unit, np.asarray(derived[name]))
+            if name in expected:
+                self._require_equal(name, unit, np.asarray(expected[name]))
 
-    def _require_derived(self, name: str, unit: str, expected: Array) -> None:
-        """Raise :class:`InputError` unless the numbers of a name are as ``expected``, to
-        rounding.
+    def _require_equal(self, name: str, unit: str, expected: Array) -> None:
+        """Raise :class:`InputError` unless the attribute of a ``name``, in its ``unit``, is as
+        ``expected`` (of the shape of the load), to rounding.
         """
-        values = np.asarray(getattr(self, name))
+        stored = np.asarray(getattr(self, name))
+        # an overlap may be near zero, and is the difference of lengths of the size of the width
         least_size = self.packing.width if name == "overlap" else 0.0
-        size = np.maximum(np.abs(values), least_size)
-        is_wrong = ~(np.abs(expected - values) <= _ALIKE * size)
+        size = np.maximum(np.abs(stored), least_size)
+        is_wrong = ~(np.abs(expected - stored) <= _ALIKE * size)
         if np.any(is_wrong):
-            value = float(values[is_wrong].flat[0])
-            expected_value = float(expected[is_wrong].flat[0])
-            problem = f"{name} of the {type(self).__name__} is {value:.6g} {unit}"
-            why = (
+            first_stored = float(stored[is_wrong].flat[0])
+            first_expected = float(expected[is_wrong].flat[0])
+            raise InputError(
+                f"{name} of the {type(self).__name__} is {first_stored:.6g} {unit}",
                 f"What the overlap, the law and the samples of the state make of it is"
-                f" {expected_value:.6g} {unit}"
+                f" {first_expected:.6g} {unit}",
+                "Make the state again",
             )
-            raise InputError(problem, why, "Make the state again")
 
     def _find_again(self) -> dict[str, Any]:
-        """Return numbers of the state, by name, as the law of the state gives them at the
-        overlap.
+        """Return the force, N, and the normal stiffness, N/m, by name, as the law of the state
+        gives them at the overlap.
         """
         return {
             "force": self.law.force(self.overlap),
@@ -526,12 +534,12 @@ class ContactState(State, Result):
         The regime is "high" if the overlap is sqrt(10) times Delta_rms or more, "low" if Delta_rms
         is sqrt(10) times the overlap or more.
         """
-        overlaps = self._convert_overlap(self.packing.width_units.reduced_overlap)
-        ratio = math.sqrt(12.0) * np.asarray(overlaps)
-        words = np.full(ratio.shape, "intermediate")
-        words[ratio <= 1.0 / MUCH_LARGER] = "low"
-        words[ratio >= MUCH_LARGER] = "high"
-        return words if self.shape else str(words)
+        reduced_overlap = self._convert_overlap(self.packing.width_units.reduced_overlap)
+        overlap_over_rms = math.sqrt(12.0) * np.asarray(reduced_overlap)  # W is sqrt(12) Delta_rms
+        regime = np.full(overlap_over_rms.shape, "intermediate")
+        regime[overlap_over_rms <= 1.0 / MUCH_LARGER] = "low"
+        regime[overlap_over_rms >= MUCH_LARGER] = "high"
+        return regime if self.shape else str(regime)
 
     def _convert_overlap(self, reduce: Callable[[Values], Values]) -> Values:
         """Return the overlap as ``reduce`` converts it, or +inf for equal balls."""
@@ -557,12 +565,12 @@ class ContactState(State, Result):
     def require_single(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for a state at several loads."""
         if not self.is_single:
-            problem = f"the state holds {int(np.size(self.force))} loads"
-            mend = (
+            raise InputError(
+                f"the state holds {int(np.size(self.force))} loads",
+                "Atoms, force constants and phonons belong to one",
                 "Make a state with one load, as medium.at_force(1.0) does, or take one of these:"
-                " state[0]"
+                " state[0]",
             )
-            raise InputError(problem, "Atoms, force constants and phonons belong to one", mend)
 
     @property
     def samples(self) -> tuple[Sample, ...]:
@@ -581,8 +589,10 @@ class ContactState(State, Result):
         The torsion of a Hertz contact is that at the largest load. The lattice serves for
         properties that do not depend on the load: the names of waves, mechanisms, isotropy.
         """
-        torsion = float(np.max(self.torsion)) if self.packing.torsion == MINDLIN else None
-        return ideal_lattice(self.packing, torsion)
+        largest_torsion = None  # that of the packing
+        if self.packing.torsion == MINDLIN:
+            largest_torsion = float(np.max(self.torsion))
+        return ideal_lattice(self.packing, largest_torsion)
 
     @property
     def has_one_lattice(self) -> bool:
@@ -599,7 +609,8 @@ class ContactState(State, Result):
         packing = self.packing
         if not self.has_one_lattice:
             self.require_single()
-        if not self.finite_overlap and packing.torsion != MINDLIN:
+        depends_on_load = self.finite_overlap or packing.torsion == MINDLIN
+        if not depends_on_load:
             return ideal_lattice(packing)
         spacing = 1.0
         prestress = 0.0
@@ -639,32 +650,38 @@ class ContactState(State, Result):
         # of a plane stays d thick
         d = self.packing.diameter
         k = self.normal_stiffness
-        spacing = d * (1.0 - np.asarray(self.relative_overlap)) if self.finite_overlap else d
-        units = {1: k * spacing, 2: k / d, 3: k / spacing}
+        spacing: Values = d
+        if self.finite_overlap:
+            spacing = d * (1.0 - np.asarray(self.relative_overlap))
+        units = {1: k * spacing, 2: k / d, 3: k / spacing}  # N, Pa and Pa, by the periods
         unit = np.asarray(units[self.packing.structure.periods])
         return unit[..., None, None] * self._at_each_load(ContactLattice.elastic_tensor)
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
         """Return :meth:`long_waves` along ``direction``, and their unit displacements.
 
-        Raises :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
+        The shapes are those of :meth:`State.polarised_waves`. Raises
+        :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
         """
 
         def find_waves(lattice: ContactLattice, prestress: Array | None) -> Array:
-            """Return the velocities of a lattice as the first row (..., 1, n_u), and below it the
-            displacements (..., n_u, n_u).
+            """Return one array (..., 1 + n_u, n_u): the velocities of a lattice in the first row,
+            and the displacements below.
             """
-            velocities, polarisations = lattice.sound_velocities(direction, prestress)
-            return np.concatenate([velocities[..., None, :], polarisations], axis=-2)
+            velocities, displacements = lattice.sound_velocities(direction, prestress)
+            return np.concatenate([velocities[..., None, :], displacements], axis=-2)
 
+        waves = self._at_each_load(find_waves)
+        reduced_velocities = waves[..., 0, :]
+        displacements = waves[..., 1:, :]
         scale = self.velocity_scale
         if self.finite_overlap:  # all lengths scale with the spacing
             scale = scale * (1.0 - np.asarray(self.relative_overlap))
-        waves = self._at_each_load(find_waves)
-        # axes for the directions, if there are many, and for the branches
-        velocities = scale.reshape(*scale.shape, *(1,) * np.ndim(direction)) * waves[..., 0, :]
+        # axes of length one for the directions, if there are many, and for the branches
+        scale = scale.reshape(*scale.shape, *(1,) * np.ndim(direction))
+        velocities = scale * reduced_velocities
         shape = (*velocities.shape, velocities.shape[-1])
-        return velocities, np.broadcast_to(waves[..., 1:, :], shape)
+        return velocities, np.broadcast_to(displacements, shape)
 
     @property
     def _prestress(self) -> Array:
@@ -673,7 +690,8 @@ class ContactState(State, Result):
         return np.asarray(self.force / self.normal_stiffness / spacing)
 
     def _at_each_load(self, find: Callable[[ContactLattice, Array | None], Array]) -> Array:
-        """Return ``find(lattice, prestress)`` at all loads, for lattices at spacing one.
+        """Return ``find(lattice, prestress)`` at all loads, for lattices at spacing one; the shape
+        is that of the load, then that of one result.
 
         With finite overlap all lengths scale with the spacing. Of the load, only the prestress
         changes ratios of elastic constants; torsion and bending do where a cell has several balls.
@@ -685,13 +703,15 @@ class ContactState(State, Result):
         if not self._lattice_changes:
             return find(self.reference_lattice, prestress)
         spacing = 1.0 - self.relative_overlap if self.finite_overlap else 1.0
-        squared = np.broadcast_to(spacing**2, shape)
-        torsion = np.broadcast_to(self.torsion, shape) / squared
-        bending = packing.bending / squared
+        # torsion and bending over k a^2, from those over k d^2
+        spacing_squared = np.broadcast_to(spacing**2, shape)
+        torsion = np.broadcast_to(self.torsion, shape) / spacing_squared
+        bending = packing.bending / spacing_squared
         results = []
         for index in np.ndindex(shape):
             lattice = ideal_lattice(packing, float(torsion[index]), float(bending[index]))
-            results.append(find(lattice, None if prestress is None else prestress[index]))
+            prestress_at_load = None if prestress is None else prestress[index]
+            results.append(find(lattice, prestress_at_load))
         return np.asarray(results).reshape(*shape, *results[0].shape)
 
     @property
@@ -703,9 +723,9 @@ class ContactState(State, Result):
         if packing.structure.n_balls == 1:
             return False
         if self.finite_overlap:
-            return packing.torsion == MINDLIN or bool(packing.torsion or packing.bending)
-        # where no strain twists contacts, their torsion does not matter; prestress might change
-        # that
+            return bool(packing.torsion or packing.bending)
+        # where no strain twists contacts, their torsion does not matter; with finite overlap the
+        # prestress might twist them
         return packing.torsion == MINDLIN and ideal_lattice(packing, 1.0).is_twisted_by_sound
 
     @property
@@ -746,14 +766,16 @@ class ContactState(State, Result):
         """
         if self.samples:
             samples = counted(self.n_samples, "simulated sample")
-            problem = f"the state is of {samples}, and not of a lattice"
-            raise InputError(problem, mend="Use the network of a sample: state.samples[0].network")
-        lattice = self.contact_lattice()
+            raise InputError(
+                f"the state is of {samples}, and not of a lattice",
+                mend="Use the network of a sample: state.samples[0].network",
+            )
         structure = self.packing.structure
         units = self.scales
-        return lattice.contact_network(
+        reduced_force = self.force / units.force
+        return self.contact_lattice().contact_network(
             units,
-            self.force / units.force,
+            reduced_force,
             lattice=structure,
             shape=(1,) * structure.periods,
             contact_model=ContactModel.of(self.packing),
@@ -769,9 +791,10 @@ class ContactState(State, Result):
         """
         if not self.reference_lattice.runs_twist:
             return None
-        # GYRATION is the radius of gyration over d, the distance of balls: with finite overlap a
+        # I = M (GYRATION d)^2; d is the distance of the balls too, as with finite overlap a
         # straight chain buckles
-        return np.asarray(np.sqrt(self.torsion_stiffness / self.packing.mass) / GYRATION)
+        frequency = np.sqrt(self.torsion_stiffness / self.packing.mass)
+        return np.asarray(frequency / GYRATION)
 
     def _fill_shape(self, value: Any) -> Values:
         """Return the value at each load."""
@@ -836,8 +859,8 @@ class NetworkState(State):
 
     def _stack(self, find: Callable[[ContactLattice, ContactNetwork], Any]) -> Array:
         """Return ``find(lattice, network)`` at each load, with the shape of the load in front."""
-        values = np.array(list(map(find, self._lattices, self._networks)))
-        return values.reshape((*self.shape, *values.shape[1:]))
+        results = np.array(list(map(find, self._lattices, self._networks)))
+        return results.reshape((*self.shape, *results.shape[1:]))
 
     def __getitem__(self, index: Any) -> State:
         """Select some of the loads, by an index as for arrays."""
@@ -899,9 +922,11 @@ class NetworkState(State):
         """
         lengths = self._stack(lambda _, network: network.scales.length)
         if np.ptp(lengths) > 0.0:
-            problem = "the balls are not as far apart at all loads"
-            why = "Wave numbers are in units of their distance"
-            raise InputError(problem, why, "Take one load, as state[0]")
+            raise InputError(
+                "the balls are not as far apart at all loads",
+                "Wave numbers are in units of their distance",
+                "Take one load, as state[0]",
+            )
         return float(np.ravel(lengths)[0])
 
     @property
@@ -948,12 +973,14 @@ class NetworkState(State):
         """
         shape = self.shape
         waves = [lattice.sound_velocities(direction) for lattice in self._lattices]
+        # (loads, ...): the loads become the axes of the load
         velocities = np.array([velocities_at_load for velocities_at_load, _ in waves])
-        vectors = np.array([vectors_at_load for _, vectors_at_load in waves])
+        displacements = np.array([displacements_at_load for _, displacements_at_load in waves])
         velocities = velocities.reshape((*shape, *velocities.shape[1:]))
+        displacements = displacements.reshape((*shape, *displacements.shape[1:]))
         n_inner_axes = velocities.ndim - len(shape)  # for directions and branches
         scale = self.velocity_scale.reshape((*shape, *(1,) * n_inner_axes))
-        return velocities * scale, vectors.reshape((*shape, *vectors.shape[1:]))
+        return velocities * scale, displacements
 
     @property
     def twist_velocity(self) -> Values | None:
@@ -987,21 +1014,25 @@ def as_state(source: Any) -> State:
     if isinstance(source, State):
         return source
     warnings = getattr(source, "warnings", None)
-    network = given_network(source) if getattr(source, "is_single", True) else source
-    return NetworkState(network, None if warnings is None else tuple(warnings))
+    if warnings is not None:
+        warnings = tuple(warnings)
+    is_single = getattr(source, "is_single", True)  # a network has no loads
+    network_source = given_network(source) if is_single else source
+    return NetworkState(network_source, warnings)
 
 
 def given_state(state: Any) -> ContactState:
     """Return ``state``, the argument of a public function; raises :class:`InputError` if it is not
     a ContactState.
     """
+    if isinstance(state, ContactState):
+        return state
     if isinstance(state, NetworkState):
         state.require_single()
-    if not isinstance(state, ContactState):
-        refuse_unpressed(state)
-        why = ""
-        if isinstance(state, NetworkState | ContactNetwork):
-            why = "It needs the contact law of a packing"
-        mend = "Give a ContactState, as medium.at_force gives it"
-        raise InputError(f"state is {brief(getattr(state, 'network', state))}", why, mend)
-    return state
+    refuse_unpressed(state)
+    why = ""
+    if isinstance(state, NetworkState | ContactNetwork):
+        why = "It needs the contact law of a packing"
+    shown = brief(getattr(state, "network", state))
+    mend = "Give a ContactState, as medium.at_force gives it"
+    raise InputError(f"state is {shown}", why, mend)

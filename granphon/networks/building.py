@@ -90,8 +90,9 @@ class Balls:
     kinds: tuple[str, ...] | None = None
 
     def require(self, is_fine: Flags, name: str, values: Array) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` unless the values (n,) or (n, d), m, of
-        all balls are fine; the message names the first that is not.
+        """Raise :class:`~granphon.base.errors.InputError` unless the ``values`` (n,) or (n, d), m,
+        of all balls are fine, (n,); the message names the first ball whose value is not, and calls
+        the value ``name``.
         """
         if np.all(is_fine):
             return
@@ -105,15 +106,22 @@ class Balls:
 
     def find_errors(self, i: Index, j: Index, normal: Array) -> tuple[Array, Array]:
         """Return the greatest and the standard error that rounding leaves in the overlaps of balls
-        i and j, (n_c,), m; ``normal`` is (n_c, 3).
+        i and j, each (n_c,), m; ``normal`` is (n_c, 3).
         """
-        width = self.positions.shape[1]
-        places = np.zeros_like(self.positions) if self.rounding is None else self.rounding
-        radii = np.zeros_like(self.radii) if self.radius_rounding is None else self.radius_rounding
-        along = np.abs(normal[:, :width])
-        greatest = np.einsum("ca,ca->c", along, places[i] + places[j]) + radii[i] + radii[j]
-        squares = np.einsum("ca,ca->c", along**2, places[i] ** 2 + places[j] ** 2)
-        squares = squares + radii[i] ** 2 + radii[j] ** 2
+        n_axes = self.positions.shape[1]
+        position_errors = self.rounding
+        if position_errors is None:
+            position_errors = np.zeros_like(self.positions)
+        radius_errors = self.radius_rounding
+        if radius_errors is None:
+            radius_errors = np.zeros_like(self.radii)
+        weights = np.abs(normal[:, :n_axes])  # of the error along each axis
+        greatest = np.einsum("ca,ca->c", weights, position_errors[i] + position_errors[j])
+        greatest = greatest + radius_errors[i] + radius_errors[j]
+        squares = np.einsum(
+            "ca,ca->c", weights**2, position_errors[i] ** 2 + position_errors[j] ** 2
+        )
+        squares = squares + radius_errors[i] ** 2 + radius_errors[j] ** 2
         # errors of rounding are even up to the greatest: their variance is a third of its square
         return greatest, np.sqrt(squares / 3.0)
 
@@ -149,10 +157,12 @@ class Contacts:
             raise InputError(self.describe(bad, wrong), why, mend)
 
     def describe(self, bad: Flags, wrong: str) -> str:
-        """Say of the first contact that is ``bad`` what is ``wrong``, and how many there are."""
+        """Return words for the first contact that is ``bad`` (n_c,), with what is ``wrong`` with it
+        and the number of bad contacts.
+        """
         first = int(np.flatnonzero(bad)[0])
-        count = int(np.count_nonzero(bad))
-        total = f" ({count} in all)" if count > 1 else ""
+        n_bad = int(np.count_nonzero(bad))
+        total = f" ({n_bad} in all)" if n_bad > 1 else ""
         return (
             f"{self.name}: contact {first}, of balls {self.i[first]} and {self.j[first]},"
             f" {wrong}{total}"
@@ -162,7 +172,9 @@ class Contacts:
         """Raise :class:`~granphon.base.errors.InputError` if a force (n_c,), N, is not finite, or
         pulls where contacts are not ``adhesive``.
         """
-        is_odd = ~(np.isfinite(force) & ((force >= 0.0) | bool(adhesive)))
+        is_odd = ~np.isfinite(force)
+        if not adhesive:
+            is_odd |= force < 0.0
         self.refuse(
             is_odd,
             f"has the force {_first(force, is_odd):.6g} N",
@@ -172,20 +184,23 @@ class Contacts:
 
     def find_steps(self, between: Array, periods: Array, touch: Array, still: Flags) -> Index:
         """Return the whole cells (n_c, p) by which balls j are displaced, from the vectors of
-        contacts.
+        contacts; InputError for a vector that leads to no image of ball j.
 
-        ``between`` (n_c, 3) leads from ball i to ball j in the cell, m; ``touch`` (n_c,) is the sum
-        of the radii; contacts that are ``still`` have a body that does not move.
+        ``between`` (n_c, 3) leads from ball i to ball j in the cell, m; ``periods`` (p, 3) are the
+        periodic vectors of the cell, m; ``touch`` (n_c,) is the sum of the radii, m; contacts that
+        are ``still`` (n_c,) have a body that does not move, and may lie anywhere.
         """
         assert self.vector is not None
-        across = np.linalg.pinv(periods)
-        steps = _round_steps((self.vector - between) @ across)
-        deviation = np.linalg.norm(between + steps @ periods - self.vector, axis=1)
-        is_off = ~still & (deviation > _ROUNDED * touch)
+        to_cells = np.linalg.pinv(periods)  # (3, p), from lengths to numbers of cells
+        steps = _round_steps((self.vector - between) @ to_cells)
+        deviations = np.linalg.norm(between + steps @ periods - self.vector, axis=1)
+        is_off = ~still & (deviations > _ROUNDED * touch)
         mend = "Are both files of one time step?"
-        turned = between + self.vector
-        turned -= _round_steps(turned @ across) @ periods
-        if np.all(np.linalg.norm(turned, axis=1)[~still] <= _ROUNDED * touch[~still]):
+        # the vectors from ball i to ball j less those of the contacts with the opposite sign
+        reversed_gaps = between + self.vector
+        reversed_gaps -= _round_steps(reversed_gaps @ to_cells) @ periods
+        fits_reversed = np.linalg.norm(reversed_gaps, axis=1) <= _ROUNDED * touch
+        if np.all(fits_reversed[~still]):
             mend = "Turn the signs: the vector of a dump (dx, dy, dz) leads from ball j to ball i"
         why = "Its vector does not lead from one to the other in this cell"
         self.refuse(is_off, "is not where its balls are", why, mend)
@@ -194,29 +209,31 @@ class Contacts:
     def find_nearest_steps(
         self, between: Array, periods: Array, touch: Array, still: Flags, with_itself: Flags
     ) -> Index:
-        """Return the whole cells (n_c, p) by which balls j are displaced to where they are nearest.
+        """Return the whole cells (n_c, p) by which balls j are displaced to where they are nearest
+        to balls i; InputError for balls that touch at more than one of their images.
 
-        The arguments are those of :meth:`find_steps`; contacts ``with_itself`` join a ball with its
-        own image.
+        The arguments are those of :meth:`find_steps`; contacts ``with_itself`` (n_c,) join a ball
+        with its own image.
         """
-        p = len(periods)
-        nearest = -_round_steps(between @ np.linalg.pinv(periods))
-        # (3^p, p): the cell that rounding finds, and those around it
-        steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * p, indexing="ij"), axis=-1).reshape(-1, p)
-        vectors = [between + (nearest + step) @ periods for step in steps]
+        n_periods = len(periods)
+        rounded = -_round_steps(between @ np.linalg.pinv(periods))
+        # (3^p, p): in a tilted cell the nearest image may be beside the one that rounding finds
+        axis_steps = [[-1, 0, 1]] * n_periods
+        steps = np.stack(np.meshgrid(*axis_steps, indexing="ij"), axis=-1).reshape(-1, n_periods)
+        vectors = [between + (rounded + step) @ periods for step in steps]
         distances = np.stack([np.linalg.norm(vector, axis=1) for vector in vectors], axis=1)
-        is_same_place = np.all(nearest[:, None] + steps == 0, axis=2)
-        distances[with_itself[:, None] & is_same_place] = np.inf
+        is_unmoved = np.all(rounded[:, None] + steps == 0, axis=2)
+        distances[with_itself[:, None] & is_unmoved] = np.inf
         # a ball has two equally near images of itself, which are one contact
         rank = np.where(with_itself, 2, 1)
-        second = np.sort(distances, axis=1)[np.arange(len(distances)), rank]
+        second_distances = np.sort(distances, axis=1)[np.arange(len(distances)), rank]
         self.refuse(
-            ~still & (second < touch),
+            ~still & (second_distances < touch),
             "is not the only one of its balls",
             "The cell is so small that they touch at more than one place",
             "Give the shift of each contact",
         )
-        return np.asarray(nearest + steps[np.argmin(distances, axis=1)], np.intp)
+        return np.asarray(rounded + steps[np.argmin(distances, axis=1)], np.intp)
 
 
 @dataclass(frozen=True)
@@ -236,19 +253,25 @@ class _Pairs:
 
     @property
     def arms(self) -> dict[str, Array]:
-        """The arms, m: from the centres to the middle of the overlap; of a flat wall any."""
+        """The arms, ``arm_i`` and ``arm_j`` (n_c,), m: from the centres to the middle of the
+        overlap. The arm of a flat wall, which does not turn, has no meaning.
+        """
         arms = {}
         for name, radii in (("arm_i", self.radii_i), ("arm_j", self.radii_j)):
             arms[name] = np.where(np.isfinite(radii), radii, 0.0) - 0.5 * self.overlap
         return arms
 
     def find_coefficient(self, material: Material) -> Array:
-        """Return the coefficients (n_c,) of Hertz's law between balls of a material."""
+        """Return the coefficients (n_c,), N/m^(3/2), of Hertz's law between balls of a
+        material.
+        """
         small = np.minimum(self.radii_i, self.radii_j)
         large = np.maximum(self.radii_i, self.radii_j)
-        is_flat = np.isinf(large)  # the curvature of a flat wall is zero
-        curved = harmonic_diameter(2.0 * small, np.where(is_flat, small, large) * 2.0)
-        diameters = np.where(is_flat, 4.0 * small, curved)
+        is_flat = np.isinf(large)
+        finite_large = np.where(is_flat, small, large)
+        between_balls = harmonic_diameter(2.0 * small, finite_large * 2.0)
+        # the curvature of a flat wall is zero, so that the harmonic mean is twice the diameter
+        diameters = np.where(is_flat, 4.0 * small, between_balls)
         return np.asarray(HertzLaw.between(material, 1.0).coefficient * np.sqrt(diameters))
 
 
@@ -279,7 +302,8 @@ class Source:
         motions: str | None,
         prestress: bool | None,
     ) -> dict[str, Any]:
-        """Return all fields of the network; arguments count before the fields of the source.
+        """Return all fields of the network, by name, in SI units; arguments count before the fields
+        of the source.
 
         For the arguments see :meth:`granphon.networks.network.ContactNetwork.from_table`.
         """
@@ -292,11 +316,11 @@ class Source:
             raise InputError(f"the material is {brief(material)}", mend="Give a gp.Material")
         friction = require("friction", truth, friction)
         self._require_range()
-        width = balls.positions.shape[1]
+        n_axes = balls.positions.shape[1]
         positions = np.zeros((len(balls.positions), 3))
-        positions[:, :width] = balls.positions
+        positions[:, :n_axes] = balls.positions
         if dimension is None:
-            dimension = 2 if width == 3 and self._is_level() else width
+            dimension = 2 if n_axes == 3 and self._is_level() else n_axes
         dimension = whole_number("dimension", dimension, 1, 3)
         pbc = self.pbc & (np.arange(3) < dimension)
         if material is not None:
@@ -306,13 +330,16 @@ class Source:
         pairs = self._find_pairs(positions, np.isinf(masses), pbc)
         force, stiffness, shear = self._find_springs(pairs, material, friction)
         resists_slip = bool(np.any(shear))
-        if prestress and contacts.tangential_force is None and dimension > 1 and resists_slip:
+        has_tangential_forces = dimension > 1 and resists_slip
+        if prestress and has_tangential_forces and contacts.tangential_force is None:
             _warn_of_missing_forces(contacts)
         model = self.contact_model
         if material is not None:
             mean_diameter = 2.0 * float(np.mean(balls.radii[np.isfinite(balls.radii)]))
             ball = Ball(material, mean_diameter)
             model = ContactModel((ball,), friction=resists_slip, own_radii=True)
+        if motions is None:
+            motions = next(iter(allowed_motions(dimension)))
         return {
             "cell": self.cell,
             "pbc": tuple(pbc.tolist()),
@@ -321,7 +348,7 @@ class Source:
             "masses": masses,
             "inertias": inertias,
             **self._make_contact_fields(pairs, force, stiffness, shear),
-            "motions": next(iter(allowed_motions(dimension))) if motions is None else motions,
+            "motions": motions,
             "dimension": dimension,
             "prestress": prestress,
             "left_out": self.left_out,
@@ -339,10 +366,8 @@ class Source:
                 self._compare_masses(material)
             return balls.masses
         if material is None:
-            mend = "Give the masses, or the material of the balls"
-            raise InputError(
-                f"{balls.name} has no column 'mass', and no material is given", mend=mend
-            )
+            problem = f"{balls.name} has no column 'mass', and no material is given"
+            raise InputError(problem, mend="Give the masses, or the material of the balls")
         return np.asarray(material.density * (4.0 / 3.0 * math.pi) * balls.radii**3)
 
     def _make_contact_fields(
@@ -369,7 +394,9 @@ class Source:
             fields[name] = default if values is None else values
         if contacts.tangential_force is not None:
             fields["tangential_force"] = contacts.tangential_force
-        return fields if contacts.normal_stiffness is not None else _leave_out(fields, force <= 0.0)
+        if contacts.normal_stiffness is None:
+            return _leave_out(fields, force <= 0.0)
+        return fields
 
     def _require_range(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for positions, radii, vectors and shifts
@@ -382,18 +409,18 @@ class Source:
         is_fixed = np.zeros(len(is_placed), bool)
         if balls.masses is not None:
             is_fixed = np.isinf(balls.masses)
-        may_be_infinite = is_fixed & np.isinf(balls.radii)
-        is_sized = (balls.radii > 0.0) & ((balls.radii < LARGEST) | may_be_infinite)
+        is_flat_wall = is_fixed & np.isinf(balls.radii)
+        is_sized = (balls.radii > 0.0) & ((balls.radii < LARGEST) | is_flat_wall)
         balls.require(is_sized, "radius", balls.radii)
         if contacts.vector is not None:
-            far = ~np.all(np.abs(contacts.vector) < LARGEST, axis=1)
-            contacts.refuse(far, "has a vector that is not finite, or too large")
+            is_far = ~np.all(np.abs(contacts.vector) < LARGEST, axis=1)
+            contacts.refuse(is_far, "has a vector that is not finite, or too large")
         if contacts.shift is not None:
-            far = ~np.all(np.abs(contacts.shift) <= MOST_STEPS, axis=1)
-            contacts.refuse(far, f"has a shift of more than {MOST_STEPS} cells")
+            is_far = ~np.all(np.abs(contacts.shift) <= MOST_STEPS, axis=1)
+            contacts.refuse(is_far, f"has a shift of more than {MOST_STEPS} cells")
         lengths = np.max(np.abs(self.cell), axis=1)
-        is_long = (lengths > 1.0 / LARGEST) | ~self.pbc
-        if not (np.all(lengths < LARGEST) and np.all(is_long)):
+        is_short = (lengths < LARGEST) & ((lengths > 1.0 / LARGEST) | ~self.pbc)
+        if not np.all(is_short):
             raise InputError(f"the cell is {self.cell.tolist()} m", mend="Give vectors in m")
 
     def _find_pairs(self, positions: Array, is_fixed: Flags, pbc: Flags) -> _Pairs:
@@ -406,30 +433,34 @@ class Source:
         contacts = self.contacts
         i, j = self._find_ends()
         still = is_fixed[i] | is_fixed[j]
-        if contacts.normal is None and np.any(still):
+        if contacts.normal is None:
             contacts.refuse(
                 still,
                 "is with a body that does not move, and has no normal",
                 mend="Give nx, ny and nz",
             )
-        vector = positions[j] - positions[i]
-        touch = balls.radii[i] + balls.radii[j]
+        radii_i = balls.radii[i]
+        radii_j = balls.radii[j]
+        touch = radii_i + radii_j  # the distance at which balls touch
         shift = contacts.shift
         if shift is None:
-            shift = self._find_shift(pbc, vector, touch, still, i == j)
+            shift = self._find_shift(pbc, positions[j] - positions[i], touch, still, i == j)
         vector = positions[j] + shift @ self.cell - positions[i]
         distance = np.linalg.norm(vector, axis=1)
         overlap = np.where(still, 0.0, touch - distance)  # a wall may have any place
-        far = ~still & ~(np.abs(overlap) <= _REACH * touch)
+        is_far = ~still & ~(np.abs(overlap) <= _REACH * touch)
         contacts.refuse(
-            far,
+            is_far,
             f"joins balls that are not near each other: these, whose radii add up to"
-            f" {_first(touch, far):.6g} m, are {_first(distance, far):.6g} m apart",
+            f" {_first(touch, is_far):.6g} m, are {_first(distance, is_far):.6g} m apart",
             mend="Compare the cell and the units",
         )
-        with np.errstate(invalid="ignore", divide="ignore"):
-            normal = vector / distance[:, None] if contacts.normal is None else contacts.normal
-        return _Pairs(i, j, still, balls.radii[i], balls.radii[j], shift, normal, overlap)
+        normal = contacts.normal
+        if normal is None:
+            # a normal of balls in one place is nan, and is refused by the network
+            with np.errstate(invalid="ignore", divide="ignore"):
+                normal = vector / distance[:, None]
+        return _Pairs(i, j, still, radii_i, radii_j, shift, normal, overlap)
 
     def _find_shift(
         self, pbc: Flags, between: Array, touch: Array, still: Flags, with_itself: Flags
@@ -444,49 +475,50 @@ class Source:
         axes = np.flatnonzero(pbc)
         periods = self.cell[axes]
         if axes.size and np.linalg.matrix_rank(periods) < axes.size:
-            mend = "Give other vectors, or name fewer as periodic"
-            raise InputError(
-                "the periodic vectors of the cell are not independent of each other", mend=mend
-            )
+            problem = "the periodic vectors of the cell are not independent of each other"
+            raise InputError(problem, mend="Give other vectors, or name fewer as periodic")
         if contacts.vector is not None:
             shift[:, axes] = contacts.find_steps(between, periods, touch, still)
         elif axes.size:
             steps = contacts.find_nearest_steps(between, periods, touch, still, with_itself)
             shift[:, axes] = steps
+            # a wall has its normal, so that the place of its centre plays no part
             shift[still] = 0
         return shift
 
     def _find_ends(self) -> tuple[Index, Index]:
-        """Return the indices (n_c,) of the two balls of each contact, by their labels."""
+        """Return the indices, each (n_c,), of the two balls of each contact, by their labels;
+        InputError for a label that two balls have, or none.
+        """
         balls = self.balls
-        count = len(balls.positions)
-        labels = np.arange(count) if balls.labels is None else balls.labels
+        n_balls = len(balls.positions)
+        labels = np.arange(n_balls) if balls.labels is None else balls.labels
         order = np.argsort(labels, kind="stable")
-        ordered = labels[order]
-        repeated = ordered[:-1][np.diff(ordered) == 0]
+        sorted_labels = labels[order]
+        repeated = sorted_labels[:-1][np.diff(sorted_labels) == 0]
         if repeated.size:
-            raise InputError(
-                f"{balls.name} has two balls with the id {repeated[0]}",
-                mend="Give each an id of its own",
-            )
-        why = f"There, {counted(count, 'ball has an id', 'balls have ids')}"
+            problem = f"{balls.name} has two balls with the id {repeated[0]}"
+            raise InputError(problem, mend="Give each an id of its own")
+        why = f"There, {counted(n_balls, 'ball has an id', 'balls have ids')}"
         if balls.labels is None:
-            why = f"There, balls are 0 to {count - 1}"
-        ends = []
-        for names in (self.contacts.i, self.contacts.j):
-            index = np.minimum(np.searchsorted(ordered, names), max(count - 1, 0))
-            missing = ordered[index] != names if count else np.ones(len(names), bool)
-            self.contacts.refuse(
-                missing, f"names a ball that is not among those of {balls.name}", why
-            )
-            ends.append(np.asarray(order[index], np.intp))
+            why = f"There, balls are 0 to {n_balls - 1}"
+        problem = f"names a ball that is not among those of {balls.name}"
+        ends = list[Index]()
+        for end_labels in (self.contacts.i, self.contacts.j):
+            # the place of each label among the sorted ones, or of one beside it
+            places = np.minimum(np.searchsorted(sorted_labels, end_labels), max(n_balls - 1, 0))
+            is_missing = np.ones(len(end_labels), bool)
+            if n_balls:
+                is_missing = sorted_labels[places] != end_labels
+            self.contacts.refuse(is_missing, problem, why)
+            ends.append(np.asarray(order[places], np.intp))
         return ends[0], ends[1]
 
     def _find_springs(
         self, pairs: _Pairs, material: Material | None, friction: bool
     ) -> tuple[Array, Array, Array]:
-        """Return the normal force, N, the normal and the shear stiffness, N/m, of each contact: of
-        the source, or by Hertz and Mindlin.
+        """Return the normal force, N, the normal and the shear stiffness, N/m, each (n_c,): of the
+        source, or of balls of the ``material`` by the laws of Hertz and Mindlin.
         """
         contacts = self.contacts
         force = contacts.normal_force
@@ -498,19 +530,20 @@ class Source:
         if force is None or stiffness is None:
             assert material is not None
             coefficient = pairs.find_coefficient(material)
-            by_overlap = partial(_force_of_overlap, coefficient, pairs.overlap)
-            greatest, standard = self.balls.find_errors(pairs.i, pairs.j, pairs.normal)
+            find_force = partial(_force_of_overlap, coefficient, pairs.overlap)
+            greatest_error, standard_error = self.balls.find_errors(pairs.i, pairs.j, pairs.normal)
             if force is None:
                 contacts.refuse(
                     pairs.still,
                     "is with a body that does not move, and has no force",
                     mend="Give normal_force",
                 )
-                force = by_overlap()
-                _judge_errors(contacts, self.balls, by_overlap, standard)
+                force = find_force()
+                _judge_errors(contacts, self.balls, find_force, standard_error)
             elif stiffness is None:
-                compared = np.where(pairs.still, np.nan, force)
-                _compare_forces(contacts, compared, by_overlap, greatest)
+                # the overlap with a body that does not move is not known
+                comparable = np.where(pairs.still, np.nan, force)
+                _compare_forces(contacts, comparable, find_force, greatest_error)
             if stiffness is None:
                 unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
                 stiffness = coefficient * unit.stiffness(unit.overlap(force / coefficient))
@@ -534,51 +567,48 @@ class Source:
         mend = "Give the material of the balls, from which they follow, or the columns"
         if lacking == ["shear_stiffness"]:
             mend = "Give the column, the material of the balls, or friction=False"
-        raise InputError(
-            f"{self.contacts.name} has no {', '.join(lacking)}, and no material is given", mend=mend
-        )
+        problem = f"{self.contacts.name} has no {', '.join(lacking)}, and no material is given"
+        raise InputError(problem, mend=mend)
 
     def _is_level(self) -> bool:
         """Whether all balls are at one height z, and no contact leads up or down. A flat wall may
         have any place.
         """
         balls = self.balls
+        is_ball = np.isfinite(balls.radii)  # a flat wall has none
+        heights = balls.positions[is_ball, 2]
+        if heights.size == 0 or np.ptp(heights) > _LEVEL * np.max(balls.radii[is_ball]):
+            return False
         normal = self.contacts.normal
-        solid = np.isfinite(balls.radii)
-        heights = balls.positions[solid, 2]
-        level = heights.size > 0 and np.ptp(heights) <= _LEVEL * np.max(balls.radii[solid])
-        return bool(level and (normal is None or np.all(np.abs(normal[:, 2]) <= _LEVEL)))
+        return normal is None or bool(np.all(np.abs(normal[:, 2]) <= _LEVEL))
 
     def _judge_material(self, material: Material) -> None:
         """Warn of a density or a Young modulus that was probably given in another unit, where the
         network depends on that number.
         """
         for attribute, name, unit, limit, at_least in BALL_LIMITS.values():
-            used = attribute != "material.density" or self.balls.masses is None
-            if not attribute.startswith("material.") or not used:
+            is_used = attribute != "material.density" or self.balls.masses is None
+            if not attribute.startswith("material.") or not is_used:
                 continue
             value = float(getattr(material, attribute.removeprefix("material.")))
             is_beyond = value < limit if at_least else value > limit
             if is_beyond:
-                fault = (
-                    f"the {name} of the material is {value:g} {unit},"
-                    f" {'below' if at_least else 'above'} {limit:g} {unit}"
-                )
-                warnings.warn(
-                    message(fault, WRONG_UNIT.capitalize()), InconsistencyWarning, stacklevel=4
-                )
+                side = "below" if at_least else "above"
+                fault = f"the {name} of the material is {value:g} {unit}, {side} {limit:g} {unit}"
+                text = message(fault, WRONG_UNIT.capitalize())
+                warnings.warn(text, InconsistencyWarning, stacklevel=4)
 
     def _compare_masses(self, material: Material) -> None:
         """Warn if the masses that are given are not those of solid balls of the material."""
         balls = self.balls
         assert balls.masses is not None
-        moving = np.isfinite(balls.masses) & np.isfinite(balls.radii)
-        if not np.any(moving):
+        is_moving = np.isfinite(balls.masses) & np.isfinite(balls.radii)
+        if not np.any(is_moving):
             return
-        solid = material.density * (4.0 / 3.0 * math.pi) * balls.radii[moving] ** 3
+        solid_masses = material.density * (4.0 / 3.0 * math.pi) * balls.radii[is_moving] ** 3
+        # sizes and masses that cannot be reckoned with are refused later
         with np.errstate(all="ignore"):
-            # sizes and masses that cannot be reckoned with are refused later
-            ratio = float(np.median(balls.masses[moving] / solid))
+            ratio = float(np.median(balls.masses[is_moving] / solid_masses))
         if math.isfinite(ratio) and abs(ratio - 1.0) >= _LEAST_WARNED_RATIO:
             fault = (
                 f"{balls.name}: the masses are {ratio:.4g} times those of solid balls of"
@@ -606,25 +636,29 @@ def _warn_of_missing_forces(contacts: Contacts) -> None:
     warnings.warn(message(fault, why, mend), InconsistencyWarning, stacklevel=4)
 
 
-def _force_of_overlap(coefficient: Array, overlap: Array, off: Array | float = 0.0) -> Array:
-    """Return the forces (n_c,) of Hertz's law at overlaps that are off by so much, m."""
-    return np.asarray(coefficient * HertzLaw(1.0).force(overlap + off))
+def _force_of_overlap(coefficient: Array, overlap: Array, error: Array | float = 0.0) -> Array:
+    """Return the forces (n_c,), N, of Hertz's law at overlaps with an error, (n_c,), m."""
+    return np.asarray(coefficient * HertzLaw(1.0).force(overlap + error))
 
 
 def _judge_errors(
-    contacts: Contacts, balls: Balls, by_overlap: Callable[..., Array], error: Array
+    contacts: Contacts, balls: Balls, find_force: Callable[..., Array], error: Array
 ) -> None:
-    """Refuse forces that follow from overlaps with too few digits, or warn of such forces;
-    ``error`` (n_c,) is the standard error of each overlap, m.
+    """Raise InputError if the forces that follow from overlaps have too large errors, or warn of
+    such errors.
+
+    ``error`` (n_c,) is the standard error of each overlap, m, and ``find_force`` returns the forces
+    (n_c,), N, at overlaps with an error, m.
     """
-    spread = float(np.sum(by_overlap(error) - by_overlap(-error))) / 2.0
-    total = float(np.sum(by_overlap()))
-    error_share = spread / total if spread < total else 1.0
+    force_error = float(np.sum(find_force(error) - find_force(-error))) / 2.0
+    total_force = float(np.sum(find_force()))
+    error_share = force_error / total_force if force_error < total_force else 1.0
     if error_share <= _LEAST_WARNED_ERROR:
         return
+    n_decimals = 0 if error_share > 0.1 else 1
     fault = (
         f"{contacts.name} has no forces, and those of the overlaps are off by"
-        f" {error_share:.{0 if error_share > 0.1 else 1}%}, as"
+        f" {error_share:.{n_decimals}%}, as"
         f" places of {balls.name} are rounded: {float(np.max(error)):.2g} m in an overlap"
     )
     mend = (
@@ -637,49 +671,48 @@ def _judge_errors(
 
 
 def _compare_forces(
-    contacts: Contacts, force: Array, by_overlap: Callable[..., Array], error: Array
+    contacts: Contacts, force: Array, find_force: Callable[..., Array], error: Array
 ) -> None:
-    """Warn if forces are not those of Hertz's law at the overlaps, whose greatest ``error`` is
-    known, m.
+    """Warn if forces (n_c,), N, are not those of Hertz's law at the overlaps.
 
-    A force of nan is not compared.
+    ``error`` (n_c,) is the greatest error of each overlap, m, and ``find_force`` returns the forces
+    (n_c,), N, at overlaps with an error, m. A force of nan is not compared.
     """
-    least = by_overlap(-error)
-    made = by_overlap(0.0)
-    most = by_overlap(error)
+    least = find_force(-error)
+    expected = find_force(0.0)
+    greatest = find_force(error)
     mean = np.nansum(force / force.size)
-    odd = (force / _MOST_FACTOR > most) | (force < least / _MOST_FACTOR)
-    odd &= np.maximum(force, least) > _LEAST_COMPARED * mean
-    if np.any(odd):
+    is_odd = (force / _MOST_FACTOR > greatest) | (force < least / _MOST_FACTOR)
+    is_odd &= np.maximum(force, least) > _LEAST_COMPARED * mean
+    if np.any(is_odd):
         wrong = (
-            f"has the force {_first(force, odd):.6g} N, and the overlap of its balls makes"
-            f" {_first(made, odd):.6g} N"
+            f"has the force {_first(force, is_odd):.6g} N, and the overlap of its balls makes"
+            f" {_first(expected, is_odd):.6g} N"
         )
+        fault = contacts.describe(is_odd, wrong)
         mend = (
             "Compare units, material and columns. If the law is not Hertz's, give the stiffnesses"
         )
-        warnings.warn(
-            message(contacts.describe(odd, wrong), mend=mend), InconsistencyWarning, stacklevel=5
-        )
+        warnings.warn(message(fault, mend=mend), InconsistencyWarning, stacklevel=5)
         return
-    strong = (made > 0.0) & (force >= mean)
-    if not np.any(strong):
+    # of weak contacts the overlaps have large relative errors
+    is_strong = (expected > 0.0) & (force >= mean)
+    if not np.any(is_strong):
         return
-    ratio = force[strong] / made[strong]
-    factor = float(np.median(ratio))
-    scatter = float(np.median(np.abs(ratio / factor - 1.0)))
-    rounding = float(np.median((most - least)[strong] / (2.0 * made[strong])))
-    if scatter <= _SAME + rounding and abs(factor - 1.0) >= _LEAST_WARNED_RATIO + rounding:
+    ratios = force[is_strong] / expected[is_strong]
+    factor = float(np.median(ratios))
+    scatter = float(np.median(np.abs(ratios / factor - 1.0)))
+    spans = (greatest - least)[is_strong]
+    rounding = float(np.median(spans / (2.0 * expected[is_strong])))
+    is_one_factor = scatter <= _SAME + rounding
+    if is_one_factor and abs(factor - 1.0) >= _LEAST_WARNED_RATIO + rounding:
         fault = (
             f"{contacts.name}: all forces are {factor:.4g} times those of Hertz's law at the"
             f" overlaps"
         )
+        why = "The material or the law is another one"
         mend = "Compare units and Young's modulus. If the law is not Hertz's, give the stiffnesses"
-        warnings.warn(
-            message(fault, "The material or the law is another one", mend),
-            InconsistencyWarning,
-            stacklevel=5,
-        )
+        warnings.warn(message(fault, why, mend), InconsistencyWarning, stacklevel=5)
 
 
 def read_whole_numbers(name: str, values: Any) -> Index:
@@ -693,7 +726,8 @@ def read_whole_numbers(name: str, values: Any) -> Index:
     numbers = real_array(name, values)
     if numbers.dtype.kind == "i":
         return np.asarray(numbers, np.intp)
-    is_whole = np.isfinite(numbers) & (numbers == np.rint(numbers)) & (np.abs(numbers) < 2.0**53)
+    is_exact = np.isfinite(numbers) & (np.abs(numbers) < 2.0**53)  # floats beyond skip numbers
+    is_whole = is_exact & (numbers == np.rint(numbers))
     if not np.all(is_whole):
         wrong = numbers[~is_whole].ravel()[0]
         raise InputError(
@@ -711,35 +745,39 @@ def find_rounding(values: Array) -> Array:
     that single precision holds have the digits of single precision. A few numbers of fewer digits
     than a program writes were chosen by hand, and have no error.
     """
-    size = np.abs(values)
+    sizes = np.abs(values)
     with np.errstate(over="ignore"):
         single = values.astype(np.float32)
-    is_counted = (size < LARGEST) & (size > 1.0 / LARGEST)  # others are refused, or play no part
-    digits = _count_digits(size[is_counted])
-    if digits < _DIGITS[0] and np.unique(size[is_counted]).size < _CHOSEN:
+    is_counted = (sizes < LARGEST) & (sizes > 1.0 / LARGEST)  # others are refused, or play no part
+    least_digits, _most_digits = _DIGITS
+    n_digits = _count_digits(sizes[is_counted])
+    if n_digits < least_digits and np.unique(sizes[is_counted]).size < _CHOSEN:
         return np.zeros(values.shape)
-    if digits >= _DIGITS[0] and np.array_equal(single[is_counted], values[is_counted]):
+    if n_digits >= least_digits and np.array_equal(single[is_counted], values[is_counted]):
         spacing = np.spacing(np.where(is_counted, np.abs(single), np.float32(1.0)))
         return np.where(is_counted, 0.5 * spacing, 0.0)
-    # (as values) a unit of the last digit of each
-    last = 10.0 ** (np.floor(np.log10(np.where(is_counted, size, 1.0))) - digits + 1.0)
-    coarsest = float(np.max(last[is_counted]))
-    steps = size[is_counted] / coarsest
+    # a unit of the last digit of each value
+    exponents = np.floor(np.log10(np.where(is_counted, sizes, 1.0)))
+    last_units = 10.0 ** (exponents - n_digits + 1.0)
+    coarsest = float(np.max(last_units[is_counted]))
+    steps = sizes[is_counted] / coarsest
     if np.allclose(steps, np.rint(steps), rtol=_EXACT, atol=0.0):
-        last = np.full(values.shape, coarsest)
-    return np.where(is_counted, 0.5 * last, 0.0)
+        last_units = np.full(values.shape, coarsest)
+    return np.where(is_counted, 0.5 * last_units, 0.0)
 
 
 def _count_digits(sizes: Array) -> int:
-    """Return the least number of significant digits that represent all of ``sizes``, above zero; at
-    most that of floats.
+    """Return the least number of significant digits that represent all of ``sizes`` (n,), which are
+    above zero; at most that of floats.
     """
-    leading = sizes / 10.0 ** np.floor(np.log10(sizes))
-    for digits in range(1, _DIGITS[1]):
-        power = 10.0 ** (digits - 1)
-        if np.allclose(np.rint(leading * power) / power, leading, rtol=_EXACT, atol=0.0):
-            return digits
-    return _DIGITS[1]
+    _least_digits, most_digits = _DIGITS
+    mantissas = sizes / 10.0 ** np.floor(np.log10(sizes))  # from 1 to 10
+    for n_digits in range(1, most_digits):
+        power = 10.0 ** (n_digits - 1)
+        rounded = np.rint(mantissas * power) / power
+        if np.allclose(rounded, mantissas, rtol=_EXACT, atol=0.0):
+            return n_digits
+    return most_digits
 
 
 def _first(values: Array, bad: Flags) -> float:
@@ -756,9 +794,8 @@ def _round_steps(steps: Array) -> Index:
     """Return the nearest whole numbers of cells; :class:`InputError` if balls are too many cells
     from each other.
     """
-    if np.any(~(np.abs(steps) <= MOST_STEPS)):
-        raise InputError(
-            f"balls that touch are more than {MOST_STEPS} cells apart",
-            mend="Compare cell and places",
-        )
+    is_near = np.abs(steps) <= MOST_STEPS  # False for nan
+    if not np.all(is_near):
+        problem = f"balls that touch are more than {MOST_STEPS} cells apart"
+        raise InputError(problem, mend="Compare cell and places")
     return np.asarray(np.rint(steps), np.intp)

@@ -31,6 +31,8 @@ _STYLES = {
     "si": (1.0, 1.0, 1.0), "cgs": (1e-2, 1e-3, 1e-5), "micro": (1e-6, 1e-15, 1e-9),
     "nano": (1e-9, 1e-21, 1e-12),
 }  # fmt: skip
+#: greatest relative difference of boxes that are one: the dumps may be written with few digits
+_SAME_BOX = 1e-5
 _NAMES = ("i", "j", "force", "dx", "dy", "dz", "tx", "ty", "tz")
 _IS_DUMP = "Is this a dump of LAMMPS, of style custom or local, as text?"
 _WRITE_ATOMS = "Write it with: dump 1 all custom 1000 atoms.dump id x y z radius mass"
@@ -56,13 +58,15 @@ class _Frame:
     rows: list[tuple[int, str]] = field(default_factory=list)
 
     def read(self, column: str) -> Array:
-        """The numbers of a column, (rows,)."""
+        """Return the numbers of a column, (rows,); InputError names the line of a cell that is no
+        number.
+        """
         index = self.names.index(column)
         numbers = np.empty(len(self.rows))
-        for n, (line, text) in enumerate(self.rows):
+        for row, (line, text) in enumerate(self.rows):
             cells = text.split()
             try:
-                numbers[n] = plain_float(cells[index])
+                numbers[row] = plain_float(cells[index])
             except (IndexError, ValueError):
                 content = brief(cells[index], 40) if len(cells) > index else "nothing"
                 raise InputError(
@@ -86,21 +90,20 @@ def read_dumps(
     normal_stiffness: float | None,
     shear_stiffness: float | None,
 ) -> Source:
-    """Return the balls and contacts of two dumps; see ``ContactNetwork.from_lammps`` for the
-    arguments.
+    """Return the balls and contacts of two dumps of one time step and one box, in SI units; see
+    ``ContactNetwork.from_lammps`` for the arguments.
     """
     step = None if step is None else whole_number("step", step, 0)
     atoms = _read_frame(dump, step, "ATOMS")
     touching = _read_frame(pairs, step, "ENTRIES")
     if atoms.step != touching.step:
         fault = f"{dump} ends at the time step {atoms.step}, and {pairs} at {touching.step}"
-        raise InputError(
-            fault, "Balls and contacts must be of one step", "Give the step that both have"
-        )
-    if not np.allclose(atoms.cell, touching.cell, rtol=1e-5) or np.any(atoms.pbc != touching.pbc):
-        raise InputError(
-            f"{dump} and {pairs} have different boxes", mend="Are they of one simulation?"
-        )
+        why = "Balls and contacts must be of one step"
+        raise InputError(fault, why, "Give the step that both have")
+    has_same_cell = np.allclose(atoms.cell, touching.cell, rtol=_SAME_BOX)
+    if not has_same_cell or np.any(atoms.pbc != touching.pbc):
+        fault = f"{dump} and {pairs} have different boxes"
+        raise InputError(fault, mend="Are they of one simulation?")
     scales = _find_units(units, atoms, touching)
     if columns is not None:
         touching.names = _read_names(columns, touching)
@@ -116,33 +119,35 @@ def _read_contacts(
     normal_stiffness: float | None,
     shear_stiffness: float | None,
 ) -> Contacts:
-    """Return the contacts of a dump of pairs, SI; ``scales`` are those of :func:`_find_units`, and
-    stiffnesses, N/m, those of all contacts.
+    """Return the contacts of a dump of pairs, in SI units; ``scales`` are those of
+    :func:`_find_units`, and the stiffnesses, N/m, those of each contact, if they are given.
     """
-    length, _, force = scales
+    length, _mass, force = scales
     lacking = [name for name in ("i", "j") if name not in pairs.names]
     if lacking:
         fault = f"{pairs.name} has no column {' and no column '.join(lacking)}"
         raise InputError(fault, f"Its columns are {list_names(pairs.names)}", _NAME_PAIRS)
     i = _read_ids(pairs, "i")
     j = _read_ids(pairs, "j")
-    # LAMMPS writes the vector from j to i, and the force on i
+    # LAMMPS writes the vector from j to i, and the force on i: both are turned below
     vector = pairs.find_vectors("dx", "dy", "dz")
-    tangential = pairs.find_vectors("tx", "ty", "tz")
+    tangential_force = pairs.find_vectors("tx", "ty", "tz")
     normal_force = force * pairs.read("force") if "force" in pairs.names else None
-    count = len(pairs.rows)
+    n_contacts = len(pairs.rows)
     normal_springs = None
     if normal_stiffness is not None:
-        normal_springs = np.full(count, positive("normal_stiffness", normal_stiffness, "N/m"))
+        number = positive("normal_stiffness", normal_stiffness, "N/m")
+        normal_springs = np.full(n_contacts, number)
     shear_springs = None
     if shear_stiffness is not None:
-        shear_springs = np.full(count, not_negative("shear_stiffness", shear_stiffness, "N/m"))
+        number = not_negative("shear_stiffness", shear_stiffness, "N/m")
+        shear_springs = np.full(n_contacts, number)
     return Contacts(
         pairs.name,
         i,
         j,
         vector=None if vector is None else -length * vector,
-        tangential_force=None if tangential is None else -force * tangential,
+        tangential_force=None if tangential_force is None else -force * tangential_force,
         normal_force=normal_force,
         normal_stiffness=normal_springs,
         shear_stiffness=shear_springs,
@@ -150,13 +155,19 @@ def _read_contacts(
 
 
 def _read_balls(atoms: _Frame, scales: tuple[float, float, float]) -> Balls:
-    """Return the balls of a dump of atoms, SI; ``scales`` are those of :func:`_find_units`."""
-    length, mass, _ = scales
+    """Return the balls of a dump of atoms, in SI units; ``scales`` are those of
+    :func:`_find_units`.
+    """
+    length, mass, _force = scales
     positions, rounding = _read_positions(atoms)
-    for name, alternative in (("id", "id"), ("radius", "diameter")):
-        if name not in atoms.names and alternative not in atoms.names:
-            listed = f"Its columns are {list_names(atoms.names)}"
-            raise InputError(f"{atoms.name} has no column {name}", listed, _WRITE_ATOMS)
+    lacking = list[str]()
+    if "id" not in atoms.names:
+        lacking.append("id")
+    if "radius" not in atoms.names and "diameter" not in atoms.names:
+        lacking.append("radius")
+    if lacking:
+        listed = f"Its columns are {list_names(atoms.names)}"
+        raise InputError(f"{atoms.name} has no column {lacking[0]}", listed, _WRITE_ATOMS)
     radii = atoms.read("radius") if "radius" in atoms.names else 0.5 * atoms.read("diameter")
     masses = mass * atoms.read("mass") if "mass" in atoms.names else None
     kinds = _read_kinds(atoms)
@@ -175,23 +186,23 @@ def _read_balls(atoms: _Frame, scales: tuple[float, float, float]) -> Balls:
 def _find_units(
     units: str | Units | None, atoms: _Frame, touching: _Frame
 ) -> tuple[float, float, float]:
-    """Return the length, m, mass, kg, and force, N, that are one in the files."""
-    named_units = {frame.units for frame in (atoms, touching) if frame.units}
-    if len(named_units) > 1:
-        raise InputError(
-            f"{atoms.name} is in units {atoms.units}, and {touching.name} in others",
-            mend="Write both with the same units",
-        )
+    """Return the length, m, mass, kg, and force, N, that are one in the files: those of the
+    ``units``, or, if these are None, of the style that the files name, by default SI.
+    """
+    styles_of_files = {frame.units for frame in (atoms, touching) if frame.units}
+    if len(styles_of_files) > 1:
+        fault = f"{atoms.name} is in units {atoms.units}, and {touching.name} in others"
+        raise InputError(fault, mend="Write both with the same units")
     if isinstance(units, Units):
         style = "lj"
         scales = (units.length, units.mass, units.force)
     else:
-        requested = next(iter(named_units), "si") if units is None else units
+        requested = next(iter(styles_of_files), "si") if units is None else units
         style = require("units", lambda value: choice(value, [*_STYLES]), requested)
         scales = _STYLES[style]
-    if named_units and named_units != {style}:
+    if styles_of_files and styles_of_files != {style}:
         raise InputError(
-            f"{atoms.name} says that its units are {named_units.pop()},"
+            f"{atoms.name} says that its units are {styles_of_files.pop()},"
             f" and units={style!r} is given",
             mend="Leave units out",
         )
@@ -199,10 +210,13 @@ def _find_units(
 
 
 def _read_names(columns: Any, touching: _Frame) -> tuple[str, ...]:
-    """Return the names of the columns of pairs, one for each."""
-    listed: object = columns.split() if isinstance(columns, str) else columns
-    names = tuple(listed) if isinstance(listed, Sequence) else ()
-    if all(isinstance(name, str) for name in names) and len(names) == len(touching.names):
+    """Return the names of the columns of pairs from ``columns``, a list or a text of words;
+    InputError unless there is one name for each column of the dump.
+    """
+    words: object = columns.split() if isinstance(columns, str) else columns
+    names = tuple(words) if isinstance(words, Sequence) else ()
+    are_texts = all(isinstance(name, str) for name in names)
+    if are_texts and len(names) == len(touching.names):
         return names
     shown = f"{touching.name} has {len(touching.names)}: {list_names(touching.names)}"
     mend = f"Give a name for each; those that count are {', '.join(_NAMES)}"
@@ -211,8 +225,9 @@ def _read_names(columns: Any, touching: _Frame) -> tuple[str, ...]:
 
 def _read_positions(atoms: _Frame) -> tuple[Array, Array]:
     """Return the positions (n, 3) of balls from the origin of the box, and their greatest errors by
-    rounding, in units of the dump.
+    rounding, (n, 3), in units of the dump.
     """
+    # columns with "s" are fractions of the box, and those with "u" go on beyond its faces
     for suffix, is_scaled in (("", False), ("u", False), ("s", True), ("su", True)):
         names = [f"{axis}{suffix}" for axis in "xyz"]
         coordinates = atoms.find_vectors(*names)
@@ -226,55 +241,57 @@ def _read_positions(atoms: _Frame) -> tuple[Array, Array]:
 
 
 def _read_kinds(atoms: _Frame) -> tuple[str, ...]:
-    """Return the elements of balls, or else their types; none without such a column."""
+    """Return the elements of balls, or else their types, a name for each ball; none without such a
+    column.
+    """
     for name in ("element", "type"):
         if name in atoms.names:
             index = atoms.names.index(name)
-            rows = [text.split() for _, text in atoms.rows]
+            rows = [text.split() for _line, text in atoms.rows]
             return tuple(cells[index] for cells in rows if len(cells) > index)
     return ()
 
 
 def _read_ids(frame: _Frame, column: str) -> Index:
-    """Return the whole numbers (rows,) of a column."""
+    """Return the whole numbers (rows,) of a column; InputError names the dump."""
     try:
         return read_whole_numbers(column, frame.read(column))
     except InputError as error:
         text = str(error)
-        raise InputError(text if frame.name in text else f"{frame.name}: {text}") from None
+        if frame.name not in text:
+            text = f"{frame.name}: {text}"
+        raise InputError(text) from None
 
 
 # -- the format ------------------------------------------------------------------------------------
 
 
 def _read_frame(path: str | os.PathLike[str], step: int | None, kind: str) -> _Frame:
-    """Read the frame at a time step, or the last one, of a list of the ``kind`` "ATOMS" or
-    "ENTRIES".
+    """Return the frame at the time ``step``, or the last frame for None, of a dump whose lists are
+    of the ``kind`` "ATOMS" or "ENTRIES"; InputError if there is no such frame.
 
     A program that is killed leaves its last frame cut: an earlier frame that is requested is read,
     with a warning.
     """
-    last: _Frame | None = None
+    chosen: _Frame | None = None
     steps = list[int]()
     try:
         for frame in _split_frames(str(path), read_bytes(path, MOST_BYTES), kind):
             steps.append(frame.step)
-            last = frame if step in (None, frame.step) else last
-    except InputError as cut:
+            if step is None or frame.step == step:
+                chosen = frame
+    except InputError as error:
         if not steps:
             raise
-        if step is None or last is None:
-            raise InputError(
-                str(cut),
-                f"The last time step that can be read is {steps[-1]}",
-                f"Give step={steps[-1]}",
-            ) from None
-        fault = f"{path} is read at the time step {step}, and cannot be read to its end: {cut}"
+        if step is None or chosen is None:
+            why = f"The last time step that can be read is {steps[-1]}"
+            raise InputError(str(error), why, f"Give step={steps[-1]}") from None
+        fault = f"{path} is read at the time step {step}, and cannot be read to its end: {error}"
         warnings.warn(message(fault), StoppedEarlyWarning, stacklevel=4)
-    if last is None:
-        has = f"It has {_describe_steps(sorted({*steps}))}"
-        raise InputError(f"{path} has no time step {brief(step)}", has)
-    return last
+    if chosen is None:
+        why = f"It has {_describe_steps(sorted({*steps}))}"
+        raise InputError(f"{path} has no time step {brief(step)}", why)
+    return chosen
 
 
 def _describe_steps(steps: list[int]) -> str:
@@ -287,11 +304,13 @@ def _describe_steps(steps: list[int]) -> str:
 
 
 def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
-    """Yield the frames of a dump whose lists are of the ``kind`` "ATOMS" or "ENTRIES"."""
+    """Yield the frames of the dump ``name``, whose lists are of the ``kind`` "ATOMS" or "ENTRIES",
+    from its bytes; InputError where the dump cannot be read.
+    """
     lines = _Lines.of(name, raw)
     units = ""
     frame: _Frame | None = None
-    count = -1
+    n_rows = -1  # not known yet
     is_open = False  # whether the list of the frame has not been read yet
     while not lines.at_end:
         title = lines.read_title()
@@ -304,25 +323,23 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
             frame = _Frame(name, lines.read_count(), units)
             is_open = True
         elif title.startswith("NUMBER OF"):
-            count = lines.read_count()
+            n_rows = lines.read_count()
         elif title.startswith("BOX BOUNDS") and frame is not None:
-            box = title.removeprefix("BOX BOUNDS").split()
-            _read_box(frame, box, lines.texts, lines.place)
+            words_of_box = title.removeprefix("BOX BOUNDS").split()
+            _read_box(frame, words_of_box, lines.texts, lines.place)
             lines.place += 3
         elif words[:1] in (["ATOMS"], ["ENTRIES"]) and frame is not None:
             _require_kind(name, words[0], kind)
-            lines.read_rows(frame, words[1:], count, kind)
+            lines.read_rows(frame, words[1:], n_rows, kind)
             is_open = False
             yield frame
-        else:  # such as TIME
+        else:  # the line below another title, such as TIME, plays no part
             lines.place += 1
     if frame is None:
         raise InputError(f"{name} has no time step", mend=_IS_DUMP)
     if is_open:
-        raise InputError(
-            f"{name} ends before the {kind.lower()} of its time step {frame.step}",
-            "The file is not whole",
-        )
+        fault = f"{name} ends before the {kind.lower()} of its time step {frame.step}"
+        raise InputError(fault, "The file is not whole")
     if lines.is_broken:
         lines.refuse_cut(frame)
 
@@ -356,12 +373,13 @@ class _Lines:
 
     @classmethod
     def of(cls, name: str, raw: bytes) -> _Lines:
-        """Split the bytes of a dump into lines."""
+        """Return the lines of the dump ``name`` from its bytes."""
         text = decode(name, raw)
         lines = text.splitlines()
         while lines and not lines[-1].strip():
             lines.pop()
-        return cls(name, lines, not text.rstrip(" \t").endswith(("\n", "\r")))
+        has_last_break = text.rstrip(" \t").endswith(("\n", "\r"))
+        return cls(name, lines, is_broken=not has_last_break)
 
     @property
     def at_end(self) -> bool:
@@ -370,18 +388,18 @@ class _Lines:
 
     def read_title(self) -> str | None:
         """Read a line "ITEM: ..." and return what follows the word; None for an empty line."""
-        head = self.texts[self.place].strip()
-        if not head:
+        line = self.texts[self.place].strip()
+        if not line:
             self.place += 1
             return None
-        if not head.startswith("ITEM:"):
+        if not line.startswith("ITEM:"):
             raise InputError(
-                f"{self.name}:{self.place + 1}: found {brief(head, 40)}, where a line 'ITEM: ...'"
+                f"{self.name}:{self.place + 1}: found {brief(line, 40)}, where a line 'ITEM: ...'"
                 f" is needed",
                 mend=_IS_DUMP,
             )
         self.place += 1
-        return head.removeprefix("ITEM:").strip()
+        return line.removeprefix("ITEM:").strip()
 
     def read_text(self) -> str:
         """Read a line; "" at the end of the file."""
@@ -396,17 +414,18 @@ class _Lines:
         return count
 
     def read_rows(self, frame: _Frame, columns: list[str], count: int, kind: str) -> None:
-        """Read ``count`` rows of columns into a frame; InputError if the file ends before."""
-        lines_below = len(self.texts) - self.place
-        if count < 0 or count > lines_below:
-            fault = (
-                f"{self.name} ends before its {count} {kind.lower()} do: {lines_below} are there"
-            )
+        """Put the names of ``columns`` and the next ``count`` rows into a ``frame``; InputError if
+        the file ends before, where ``kind`` names the rows.
+        """
+        n_below = len(self.texts) - self.place
+        if count < 0 or count > n_below:
+            fault = f"{self.name} ends before its {count} {kind.lower()} do: {n_below} are there"
             raise InputError(fault, "The file is not whole")
-        odd = [column for column in columns if not (column.isascii() and column.isprintable())]
-        if odd:
-            fault = f"{self.name}:{self.place}: found a column named {brief(odd[0], 40)}"
-            raise InputError(fault, "The names of LAMMPS are of plain letters, digits and signs")
+        for column in columns:
+            if not column.isascii() or not column.isprintable():
+                fault = f"{self.name}:{self.place}: found a column named {brief(column, 40)}"
+                why = "The names of LAMMPS are of plain letters, digits and signs"
+                raise InputError(fault, why)
         frame.names = tuple(columns)
         rows = self.texts[self.place : self.place + count]
         frame.rows = list(enumerate(rows, self.place + 1))
@@ -418,29 +437,32 @@ class _Lines:
         """Raise :class:`InputError` if the last line is broken, or a row of the last ``frame`` with
         too few cells.
         """
-        where = f"{self.name}:{len(self.texts)}"
-        if frame.rows and frame.rows[-1][0] == len(self.texts):
-            cells_of_last = len(frame.rows[-1][1].split())
-            required = len(frame.names)
+        last_line = len(self.texts)
+        where = f"{self.name}:{last_line}"
+        if frame.rows:
+            line_of_row, row = frame.rows[-1]
+            n_cells = len(row.split())
+            n_needed = len(frame.names)
             if len(frame.rows) > 1:
-                required = min(len(frame.rows[0][1].split()), required)
-            if cells_of_last < required:
-                raise InputError(
-                    f"{where}: the last row has {cells_of_last} cells, and {required} are needed",
-                    "The file is not whole",
-                )
+                # rows may be shorter than their heading, but not than the first of them
+                _line, first_row = frame.rows[0]
+                n_needed = min(len(first_row.split()), n_needed)
+            if line_of_row == last_line and n_cells < n_needed:
+                fault = f"{where}: the last row has {n_cells} cells, and {n_needed} are needed"
+                raise InputError(fault, "The file is not whole")
         if self.is_broken:
             why = "The file is not whole: its last number may have lost digits"
             raise InputError(f"{where}: the last line has no line break at its end", why)
 
 
 def _read_count(name: str, lines: list[str], n: int) -> int:
-    """Return the whole number in line ``n``, counted from 0."""
+    """Return the whole number in line ``n`` of the dump ``name``, counted from 0."""
     text = lines[n].strip() if n < len(lines) else ""
+    # 64 bits hold no number of more digits
     if not re.fullmatch("[0-9]{1,19}", text):
-        most = " of at most 19 digits" if len(text) > 19 else ""
+        limit = " of at most 19 digits" if len(text) > 19 else ""
         raise InputError(
-            f"{name}:{n + 1}: found {brief(text, 40)}, where a whole number{most} is needed"
+            f"{name}:{n + 1}: found {brief(text, 40)}, where a whole number{limit} is needed"
         )
     return int(text)
 
@@ -450,19 +472,18 @@ def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None
     tilted, as the ``words`` of its heading say.
     """
     if words[:1] == ["abc"]:
+        fault = f"{frame.name} has a box of three general vectors"
         why = "LAMMPS lists pairs in another frame, in which its box is tilted"
-        raise InputError(
-            f"{frame.name} has a box of three general vectors",
-            why,
-            "Leave out dump_modify triclinic/general",
-        )
-    flags = [word for word in words if len(word) == 2 and set(word) <= set("pfsm")]
+        raise InputError(fault, why, "Leave out dump_modify triclinic/general")
+    # the boundary conditions at the two faces across each axis: periodic, fixed or shrinking
+    boundaries = [word for word in words if len(word) == 2 and set(word) <= set("pfsm")]
+    is_tilted = words[:3] == ["xy", "xz", "yz"]
     try:
         rows = [[plain_float(cell) for cell in lines[n + axis].split()] for axis in range(3)]
         bounds = np.array(rows)
-        is_tilted = words[:3] == ["xy", "xz", "yz"]
         frame.origin, frame.cell = _tilt_box(bounds) if is_tilted else _make_box(bounds)
-        frame.pbc = np.array([flag == "pp" for flag in flags] or [False] * 3)
+        if boundaries:
+            frame.pbc = np.array([boundary == "pp" for boundary in boundaries])
         if frame.pbc.shape != (3,) or not np.all(np.isfinite(frame.cell)):
             raise ValueError
     except (IndexError, ValueError):
@@ -474,9 +495,8 @@ def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None
             f"{frame.name}:{n + axis + 1}: the box has the length {lengths[axis]:g} along"
             f" {'xyz'[axis]}"
         )
-        raise InputError(
-            fault, "Its lower bound must be below the upper one", "Are the two exchanged?"
-        )
+        why = "Its lower bound must be below the upper one"
+        raise InputError(fault, why, "Are the two exchanged?")
 
 
 def _make_box(bounds: Array) -> tuple[Array, Array]:
@@ -489,8 +509,8 @@ def _make_box(bounds: Array) -> tuple[Array, Array]:
 def _tilt_box(bounds: Array) -> tuple[Array, Array]:
     """Return the origin (3,) and the vectors (3, 3) of a tilted box.
 
-    ``bounds`` (3, 3) are the ends of the orthogonal box around the tilted one, and the tilts xy,
-    xz, yz.
+    The rows of ``bounds`` (3, 3) are the lower and the upper end, along x, y and z, of the
+    orthogonal box around the tilted one, and a tilt: xy, xz and yz.
     """
     xy, xz, yz = bounds[:, 2]
     low = bounds[:, 0] - [min(0.0, xy, xz, xy + xz), min(0.0, yz), 0.0]

@@ -219,57 +219,61 @@ class ContactNetwork(Result):
         if self.n_contacts:
             self._check_repeated()
         if self.labels is not None and np.unique(self.labels).size != self.n_balls:
-            raise InputError(
-                "two balls of the network have the same label", mend="Give each a label of its own"
-            )
+            fault = "two balls of the network have the same label"
+            raise InputError(fault, mend="Give each a label of its own")
         # an array has the balls of all of its cells
         if self.lattice is not None and self.shape is not None:
-            balls = self.lattice.n_balls * int(np.prod(self.shape, dtype=float))
-            if len(self.shape) != self.lattice.periods or balls != self.n_balls:
-                fault = f"{self.shape} cells of the {self.lattice.name} lattice have {balls} balls"
-                raise InputError(
-                    f"{fault}, and the network has {self.n_balls}", mend="Mend the shape"
+            n_balls = self.lattice.n_balls * int(np.prod(self.shape, dtype=float))
+            if len(self.shape) != self.lattice.periods or n_balls != self.n_balls:
+                fault = (
+                    f"{self.shape} cells of the {self.lattice.name} lattice have {n_balls} balls,"
+                    f" and the network has {self.n_balls}"
                 )
+                raise InputError(fault, mend="Mend the shape")
 
     def _refuse(self, name: str, is_bad: Flags, fault: str, mend: str) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` that names the first bad entry of a
-        field, of a ball or a contact, and counts all; ``is_bad`` is (n,) or (n_c,).
+        """Raise :class:`~granphon.base.errors.InputError` that names the first bad entry of the
+        field ``name``, of a ball or a contact, and counts all; ``is_bad`` is (n,) or (n_c,).
         """
-        bad = np.flatnonzero(is_bad)
-        index = bad[0]
-        kind = "ball" if self._shapes[name].startswith("n") else "contact"
-        shown = f"{name} = {np.array2string(np.asarray(getattr(self, name))[index])}"
-        if kind == "contact" and name not in ("i", "j"):
+        bad_indices = np.flatnonzero(is_bad)
+        index = bad_indices[0]
+        subject = "ball" if self._shapes[name].startswith("n") else "contact"
+        entry = np.asarray(getattr(self, name))[index]
+        shown = f"{name} = {np.array2string(entry)}"
+        if subject == "contact" and name not in ("i", "j"):
             shown += f", between balls {self.i[index]} and {self.j[index]}"
-        total = f" ({bad.size} in all)" if bad.size > 1 else ""
-        raise InputError(f"{kind} {index} of the network {fault}: {shown}{total}", mend=mend)
+        total = f" ({bad_indices.size} in all)" if bad_indices.size > 1 else ""
+        raise InputError(f"{subject} {index} of the network {fault}: {shown}{total}", mend=mend)
 
     def _turn_walls(self) -> None:
-        """Let contacts lead from balls to flat walls, in place."""
+        """Let contacts lead from balls to flat walls: exchange, in place, the two ends of those
+        whose ball i is a flat wall.
+        """
         walls = np.flatnonzero(np.isinf(self.radii))
-        is_turned = np.isin(self.i, walls) & ~np.isin(self.j, walls)
-        if not np.any(is_turned):
+        is_reversed = np.isin(self.i, walls) & ~np.isin(self.j, walls)
+        if not np.any(is_reversed):
             return
         fields = vars(self)
-        for at_i, at_j in (("i", "j"), ("arm_i", "arm_j")):
-            ends = np.stack([fields[at_i], fields[at_j]])
-            turned = np.where(is_turned, ends[::-1], ends)
-            fields[at_i] = read_only(turned[0])
-            fields[at_j] = read_only(turned[1])
+        for name_i, name_j in (("i", "j"), ("arm_i", "arm_j")):
+            ends = np.stack([fields[name_i], fields[name_j]])
+            exchanged = np.where(is_reversed, ends[::-1], ends)
+            fields[name_i] = read_only(exchanged[0])
+            fields[name_j] = read_only(exchanged[1])
         for name in {"shift", "normal", "tangential_force"} & {*self.contact_fields}:
-            fields[name] = read_only(np.where(is_turned[:, None], 0 - fields[name], fields[name]))
+            opposite = 0 - fields[name]  # without zeros of negative sign
+            fields[name] = read_only(np.where(is_reversed[:, None], opposite, fields[name]))
 
     def _check_cell(self) -> None:
-        """Raise unless periodic vectors of the cell are finite, lie in the line or plane of the
-        balls, and are independent.
+        """Raise InputError unless periodic vectors of the cell are finite, lie in the line or plane
+        of the balls, and are independent.
         """
         for axis in np.flatnonzero(self.pbc):
             vector = self.cell[axis]
-            if not (np.all(np.abs(vector) < LARGEST) and np.any(vector)):
+            is_finite = np.all(np.abs(vector) < LARGEST)
+            if not is_finite or not np.any(vector):
+                fault = f"vector {axis} of the cell is {vector.tolist()} m, and periodic"
                 mend = "Give a vector of finite length, or let pbc be false there"
-                raise InputError(
-                    f"vector {axis} of the cell is {vector.tolist()} m, and periodic", mend=mend
-                )
+                raise InputError(fault, mend=mend)
             if axis >= self.dimension or np.any(vector[self.dimension :]):
                 where = "the line" if self.dimension == 1 else "the plane"
                 raise InputError(
@@ -279,36 +283,40 @@ class ContactNetwork(Result):
                 )
         if np.count_nonzero(self.pbc) > 1:
             periods = self.cell[list(self.pbc)]
-            size = np.linalg.norm(periods, axis=1, keepdims=True)
-            if np.prod(np.linalg.svd(periods / size, compute_uv=False)) < _FLAT:
-                raise InputError(
-                    "the periodic vectors of the cell are not independent of each other",
-                    mend="Give other vectors, or let pbc be false",
-                )
+            directions = periods / np.linalg.norm(periods, axis=1, keepdims=True)
+            # the area or volume that unit vectors along the periods span
+            volume = np.prod(np.linalg.svd(directions, compute_uv=False))
+            if volume < _FLAT:
+                fault = "the periodic vectors of the cell are not independent of each other"
+                raise InputError(fault, mend="Give other vectors, or let pbc be false")
 
     def _check_repeated(self) -> None:
-        """Raise if a contact is listed twice, from one end or from both; a wall may touch a ball at
-        several places.
+        """Raise InputError if a contact is listed twice, from one end or from both; a wall may
+        touch a ball at several places.
         """
         i = self.i
         j = self.j
-        # (n_c,) a number of its pair of balls, and (n_c, 3) cells from the lower ball to the higher
-        leading_axis = np.argmax(self.shift != 0, axis=1)[:, None]
-        leading = np.take_along_axis(self.shift, leading_axis, axis=1)[:, 0]
-        is_turned = (i > j) | ((i == j) & (leading < 0))
-        pair = np.where(is_turned, j, i) * self.n_balls + np.where(is_turned, i, j)
-        step = np.where(is_turned[:, None], -self.shift, self.shift)
-        first, second = _find_alike(pair, step)
-        is_at_wall = ~(self.moving[i[second]] & self.moving[j[second]])
-        sign = np.where(is_turned[first] == is_turned[second], 1.0, -1.0)[:, None]
-        deviation = np.abs(self.normal[first] - sign * self.normal[second])
+        # A contact of a ball with its own image has no lower ball: there the first axis along
+        # which it leaves the cell decides.
+        first_axis = np.argmax(self.shift != 0, axis=1)[:, None]
+        first_shift = np.take_along_axis(self.shift, first_axis, axis=1)[:, 0]
+        is_from_higher = (i > j) | ((i == j) & (first_shift < 0))
+        # (n_c,) a number of the pair of balls, and (n_c, 3) cells from the lower to the higher
+        pair = np.where(is_from_higher, j, i) * self.n_balls + np.where(is_from_higher, i, j)
+        step = np.where(is_from_higher[:, None], -self.shift, self.shift)
+        contacts, twins = _find_alike(pair, step)
+        is_at_wall = ~(self.moving[i[twins]] & self.moving[j[twins]])
+        is_alike = is_from_higher[contacts] == is_from_higher[twins]
+        signs = np.where(is_alike, 1.0, -1.0)[:, None]
+        deviation = np.abs(self.normal[contacts] - signs * self.normal[twins])
         is_elsewhere = np.any(deviation > _UNIT, axis=1)
-        repeated = np.flatnonzero(~(is_at_wall & is_elsewhere))
-        if not repeated.size:
+        is_repeated = ~(is_at_wall & is_elsewhere)
+        n_repeated = int(np.count_nonzero(is_repeated))
+        if not n_repeated:
             return
-        contact = int(first[repeated[0]])
-        twin = int(second[repeated[0]])
-        total = f" ({repeated.size} such in all)" if repeated.size > 1 else ""
+        contact = int(contacts[is_repeated][0])
+        twin = int(twins[is_repeated][0])
+        total = f" ({n_repeated} such in all)" if n_repeated > 1 else ""
         raise InputError(
             f"contacts {contact} and {twin} of the network are the same, between balls"
             f" {i[contact]} and {j[contact]}{total}",
@@ -374,14 +382,17 @@ class ContactNetwork(Result):
         """Sums of the static forces, N, and of their torques, N m, on each ball, (n, 3): zero of
         balls that do not move.
         """
-        push, across = self.static_forces
-        force, torque = np.zeros((2, self.n_balls, 3))
+        normal_force, across = self.static_forces
+        contact_forces = normal_force[:, None] * self.normal + across  # (n_c, 3), of i on j
+        forces = np.zeros((self.n_balls, 3))
+        torques = np.zeros((self.n_balls, 3))
         # ball j gets the force of ball i, and ball i the opposite one
-        for ball, sign, arm in ((self.j, 1.0, self.arm_j), (self.i, -1.0, self.arm_i)):
-            np.add.at(force, ball, sign * (push[:, None] * self.normal + across))
-            np.add.at(torque, ball, -arm[:, None] * np.cross(self.normal, across))
-        force[~self.moving] = torque[~self.moving] = 0.0
-        return read_only(force), read_only(torque)
+        for balls, sign, arms in ((self.j, 1.0, self.arm_j), (self.i, -1.0, self.arm_i)):
+            np.add.at(forces, balls, sign * contact_forces)
+            np.add.at(torques, balls, -arms[:, None] * np.cross(self.normal, across))
+        forces[~self.moving] = 0.0
+        torques[~self.moving] = 0.0
+        return read_only(forces), read_only(torques)
 
     @cached_property
     def imbalance(self) -> tuple[int, float, float]:
@@ -390,16 +401,18 @@ class ContactNetwork(Result):
         """
         return self._find_farthest(self.unbalanced[0])
 
-    def _find_farthest(self, pull: Array) -> tuple[int, float, float]:
-        """Return the ball under the largest of the forces ``pull`` (n, 3), N, that force, N, and
-        the force over the mean force of a contact.
+    def _find_farthest(self, forces: Array) -> tuple[int, float, float]:
+        """Return the ball under the largest of the ``forces`` (n, 3), N, the size of that force, N,
+        and the size over the mean force of a contact.
         """
-        push, across = self.static_forces
-        mean = np.mean(np.hypot(push, np.linalg.norm(across, axis=1)))
-        forces = np.linalg.norm(pull, axis=1)
-        ball = int(np.argmax(forces))
-        force = float(forces[ball])
-        return ball, force, float(force / mean) if force else 0.0
+        normal_force, across = self.static_forces
+        mean_force = np.mean(np.hypot(normal_force, np.linalg.norm(across, axis=1)))
+        sizes = np.linalg.norm(forces, axis=1)
+        ball = int(np.argmax(sizes))
+        size = float(sizes[ball])
+        # without forces the mean may be zero too
+        ratio = float(size / mean_force) if size else 0.0
+        return ball, size, ratio
 
     def describe_imbalance(self, imbalance: tuple[int, float, float] | None = None) -> str:
         """Return in words which ball is farthest from balance, and by what force; empty if forces
@@ -432,7 +445,10 @@ class ContactNetwork(Result):
         """Whether the static forces on each ball add up to no more than 1e-3 of their mean; also
         where static forces do not act.
         """
-        return not (self.prestress and self.n_contacts) or self.imbalance[2] <= _BALANCED
+        if not self.prestress or not self.n_contacts:
+            return True
+        _ball, _force, ratio = self.imbalance
+        return ratio <= _BALANCED
 
     def require_rest(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if static forces act, and some ball is so
@@ -444,14 +460,16 @@ class ContactNetwork(Result):
         """
         if self.is_balanced or not all(self.pbc[: self.dimension]):
             return
-        pull = self.unbalanced[0]
+        forces, _torques = self.unbalanced
         if not np.all(self.moving):
-            # bodies hold some balls: weights give all balls one acceleration, which is left out
-            mass = np.where(self.moving, self.masses, 0.0)
-            acceleration = mass @ pull / (mass @ mass)
-            pull = pull - mass[:, None] * acceleration
-        farthest = self._find_farthest(pull)
-        if farthest[2] < _MOVING:
+            # Bodies hold some balls, and their weights may give all others one acceleration, which
+            # is left out: the one with the least squares of what remains.
+            masses = np.where(self.moving, self.masses, 0.0)
+            acceleration = masses @ forces / (masses @ masses)
+            forces = forces - masses[:, None] * acceleration
+        farthest = self._find_farthest(forces)
+        _ball, _force, ratio = farthest
+        if ratio < _MOVING:
             return
         raise InputError(
             "the balls of the network still move, and static forces act on them (prestress)",
@@ -472,10 +490,12 @@ class ContactNetwork(Result):
         """By its index, each flat wall that balls touch: a point on it (3,), m, and its normal
         (3,), away from the balls.
         """
-        # of several contacts with a wall the first has the point
-        contacts = np.flatnonzero(np.isinf(self.distance))[::-1]
         points = self.contact_places
-        return {int(self.j[c]): (points[c], self.normal[c]) for c in contacts.tolist()}
+        walls: dict[int, tuple[Array, Array]] = {}
+        # from the last contact to the first, which has the point where a wall has several contacts
+        for contact in np.flatnonzero(np.isinf(self.distance))[::-1].tolist():
+            walls[int(self.j[contact])] = (points[contact], self.normal[contact])
+        return walls
 
     def cached(self, find: Callable[[Self], Found]) -> Found:
         """Return ``find(self)``; the value of the first call is kept, as the network never
@@ -499,14 +519,15 @@ class ContactNetwork(Result):
         :class:`~granphon.base.errors.InputError` for a network without a ball that moves, or
         without a contact.
         """
-        if not (np.any(self.moving) and self.n_contacts):
-            raise InputError(
-                "the network has no reduced units", "It has no ball that moves, or no contact"
-            )
-        loaded = self.normal_force > 0.0
-        springs = self.normal_stiffness[loaded if np.any(loaded) else slice(None)]
+        if not np.any(self.moving) or not self.n_contacts:
+            why = "It has no ball that moves, or no contact"
+            raise InputError("the network has no reduced units", why)
+        is_loaded = self.normal_force > 0.0
+        if not np.any(is_loaded):
+            is_loaded = np.ones(self.n_contacts, bool)
         diameter = _find_mean(2.0 * self.radii[self.moving])
-        return Units(diameter, _find_mean(springs), _find_mean(self.masses[self.moving]))
+        stiffness = _find_mean(self.normal_stiffness[is_loaded])
+        return Units(diameter, stiffness, _find_mean(self.masses[self.moving]))
 
     @property
     def coordination(self) -> float:
@@ -534,13 +555,14 @@ class ContactNetwork(Result):
         return read_only(self._find_rattlers())
 
     def _find_rattlers(self, held_by: int | None = None) -> Index:
-        """Return the indices of the balls that carry no load; see :meth:`without_rattlers` for
+        """Return the indices (m,) of the balls that carry no load; see :meth:`without_rattlers` for
         ``held_by``.
         """
         hold = _Hold(self, held_by)
         is_loose = ~hold.are_held(np.arange(self.n_balls))
         if not np.any(self.moving & ~is_loose):
             return np.flatnonzero(is_loose)
+        # loose balls whose contacts still count for their neighbours
         waiting = np.flatnonzero(is_loose).tolist()
         while waiting:
             for neighbour in hold.release(waiting.pop()):
@@ -560,30 +582,33 @@ class ContactNetwork(Result):
         :class:`~granphon.base.errors.InputError` if no ball is held.
         """
         least = None if held_by is None else whole_number("held_by", held_by, 0)
-        loose = self.rattlers if least is None else self._find_rattlers(least)
-        if not loose.size:
+        rattlers = self.rattlers if least is None else self._find_rattlers(least)
+        if not rattlers.size:
             return self
-        kept = np.ones(self.n_balls, bool)
-        kept[loose] = False
-        if not np.any(kept & self.moving):
+        is_kept = np.ones(self.n_balls, bool)
+        is_kept[rattlers] = False
+        if not np.any(is_kept & self.moving):
+            fault = "all balls of the network are rattlers, which carry no load"
             why = "Each has fewer contacts than can hold it, or is left so by others"
-            held = self._find_holding(self.dimension + 1 if least is None else least - 1)
-            mend = f"If something else holds them too, give held_by={held}" if held else ""
-            raise InputError(
-                "all balls of the network are rattlers, which carry no load", why, mend
-            )
-        return replace(self.select(kept), left_out=self.left_out + int(loose.size))
+            mend = ""
+            holding = self._find_holding(self.dimension + 1 if least is None else least - 1)
+            if holding:
+                mend = f"If something else holds them too, give held_by={holding}"
+            raise InputError(fault, why, mend)
+        return replace(self.select(is_kept), left_out=self.left_out + int(rattlers.size))
 
     def _find_holding(self, most: int) -> int:
         """Return the greatest ``held_by`` up to ``most`` at which a ball that moves is held; 0 if
         none above 0 holds one.
         """
-        contacts = np.bincount(np.concatenate([self.i, self.j]), minlength=self.n_balls)
+        n_contacts = np.bincount(np.concatenate([self.i, self.j]), minlength=self.n_balls)
         low = 0
-        high = min(most, int(np.max(contacts, initial=0)))
-        while low < high:  # balls that are held by more contacts are held by fewer: bisection
+        high = min(most, int(np.max(n_contacts, initial=0)))
+        # bisection, as a ball that is held where more contacts are needed is held where fewer are
+        while low < high:
             middle = (low + high + 1) // 2
-            if np.any(np.delete(self.moving, self._find_rattlers(middle))):
+            moving_and_held = np.delete(self.moving, self._find_rattlers(middle))
+            if np.any(moving_and_held):
                 low = middle
             else:
                 high = middle - 1
@@ -598,11 +623,11 @@ class ContactNetwork(Result):
         for a ball given twice, and for none.
         """
         plain: Any = balls.tolist() if isinstance(balls, np.ndarray) else balls
-        is_list = isinstance(plain, list | tuple) and len(plain) == self.n_balls
-        are_flags = is_list and all(isinstance(value, bool | np.bool_) for value in plain)
+        is_for_each_ball = isinstance(plain, list | tuple) and len(plain) == self.n_balls
+        are_flags = is_for_each_ball and all(isinstance(value, bool | np.bool_) for value in plain)
         indices = np.flatnonzero(plain) if are_flags else balls
         chosen = index_array("balls", indices, self.n_balls)
-        new_index = np.full(self.n_balls, -1)
+        new_index = np.full(self.n_balls, -1)  # -1 of balls that are not chosen
         new_index[chosen] = np.arange(chosen.size)
         i = new_index[self.i]
         j = new_index[self.j]
@@ -631,24 +656,22 @@ class ContactNetwork(Result):
         A wall does not move and joins no pieces; each piece that touches the wall contains it.
         """
         moving = self.moving
-        piece = number_pieces(self.i, self.j, moving)
+        piece_of_ball = number_pieces(self.i, self.j, moving)
         # the balls that move, in the order of their pieces, split between these
         members = np.flatnonzero(moving)
-        members = members[np.argsort(piece[members], kind="stable")]
-        ends = np.flatnonzero(np.diff(piece[members])) + 1
-        sets = np.split(members, ends) if members.size else []
+        members = members[np.argsort(piece_of_ball[members], kind="stable")]
+        bounds = np.flatnonzero(np.diff(piece_of_ball[members])) + 1
+        pieces = np.split(members, bounds) if members.size else []
         is_at_wall = ~(moving[self.i] & moving[self.j])
-        ball = np.where(moving[self.i], self.i, self.j)[is_at_wall]
-        wall = np.where(moving[self.i], self.j, self.i)[is_at_wall]
-        if ball.size:
-            walls = [wall[piece[ball] == piece[balls[0]]] for balls in sets]
-            sets = [
-                np.unique(np.append(balls, touched))
-                for balls, touched in zip(sets, walls, strict=True)
-            ]
-        if len(sets) == 1:
+        if np.any(is_at_wall):
+            ball = np.where(moving[self.i], self.i, self.j)[is_at_wall]
+            wall = np.where(moving[self.i], self.j, self.i)[is_at_wall]
+            for number, balls in enumerate(pieces):
+                walls = wall[piece_of_ball[ball] == piece_of_ball[balls[0]]]
+                pieces[number] = np.unique(np.append(balls, walls))
+        if len(pieces) == 1:
             return (self,)
-        return tuple(self.select(balls) for balls in sorted(sets, key=len, reverse=True))
+        return tuple(self.select(balls) for balls in sorted(pieces, key=len, reverse=True))
 
     # -- larger networks, cuts, files --------------------------------------------------------------
 
@@ -660,50 +683,48 @@ class ContactNetwork(Result):
         """
         axes = [axis for axis in range(3) if self.pbc[axis]]
         if not axes:
-            raise InputError(
-                "this network has no period along which it could be repeated",
-                mend="Give its cell and pbc",
-            )
+            fault = "this network has no period along which it could be repeated"
+            raise InputError(fault, mend="Give its cell and pbc")
         shape = require("shape", partial(lengths, low=1, high=MOST_CELLS, periods=len(axes)), shape)
         self._require_memory(math.prod(shape))
-        full = np.ones(3, int)  # cells along all three vectors
-        full[axes] = shape
+        counts = np.ones(3, int)  # cells along all three vectors
+        counts[axes] = shape
         cells, i, j, shift = repeat_contacts(
-            self.i, self.j, self.shift, self.n_balls, tuple(full.tolist())
+            self.i, self.j, self.shift, self.n_balls, tuple(counts.tolist())
         )
-        origins = np.asarray(cells @ self.cell)
-        count = len(cells)
-        balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
+        origins = np.asarray(cells @ self.cell)  # (n_cells, 3), m
+        n_cells = len(cells)
+        balls: dict[str, Any] = {name: np.tile(getattr(self, name), n_cells) for name in _BALLS}
         contacts: dict[str, Any] = {}
         for name in self.contact_fields:
             values = getattr(self, name)
-            repetitions = (count,) if values.ndim == 1 else (count, 1)
+            repetitions = (n_cells,) if values.ndim == 1 else (n_cells, 1)
             contacts[name] = np.tile(values, repetitions)
         contacts |= {"i": i, "j": j, "shift": shift}
         # balls of many arrays side by side are not in the order of the cells of one
         is_cell = self.lattice and max(self.shape or (1,)) == 1
         return replace(
             self,
-            cell=self.cell * full[:, None],
+            cell=self.cell * counts[:, None],
             positions=(origins[:, None] + self.positions).reshape(-1, 3),
             **balls,
-            left_out=self.left_out * count,
+            left_out=self.left_out * n_cells,
             labels=None,
-            kinds=self.kinds and self.kinds * count,
+            kinds=self.kinds and self.kinds * n_cells,
             **contacts,
             lattice=self.lattice if is_cell else None,
             shape=shape if is_cell else None,
         )
 
-    def _require_memory(self, count: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if so many cells of this network do not
-        fit into memory.
+    def _require_memory(self, n_cells: int) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if ``n_cells`` cells of this network do
+        not fit into memory.
         """
         arrays = [getattr(self, name) for name in self._shapes]
-        size = sum(values.nbytes for values in arrays if isinstance(values, np.ndarray))
+        n_bytes = sum(values.nbytes for values in arrays if isinstance(values, np.ndarray))
         require_memory(
-            f"networks of {count * self.n_balls:,} balls",
-            _COPIES * count * size,
+            f"networks of {n_cells * self.n_balls:,} balls",
+            _COPIES * n_cells * n_bytes,
             "Take fewer cells",
         )
 
@@ -711,10 +732,11 @@ class ContactNetwork(Result):
         """Return the layers of the network across an axis, as for :meth:`cut`; raises its error for
         another axis.
         """
-        cell = self.cell[np.flatnonzero(self.pbc), : self.dimension]
-        level = find_axes(cell) if len(cell) else np.eye(self.dimension)
-        layers = Layers.across(axis, cell @ level.T)
-        return replace(layers, turn=layers.turn @ level)
+        periods = self.cell[np.flatnonzero(self.pbc), : self.dimension]  # (p, d), m
+        # layers are found along axes (d, d) of which the first ones span the periods
+        axes = find_axes(periods) if len(periods) else np.eye(self.dimension)
+        layers = Layers.across(axis, periods @ axes.T)
+        return replace(layers, turn=layers.turn @ axes)
 
     def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
         """Return so many layers of the network, which no longer repeat across them: a strip, slab,
@@ -743,62 +765,71 @@ class ContactNetwork(Result):
         can move, if a clamped ball touches no ball that moves, and for a floor if materials are not
         known or no force presses a ball on it.
         """
-        count = whole_number("layers", layers, 1, MOST_CELLS)
-        words = require("edges", read_edges, edges)
-        self._require_memory(count)
-        stack = _LayerStack.of(self, self.layers_across(axis), count)
-        p = len(stack.layers.cell)
+        n_layers = whole_number("layers", layers, 1, MOST_CELLS)
+        lower_edge, upper_edge = require("edges", read_edges, edges)
+        self._require_memory(n_layers)
+        stack = _LayerStack.of(self, self.layers_across(axis), n_layers)
+        n_periods = len(stack.layers.cell)
         balls = stack.make_balls()
         contacts = stack.make_contacts()
         spread = self._find_spread()
-        heights = balls["positions"][:, p]
-        faces = find_faces(heights, balls["radii"], words, self.n_balls, 4.0 * spread)
-        for side, word, face in zip((-1.0, 1.0), words, faces, strict=True):
-            if word == "clamped":
+        heights = balls["positions"][:, n_periods]  # the axis across the layers follows the periods
+        # of a face are balls whose heights differ by as much as their radii may let them
+        lower_face, upper_face = find_faces(
+            heights, balls["radii"], (lower_edge, upper_edge), self.n_balls, 4.0 * spread
+        )
+        clamped_faces = list[Index]()
+        for side, edge, face in ((-1.0, lower_edge, lower_face), (1.0, upper_edge, upper_face)):
+            if edge == "clamped":
                 balls["masses"][face] = np.inf
-            elif word == "floor":
-                floor = stack.find_floor(side, face, bool(spread))
-                floor.add_to(balls, contacts, p)
+                clamped_faces.append(face)
+            elif edge == "floor":
+                floor = stack.find_floor(side, face, may_carry_none=bool(spread))
+                floor.add_to(balls, contacts, n_periods)
         is_still = np.isinf(balls["masses"])
         contacts = _leave_out_still(contacts, is_still)
-        clamped = [face for word, face in zip(words, faces, strict=True) if word == "clamped"]
-        _require_motion(contacts, is_still, clamped, count)
-        self._require_joined_cut(contacts, is_still, p)
+        _require_motion(contacts, is_still, clamped_faces, n_layers)
+        self._require_joined_cut(contacts, is_still, n_periods)
         cell = np.zeros((3, 3))
-        cell[:p, : self.dimension] = stack.layers.cell
+        cell[:n_periods, : self.dimension] = stack.layers.cell
         kinds = self.kinds
         if kinds:
-            floors = len(is_still) - count * self.n_balls
-            kinds = kinds * count + (RIGID_PLANE.name,) * floors
+            n_floors = len(is_still) - n_layers * self.n_balls
+            kinds = kinds * n_layers + (RIGID_PLANE.name,) * n_floors
         return replace(
             self,
             cell=cell,
-            pbc=(p > 0, p > 1, False),
+            pbc=(n_periods > 0, n_periods > 1, False),
             **balls,
             **contacts,
-            left_out=self.left_out * count,
+            left_out=self.left_out * n_layers,
             labels=None,
             lattice=None,
             shape=None,
             kinds=kinds,
         )
 
-    def _require_joined_cut(self, contacts: Mapping[str, Any], is_still: Flags, p: int) -> None:
+    def _require_joined_cut(
+        self, contacts: Mapping[str, Any], is_still: Flags, n_periods: int
+    ) -> None:
         """Raise :class:`~granphon.base.errors.InputError` unless the balls of a cut that move hang
-        together, or are held by bodies that do not move; ``p`` periods are left.
+        together, or are held by bodies that do not move.
+
+        ``contacts`` are the fields of the contacts of the cut, of which ``n_periods`` periods are
+        left, and ``is_still`` (n,) says which of its balls do not move.
         """
-        loose = self.rattlers.size
+        n_rattlers = self.rattlers.size
         why = ""
         mend = "Give more layers"
-        if loose:
-            why = f"Of its balls {loose} in each cell carry no load and hang on nothing"
+        if n_rattlers:
+            why = f"Of its balls {n_rattlers} in each cell carry no load and hang on nothing"
             mend = "Leave them out: network.without_rattlers()"
         require_joined(
             contacts["i"],
             contacts["j"],
-            contacts["shift"][:, :p],
+            contacts["shift"][:, :n_periods],
             len(is_still),
-            p,
+            n_periods,
             "the cut network",
             why=why,
             mend=mend,
@@ -811,25 +842,26 @@ class ContactNetwork(Result):
         so much that they are of several.
         """
         kinds = np.array(self.kinds or [""] * self.n_balls)
-        solid = np.isfinite(self.radii)
-        spread = max(
-            float(np.ptp(self.radii[solid & (kinds == kind)]))
-            for kind in set(kinds[solid].tolist())
-        )
-        if self.kinds or spread < _ALIKE * float(np.mean(self.radii[solid])):
+        is_ball = np.isfinite(self.radii)  # a flat wall has an infinite radius
+        spread = 0.0
+        for kind in set(kinds[is_ball].tolist()):
+            radii = self.radii[is_ball & (kinds == kind)]
+            spread = max(spread, float(np.ptp(radii)))
+        if self.kinds or spread < _ALIKE * float(np.mean(self.radii[is_ball])):
             return spread
         return 0.0
 
-    def _find_push(self, contacts: Index) -> Array:
-        """Return the static forces (n, 3) of balls i on balls j of some contacts, N."""
-        push = self.normal_force[contacts, None] * self.normal[contacts]
+    def _find_forces(self, contacts: Index) -> Array:
+        """Return the static forces (m, 3), N, of balls i on balls j of some ``contacts`` (m,)."""
+        forces = self.normal_force[contacts, None] * self.normal[contacts]
         if self.tangential_force is not None:
-            push += self.tangential_force[contacts]
-        return np.asarray(push)
+            forces += self.tangential_force[contacts]
+        return np.asarray(forces)
 
     def _press_on_floor(self, balls: Index, force: Array, face: str) -> dict[str, Any]:
         """Return the fields (m,) of the contacts of ``balls`` (m,) of a cut with a rigid plane,
-        each under its own ``force`` (m,), N.
+        each under its own ``force`` (m,), N, in SI units by name; ``face`` is the face of these
+        balls in words. InputError for a ball without a force, or of an unknown material.
         """
         model = self.contact_model
         if model is None:
@@ -845,17 +877,14 @@ class ContactNetwork(Result):
         try:
             contacts = model.press_on_floor(names, radii, force)
         except InputError as error:
-            raise InputError(
-                f"there is no floor for the balls of the {face}: {str(error).rstrip('.')}"
-            ) from error
-        loose = np.flatnonzero(~(contacts["normal_stiffness"] > 0.0))
-        if loose.size:
-            fault = f"a floor bears no load of ball {balls[loose[0]]} of the {face}"
-            raise InputError(
-                fault,
-                "Without a force its contact has no stiffness",
-                "Press the network, or clamp the face",
-            )
+            reason = str(error).rstrip(".")
+            fault = f"there is no floor for the balls of the {face}: {reason}"
+            raise InputError(fault) from error
+        is_loose = ~(contacts["normal_stiffness"] > 0.0)
+        if np.any(is_loose):
+            fault = f"a floor bears no load of ball {balls[is_loose][0]} of the {face}"
+            why = "Without a force its contact has no stiffness"
+            raise InputError(fault, why, "Press the network, or clamp the face")
         # arms end in the middle of the overlap where a network has overlaps; where overlaps are
         # small, at the points where balls touch
         overlap = contacts.pop("overlap")
@@ -867,28 +896,22 @@ class ContactNetwork(Result):
         return contacts | {"normal_force": force, "arm_i": arm_i, "arm_j": arm_j}
 
     def _name_kinds(self, balls: Index, model: ContactModel, face: str) -> list[str]:
-        """Return the names of the kinds of ``balls``, which the contact model knows; none where it
-        has one kind without a name.
+        """Return the names of the kinds of ``balls`` (m,), by their indices in the network; an
+        empty list where the contact model has one kind without a name. InputError for a ball of the
+        ``face`` whose material is not known.
         """
         if not self.kinds and len(model.kinds) > 1:
-            fault = (
-                f"the balls of the {face} name no kinds, and are of"
-                f" {counted(len(model.kinds), 'material')}"
-            )
-            raise InputError(
-                fault,
-                "Which of them stand on the floor is not known",
-                "Keep the kinds of the network",
-            )
+            materials = counted(len(model.kinds), "material")
+            fault = f"the balls of the {face} name no kinds, and are of {materials}"
+            why = "Which of them stand on the floor is not known"
+            raise InputError(fault, why, "Keep the kinds of the network")
         if not self.kinds or not model.names:
             return []
         names = [self.kinds[ball] for ball in balls.tolist()]
         unknown = sorted(set(names) - set(model.names))
         if unknown:
-            raise InputError(
-                f"no material is known of balls of the kind {unknown[0]!r}",
-                f"It is of {', '.join(model.names)}",
-            )
+            fault = f"no material is known of balls of the kind {unknown[0]!r}"
+            raise InputError(fault, f"It is of {', '.join(model.names)}")
         return names
 
     def storable(self) -> Self:
@@ -1071,14 +1094,13 @@ class ContactNetwork(Result):
             raise InputError(fault, mend="Mend it, or the files") from error
         if not isinstance(network, ContactNetwork):
             fault = f"{READERS.describe(program)} returns {brief(network)}"
-            raise InputError(
-                fault, mend="Let it return a granphon.ContactNetwork, as from_table makes one"
-            )
+            mend = "Let it return a granphon.ContactNetwork, as from_table makes one"
+            raise InputError(fault, mend=mend)
         return network
 
     def _finish_reading(self, keep_rattlers: bool, held_by: int | None) -> Self:
-        """Leave rattlers out of a network that was read, if they are not kept, and warn if it is
-        out of balance.
+        """Return a network that was read without its rattlers, or with them if ``keep_rattlers``;
+        warn if the network is out of balance.
         """
         keeps_all = require("keep_rattlers", truth, keep_rattlers)
         network = self if keeps_all else self.without_rattlers(held_by)
@@ -1126,14 +1148,16 @@ def given_network(source: Any) -> ContactNetwork:
 
     Raises :class:`~granphon.base.errors.InputError` if the source has none.
     """
-    find = getattr(getattr(source, "calc", None), "contact_network", None)
-    network = source
-    if not isinstance(source, ContactNetwork):
-        network = getattr(source, "network", None) if find is None else find(source)
+    if isinstance(source, ContactNetwork):
+        return source
+    # the calculator of Atoms makes a network of them
+    calculator = getattr(source, "calc", None)
+    make_network = getattr(calculator, "contact_network", None)
+    network = getattr(source, "network", None) if make_network is None else make_network(source)
     if isinstance(network, ContactNetwork):
         return network
-    mend = "Give a state, a sample of a simulation, a ContactNetwork, or Atoms with a HertzMindlin"
     refuse_unpressed(source)
+    mend = "Give a state, a sample of a simulation, a ContactNetwork, or Atoms with a HertzMindlin"
     raise InputError(f"there is no network of contacts in {brief(source)}", mend=mend)
 
 
@@ -1141,15 +1165,15 @@ def refuse_unpressed(source: Any) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for a crystal or a medium, which must be
     pressed first.
     """
-    if hasattr(source, "at_force") and not isinstance(source, type):
+    is_unpressed = hasattr(source, "at_force") and not isinstance(source, type)
+    if is_unpressed:
         name = "crystal" if hasattr(source, "cut") else "medium"
+        why = "Its contacts are stiff under a load only"
         mend = (
             f"Press it, and give its state: {name}.at_force(...), in N, or another of its methods"
             f" at_..."
         )
-        raise InputError(
-            f"{brief(source)} has no load", "Its contacts are stiff under a load only", mend
-        )
+        raise InputError(f"{brief(source)} has no load", why, mend)
 
 
 # -- demands on balls and contacts -----------------------------------------------------------------
@@ -1209,21 +1233,25 @@ def _list_demands_on_forces(network: ContactNetwork) -> Iterator[_Demand]:
     yield "normal", np.abs(length - 1.0) <= _UNIT, "has a normal whose length is not one", ""
     for name, least in _SPRINGS.items():
         values = getattr(network, name)
-        may_pull = network.adhesive and name == "normal_force"
-        is_in_range = values > 0.0 if least == "above zero" else (values >= 0.0) | may_pull
-        why = "; forces that pull are not of elastic balls" if name == "normal_force" else ""
-        fault = f"has a {name} that is not {least}{why}"
-        yield name, np.isfinite(values) & is_in_range, fault, ""
-    force = network.tangential_force
-    if force is not None:
+        fault = f"has a {name} that is not {least}"
+        if name == "normal_force":
+            fault += "; forces that pull are not of elastic balls"
+        is_in_range = np.isfinite(values)
+        if least == "above zero":
+            is_in_range &= values > 0.0
+        elif name != "normal_force" or not network.adhesive:
+            is_in_range &= values >= 0.0
+        yield name, is_in_range, fault, ""
+    tangential = network.tangential_force
+    if tangential is not None:
         name = "tangential_force"
-        is_finite = np.all(np.abs(force) < LARGEST, axis=1)
+        is_finite = np.all(np.abs(tangential) < LARGEST, axis=1)
         yield name, is_finite, f"has a {name} {_TOO_LARGE} N", ""
+        along = np.abs(np.einsum("ca,ca->c", tangential, network.normal))
         # among the least of all numbers rounding turns a force
-        allowed = _ALONG * np.linalg.norm(force, axis=1) + np.finfo(float).tiny
-        is_across = np.abs(np.einsum("ca,ca->c", force, network.normal)) <= allowed
+        allowed = _ALONG * np.linalg.norm(tangential, axis=1) + np.finfo(float).tiny
         fault = f"has a {name} that is not across its normal"
-        yield name, is_across, fault, "Leave the normal force out of it"
+        yield name, along <= allowed, fault, "Leave the normal force out of it"
     for name in ("arm_i", "arm_j"):
         is_finite = np.abs(getattr(network, name)) < LARGEST
         yield name, is_finite, f"has an {name} {_TOO_LARGE} m", ""
@@ -1235,6 +1263,7 @@ def _list_demands_on_geometry(network: ContactNetwork) -> Iterator[_Demand]:
     """
     d = network.dimension
     where = "the line along x" if d == 1 else "the plane"
+    # the components from d on are those that leave the line or the plane
     is_flat = ~np.any(np.abs(network.normal[:, d:]) > _UNIT, axis=1)
     yield "normal", is_flat, f"leaves {where} of a network in {d} dimensions", ""
     is_at_wall = ~(network.moving[network.i] & network.moving[network.j])
@@ -1267,26 +1296,31 @@ def _list_demands_on_range(network: ContactNetwork) -> Iterator[_Demand]:
 def _read_periods(pbc: Any) -> tuple[bool, ...]:
     """Return three truth values; InputError for what is not three of them."""
     flags = pbc.tolist() if isinstance(pbc, np.ndarray) else pbc
-    if not isinstance(flags, Sequence) or isinstance(flags, str) or len(flags) != 3:
+    is_list = isinstance(flags, Sequence) and not isinstance(flags, str)
+    if not is_list or len(flags) != 3:
         fault = f"pbc of the network is {brief(pbc)}"
         raise InputError(fault, mend="Give three truth values, one for each vector of the cell")
     return tuple(require("pbc", truth, value) for value in flags)
 
 
 def _find_alike(pair: Index, step: Index) -> tuple[Index, Index]:
-    """Return the contacts that have the same pair (n_c,) and step (n_c, 3) as another one: the
-    first and the second of each two that follow each other.
+    """Return the indices, each (m,), of contacts and of their twins, which have the same ``pair``
+    and ``step``; of three alike the second is the twin of the first, and the third of the second.
+
+    ``pair`` (n_c,) is a number of the two balls of a contact, and ``step`` (n_c, 3) the cells
+    between them.
     """
-    order = np.argsort(pair, kind="stable")
-    is_as_before = np.diff(pair[order], prepend=-1) == 0
-    is_as_after = np.append(is_as_before[1:], False)
-    # the contacts of pairs with several are few: balls rarely touch through more than one image
-    order = order[is_as_before | is_as_after]
-    order = order[np.lexsort((*step[order].T, pair[order]))]
-    has_same_pair = np.diff(pair[order]) == 0
-    has_same_step = ~np.any(np.diff(step[order], axis=0), axis=1)
+    by_pair = np.argsort(pair, kind="stable")
+    is_as_previous = np.diff(pair[by_pair], prepend=-1) == 0
+    is_as_following = np.append(is_as_previous[1:], False)
+    # only contacts of pairs with several are sorted by their steps: these are few, as balls rarely
+    # touch through more than one image
+    several = by_pair[is_as_previous | is_as_following]
+    ordered = several[np.lexsort((*step[several].T, pair[several]))]
+    has_same_pair = np.diff(pair[ordered]) == 0
+    has_same_step = ~np.any(np.diff(step[ordered], axis=0), axis=1)
     is_alike = has_same_pair & has_same_step
-    return order[:-1][is_alike], order[1:][is_alike]
+    return ordered[:-1][is_alike], ordered[1:][is_alike]
 
 
 # -- rattlers --------------------------------------------------------------------------------------
@@ -1299,10 +1333,13 @@ class _Hold:
     Attributes
     ----------
     i, j : (m,) the balls of the contacts that carry load.
-    weight : (m,) their forces, N, or 1 if no contact has a force.
-    push : (m, 3) their forces as vectors, from i to j.
-    count : (n,) number of these contacts of each ball.
-    total, pull : (n,) and (n, 3) the sums of their weights, and of their vectors, on each ball.
+    sizes : (m,) the forces of these contacts, N, or 1 if no contact has a force.
+    forces : (m, 3) these forces as vectors, of i on j.
+    counts : (n,) number of these contacts of each ball.
+    total_sizes, total_forces : (n,) and (n, 3) the sums of the sizes, and of the vectors, of the
+        forces on each ball.
+    least : the number of contacts from which on they hold a ball.
+    rows_hold : whether two contacts whose forces are in balance hold a ball too.
     """
 
     def __init__(self, network: ContactNetwork, held_by: int | None) -> None:
@@ -1310,50 +1347,63 @@ class _Hold:
         slips = not np.any(network.shear_stiffness)
         self.moving = network.moving
         self.rows_hold = slips and held_by is None
-        enough = network.dimension + 1 if slips else 2
-        self.least = enough if held_by is None else held_by
-        weight = network.normal_force
-        if not np.any(weight > 0.0):
-            weight = np.ones(network.n_contacts)
+        if held_by is None:
+            self.least = network.dimension + 1 if slips else 2
+        else:
+            self.least = held_by
+        sizes = network.normal_force
+        if not np.any(sizes > 0.0):
+            sizes = np.ones(network.n_contacts)
         is_loaded = np.zeros(0, bool)
-        if len(weight):
-            is_loaded = weight > HOLDING_FORCE * np.mean(weight, where=weight > 0.0)
+        if len(sizes):
+            is_loaded = sizes > HOLDING_FORCE * np.mean(sizes, where=sizes > 0.0)
         self.i = network.i[is_loaded]
         self.j = network.j[is_loaded]
-        self.weight = weight[is_loaded]
-        self.push = self.weight[:, None] * network.normal[is_loaded]
-        self.count = np.bincount(self.i, minlength=n) + np.bincount(self.j, minlength=n)
-        self.total = np.bincount(self.i, self.weight, n) + np.bincount(self.j, self.weight, n)
+        self.sizes = sizes[is_loaded]
+        self.forces = self.sizes[:, None] * network.normal[is_loaded]
+        self.counts = np.bincount(self.i, minlength=n) + np.bincount(self.j, minlength=n)
+        sizes_on_i = np.bincount(self.i, self.sizes, n)
+        self.total_sizes = sizes_on_i + np.bincount(self.j, self.sizes, n)
+        # ball j gets the force of a contact, and ball i the opposite one
         sums = [
             np.bincount(self.j, component, n) - np.bincount(self.i, component, n)
-            for component in self.push.T
+            for component in self.forces.T
         ]
-        self.pull = np.stack(sums, axis=1)
-        self._is_open = np.ones(len(self.i), bool)
-        # the contacts of each ball, one list after the other, and where each list begins
+        self.total_forces = np.stack(sums, axis=1)
+        self._is_open = np.ones(len(self.i), bool)  # (m,) whether a contact is not released yet
+        # the ends of contacts, first all ends i and then all ends j, ball by ball, and where the
+        # ends at each ball begin
         ends = np.concatenate([self.i, self.j])
         self._order = np.argsort(ends, kind="stable")
         self._starts = np.searchsorted(ends[self._order], np.arange(n + 1))
 
     def are_held(self, balls: Index) -> Flags:
-        """Return whether each of some balls (m,) has enough contacts, or does not move."""
-        # two contacts or more whose forces are in balance, as along a straight row, hold a ball
-        # where contacts slip
-        is_balanced = np.linalg.norm(self.pull[balls], axis=1) <= _BALANCED * self.total[balls]
-        is_in_row = self.rows_hold & (self.count[balls] >= 2) & is_balanced
-        return np.asarray((self.count[balls] >= self.least) | is_in_row | ~self.moving[balls])
+        """Return (m,) whether each of some ``balls`` (m,) has enough contacts, or does not move."""
+        counts = self.counts[balls]
+        # where contacts slip, two contacts or more whose forces are in balance, as along a straight
+        # row, hold a ball
+        net_force = np.linalg.norm(self.total_forces[balls], axis=1)
+        is_balanced = net_force <= _BALANCED * self.total_sizes[balls]
+        is_in_row = self.rows_hold & (counts >= 2) & is_balanced
+        return np.asarray((counts >= self.least) | is_in_row | ~self.moving[balls])
 
     def release(self, ball: int) -> Iterator[int]:
-        """Remove the contacts of a ball one by one; yield the other ball of each."""
+        """Remove the contacts of a ``ball`` one by one, and yield the neighbour of each, from whose
+        sums the contact has been taken.
+        """
         ends = self._order[self._starts[ball] : self._starts[ball + 1]]
-        contacts = ends % len(self.i)
+        contacts = ends % len(self.i)  # the ends j of all contacts follow the ends i
         for contact in contacts[self._is_open[contacts]].tolist():
             self._is_open[contact] = False
-            is_from_i = self.i[contact] == ball
-            neighbour = int(self.j[contact] if is_from_i else self.i[contact])
-            self.count[neighbour] -= 1
-            self.total[neighbour] -= self.weight[contact]
-            self.pull[neighbour] -= self.push[contact] if is_from_i else -self.push[contact]
+            force = self.forces[contact]
+            if self.i[contact] == ball:
+                neighbour = int(self.j[contact])
+                self.total_forces[neighbour] -= force
+            else:
+                neighbour = int(self.i[contact])
+                self.total_forces[neighbour] += force
+            self.counts[neighbour] -= 1
+            self.total_sizes[neighbour] -= self.sizes[contact]
             yield neighbour
 
 
@@ -1389,12 +1439,14 @@ class _LayerStack:
 
     @classmethod
     def of(cls, network: ContactNetwork, layers: Layers, count: int) -> Self:
-        """Stack ``count`` layers; InputError if a contact reaches across all of them."""
+        """Return a stack of ``count`` layers of a ``network``; InputError if a contact reaches
+        across all of them.
+        """
         n = network.n_balls
         d = network.dimension
         p = len(layers.cell)
-        step = np.zeros(3)
-        step[:d] = layers.stack
+        layer_step = np.zeros(3)  # from one layer to the next, along the axes of the cut, m
+        layer_step[:d] = layers.stack
         turn = np.eye(3)
         turn[:d, :d] = layers.turn
         sites = network.positions.copy()
@@ -1402,17 +1454,26 @@ class _LayerStack:
         sites[:, :d], shift = layers.gather(
             sites[:, :d], network.i, network.j, shift, np.isinf(network.radii)
         )
-        _, rise = layers.split(shift)
-        across = np.abs(network.vector @ turn.T[:, p])[rise != 0]
-        _require_short(float(np.max(across, initial=0.0)), float(step[p]), count)
-        # one end of a contact that is cut is in a layer beyond: below the lower face there are as
-        # many of these as contacts reach, and above the upper one
-        beyond = int(np.max(np.abs(rise), initial=0))
-        i, j, row, inner = layers.unfold(network.i, network.j, shift, n, count + 2 * beyond)
-        heights = np.arange(count)[:, None, None] * step
+        _cells, rise = layers.split(shift)  # rise: layers from ball i to ball j
+        lengths_across = np.abs(network.vector @ turn.T[:, p])[rise != 0]
+        reach = float(np.max(lengths_across, initial=0.0))
+        _require_short(reach, float(layer_step[p]), count)
+        # Contacts that are cut lead to balls of layers beyond the two faces, as many as a contact
+        # rises. Balls are numbered from the lowest of these, and then from the lower face.
+        n_beyond = int(np.max(np.abs(rise), initial=0))
+        i, j, row, inner_shift = layers.unfold(network.i, network.j, shift, n, count + 2 * n_beyond)
+        heights = np.arange(count)[:, None, None] * layer_step
         positions = ((sites @ turn.T)[None] + heights).reshape(-1, 3)
         return cls(
-            network, layers, count, turn, positions, i - beyond * n, j - beyond * n, row, inner
+            network=network,
+            layers=layers,
+            count=count,
+            turn=turn,
+            positions=positions,
+            i=i - n_beyond * n,
+            j=j - n_beyond * n,
+            row=row,
+            shift=inner_shift,
         )
 
     @cached_property
@@ -1433,7 +1494,9 @@ class _LayerStack:
         return fields | {"positions": self.positions}
 
     def make_contacts(self) -> dict[str, Any]:
-        """Return the fields of the contacts among the layers."""
+        """Return the fields of the contacts among the layers, along the axes of the cut, by
+        name.
+        """
         is_kept = self.has_i & self.has_j
         rows = self.row[is_kept]
         fields: dict[str, Any] = {}
@@ -1441,6 +1504,7 @@ class _LayerStack:
             values = getattr(self.network, name)[rows]
             is_vector = name in ("normal", "tangential_force")
             fields[name] = values @ self.turn.T if is_vector else values
+        # a network has shifts along three vectors, of which the first p are periods here
         padding = ((0, 0), (0, 3 - self.shift.shape[1]))
         return fields | {
             "i": self.i[is_kept],
@@ -1449,35 +1513,37 @@ class _LayerStack:
         }
 
     def find_floor(self, side: float, face: Index, may_carry_none: bool) -> _Floor:
-        """Return the floor of a ``face``, the lower one (``side`` -1) or the upper one (+1).
+        """Return the floor of the balls of a ``face`` (m,), the lower one (``side`` -1) or the
+        upper one (+1).
 
         The force on each ball is that of the contacts which the ball has lost there. Balls of the
         face that have lost none stand on no floor if ``may_carry_none``, as of balls of different
         sizes; else there is an InputError.
         """
         p = self.shift.shape[1]
-        is_beyond = np.minimum(self.i, self.j) < 0
+        leads_beyond = np.minimum(self.i, self.j) < 0
         if side > 0.0:
-            is_beyond = np.maximum(self.i, self.j) >= len(self.positions)
-        cut_contacts = np.flatnonzero((self.has_i | self.has_j) & is_beyond)
-        # the ball in the layers, and the sign of the force of ball i on ball j outwards
-        ball = np.where(self.has_i, self.i, self.j)[cut_contacts]
-        outward = np.where(self.has_i, side, -side)[cut_contacts]
-        is_at_face = np.isin(ball, face)
-        ball = ball[is_at_face]
-        pressed = np.intersect1d(face, ball)
-        spare = np.setdiff1d(face, ball)
-        if spare.size and (not may_carry_none or not pressed.size):
+            leads_beyond = np.maximum(self.i, self.j) >= len(self.positions)
+        ball_inside = np.where(self.has_i, self.i, self.j)
+        is_cut = (self.has_i | self.has_j) & leads_beyond
+        cut_contacts = np.flatnonzero(is_cut & np.isin(ball_inside, face))
+        balls = ball_inside[cut_contacts]
+        pressed_balls = np.intersect1d(face, balls)
+        spare_balls = np.setdiff1d(face, balls)
+        if spare_balls.size and (not may_carry_none or not pressed_balls.size):
             raise InputError(
-                f"ball {spare[0]} of the {_name_face(side)} has lost no contact there",
+                f"ball {spare_balls[0]} of the {_name_face(side)} has lost no contact there",
                 "Nothing says with which force it stands on a floor",
                 "Cut elsewhere, or clamp it",
             )
-        push = self.network._find_push(self.row[cut_contacts[is_at_face]]) @ self.turn.T[:, p]
-        place = np.searchsorted(pressed, ball)
-        force: Any = np.bincount(place, outward[is_at_face] * push)
-        springs = self.network._press_on_floor(pressed, force, _name_face(side))
-        return _Floor(side, pressed, springs)
+        # the force of ball i on ball j along the axis across the layers, and the sign by which it
+        # presses the ball in the layers on the floor
+        forces = self.network._find_forces(self.row[cut_contacts]) @ self.turn.T[:, p]
+        signs = np.where(self.has_i, side, -side)[cut_contacts]
+        places = np.searchsorted(pressed_balls, balls)
+        force: Any = np.bincount(places, signs * forces)
+        springs = self.network._press_on_floor(pressed_balls, force, _name_face(side))
+        return _Floor(side, pressed_balls, springs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -1491,22 +1557,24 @@ class _Floor:
     springs: dict[str, Any]
 
     def add_to(self, balls: dict[str, Any], contacts: dict[str, Any], axis: int) -> None:
-        """Add the plane, which lies across an axis, to the fields of balls, and its contacts to the
-        fields of contacts.
+        """Add the plane, which lies across an ``axis``, as the last ball to the fields of
+        ``balls``, and its contacts to the fields of ``contacts``, in place.
         """
-        m = len(self.balls)
+        n_contacts = len(self.balls)
+        plane = len(balls["masses"])  # the index of the plane
+        axis_vector = np.eye(3)[axis]
         fields = self.springs | {
             "i": self.balls,
-            "j": np.full(m, len(balls["masses"])),
-            "normal": self.side * np.eye(3)[np.full(m, axis)],
-            "tangential_force": np.zeros((m, 3)),
-            "shift": np.zeros((m, 3), np.intp),
+            "j": np.full(n_contacts, plane),
+            "normal": np.tile(self.side * axis_vector, (n_contacts, 1)),
+            "tangential_force": np.zeros((n_contacts, 3)),
+            "shift": np.zeros((n_contacts, 3), np.intp),
         }
         for name in tuple(contacts):
             contacts[name] = np.concatenate([contacts[name], fields[name]])
         heights = balls["positions"][self.balls, axis]
-        outermost = heights + self.side * balls["radii"][self.balls]
-        point = np.eye(3)[axis] * np.mean(outermost)
+        outermost_heights = heights + self.side * balls["radii"][self.balls]
+        point = axis_vector * np.mean(outermost_heights)
         for name in _BALLS:
             balls[name] = np.append(balls[name], np.inf)
         balls["positions"] = np.concatenate([balls["positions"], point[None]])
@@ -1520,9 +1588,9 @@ def _require_short(reach: float, height: float, count: int) -> None:
     contacts within a layer do not count.
     """
     if reach >= (1.0 - TOUCH) * count * height:
-        least = int((1.0 + TOUCH) * reach / height) + 1
+        least_count = int((1.0 + TOUCH) * reach / height) + 1
         fault = f"some contacts reach across {counted(count, 'layer')}"
-        raise InputError(fault, "None of them would be left", f"Give {least} layers or more")
+        raise InputError(fault, "None of them would be left", f"Give {least_count} layers or more")
 
 
 def _leave_out_still(contacts: Mapping[str, Any], is_still: Flags) -> dict[str, Any]:
@@ -1540,15 +1608,13 @@ def _require_motion(
     none that moves.
     """
     if np.all(is_still):
-        raise InputError(
-            f"no ball moves in {counted(count, 'layer')} with these edges",
-            mend="Give more layers",
-        )
+        fault = f"no ball moves in {counted(count, 'layer')} with these edges"
+        raise InputError(fault, mend="Give more layers")
     for face in clamped:
-        if not np.any(np.isin(contacts["i"], face) | np.isin(contacts["j"], face)):
-            raise InputError(
-                "the clamped balls of an edge touch none that moves", mend="Give more layers"
-            )
+        is_at_face = np.isin(contacts["i"], face) | np.isin(contacts["j"], face)
+        if not np.any(is_at_face):
+            fault = "the clamped balls of an edge touch none that moves"
+            raise InputError(fault, mend="Give more layers")
 
 
 def _find_mean(values: Array) -> float:
@@ -1561,13 +1627,18 @@ def _name_face(side: float) -> str:
 
 
 def number_pieces(i: Index, j: Index, moving: Flags) -> Index:
-    """Return (n,) the number of the set of balls to which contacts join each ball; a wall joins no
-    balls.
+    """Return (n,) the number, from 0, of the set of balls to which contacts join each ball; a wall
+    joins no balls, and is a set of its own.
+
+    ``i`` and ``j`` (n_c,) are the balls of each contact, and ``moving`` (n,) says which balls are
+    no walls.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     joins = moving[i] & moving[j]
-    n = len(moving)
-    graph = coo_array((np.ones(np.count_nonzero(joins)), (i[joins], j[joins])), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1], np.intp)
+    n_balls = len(moving)
+    ones = np.ones(np.count_nonzero(joins))
+    graph = coo_array((ones, (i[joins], j[joins])), shape=(n_balls, n_balls))
+    _count, numbers = connected_components(graph, directed=False)
+    return np.asarray(numbers, np.intp)

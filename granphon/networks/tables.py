@@ -126,48 +126,54 @@ class _Columns:
         self._values: dict[str, Array] = {}
         self._units: dict[str, str] = {}
         self.kinds: tuple[str, ...] | None = None
-        for name, kind in known.items():
+        for name, quantity in known.items():
             heading = columns.get(name, name)
             if name == "kind":  # the only column of names, which may be numbers
                 self._read_kinds(heading, keys)
             elif self._table is not None and heading in self._table:
-                self._values[name] = _read_cells(self._table, name, heading, kind)
+                self._values[name] = _read_cells(self._table, name, heading, quantity)
                 self._units[name] = self._table.unit(heading)
             elif heading in self._arrays:
-                self._values[name] = self._read_array(name, heading, kind)
+                self._values[name] = self._read_array(name, heading, quantity)
         sizes = {name: len(values) for name, values in self._values.items()}
         if len(set(sizes.values())) > 1:
             shown = ", ".join(f"{size} of {name}" for name, size in sizes.items())
             raise InputError(f"{self.name} has columns of different lengths: {shown}")
 
     def _read_file(self, path: str | os.PathLike[str]) -> Table:
-        """Return the table in a file, and set ``remark`` and ``sealed``."""
+        """Return the table in a file, and set ``remark`` and ``sealed`` from the file."""
         raw = read_bytes(path, MOST_BYTES)
         text = decode(self.name, raw)
-        _, self.sealed = open_seal(self.name, text.replace("\r\n", "\n"))
+        _text, self.sealed = open_seal(self.name, text.replace("\r\n", "\n"))
         table = Table.parse(self.name, raw)
-        line = next((line for line in text.splitlines() if line.startswith(_REMARK)), None)
-        if line is not None:
-            remark: Any = None
-            with suppress(ValueError, RecursionError):
-                remark = json.loads(line.removeprefix(_REMARK))
-            if not isinstance(remark, dict):
-                raise InputError(
-                    f"{self.name}: the line {brief(line)} cannot be read", mend="Leave it out"
-                )
-            self.remark = remark
+        for line in text.splitlines():
+            if line.startswith(_REMARK):
+                self.remark = self._read_remark(line)
+                break
         return table
+
+    def _read_remark(self, line: str) -> dict[str, Any]:
+        """Return the fields of the whole network in the ``line`` of a written table; InputError if
+        the line has been damaged.
+        """
+        remark: Any = None
+        with suppress(ValueError, RecursionError):
+            remark = json.loads(line.removeprefix(_REMARK))
+        if not isinstance(remark, dict):
+            problem = f"{self.name}: the line {brief(line)} cannot be read"
+            raise InputError(problem, mend="Leave it out")
+        return remark
 
     def _read_arrays(self, source: Any) -> dict[str, Any]:
         """Return the columns of a mapping, a structured array or a data frame, by their names."""
-        fields = getattr(getattr(source, "dtype", None), "names", None)
-        if fields is None and not (hasattr(source, "keys") and hasattr(source, "__getitem__")):
-            raise InputError(
-                f"{self.name} is {brief(source)}",
-                mend="Give the path of a file, a mapping of arrays, a structured array or a data"
-                " frame",
+        names = getattr(getattr(source, "dtype", None), "names", None)
+        is_mapping = hasattr(source, "keys") and hasattr(source, "__getitem__")
+        if names is None and not is_mapping:
+            mend = (
+                "Give the path of a file, a mapping of arrays, a structured array or a data frame"
             )
-        return {str(name): source[name] for name in (fields or source.keys())}
+            raise InputError(f"{self.name} is {brief(source)}", mend=mend)
+        return {str(name): source[name] for name in (names or source.keys())}
 
     def _require_spelling(
         self,
@@ -184,12 +190,13 @@ class _Columns:
         if not lacking:
             return
         for name, key in zip(names[:_MOST_NAMES], keys[:_MOST_NAMES], strict=True):
-            is_strange = key not in requested and key not in known and len(key) > 2
-            guess = closest(key, known) if is_strange else None
+            is_expected = key in requested or key in known
+            if is_expected or len(key) <= 2:  # one or two letters are near to any name
+                continue
+            guess = closest(key, known)
             if guess in lacking:
-                raise InputError(
-                    f"{self.name} has a column {brief(str(name))}", mend=f"Did you mean {guess!r}?"
-                )
+                problem = f"{self.name} has a column {brief(str(name))}"
+                raise InputError(problem, mend=f"Did you mean {guess!r}?")
 
     def _read_kinds(self, heading: str, keys: Sequence[str]) -> None:
         """Set the names of the kinds of the balls, if the table has a column of them."""
@@ -198,25 +205,25 @@ class _Columns:
             self.kinds = tuple(map(sys.intern, cells))
         elif heading in self._arrays:
             try:
-                self.kinds = tuple(map(str, np.asarray(self._arrays[heading]).ravel().tolist()))
+                names = np.asarray(self._arrays[heading]).ravel()
             except ValueError as error:
-                raise InputError(
-                    f"kind of {self.name}: {error}", mend="Give a list of names"
-                ) from None
+                problem = f"kind of {self.name}: {error}"
+                raise InputError(problem, mend="Give a list of names") from None
+            self.kinds = tuple(map(str, names.tolist()))
 
-    def _read_array(self, name: str, heading: str, kind: Quantity | None) -> Array:
-        """Return the numbers (rows,) of a column of arrays, which are in SI."""
+    def _read_array(self, name: str, heading: str, quantity: Quantity | None) -> Array:
+        """Return the numbers (rows,) of the column ``name``, whose array is called ``heading``, in
+        SI units; InputError for a heading with another unit.
+        """
         unit = Heading.parse(heading).unit
-        if unit and (kind is None or unit != kind.unit):
-            raise InputError(
-                f"{self.name}: the column {heading!r} is in {unit}, and arrays are in SI",
-                mend=f"Convert it, and call it {name!r}",
-            )
+        si_unit = "" if quantity is None else quantity.unit
+        if unit and unit != si_unit:
+            problem = f"{self.name}: the column {heading!r} is in {unit}, and arrays are in SI"
+            raise InputError(problem, mend=f"Convert it, and call it {name!r}")
         values = real_array(f"{name} of {self.name}", self._arrays[heading])
         if values.ndim != 1:
-            raise InputError(
-                f"{name} of {self.name} has the shape {values.shape}", mend="Give a list of numbers"
-            )
+            problem = f"{name} of {self.name} has the shape {values.shape}"
+            raise InputError(problem, mend="Give a list of numbers")
         return values
 
     def __contains__(self, name: str) -> bool:
@@ -248,9 +255,12 @@ class _Columns:
             raise InputError(f"{self.name}: {error}") from None
 
     def vectors(self, *names: str, wide: bool = False) -> Array | None:
-        """The columns of some names side by side, or None without any of them.
+        """Return the columns ``names`` side by side, (rows, m), in SI units; None without any of
+        them.
 
-        Only the last of the names may be lacking; ``wide`` puts zeros in their place.
+        Only the last of the names may be lacking: m is the number of those that are present, or,
+        with ``wide``, of all names, with zeros in place of the lacking columns. InputError for
+        columns in different units.
         """
         present = [name for name in names if name in self]
         if not present:
@@ -260,29 +270,34 @@ class _Columns:
         if len(set(units)) > 1 and all(units):
             pairs = zip(present, units, strict=True)
             shown = ", ".join(f"{name} ({unit})" for name, unit in pairs)
-            raise InputError(
-                f"{self.name} has its coordinates in different units: {shown}", mend="Use one unit"
-            )
+            problem = f"{self.name} has its coordinates in different units: {shown}"
+            raise InputError(problem, mend="Use one unit")
         values = np.stack([self.read(name) for name in present], axis=1)
         if not wide:
             return values
-        return np.pad(values, ((0, 0), (0, len(names) - len(present))))
+        n_lacking = len(names) - len(present)
+        return np.pad(values, ((0, 0), (0, n_lacking)))
 
     def rounding(self, *names: str) -> Array:
-        """Half a unit of the last digit of each number of those of some columns that are present,
-        of one unit: (rows, m), SI.
+        """Return half a unit of the last digit of each number, (rows, m), in SI units, of the m of
+        the columns ``names`` that are present, one at least, all in one unit.
         """
         present = [name for name in names if name in self]
-        kind = BALLS[present[0]]
+        quantity = BALLS[present[0]]
         unit = self._units.get(present[0], "")
-        factor = kind.factor(unit) if kind is not None and unit else 1.0
+        factor = 1.0
+        if quantity is not None and unit:
+            factor = quantity.factor(unit)
+        # the digits are those of the numbers in the unit of the file
         numbers = np.stack([self.read(name) for name in present], axis=1) / factor
         return factor * find_rounding(numbers)
 
 
-def _read_cells(table: Table, name: str, heading: str, kind: Quantity | None) -> Array:
-    """Return the numbers (rows,) of a column in SI; bodies that do not move may have "inf"."""
-    if kind is None:
+def _read_cells(table: Table, name: str, heading: str, quantity: Quantity | None) -> Array:
+    """Return the numbers (rows,) of the column ``name``, which the ``table`` calls ``heading``, in
+    SI units; bodies that do not move may have "inf".
+    """
+    if quantity is None:
         unit = table.unit(heading)
         if unit:
             raise InputError(
@@ -293,38 +308,38 @@ def _read_cells(table: Table, name: str, heading: str, kind: Quantity | None) ->
         except InputError as error:
             raise InputError(f"{table.name}: {error}") from None
     if name not in _OF_WALLS:
-        return table.column(heading, kind)
-    key = Heading.parse(heading).key
-    index = next(n for n, parsed in enumerate(table.headings) if parsed.key == key)
+        return table.column(heading, quantity)
+    keys = [parsed.key for parsed in table.headings]
+    index = keys.index(Heading.parse(heading).key)
     cells = table.columns[index]
-    if "n" not in "".join(cells).lower():
-        return table.column(heading, kind)
-    # cells of bodies that do not move are read as "1", and become infinite then
-    is_infinite = [cell.lower() in ("inf", "infinity") for cell in cells]
-    finite = ["1" if infinite else cell for cell, infinite in zip(cells, is_infinite, strict=True)]
-    columns = (*table.columns[:index], tuple(finite), *table.columns[index + 1 :])
-    values = replace(table, columns=columns).column(heading, kind)
-    return np.where(np.array(is_infinite, bool), math.inf, values)
+    is_infinite = np.array([cell.lower() in ("inf", "infinity") for cell in cells], bool)
+    if not np.any(is_infinite):
+        return table.column(heading, quantity)
+    # a column has no cells that are infinite: these are read as "1", and become infinite then
+    finite_cells = tuple(np.where(is_infinite, "1", cells).tolist())
+    columns = (*table.columns[:index], finite_cells, *table.columns[index + 1 :])
+    values = replace(table, columns=columns).column(heading, quantity)
+    return np.where(is_infinite, math.inf, values)
 
 
 def read_tables(
     balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any, pbc: Any
 ) -> Source:
-    """Return the balls and contacts of two tables; see ``ContactNetwork.from_table`` for the
-    arguments.
+    """Return the balls and contacts of two tables, in SI units; see ``ContactNetwork.from_table``
+    for the arguments.
     """
     _require_columns(columns)
-    names_of_balls = {name: columns[name] for name in columns if name in BALLS}
-    names_of_contacts = {name: columns[name] for name in columns if name in CONTACTS}
-    of_balls = _Columns("balls", balls, BALLS, names_of_balls)
-    remark = of_balls.remark
+    headings_of_balls = {name: columns[name] for name in columns if name in BALLS}
+    headings_of_contacts = {name: columns[name] for name in columns if name in CONTACTS}
+    table_of_balls = _Columns("balls", balls, BALLS, headings_of_balls)
+    remark = table_of_balls.remark
     quantities: Mapping[str, Quantity | None] = CONTACTS
     if remark.get("adhesive") is True:
         quantities = {**CONTACTS, "normal_force": _ACROSS}  # of either sign
-    of_contacts = _Columns("contacts", contacts, quantities, names_of_contacts)
-    if remark or of_balls.sealed or of_contacts.sealed:
-        # granphon has written one of the two, and gives both a digest
-        for table in (of_balls, of_contacts):
+    table_of_contacts = _Columns("contacts", contacts, quantities, headings_of_contacts)
+    is_written_here = remark or table_of_balls.sealed or table_of_contacts.sealed
+    if is_written_here:  # granphon gives both tables a digest
+        for table in (table_of_balls, table_of_contacts):
             if table.sealed is False:
                 warn_unverified(table.name)
     if cell is None and pbc is None and "cell" in remark:
@@ -337,24 +352,30 @@ def read_tables(
         if name in remark
     }
     if "contact_model" in remark:
-        options["contact_model"] = restore(remark["contact_model"], ContactModel, of_balls.name)
-    return Source(_read_balls(of_balls), _read_contacts(of_contacts), periods, is_period, **options)
+        model = restore(remark["contact_model"], ContactModel, table_of_balls.name)
+        options["contact_model"] = model
+    return Source(
+        _read_balls(table_of_balls),
+        _read_contacts(table_of_contacts),
+        periods,
+        is_period,
+        **options,
+    )
 
 
 def _require_columns(columns: Any) -> None:
     """Raise :class:`InputError` unless ``columns`` maps known names to headings."""
-    is_mapping = isinstance(columns, Mapping)
-    if not is_mapping or not all(
-        isinstance(name, str) and isinstance(heading, str) for name, heading in columns.items()
-    ):
-        raise InputError(
-            f"columns are {brief(columns)}", mend="Give a mapping of names: {'radius': 'R (mm)'}"
-        )
+    are_texts = isinstance(columns, Mapping) and all(
+        isinstance(text, str) for text in (*columns.keys(), *columns.values())
+    )
+    if not are_texts:
+        mend = "Give a mapping of names: {'radius': 'R (mm)'}"
+        raise InputError(f"columns are {brief(columns)}", mend=mend)
     all_names = [*BALLS, *CONTACTS]
     for name in columns:
         if name not in all_names:
-            meant = closest(name, all_names)
-            mend = f"Did you mean {meant!r}?" if meant else "Use " + ", ".join(all_names)
+            guess = closest(name, all_names)
+            mend = f"Did you mean {guess!r}?" if guess else "Use " + ", ".join(all_names)
             raise InputError(f"{name!r} is not a column of balls or contacts", mend=mend)
 
 
@@ -369,24 +390,31 @@ def _read_cell(cell: Any, pbc: Any) -> tuple[Array, Flags]:
         if rows.ndim == 1 and 1 <= rows.size <= 3:
             rows = np.diag(rows)
         if rows.ndim != 2 or not 1 <= len(rows) <= rows.shape[1] <= 3:
-            raise InputError(
-                f"the cell has the shape {np.shape(cell)}",
-                mend="Give the lengths of the periods, or their vectors as rows",
-            )
+            mend = "Give the lengths of the periods, or their vectors as rows"
+            raise InputError(f"the cell has the shape {np.shape(cell)}", mend=mend)
         vectors[: len(rows), : rows.shape[1]] = rows
         is_period[: len(rows)] = np.any(rows != 0.0, axis=1)
     if pbc is not None:
-        values = pbc.tolist() if isinstance(pbc, np.ndarray) else pbc
-        flags = None
-        if isinstance(values, list | tuple):
-            flags = [require("pbc", truth, value) for value in values]
-        if flags is None or len(flags) > 3 or (any(flags) and cell is None):
-            raise InputError(
-                f"pbc is {brief(pbc)}", mend="Give a truth value for each vector of the cell"
-            )
+        flags = _read_pbc(pbc, has_cell=cell is not None)
         is_period[: len(flags)] = flags
         is_period[len(flags) :] = False
     return vectors, is_period
+
+
+def _read_pbc(pbc: Any, has_cell: bool) -> list[bool]:
+    """Return whether each of the vectors of the cell, three at most, is a period; InputError for
+    other values, and for a period without a cell.
+    """
+    values = pbc.tolist() if isinstance(pbc, np.ndarray) else pbc
+    flags = list[bool]()
+    is_list = isinstance(values, list | tuple)
+    if is_list:
+        flags += [require("pbc", truth, value) for value in values]
+    lacks_cell = any(flags) and not has_cell
+    if not is_list or len(flags) > 3 or lacks_cell:
+        mend = "Give a truth value for each vector of the cell"
+        raise InputError(f"pbc is {brief(pbc)}", mend=mend)
+    return flags
 
 
 def _read_balls(columns: _Columns) -> Balls:
@@ -396,21 +424,23 @@ def _read_balls(columns: _Columns) -> Balls:
     columns.require("x")
     has_diameter = "diameter" in columns
     if "radius" in columns and has_diameter:
-        raise InputError(
-            f"{columns.name} has both radius and diameter", mend="Leave one of them out"
-        )
-    radii = 0.5 * columns.read("diameter") if has_diameter else columns.read("radius")
+        problem = f"{columns.name} has both radius and diameter"
+        raise InputError(problem, mend="Leave one of them out")
+    if has_diameter:
+        radii = 0.5 * columns.read("diameter")
+        radius_rounding = 0.5 * columns.rounding("diameter")[:, 0]
+    else:
+        radii = columns.read("radius")
+        radius_rounding = columns.rounding("radius")[:, 0]
     positions = columns.vectors(*_AXES)
     assert positions is not None
-    labels = columns.whole("id") if "id" in columns else None
-    radius_rounding = columns.rounding("radius", "diameter")[:, 0] * (0.5 if has_diameter else 1.0)
     return Balls(
         columns.name,
         positions,
         radii,
-        columns.find("mass"),
-        columns.find("inertia"),
-        labels,
+        masses=columns.find("mass"),
+        inertias=columns.find("inertia"),
+        labels=columns.whole("id") if "id" in columns else None,
         rounding=columns.rounding(*_AXES),
         radius_rounding=radius_rounding,
         kinds=columns.kinds,
@@ -425,23 +455,31 @@ def _read_contacts(columns: _Columns) -> Contacts:
     steps = columns.vectors("shift_1", "shift_2", "shift_3", wide=True)
     shift = None if steps is None else read_whole_numbers(f"shift of {columns.name}", steps)
     springs = {name: columns.find(name) for name in _OF_SPRINGS}
-    normal = columns.vectors("nx", "ny", "nz", wide=True)
-    tangential = columns.vectors(*_TANGENTIAL, wide=True)
-    return Contacts(columns.name, i, j, shift, None, normal, tangential, **springs)
+    return Contacts(
+        columns.name,
+        i,
+        j,
+        shift=shift,
+        normal=columns.vectors("nx", "ny", "nz", wide=True),
+        tangential_force=columns.vectors(*_TANGENTIAL, wide=True),
+        **springs,
+    )
 
 
 def write_tables(
     fields: Mapping[str, Any], balls: str | os.PathLike[str], contacts: str | os.PathLike[str]
 ) -> None:
-    """Write the fields of a network as two CSV files; see ``ContactNetwork.write_tables``."""
-    about = {
-        name: fields[name] for name in ("pbc", "dimension", "motions", "prestress", "left_out")
-    }
+    """Write the ``fields`` of a network, by name, as the two CSV files ``balls`` and ``contacts``;
+    see ``ContactNetwork.write_tables``.
+    """
+    fields_of_whole: dict[str, Any] = {"cell": fields["cell"].tolist()}
+    for name in ("pbc", "dimension", "motions", "prestress", "left_out"):
+        fields_of_whole[name] = fields[name]
     if fields["adhesive"]:
-        about["adhesive"] = True
+        fields_of_whole["adhesive"] = True
     if fields["contact_model"] is not None:
-        about["contact_model"] = plain(fields["contact_model"])
-    remark = _REMARK.removeprefix("# ") + json.dumps({"cell": fields["cell"].tolist(), **about})
+        fields_of_whole["contact_model"] = plain(fields["contact_model"])
+    remark = _REMARK.removeprefix("# ") + json.dumps(fields_of_whole)
     _write_columns(balls, _list_columns_of_balls(fields), BALLS, [remark])
     _write_columns(contacts, _list_columns_of_contacts(fields), CONTACTS, [])
 
@@ -481,12 +519,14 @@ def _write_columns(
     quantities: Mapping[str, Quantity | None],
     comments: Sequence[str],
 ) -> None:
-    """Write a table of columns (rows,) in SI, with a digest."""
+    """Write the table ``path`` of ``columns`` (rows,), in SI units, by name, with ``comments`` at
+    its head and a digest.
+    """
     require_path(path)
     headings = []
     for name in columns:
-        kind = quantities[name]
-        headings.append(Heading(name, "" if kind is None else kind.unit))
+        quantity = quantities[name]
+        headings.append(Heading(name, "" if quantity is None else quantity.unit))
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     lines = table_text(headings, rows, comments).split("\n")[:-1]
     write_text(path, seal(lines, 1))

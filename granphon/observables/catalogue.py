@@ -77,12 +77,11 @@ class Analysis:
     @cached_property
     def velocities(self) -> SoundVelocities:
         """Sound velocities along the direction, m/s."""
-        along = (
-            np.eye(self.state.packing.structure.periods)[0]
-            if self.direction is None
-            else self.direction
-        )
-        return sound_velocities(self.state, along)
+        direction = self.direction
+        if direction is None:
+            periods = self.state.packing.structure.periods
+            direction = np.eye(periods)[0]  # x
+        return sound_velocities(self.state, direction)
 
     @cached_property
     def moduli(self) -> Moduli | None:
@@ -146,8 +145,8 @@ def _write_words(name: str) -> str:
 
 
 def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
-    """Make ``find`` return None where the lattice does not have the quantity, as of a stress that
-    is no pressure.
+    """Return a function that finds the quantity of ``find``, or None where ``find`` raises
+    :class:`InputError` because the lattice does not have the quantity.
     """
 
     def find_or_none(analysis: Analysis) -> Any:
@@ -159,30 +158,33 @@ def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
 
 
 def _find_direction(analysis: Analysis) -> Any:
-    """Return the direction of propagation; None if it is x and the velocities are the same in all
-    directions.
+    """Return the direction of propagation, a unit vector (p,) or (n, p); None if the direction is x
+    and the velocities are the same in all directions.
     """
-    along = analysis.velocities.direction
-    is_x = np.array_equal(along, np.eye(along.shape[-1])[0])
-    return None if analysis.state.is_isotropic and is_x else along
+    direction = analysis.velocities.direction
+    x = np.eye(direction.shape[-1])[0]
+    is_x = np.array_equal(direction, x)
+    return None if analysis.state.is_isotropic and is_x else direction
 
 
 def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
-    """Make ``find`` a function of an analysis that returns None for states of a contact law with
-    finite overlap.
+    """Return a function of an analysis that finds the exponent of its state by ``find``, or None
+    for states of a contact law with finite overlap.
 
-    Their exponent is that of the limit of small overlap, and does not belong to them. That of
-    samples in their exact geometry has all terms.
+    :func:`local_exponent` leaves out the terms of finite overlap that the velocities of such a
+    state have. Simulated samples have these terms in both.
     """
 
     def find_unless_finite(analysis: Analysis) -> Any:
         state = analysis.state
-        return None if state.finite_overlap and not state.n_samples else find(state)
+        if state.finite_overlap and not state.n_samples:
+            return None
+        return find(state)
 
     return find_unless_finite
 
 
-def _make_state_entry(name: str, title: str, **more: Any) -> Observable:
+def _make_state_entry(name: str, title: str, **fields: Any) -> Observable:
     """Make the entry of an attribute of the state; its value is None for states that do not have
     the attribute.
     """
@@ -191,79 +193,77 @@ def _make_state_entry(name: str, title: str, **more: Any) -> Observable:
         SimulatedState.units[name],
         title,
         find=lambda analysis: getattr(analysis.state, name, None),
-        **more,
+        **fields,
     )
 
 
-def _make_velocity_entry(name: str, title: str, **more: Any) -> Observable:
+def _make_velocity_entry(name: str, title: str, **fields: Any) -> Observable:
     """Make the entry of an attribute of the sound velocities; its value is None if there is no such
     wave.
 
-    Of two transverse waves each has an entry of its own, and both together have none.
+    Where there are two transverse waves, "transverse" holds both and its value is None, as each
+    wave has an entry of its own.
     """
-    is_of_both = name in ("transverse", "transverse_error")
+    may_hold_two_waves = name in ("transverse", "transverse_error")
+
+    def find(analysis: Analysis) -> Any:
+        has_two_waves = analysis.velocities.transverse_slow is not None
+        if may_hold_two_waves and has_two_waves:
+            return None
+        return getattr(analysis.velocities, name)
+
     return Observable(
-        name,
-        "m/s",
-        title,
-        cost="velocities",
-        per_direction=True,
-        **more,
-        find=lambda analysis: (
-            None
-            if is_of_both and analysis.velocities.transverse_slow is not None
-            else getattr(analysis.velocities, name)
-        ),
+        name, "m/s", title, cost="velocities", per_direction=True, find=find, **fields
     )
 
 
-def _make_modulus_entry(name: str, title: str, **more: Any) -> Observable:
+def _make_modulus_entry(name: str, title: str, **fields: Any) -> Observable:
     """Make the entry of an attribute of the moduli; its value is None if the lattice has no such
     modulus.
     """
-    modulus = name.removesuffix("_error")  # a lattice without the modulus has no error of it either
-    find = _or_none(
-        lambda analysis: (
-            None
-            if getattr(analysis.moduli, modulus, None) is None
-            else getattr(analysis.moduli, name)
-        )
-    )
+    modulus_name = name.removesuffix("_error")
+
+    def find(analysis: Analysis) -> Any:
+        # asked also for an error: the modulus raises InputError where the lattice has none
+        modulus = getattr(analysis.moduli, modulus_name, None)
+        return None if modulus is None else getattr(analysis.moduli, name)
+
     return Observable(
         name,
         Moduli.units[name],
         title,
-        find=find,
+        find=_or_none(find),
         cost="velocities",
         per_dimension="modulus",
-        **more,
+        **fields,
     )
 
 
 def _make_load_error_entry(name: str, title: str) -> Observable:
-    """Make the entry of the standard error of what samples may not have in common; its value is
-    None where they have.
+    """Make the entry of the standard error over samples of "force" or "overlap"; its value is None
+    where all samples have the same force, or the same overlap.
     """
-    error = f"{name}_error"
+    error_name = f"{name}_error"
     return Observable(
-        error,
+        error_name,
         SimulatedState.units[name],
         title,
-        find=lambda analysis: analysis.state.mean_errors.get(error),
+        find=lambda analysis: analysis.state.mean_errors.get(error_name),
         swept=False,
     )
 
 
-def _make_cubic_entry(name: str, title: str, **more: Any) -> Observable:
-    """Make the entry of an attribute of the moduli of a square or cubic lattice; its value is None
-    of another lattice.
+def _make_cubic_entry(name: str, title: str, **fields: Any) -> Observable:
+    """Make the entry of a pure number of the moduli of a square or cubic lattice; its value is None
+    for another lattice.
     """
 
-    def find(analysis: Any) -> Any:
+    def find(analysis: Analysis) -> Any:
         moduli = analysis.moduli
-        return getattr(moduli, name) if moduli is not None and moduli.cubic else None
+        is_cubic = moduli is not None and moduli.cubic
+        return getattr(moduli, name) if is_cubic else None
 
-    return Observable(name, "1", title, find=find, cost="velocities", **more)
+    return Observable(name, "1", title, find=find, cost="velocities", **fields)
 
 
 # of a packing; of each plane wave in the spectrum of samples; of a density of states; of networks
@@ -701,11 +701,11 @@ _OBSERVABLES = (
 #: every observable and every parameter of a sweep by its name, in the order in which files store
 #: them
 CATALOGUE: Registry[Observable] = Registry("observable")
-for _one in (
+for _entry in (
     *_OBSERVABLES,
     *(Observable(name, PARAMETERS[name] or "", title) for name, title in _PARAMETERS.items()),
 ):
-    CATALOGUE.own(_one.name, _one)
+    CATALOGUE.own(_entry.name, _entry)
 
 
 def register_observable(
@@ -733,12 +733,19 @@ def register_observable(
         It decides which runs have it: all, or those that find these.
     told : whether the command line prints it.
 
-    Returns its entry. A scene that names it in ``observe`` finds what it asks for. Where ``find``
-    fails, or returns what has not the shape of the load, the result leaves it out with a warning
-    that names it; if a scene observes it, that is an error. Raises :class:`InputError` for a name
-    that another ``find`` has or that is no such word, for what is no unit of SI, and for a ``find``
-    that cannot be called.
+    Returns
+    -------
+    The entry of the quantity. A scene that names the quantity in ``observe`` finds what ``cost``
+    asks for. Where ``find`` fails, or returns a value without the shape of the load, the result
+    leaves the quantity out with a warning that names it; if a scene observes the quantity, the
+    failure is an error.
+
+    Raises
+    ------
+    InputError : a name that another ``find`` has, or that is no such word; a unit that is not SI;
+        a ``find`` that cannot be called.
     """
+    # of each text: its value, the condition that it meets, and that condition in words
     requirements: dict[str, tuple[Any, Callable[[str], bool], str]] = {
         "name": (
             name,
@@ -748,8 +755,8 @@ def register_observable(
         "unit": (unit, is_si, 'a unit of SI without a factor, such as "N/m", or "1"'),
         "words": (words, bool, "a text"),
     }
-    for argument, (value, holds, allowed) in requirements.items():
-        if not (isinstance(value, str) and holds(value)):
+    for argument, (value, is_allowed, allowed) in requirements.items():
+        if not (isinstance(value, str) and is_allowed(value)):
             raise InputError(
                 f"an observable cannot have the {argument} {brief(value)}", mend=f"Give {allowed}"
             )
@@ -758,14 +765,13 @@ def register_observable(
         raise InputError(
             f"{brief(find)} finds no observable", mend="Give a function of an Analysis"
         )
-    return CATALOGUE.add(
-        name, Observable(name, unit, words, label, find=find, cost=cost, told=told), find
-    )
+    entry = Observable(name, unit, words, label, find=find, cost=cost, told=told)
+    return CATALOGUE.add(name, entry, find)
 
 
 def _is_free(name: str) -> bool:
-    """Whether a name is a word, and none of a dimension of data sets or of a part that scenes
-    observe.
+    """Return whether a name is an identifier that neither a dimension of data sets has nor a part
+    that scenes observe.
     """
     reserved = {"load", "medium", "gaps", "response", "motion"}
     for entry in _OBSERVABLES:
@@ -786,9 +792,9 @@ def entry_of(name: str, packing: Balls) -> Observable:
     """Return the entry of an observable with the unit, title and meaning that it has for a packing
     or crystal.
 
-    Those of pressure, density and moduli depend on the number of periods of the lattice: 1, 2 or 3.
-    A parameter of a kind of ball, "A.diameter", has the entry of the parameter, with the kind in
-    its title.
+    The units of pressure, density and moduli depend on the number of periods of the lattice: 1, 2
+    or 3. A parameter of a kind of ball, "A.diameter", has the entry of the parameter, with the kind
+    in its title.
     """
     kind, _, parameter = name.rpartition(".")
     entry = CATALOGUE[parameter]
@@ -801,12 +807,12 @@ def entry_of(name: str, packing: Balls) -> Observable:
         return entry
     title = entry.title
     meaning = entry.meaning
-    for words, (on_line, in_space) in _WORDS.items():
+    for in_plane, (on_line, in_space) in _WORDS.items():
         replacement = in_space if periods == 3 else on_line
-        title = title.replace(words, replacement)
-        meaning = meaning.replace(words, replacement)
-    unit = packing.structure.units_of({entry.per_dimension})[entry.per_dimension]
-    return replace(entry, unit=unit, title=title, meaning=meaning)
+        title = title.replace(in_plane, replacement)
+        meaning = meaning.replace(in_plane, replacement)
+    units = packing.structure.units_of({entry.per_dimension})
+    return replace(entry, unit=units[entry.per_dimension], title=title, meaning=meaning)
 
 
 def find_all(
@@ -815,8 +821,8 @@ def find_all(
     swept: bool = False,
     observed: Container[str] = (),
 ) -> dict[str, Any]:
-    """Find the observables of these ``costs`` that the state has, in the order of the costs, as
-    values in SI by name.
+    """Return the observables of these ``costs`` that the state has, in the order of the costs:
+    their values in SI units by name.
 
     With ``swept`` only those that sweeps store. A registered observable that fails is left out, and
     ``failed`` of the analysis says why; the failure of an ``observed`` one is an error.
@@ -824,19 +830,29 @@ def find_all(
     values = {}
     for cost in costs:
         for name, entry in CATALOGUE.items():
-            if entry.cost != cost or entry.find is None or (swept and not entry.swept):
+            is_requested = entry.cost == cost and (entry.swept or not swept)
+            if not is_requested or entry.find is None:
                 continue
-            is_added = CATALOGUE.is_added(name)
-            values[name] = (
-                _find_added(analysis, entry, observed) if is_added else entry.find(analysis)
-            )
-    return {name: value for name, value in values.items() if value is not None}
+            if CATALOGUE.is_added(name):
+                value = _find_added(analysis, entry, observed)
+            else:
+                value = entry.find(analysis)
+            if value is not None:
+                values[name] = value
+    return values
 
 
 def _find_added(analysis: Analysis, entry: Observable, observed: Container[str]) -> Any:
-    """Return the value of an observable that was registered; None where it has none, or fails."""
+    """Return the value of a registered observable, a number of the shape of the load; None where
+    the state has no such value, or where its function fails.
+
+    The failure is written into ``failed`` of the analysis; the failure of an ``observed`` one is an
+    :class:`InputError`.
+    """
     if entry.cost != "state":
-        _ = analysis.velocities  # the error of a mechanism is not an error of the observable
+        # the lattice may be a mechanism: its error is raised here, as an error of the lattice and
+        # not of the observable
+        _ = analysis.velocities
     assert entry.find is not None
     description = CATALOGUE.describe(entry.name)
     try:
@@ -847,39 +863,42 @@ def _find_added(analysis: Analysis, entry: Observable, observed: Container[str])
         if np.shape(value) != shape:
             raise ValueError(f"it has the shape {np.shape(value)}, and the load {shape}")
         numbers = np.asarray(value, float) if shape else float(value)
-        count = np.count_nonzero(np.isnan(numbers))
-        if count:
-            analysis.failed[entry.name] = (
-                f"{description} is not known (nan) at {count} of {np.size(numbers)} loads"
-            )
-        return numbers
-    except Exception as error:
-        why = f"{description} fails: {type(error).__name__}: {error}"
+    except Exception as error:  # the function is the user's, and may raise anything
+        fault = f"{description} fails: {type(error).__name__}: {error}"
         if entry.name in observed:
-            failed = InputError(why, mend="Mend its function, or do not observe it")
-            failed.block = ("observe",)
-            raise failed from error
-        analysis.failed[entry.name] = one_line(f"{why}; it is left out")
+            refusal = InputError(fault, mend="Mend its function, or do not observe it")
+            refusal.block = ("observe",)
+            raise refusal from error
+        analysis.failed[entry.name] = one_line(f"{fault}; it is left out")
         return None
+    n_unknown = np.count_nonzero(np.isnan(numbers))
+    if n_unknown:
+        analysis.failed[entry.name] = (
+            f"{description} is not known (nan) at {n_unknown} of {np.size(numbers)} loads"
+        )
+    return numbers
 
 
 def axis_label(name: str, unit: str | None = None) -> str:
-    """Return the label of an axis: the quantity, with its unit in brackets.
+    """Return the label of an axis: the quantity ``name`` in words, with its unit in brackets.
 
-    ``unit`` replaces the unit of the catalogue, as for a file that states its own.
+    ``unit`` replaces the unit of the catalogue, as for a file that states its own. A quantity that
+    the catalogue does not have has no unit by default.
     """
     entry = CATALOGUE.get(name)
     label = _write_words(name) if entry is None else entry.label
     if unit is None:
-        unit = entry.unit if entry else ""
-    return label if unit in ("", "1") else f"{label} ({unit})"
+        unit = "" if entry is None else entry.unit
+    has_unit = unit not in ("", "1")
+    return f"{label} ({unit})" if has_unit else label
 
 
-def warn_of_missing_error(found: dict[str, Any]) -> tuple[str, ...]:
-    """Return a warning if ``found`` has an unknown standard error of the exponent (nan); else an
-    empty tuple.
+def warn_of_missing_error(observables: dict[str, Any]) -> tuple[str, ...]:
+    """Return a warning if the standard error of the exponent among ``observables``, values by name,
+    is not known (nan); else an empty tuple.
     """
-    if not np.any(np.isnan(found.get("exponent_error", 0.0))):
+    exponent_error = observables.get("exponent_error", 0.0)
+    if not np.any(np.isnan(exponent_error)):
         return ()
     return (
         "the standard error of the exponent is not known (nan) from one sample: take two or more",

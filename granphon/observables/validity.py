@@ -76,8 +76,8 @@ def validity(state: Any) -> Validity:
     """Compare the state with the limits of its medium (Section IV) and of the contact model (end of
     Section II).
 
-    Of a crystal it is what :attr:`CrystalState.limits` has. Of a network, whose material is not
-    known, it is the contact radius alone, if its contacts follow Hertz's law. The quantities
+    For a crystal the limits are :attr:`CrystalState.limits`. For a network, whose material is not
+    known, only the contact radius has a limit, if its contacts follow Hertz's law. The quantities
     compared with limits are:
 
     - if balls differ, the contact force against the least one at which the medium is valid
@@ -108,13 +108,15 @@ def validity(state: Any) -> Validity:
 
 
 def find_warnings(state: Any) -> tuple[str, ...]:
-    """Return one sentence for each limit that a state exceeds: limits of the state, or else of
-    :func:`validity`.
+    """Return one sentence for each limit that a state exceeds: the ``warnings`` that it has, as a
+    crystal does, or else those of :func:`validity`, or of its network if no law is known.
     """
     warnings = getattr(state, "warnings", None)
     if warnings is not None:
         return tuple(warnings)
-    return validity(state).warnings if state.follows_law else network_warnings(state.network)
+    if state.follows_law:
+        return validity(state).warnings
+    return network_warnings(state.network)
 
 
 def expect_warnings(simulation: DirectSimulation, load: Load) -> tuple[str, ...]:
@@ -123,11 +125,9 @@ def expect_warnings(simulation: DirectSimulation, load: Load) -> tuple[str, ...]
     """
     if not simulation.resists_slip:
         return ()
-    deficit = find_left_out(
-        expect_shear_deficit(simulation.packing, load, simulation.friction_history),
-        simulation.geometry,
-    )
-    warning = check_limit("shear", deficit).warning
+    shear_deficit = expect_shear_deficit(simulation.packing, load, simulation.friction_history)
+    left_out = find_left_out(shear_deficit, simulation.geometry)
+    warning = check_limit("shear", left_out).warning
     return () if warning is None else (warning,)
 
 
@@ -141,48 +141,52 @@ def _compute_validity(state: Any) -> Validity:
     if state.packing.width:
         reason = f"{state.medium} is not reliable"
         force = np.asarray(state.force)
-        least = state.least_valid_force
-        checks.append(Check("medium", "contact force in N", force, least, reason, at_least=True))
-    keeps = {"torsion": _KEEPS} if not state.n_samples else {}
-    for name, value in _find_values(state).items():
-        checks.append(check_limit(name, np.asarray(value), keeps.get(name, "")))
+        least_force = state.least_valid_force
+        checks.append(
+            Check("medium", "contact force in N", force, least_force, reason, at_least=True)
+        )
+    # only media with a contact law can keep the terms of finite overlap
+    remedies = {} if state.n_samples else {"torsion": _KEEPS}
+    for name, ratio in _find_limited_ratios(state).items():
+        checks.append(check_limit(name, np.asarray(ratio), remedies.get(name, "")))
     for name, (attribute, *_) in BALL_LIMITS.items():
-        value = attrgetter(attribute)(state.packing)
-        checks.append(check_limit(name, np.full(state.shape, value)))
+        property_of_balls = attrgetter(attribute)(state.packing)
+        checks.append(check_limit(name, np.full(state.shape, property_of_balls)))
     return Validity(tuple(checks))
 
 
-def _find_values(state: Any) -> dict[str, Any]:
-    """Return what is compared with limits at each load, of the shape of the loads, by the names of
-    the limits.
+def _find_limited_ratios(state: Any) -> dict[str, Any]:
+    """Return the pure numbers that are compared with limits, each of the shape of the loads, by the
+    names of the limits; see :func:`validity`.
     """
     packing = state.packing
     material = packing.material
     d = packing.diameter
-    radius = np.asarray(contact_radius_ratio(state.overlap_of_equal_balls, d))
-    values: dict[str, Any] = {"contact_radius": radius}
+    radius_ratio = np.asarray(contact_radius_ratio(state.overlap_of_equal_balls, d))
+    ratios: dict[str, Any] = {"contact_radius": radius_ratio}
     # divide one factor at a time: E d^2 may be beyond the floating range though the ratio is not
-    values["load"] = np.cbrt(np.sqrt(state.force / (material.young_modulus * d) / d))
+    load_over_stiffness = state.force / (material.young_modulus * d) / d
+    ratios["load"] = np.cbrt(np.sqrt(load_over_stiffness))
     if not state.reference_lattice.mechanism:  # a mechanism has no sound
-        values["velocity"] = _find_velocity_ratio(state)
-    top = _find_top_frequency(state)
-    values["resonance"] = (
-        top * state.velocity_scale / d / (2.0 * np.pi) / material.lowest_resonance(d)
-    )
+        ratios["velocity"] = _find_velocity_ratio(state)
+    top_frequency = _find_top_frequency(state) * state.velocity_scale / d / (2.0 * np.pi)  # Hz
+    ratios["resonance"] = top_frequency / material.lowest_resonance(d)
     if packing.spread is not None:
-        values["spread"] = np.full(state.shape, packing.spread.rms / d)
+        ratios["spread"] = np.full(state.shape, packing.spread.rms / d)
     if state.shear_deficit is not None:
-        values["shear"] = state.shear_deficit
+        ratios["shear"] = state.shear_deficit
     if state.floats:
-        values["places"] = np.full(state.shape, _BY_NUMBERING)
+        ratios["places"] = np.full(state.shape, _BY_NUMBERING)
     if packing.torsion == MINDLIN and not state.finite_overlap:
-        # where balls differ the mean overlap may be negative: take 3 f/2 k, the overlap of equal
-        # balls
-        values["torsion"] = overlap_from(state.force, state.normal_stiffness) / d / state.torsion
+        # 3 f/2 k is the overlap of equal balls: the mean overlap of balls that differ may be
+        # negative
+        overlap = overlap_from(state.force, state.normal_stiffness)
+        ratios["torsion"] = overlap / d / state.torsion
     if material.yield_strength is not None:
-        spot = radius * d / 2.0
-        values["yield"] = state.force / spot / (np.pi * spot) / material.yield_strength
-    return values
+        contact_radius = radius_ratio * d / 2.0
+        contact_pressure = state.force / contact_radius / (np.pi * contact_radius)
+        ratios["yield"] = contact_pressure / material.yield_strength
+    return ratios
 
 
 def _find_velocity_ratio(state: Any) -> Array:
@@ -191,50 +195,57 @@ def _find_velocity_ratio(state: Any) -> Array:
     """
     lattice = state.reference_lattice
     material = state.packing.material
-    bulk = []
+    bulk_velocities = []
     for name in lattice.wave_names:
-        is_longitudinal = name == "longitudinal"
-        bulk.append(
-            material.longitudinal_velocity if is_longitudinal else material.transverse_velocity
-        )
+        if name == "longitudinal":
+            bulk_velocities.append(material.longitudinal_velocity)
+        else:
+            bulk_velocities.append(material.transverse_velocity)
+    # (..., directions, waves), m/s
     velocities = state.long_waves(_DIRECTIONS[lattice.periods])
-    return np.asarray(np.max(velocities / bulk, axis=(-2, -1)))
+    return np.asarray(np.max(velocities / bulk_velocities, axis=(-2, -1)))
 
 
 def _find_top_frequency(state: Any) -> Any:
     """Return the top frequency of the branches at each load, (k/M)^1/2, without terms of finite
     overlap.
 
-    Where the torsion depends on the load, the square is interpolated between none and the largest
-    torsion: it is a convex function, so that the result is not below the top frequency.
+    Where the torsion depends on the load, the squared frequency is interpolated between zero
+    torsion and the largest torsion. The squared frequency is a convex function of the torsion, so
+    that the result is not below the top frequency.
     """
-    top = state.reference_lattice.top_frequency
-    torsion = np.asarray(state.torsion)
-    if state.has_one_lattice or not np.ptp(torsion) > 0.0:
+    top = state.reference_lattice.top_frequency  # of the largest torsion
+    torsions = np.asarray(state.torsion)
+    is_torsion_constant = not np.ptp(torsions) > 0.0
+    if state.has_one_lattice or is_torsion_constant:
         return top
-    squares = [ideal_lattice(state.packing).top_frequency ** 2, top**2]
-    return np.sqrt(np.interp(torsion, [0.0, np.max(torsion)], squares))
+    top_without_torsion = ideal_lattice(state.packing).top_frequency
+    end_squares = [top_without_torsion**2, top**2]
+    squares = np.interp(torsions, [0.0, np.max(torsions)], end_squares)
+    return np.sqrt(squares)
 
 
 def check_network(network: ContactNetwork) -> Validity:
-    """Return the limits of a network, whose material is not known: that of the mean contact radius,
-    or none.
+    """Return the limits of a network, whose material is not known: the limit of the mean contact
+    radius, or none if the contacts do not follow Hertz's law.
 
-    The overlap follows from force and stiffness, 3 f/2 k. So the contacts must be those of Hertz's
-    law: k^3/(f d*) is then the same for all, and varies less than forces do.
+    The overlap is found from force and stiffness, 3 f/2 k, which holds for Hertz's law alone. Its
+    contacts are told by k^3/(f d*), which is the same for all in one material: its logarithm varies
+    less than the logarithm of the forces.
     """
-    pressed = (network.normal_force > 0.0) & np.isfinite(network.distance)
-    if not np.any(pressed):
+    is_pressed = (network.normal_force > 0.0) & np.isfinite(network.distance)
+    if not np.any(is_pressed):
         return Validity(())
-    force = network.normal_force[pressed]
-    stiffness = network.normal_stiffness[pressed]
-    diameter_i = 2.0 * network.radii[network.i[pressed]]
-    diameter_j = 2.0 * network.radii[network.j[pressed]]
+    force = network.normal_force[is_pressed]
+    stiffness = network.normal_stiffness[is_pressed]
+    diameter_i = 2.0 * network.radii[network.i[is_pressed]]
+    diameter_j = 2.0 * network.radii[network.j[is_pressed]]
     diameter = harmonic_diameter(diameter_i, diameter_j)
-    law = 3.0 * np.log(stiffness) - np.log(force) - np.log(diameter)
-    if np.std(law) > _HERTZIAN * np.std(np.log(force)) + _ROUNDED:
+    log_material = 3.0 * np.log(stiffness) - np.log(force) - np.log(diameter)
+    if np.std(log_material) > _HERTZIAN * np.std(np.log(force)) + _ROUNDED:
         return Validity(())
-    ratio = contact_radius_ratio(np.mean(overlap_from(force, stiffness) / diameter), 1.0)
+    mean_overlap = np.mean(overlap_from(force, stiffness) / diameter)  # over the diameter d*
+    ratio = contact_radius_ratio(mean_overlap, 1.0)
     return Validity((check_limit("contact_radius", ratio),))
 
 

@@ -44,17 +44,18 @@ _NO_FREQUENCY = 1e-12
 def local_exponent(state: ContactState) -> Any:
     """Return the exponent d log v / d log P of both sound velocities, with the shape of the load.
 
-    Terms of relative order delta/d are left out of media with a contact law; of a simulation with
-    geometry="exact" they are not. With ``finite_overlap`` scenes and sweeps have the exponent of
-    such a simulation alone. As v goes as the root of k, and P as f, the exponent is f k'/2k^2, with
-    the slope k' = dk/d(delta) of the medium's law; it is 1/6 for equal balls. With listed diameters
-    k has a kink, and the exponent a spike, where the contacts between two of the diameters open.
+    The exponent of media with a contact law leaves out terms of relative order delta/d; that of a
+    simulation with geometry="exact" has all terms. With ``finite_overlap`` scenes and sweeps have
+    the exponent of such a simulation alone. As v goes as the root of k, and P as f, the exponent is
+    f k'/2k^2, with the slope k' = dk/d(delta) of the medium's law; 1/6 for equal balls.
+    With listed diameters k has a kink, and the exponent a spike, where the contacts between two of
+    the diameters open.
 
     The moduli of a simulation are not all proportional to k. Its exponent is that of the
     longitudinal velocity, which follows from the mean K + G of the samples: the same samples are
     solved at two loads, 5 % below and above, and the difference is taken. ``state.exponent_error``
     is the standard error over the samples: 0 for a medium that does not sample, nan for one sample.
-    That of a crystal is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a.
+    The exponent of a crystal is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a.
 
     Raises :class:`~granphon.base.errors.ConvergenceError` if a simulation beside the load fails,
     and :class:`~granphon.base.errors.InputError` for a network, whose law is not known, and for a
@@ -106,11 +107,12 @@ class SoundVelocities(Result):
         ``velocities``.
         """
         super()._check()
-        load = np.shape(self.velocities)[:-1]
+        load_shape = np.shape(self.velocities)[:-1]
+        # the shape of ``transverse`` with no, one or two transverse waves
+        shapes = {0: None, 1: load_shape, 2: (*load_shape, 2)}
         count = self._count_transverse()
-        shapes = [None, load, (*load, 2)]
         shape = None if self.transverse is None else np.shape(self.transverse)
-        if not 0 <= count <= 2 or shape != shapes[count]:
+        if count not in shapes or shape != shapes[count]:
             raise InputError(
                 "the SoundVelocities data lack a wave that 'velocities' has, or have one more"
             )
@@ -140,15 +142,22 @@ class SoundVelocities(Result):
         return self._take_transverse(1, self.transverse_error)
 
     def _count_transverse(self) -> int:
-        """Return the number of transverse waves: all waves but those with other names."""
-        named = [wave for wave in (self.longitudinal, self.out_of_plane) if wave is not None]
-        return int(np.shape(self.velocities)[-1]) - len(named)
+        """Return the number of transverse waves: all waves but the longitudinal one and the one
+        across the plane.
+        """
+        n_waves = int(np.shape(self.velocities)[-1])
+        named_waves = (self.longitudinal, self.out_of_plane)
+        n_named = sum(wave is not None for wave in named_waves)
+        return n_waves - n_named
 
-    def _take_transverse(self, number: int, values: Any) -> Any:
-        """Return the value of the slow (0) or the fast (1) wave; None where there are not two."""
-        if values is None or self._count_transverse() != 2:
+    def _take_transverse(self, number: int, velocities: Any) -> Any:
+        """Return the velocity, or its error, of the slow (0) or the fast (1) transverse wave, with
+        the shape of the load, from ``velocities`` (..., 2), m/s; None where there are not two
+        waves.
+        """
+        if velocities is None or self._count_transverse() != 2:
             return None
-        return np.asarray(values)[..., number][()]
+        return np.asarray(velocities)[..., number][()]
 
 
 def sound_velocities(
@@ -182,66 +191,76 @@ def sound_velocities(
     """
     state = as_state(state)
     state.relax_inner_motions(progress)
-    along = choose_direction(state, direction, "sound velocities", state.is_isotropic)
+    unit_vectors = choose_direction(
+        state, direction, "sound velocities", isotropic=state.is_isotropic
+    )
     names = state.wave_names
-    v, vectors = state.polarised_waves(along)
-    order = np.argsort(v, axis=-1, kind="stable")
-    named = _name_values(names, v)
-    errors = _name_values(names, state.wave_errors(along))
+    # (..., n) m/s, and (..., n, n) polarisations as columns, n waves in the order of their names
+    velocities, polarisations = state.polarised_waves(unit_vectors)
+    ascending = np.argsort(velocities, axis=-1, kind="stable")
+    velocity_of_wave = _name_waves(names, velocities)
+    error_of_wave = _name_waves(names, state.wave_errors(unit_vectors))
     twist = state.twist_velocity
-    if twist is not None and along.ndim > 1:
-        twist = np.repeat(np.asarray(twist)[..., None], len(along), axis=-1)
+    if twist is not None and unit_vectors.ndim > 1:
+        twist = np.repeat(np.asarray(twist)[..., None], len(unit_vectors), axis=-1)
+    warnings = find_warnings(state) + state.reference_lattice.loose_warnings
+    warnings += warn_of_free_branches(state, velocities)
     return SoundVelocities(
-        longitudinal=named.get("longitudinal"),
-        transverse=named.get("transverse"),
-        direction=along,
-        warnings=find_warnings(state)
-        + state.reference_lattice.loose_warnings
-        + warn_of_free_branches(state, v),
-        longitudinal_error=errors.get("longitudinal"),
-        transverse_error=errors.get("transverse"),
-        out_of_plane=named.get("out_of_plane"),
-        velocities=np.take_along_axis(v, order, -1),
-        polarisations=np.take_along_axis(vectors, order[..., None, :], -1),
+        longitudinal=velocity_of_wave.get("longitudinal"),
+        transverse=velocity_of_wave.get("transverse"),
+        direction=unit_vectors,
+        warnings=warnings,
+        longitudinal_error=error_of_wave.get("longitudinal"),
+        transverse_error=error_of_wave.get("transverse"),
+        out_of_plane=velocity_of_wave.get("out_of_plane"),
+        velocities=np.take_along_axis(velocities, ascending, -1),
+        polarisations=np.take_along_axis(polarisations, ascending[..., None, :], -1),
         twist=twist,
     )
 
 
-def _name_values(names: tuple[str, ...], values: Array | None) -> dict[str, Any]:
-    """Return values (..., n) of waves by the names (n,), with both transverse waves together under
-    "transverse"; empty if there are none.
+def _name_waves(names: tuple[str, ...], velocities: Array | None) -> dict[str, Any]:
+    """Return the velocities (..., n), m/s, or their errors, of n waves by the ``names`` (n,) of the
+    waves; two transverse waves also together, (..., 2), as "transverse".
+
+    The result is empty if ``velocities`` is None.
     """
-    if values is None:
+    if velocities is None:
         return {}
-    named: dict[str, Any] = {name: values[..., n] for n, name in enumerate(names)}
+    velocity_of_wave: dict[str, Any] = {
+        name: velocities[..., wave] for wave, name in enumerate(names)
+    }
     if "transverse_slow" in names:
-        first = names.index("transverse_slow")
-        named["transverse"] = values[..., first : first + 2]
-    return named
+        slow = names.index("transverse_slow")  # the fast wave is the next one
+        velocity_of_wave["transverse"] = velocities[..., slow : slow + 2]
+    return velocity_of_wave
 
 
 def warn_of_free_branches(state: State, velocities: Array) -> tuple[str, ...]:
     """Return a sentence that counts the branches that nothing resists, or none.
 
-    A wave across a row or a layer has no velocity because it bends, or because nothing resists it;
-    so only where one of the ``velocities`` is zero are branches counted.
+    Branches are counted only where one of the ``velocities``, m/s, is zero: a wave across a row or
+    a layer has no velocity if it bends the layer, or if nothing resists the wave.
     """
-    return state.reference_lattice.free_branch_warnings if np.any(velocities == 0.0) else ()
+    has_zero = np.any(velocities == 0.0)
+    return state.reference_lattice.free_branch_warnings if has_zero else ()
 
 
 def choose_direction(
-    state: State, direction: ArrayLike | None, what: str, isotropic: bool
+    state: State, direction: ArrayLike | None, quantity: str, isotropic: bool
 ) -> Array:
     """Return the direction as unit vectors (p,) or (n, p): x if it is None.
 
-    None is an :class:`~granphon.base.errors.InputError` unless ``what``, which has the direction,
-    is ``isotropic``.
+    None is an :class:`~granphon.base.errors.InputError` unless the ``quantity``, a plural noun for
+    the message, is ``isotropic``.
     """
     periods = state.reference_lattice.periods
-    if direction is None and not isotropic:
-        mend = f"Give direction=({', '.join('xyz'[:periods])})"
-        raise InputError(f"the {what} of the {state.name} depend on the direction", mend=mend)
-    return as_direction(np.eye(periods)[0] if direction is None else direction, periods)
+    if direction is None:
+        if not isotropic:
+            fault = f"the {quantity} of the {state.name} depend on the direction"
+            raise InputError(fault, mend=f"Give direction=({', '.join('xyz'[:periods])})")
+        direction = np.eye(periods)[0]
+    return as_direction(direction, periods)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -317,11 +336,13 @@ class Moduli(Result):
         p = self.periods
         if self.isotropic or self.cubic:
             return bulk[()]
-        # the stress under a strain that is the same in all directions, without its mean pressure
-        stress = np.sum(self.tensor[..., :p], axis=-1) - p * bulk[..., None] * (
-            np.arange(self.tensor.shape[-1]) < p
-        )
-        if np.any(np.abs(stress) > _EVEN * np.abs(bulk)[..., None]):
+        # stresses (..., components) under a strain of 1 along each axis: a pressure p K, and what
+        # differs from a pressure
+        stress = np.sum(self.tensor[..., :p], axis=-1)
+        is_along_axis = np.arange(self.tensor.shape[-1]) < p  # xx, yy, zz
+        pressure = p * bulk[..., None] * is_along_axis
+        deviation = stress - pressure
+        if np.any(np.abs(deviation) > _EVEN * np.abs(bulk)[..., None]):
             raise InputError(
                 "this lattice has no single bulk modulus",
                 "Its strain under pressure is not even",
@@ -356,9 +377,9 @@ class Moduli(Result):
         """Anisotropy of a cubic or square lattice, 2 C44/(C11 - C12) or 2 C33/(C11 - C12); 1 if it
         is isotropic (Zener).
 
-        C44 is the mean of the shear moduli yz, xz, xy, and C11 - C12 the mean over three axes; they
-        differ in a sample of finite size. So its distance from 1 in the triangular lattice shows
-        how far samples are from isotropic.
+        C44 is the mean of the shear moduli yz, xz, xy, and C11 - C12 the mean over three axes, as
+        these differ in a sample of finite size. In the triangular lattice the difference of the
+        anisotropy from 1 shows how far samples are from isotropic.
 
         Raises :class:`~granphon.base.errors.InputError` if the lattice is neither isotropic nor
         square or cubic, and for a chain.
@@ -389,18 +410,24 @@ class Moduli(Result):
         """
         self._require_shear()
         p = self.periods
-        # with strains yz, xz, xy times sqrt 2 it is a matrix between vectors
-        size = np.where(np.arange(self.tensor.shape[-1]) < p, 1.0, np.sqrt(2.0))
-        stiffness = self.tensor * size[:, None] * size
-        if np.min(np.linalg.eigvalsh(0.5 * (stiffness + stiffness.swapaxes(-1, -2)))) <= 0.0:
+        # stresses and strains yz, xz, xy times sqrt 2 make vectors whose length does not depend on
+        # the axes (Mandel), so that traces of the stiffness (..., n, n) do not either
+        is_along_axis = np.arange(self.tensor.shape[-1]) < p  # xx, yy, zz
+        weights = np.where(is_along_axis, 1.0, np.sqrt(2.0))
+        stiffness = self.tensor * weights[:, None] * weights
+        symmetric_stiffness = 0.5 * (stiffness + stiffness.swapaxes(-1, -2))
+        if np.min(np.linalg.eigvalsh(symmetric_stiffness)) <= 0.0:
             raise InstabilityError(
                 "the elastic tensor is not positive", "A strain gives energy back", "Use .tensor"
             )
         compliance = np.linalg.inv(stiffness)
-        under_pressure = np.sum(compliance[..., :p, :p], axis=(-2, -1))
-        under_shear = np.trace(compliance, axis1=-2, axis2=-1) - under_pressure / p
-        shear = (stiffness.shape[-1] - 1) / (2.0 * under_shear)
-        return AveragedModuli((1.0 / under_pressure)[()], shear[()])
+        # of the n components one is the pressure, and n - 1 are shears, each of compliance 1/2G
+        pressure_compliance = np.sum(compliance[..., :p, :p], axis=(-2, -1))
+        trace = np.trace(compliance, axis1=-2, axis2=-1)
+        shear_compliance = trace - pressure_compliance / p
+        n_shears = stiffness.shape[-1] - 1
+        shear = n_shears / (2.0 * shear_compliance)
+        return AveragedModuli((1.0 / pressure_compliance)[()], shear[()])
 
     @property
     def hill(self) -> AveragedModuli:
@@ -413,12 +440,11 @@ class Moduli(Result):
 
     def _find_bulk(self) -> Array:
         """Return the mean pressure under a strain that is the same in all directions, over the
-        change of volume.
+        relative change of volume: Pa, with the shape of the load.
         """
-        return np.asarray(
-            np.sum(self.tensor[..., : self.periods, : self.periods], axis=(-2, -1))
-            / self.periods**2
-        )
+        p = self.periods
+        along_axes = self.tensor[..., :p, :p]
+        return np.asarray(np.sum(along_axes, axis=(-2, -1)) / p**2)
 
     def _require_shear(self) -> None:
         if self.periods == 1:
@@ -454,12 +480,13 @@ def moduli(state: Any, *, progress: Progress = silent) -> Moduli:
     tensor = state.elastic_tensor
     isotropic = state.is_isotropic
     cubic = state.has_cubic_axes
-    samples = state.sampled_tensors
+    samples = state.sampled_tensors  # (..., samples, n, n), Pa
     if samples is not None:
-        averages_error = standard_error(bulk_and_shear(samples), -2)
+        averages_error = standard_error(bulk_and_shear(samples), -2)  # (..., 2)
         errors["bulk_error"], errors["shear_error"] = np.moveaxis(averages_error, -1, 0)
         errors["tensor_error"] = standard_error(samples, -3)
-        if (isotropic or cubic) and tensor.shape[-1] > 1:
+        is_chain = tensor.shape[-1] == 1
+        if (isotropic or cubic) and not is_chain:
             errors["anisotropy_error"] = jackknife(anisotropy, shears(samples))
     warnings = find_warnings(state) + state.reference_lattice.loose_warnings
     return Moduli(tensor=tensor, isotropic=isotropic, warnings=warnings, cubic=cubic, **errors)
@@ -545,43 +572,41 @@ def pulse_velocities(
     hertz = finite_array("frequency", frequency, "Hz", "above zero")
     d = state.unit_length
     periods = state.reference_lattice.periods
-    even = periods == 1 or ("longitudinal" in state.wave_names and state.is_isotropic)
-    along = choose_direction(state, direction, "pulses", even)
-    names = _choose_branches(state, along, branches)
-    shape = _broadcast_loads(hertz, state)
-    pulse_shape = shape + along.shape[:-1]
+    has_isotropic_sound = "longitudinal" in state.wave_names and state.is_isotropic
+    isotropic = periods == 1 or has_isotropic_sound
+    unit_vectors = choose_direction(state, direction, "pulses", isotropic=isotropic)
+    names = _choose_branches(state, unit_vectors, branches)
+    load_shape = _broadcast_loads(hertz, state)
+    pulse_shape = load_shape + unit_vectors.shape[:-1]
     _require_pulse_memory(state, len(names) * math.prod(pulse_shape))
-    scales = state.branch_scales(along, names)
+    # (b, ...): velocities, m/s, that are one in the reduced units of each branch
+    scales = state.branch_scales(unit_vectors, names)
     scale = np.stack([np.broadcast_to(branch_scale, pulse_shape) for branch_scale in scales])
-    target = _reduce_frequencies(hertz, along.ndim - 1, scale, d)
-    # shape (branches, loads and frequencies, directions)
-    directions = along.reshape(-1, periods)
-    flat = (len(names), -1, len(directions))
-    target = target.reshape(flat)
-    units = scale.reshape(flat) / d
-    wavenumber = np.empty(target.shape)
-    vector = np.empty((*target.shape, periods))
-    for single, pulses in _part_loads(state, shape):
-        wavenumber[:, pulses], vector[:, pulses] = _find_wavenumbers(
-            single.contact_lattice(), directions, names, target[:, pulses], units[:, pulses]
-        )
-    group = np.sum(vector * directions, axis=-1)
-    phase = (target / wavenumber).reshape(scale.shape) * scale
+    reduced_frequencies = _reduce_frequencies(hertz, unit_vectors.ndim - 1, scale, d)
+    # arrays have three axes from here: branches, loads and frequencies, directions
+    directions = unit_vectors.reshape(-1, periods)
+    three_axes = (len(names), -1, len(directions))
+    targets = reduced_frequencies.reshape(three_axes)
+    units = scale.reshape(three_axes) / d
+    lattices = _list_lattices(state, load_shape)
+    wavenumbers, group_vectors = _solve_lattices(lattices, directions, names, targets, units)
+    group = np.sum(group_vectors * directions, axis=-1)
+    phase = targets / wavenumbers
     return PulseVelocities(
-        names,
-        phase,
-        group.reshape(scale.shape) * scale,
-        vector.reshape(*scale.shape, periods) * scale[..., None],
-        wavenumber.reshape(scale.shape) / d,
-        hertz,
-        along,
-        find_warnings(state),
+        branches=names,
+        phase=phase.reshape(scale.shape) * scale,
+        group=group.reshape(scale.shape) * scale,
+        group_vector=group_vectors.reshape(*scale.shape, periods) * scale[..., None],
+        wavenumber=wavenumbers.reshape(scale.shape) / d,
+        frequency=hertz,
+        direction=unit_vectors,
+        warnings=find_warnings(state),
     )
 
 
 def _broadcast_loads(hertz: Array, state: State) -> tuple[int, ...]:
-    """Return the shape of frequencies and loads together; raise :class:`InputError` for shapes that
-    do not broadcast.
+    """Return the shape to which the frequencies ``hertz`` and the loads broadcast; raise
+    :class:`InputError` for shapes that do not.
     """
     try:
         return np.broadcast_shapes(hertz.shape, state.shape)
@@ -603,46 +628,48 @@ def _require_pulse_memory(state: State, count: int) -> None:
 def _reduce_frequencies(hertz: Array, axes: int, scale: Array, d: float) -> Array:
     """Return angular frequencies in reduced units, of the shape of ``scale`` (b, ...).
 
-    ``hertz`` lacks the last ``axes`` axes, those of directions; ``scale`` are the velocities, m/s,
-    that are one in reduced units, and d, m, is the unit of length. Raises :class:`InputError` for
-    frequencies that are too low to have digits.
+    ``hertz`` (Hz) lacks the last ``axes`` axes, those of directions; ``scale`` holds the
+    velocities, m/s, that are one in reduced units, and d, m, is the unit of length. Raises
+    :class:`InputError` for frequencies that are too low to have digits.
     """
+    hertz_per_direction = hertz.reshape(hertz.shape + (1,) * axes)
     with np.errstate(over="ignore"):  # infinity is beyond every branch, too
-        target = hertz.reshape(hertz.shape + (1,) * axes) * (2.0 * np.pi * d / scale)
-    if np.min(target) < np.finfo(float).tiny:
+        reduced = hertz_per_direction * (2.0 * np.pi * d / scale)
+    if np.min(reduced) < np.finfo(float).tiny:
         raise InputError(
             f"a frequency of {np.min(hertz):.6g} Hz has lost digits in double precision",
             mend="Raise it: the velocities are those of long waves, gp.sound_velocities",
         )
-    return np.asarray(target)
+    return np.asarray(reduced)
 
 
-def _part_loads(state: Any, shape: tuple[int, ...]) -> list[tuple[Any, slice]]:
-    """Return the states that have a lattice of their own, each with the pulses that run in it: a
-    slice of loads and frequencies, of ``shape`` together, in one row.
+def _list_lattices(state: Any, load_shape: tuple[int, ...]) -> list[tuple[Any, slice]]:
+    """Return the states that have a lattice of their own, each with the slice of the pulses that
+    run in it; pulses are numbered along the loads and frequencies of ``load_shape``, flattened.
 
     In the paper's limit all loads share one dispersion relation; with finite overlap, or the
     torsion of a Hertz contact, each load has its own.
     """
     if state.has_one_lattice:
         return [(state, slice(None))]
-    size = math.prod(state.shape)
-    states = [state[np.unravel_index(load, state.shape)] for load in range(size)]
-    loads = np.broadcast_to(np.arange(size).reshape(state.shape), shape).ravel().tolist()
-    return [(states[load], slice(pulse, pulse + 1)) for pulse, load in enumerate(loads)]
+    n_loads = math.prod(state.shape)
+    states = [state[np.unravel_index(load, state.shape)] for load in range(n_loads)]
+    load_numbers = np.arange(n_loads).reshape(state.shape)
+    load_of_pulse = np.broadcast_to(load_numbers, load_shape).ravel().tolist()
+    return [(states[load], slice(pulse, pulse + 1)) for pulse, load in enumerate(load_of_pulse)]
 
 
 def _choose_branches(
-    state: State, along: Array, branches: str | Sequence[str] | None
+    state: State, directions: Array, branches: str | Sequence[str] | None
 ) -> tuple[str, ...]:
     """Return the names of the branches of pulses; by default those whose long waves have a velocity
-    above zero in all directions ``along`` (..., p), or all if there are none.
+    above zero in all ``directions`` (..., p), or all if there are none.
     """
     names = state.wave_names
     if branches is None:
-        velocities = state.long_waves(along).reshape(-1, len(names))
-        moves = np.all(velocities > 0.0, axis=0)
-        moving = tuple(name for name, is_moving in zip(names, moves, strict=True) if is_moving)
+        velocities = state.long_waves(directions).reshape(-1, len(names))
+        is_moving = np.all(velocities > 0.0, axis=0)
+        moving = tuple(name for name, moves in zip(names, is_moving, strict=True) if moves)
         return moving or names
     requested = texts("branches", branches)
     unknown = [name for name in requested if name not in names]
@@ -654,49 +681,74 @@ def _choose_branches(
     return requested
 
 
-def _find_wavenumbers(
-    lattice: ContactLattice, along: Array, names: Sequence[str], target: Array, scale: Array
+def _solve_lattices(
+    lattices: list[tuple[Any, slice]],
+    directions: Array,
+    names: Sequence[str],
+    targets: Array,
+    units: Array,
 ) -> tuple[Array, Array]:
-    """Find wavenumber (b, m, n) and group velocity (b, m, n, p), in reduced units, in directions
-    ``along`` (n, p).
+    """Return the wavenumbers and group velocities of :func:`_find_wavenumbers` of all pulses, in
+    the ``lattices`` of :func:`_list_lattices`.
+    """
+    wavenumbers = np.empty(targets.shape)
+    group_vectors = np.empty((*targets.shape, directions.shape[1]))
+    for state, pulses in lattices:
+        wavenumbers[:, pulses], group_vectors[:, pulses] = _find_wavenumbers(
+            state.contact_lattice(), directions, names, targets[:, pulses], units[:, pulses]
+        )
+    return wavenumbers, group_vectors
 
-    ``target`` (b, m, n) holds angular frequencies in units of ``scale`` (rad/s).
+
+def _find_wavenumbers(
+    lattice: ContactLattice, directions: Array, names: Sequence[str], targets: Array, units: Array
+) -> tuple[Array, Array]:
+    """Return wavenumbers (b, m, n) and group velocities (b, m, n, p), in reduced units, of the
+    branches ``names`` (b,) in ``directions`` (n, p).
+
+    ``targets`` (b, m, n) holds angular frequencies in ``units`` (b, m, n), rad/s.
     """
     waves = [lattice.wave_names.index(name) for name in names]
-    highest = np.full((len(lattice.wave_names), len(along)), -np.inf)
-    highest[waves] = target.max(axis=1)
-    branches = AcousticBranches.follow(lattice, along, highest)
-    q = np.empty(target.shape)
-    group = np.empty((*target.shape, along.shape[1]))
-    directions = np.arange(len(along))
+    highest_targets = np.full((len(lattice.wave_names), len(directions)), -np.inf)
+    highest_targets[waves] = targets.max(axis=1)
+    branches = AcousticBranches.follow(lattice, directions, highest_targets)
+    wavenumbers = np.empty(targets.shape)
+    group_vectors = np.empty((*targets.shape, directions.shape[1]))
     for b, wave in enumerate(waves):
-        # the frequency at the last point before the maximum, in each direction
-        rising = branches.rising[wave]
-        last = np.where(rising > 0, branches.frequencies[wave, directions, rising - 1], 0.0)
-        is_beyond = highest[wave] > last
-        # directions are solved together if the frequency is below the last point before the
-        # maximum, and one by one otherwise
-        inside = np.flatnonzero(~is_beyond)
-        if inside.size:
-            goals = target[b][:, inside]
-            flat = np.broadcast_to(inside, goals.shape).ravel()
-            numbers, velocities = branches.find_wavenumber(wave, flat, goals.ravel())
-            q[b][:, inside] = numbers.reshape(goals.shape)
-            group[b][:, inside] = velocities.reshape(*goals.shape, -1)
-        for direction in np.flatnonzero(is_beyond).tolist():
-            goal = target[b, :, direction]
-            branch = branches.take_branch(wave, direction)
-            if np.any(goal > branch.top):
-                raise _explain_unreachable(branch, goal, scale[b, :, direction])
-            q[b, :, direction], group[b, :, direction] = branch.find_pulse(goal)
-    return q, group
+        # directions are solved together where all frequencies are below that of the last point
+        # before the maximum of the branch, and one by one otherwise
+        is_beyond = highest_targets[wave] > _find_last_frequencies(branches, wave)
+        rising = np.flatnonzero(~is_beyond)
+        if rising.size:
+            rising_targets = targets[b][:, rising]
+            numbers = np.broadcast_to(rising, rising_targets.shape).ravel()
+            q, velocities = branches.find_wavenumber(wave, numbers, rising_targets.ravel())
+            wavenumbers[b][:, rising] = q.reshape(rising_targets.shape)
+            group_vectors[b][:, rising] = velocities.reshape(*rising_targets.shape, -1)
+        for number in np.flatnonzero(is_beyond).tolist():
+            target = targets[b, :, number]
+            branch = branches.take_branch(wave, number)
+            if np.any(target > branch.top):
+                raise _explain_unreachable(branch, target, units[b, :, number])
+            wavenumbers[b, :, number], group_vectors[b, :, number] = branch.find_pulse(target)
+    return wavenumbers, group_vectors
+
+
+def _find_last_frequencies(branches: AcousticBranches, wave: int) -> Array:
+    """Return the reduced angular frequency (n,) at the last point before the maximum of a branch,
+    in each direction; zero where the first point is the maximum.
+    """
+    n_rising = branches.rising[wave]
+    directions = np.arange(len(n_rising))
+    last = branches.frequencies[wave, directions, n_rising - 1]
+    return np.where(n_rising > 0, last, 0.0)
 
 
 def _explain_unreachable(
-    branch: AcousticBranch, target: Array, scale: Array
+    branch: AcousticBranch, target: Array, unit: Array
 ) -> UnreachableFrequencyError:
-    """Return the error for angular frequencies (in units of ``scale``, rad/s) above the top of a
-    branch.
+    """Return the error for angular frequencies ``target`` (m,), of which some are above the top of
+    the branch; ``unit`` (m,) is the unit of each, rad/s.
     """
     components = ", ".join(f"{component:.6g}" for component in branch.direction)
     along = f"in direction ({components})"
@@ -713,9 +765,9 @@ def _explain_unreachable(
             " zero",
             f"{remedy.capitalize()}, or name other branches",
         )
-    highest = float(np.max(target / (2.0 * np.pi) * scale))
-    top = float(np.min(branch.top * scale)) / (2.0 * np.pi)
-    at_load = " at the least load" if np.ptp(scale) > 0.0 else ""
+    highest = float(np.max(target / (2.0 * np.pi) * unit))
+    top = float(np.min(branch.top * unit)) / (2.0 * np.pi)
+    at_load = " at the least load" if np.ptp(unit) > 0.0 else ""
     return UnreachableFrequencyError(
         f"the {branch.name} branch does not reach {highest:.6g} Hz {along}",
         f"It ends at {top:.6g} Hz{at_load}",

@@ -36,17 +36,14 @@ def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
     branches of the lattice and its mechanism.
     """
     structure = packing.structure
-    whole = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=ALL)
+    lattice = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=ALL)
+    rows = [*lattice.rows, *push_rows(lattice.contacts.normal, ALL)]
+    all_motions = allowed_motions(structure.dimension).values()
     return {
-        **_describe_cell(whole, structure.name, path),
-        "gyration": float(whole.gyration[0]),
-        "rows": [
-            _describe_row(row) for row in (*whole.rows, *push_rows(whole.contacts.normal, ALL))
-        ],
-        "motions": [
-            _describe_motions(structure, motions)
-            for motions in allowed_motions(structure.dimension).values()
-        ],
+        **_describe_cell(lattice, structure.name, path),
+        "gyration": float(lattice.gyration[0]),
+        "rows": [_describe_row(row) for row in rows],
+        "motions": [_describe_motions(structure, motions) for motions in all_motions],
     }
 
 
@@ -57,6 +54,8 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
     for each kind; each ball has its own mass and radius of gyration. ``complex`` says whether the
     rows of a single ball are complex. In a cut, ``sides`` are -1 for balls in the lower quarter, 1
     for balls in the upper quarter, and 0 for all other balls; without a cut ``sides`` is None.
+
+    Raises :class:`~granphon.base.errors.InputError` for static tangential forces.
     """
     if lattice.has_tangential_force:
         raise InputError(
@@ -74,7 +73,8 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
     }
     kinds = _key_of_kinds(lattice.mindlin_ratio, lattice.torsion, lattice.bending)
     heights = np.zeros(1)
-    if periods < lattice.dimension:
+    is_cut = periods < lattice.dimension
+    if is_cut:
         heights = lattice.positions[:, periods]
     lower, upper = find_outer(heights).astype(int)
     sides = upper - lower
@@ -111,14 +111,17 @@ def _list_weighted_rows(lattice: ContactLattice) -> list[tuple[Row, Array]]:
     )
     weighted = []
     for row in rows:
-        weighted.append((row, np.broadcast_to(row.stiffness, len(table)) * lattice.stiffness))
+        ratio = np.broadcast_to(row.stiffness, len(table))
+        weighted.append((row, ratio * lattice.stiffness))
     if lattice.is_prestressed:
         weighted += [(row, lattice.prestress) for row in push_rows(table.normal, ALL)]
     return weighted
 
 
 def _find_default_path(lattice: ContactLattice) -> BandPath:
-    """Return the path around the irreducible zone of a lattice."""
+    """Return the path around the irreducible zone of a lattice, with the letters of
+    :func:`~granphon.phonons.paths.default_letters`.
+    """
     periods = lattice.periods
     vectors = lattice.cell[:, :periods]
     repeats = (True,) * periods
@@ -152,7 +155,9 @@ def _describe_row(row: Row) -> dict[str, Any]:
 
 
 def _describe_cell(lattice: ContactLattice, name: str, path: BandPath) -> dict[str, Any]:
-    """Return the data of cell, balls, contacts, path and zone; vectors have three components."""
+    """Return the data of cell, balls, contacts, path and zone of a lattice called ``name``, in
+    units of d and 1/d; vectors have three components.
+    """
     table = lattice.contacts
     p = lattice.periods
     reciprocal = lattice.reciprocal
@@ -160,7 +165,7 @@ def _describe_cell(lattice: ContactLattice, name: str, path: BandPath) -> dict[s
         faces = zone_faces(reciprocal)
     elif p == 2:
         faces = [_pad(zone_polygon(reciprocal))]
-    else:
+    else:  # the zone of a line is a segment about Gamma
         faces = [_pad(np.array([[-0.5], [0.5]]) * reciprocal[0])]
     return {
         "name": name,
@@ -182,7 +187,9 @@ def _describe_cell(lattice: ContactLattice, name: str, path: BandPath) -> dict[s
 
 
 def _describe_path(path: BandPath) -> list[dict[str, Any]]:
-    """Return the points of each piece of a path, and their labels, by default their numbers."""
+    """Return for each piece of a path its "points", (n, 3) fractions of the reciprocal cell, and
+    their "labels", by default their numbers.
+    """
     pieces = []
     first = 0
     for points in path.arrays:
@@ -215,6 +222,6 @@ def _describe_motions(structure: Lattice, motions: Motions) -> dict[str, Any]:
             "warnings": list(lattice.free_branch_warnings),
             "mechanism": lattice.mechanism,
         }
-    # a lattice that resists all deformations
+    # waves are named on a lattice that resists all deformations
     stiff = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=motions)
     return _describe_axes(stiff, motions) | {"statements": statements}

@@ -111,11 +111,16 @@ def tabulate_medium(
     if laws[0] is None:  # the load alone fixes the force of every contact
         return description
     curves = [_follow(law) for law in laws if law is not None]
-    start = _find_start(
-        lambda x: [curve(np.array([x])) for curve in curves], np.log(least_force), PrecisionError
-    )
+
+    def evaluate_all(log_force: float) -> None:
+        """Raise :class:`PrecisionError` if a curve has no value at a ln f*."""
+        for curve in curves:
+            curve(np.array([log_force]))
+
+    start = _find_start(evaluate_all, np.log(least_force), PrecisionError)
     if start is None:
         raise PrecisionError("the medium has no solution at any load of the page.")
+    # curves at roots of eta in the middle between two nodes
     checks = []
     for low, high in itertools.pairwise(roots):
         middle = 0.5 * (low + high)
@@ -138,6 +143,7 @@ def _tabulate_simulation(
     ``least_force`` on.
     """
     curve, low, high, error = _simulate(packing, choice, least_force)
+    # the error of the simulation, in place of that of the interpolation
     errors = {"error": error, "friction_error": error, "note": _SIMULATION_NOTE}
     return _tabulate([curve], [0.0], low, high) | errors
 
@@ -167,52 +173,59 @@ def _find_least_root(packing: Packing, choice: MediumChoice) -> float:
 def _choose_friction(
     packing: Packing, choice: MediumChoice, most: float
 ) -> tuple[list[float], str]:
-    """Return the nodes of eta^1/2, and a note on what the table leaves out."""
+    """Return the nodes of eta^1/2 up to that of the eta ``most``, and a note on the stiffnesses
+    that the table leaves out.
+    """
     if choice.name == "afa":
         return [0.0], ""
     least_root = _find_least_root(packing, choice)
     count = _FRICTION_NODES[packing.structure.periods]
+    # Chebyshev's extrema, from 0 to 1
     nodes = 0.5 * (1.0 - np.cos(np.pi * np.arange(count) / (count - 1)))
     roots = least_root + (most**0.5 - least_root) * nodes
     root_of_packing = packing.mindlin_ratio**0.5
     if root_of_packing > least_root:
         # kinks of a law move with eta: a node at the packing's eta needs no interpolation in eta
-        roots[1 + np.argmin(np.abs(roots[1:-1] - root_of_packing))] = root_of_packing
-    stiffness = {"torsion": _find_own_torsion(packing), "bending": packing.bending}
-    words = " and ".join(
-        f"{name} {value:g}" if value else f"no {name}" for name, value in stiffness.items()
+        nearest = 1 + np.argmin(np.abs(roots[1:-1] - root_of_packing))
+        roots[nearest] = root_of_packing
+    ratios = {"torsion": _find_own_torsion(packing), "bending": packing.bending}
+    words = [f"{name} {ratio:g}" if ratio else f"no {name}" for name, ratio in ratios.items()]
+    note = (
+        f"The stiffness of the contacts is that of the medium with {' and '.join(words)}; the"
+        f" sliders of torsion and bending change the lattice alone."
     )
-    return roots.tolist(), (
-        f"The stiffness of the contacts is that of the medium with {words}; the sliders of"
-        f" torsion and bending change the lattice alone."
-    )
+    return roots.tolist(), note
 
 
 def _find_effect_of_rolling(
     packing: Packing, choice: MediumChoice, most: float, low: float
 ) -> float:
-    """Return the largest relative change of k, from ln f* = ``low`` on, as torsion and bending go
-    to ``most`` or zero.
+    """Return the largest relative change of k, from ln f* = ``low`` on, as torsion and bending,
+    over k d^2, go to ``most`` or zero.
 
     Pairs of torsion and bending with which the lattice is a mechanism do not count: with them the
     medium has no stiffness.
     """
     if dict(choice.options).get("local_field") == "paper":
         return 0.0
-    ratios = (packing.torsion, packing.bending)
-    twists = (ratios[0], most) if packing.structure.periods == 3 else (ratios[0],)
-    x = np.linspace(low, EXPONENT * np.log(_EQUAL), _NODES)
     eta = packing.mindlin_ratio
-    change = 0.0
     law_of_packing = _make_law(packing, choice, eta)
-    for torsion, bending in {*itertools.product(twists, (ratios[1], most)), (0.0, 0.0)} - {ratios}:
+    if law_of_packing is None:
+        return 0.0
+    log_force = np.linspace(low, EXPONENT * np.log(_EQUAL), _NODES)
+    log_stiffness = _follow(law_of_packing)(log_force)[1]
+    # in a plane balls turn about its normal alone, which twists no contact
+    torsions = (packing.torsion, most) if packing.structure.periods == 3 else (packing.torsion,)
+    pairs = {*itertools.product(torsions, (packing.bending, most)), (0.0, 0.0)}
+    change = 0.0
+    for torsion, bending in pairs - {(packing.torsion, packing.bending)}:
         changed_packing = replace(packing, torsion=torsion, bending=bending)
         try:
             law = _make_law(changed_packing, choice, eta)
         except (MechanismError, PrecisionError):
             continue
-        if law_of_packing is not None and law is not None:
-            difference = _follow(law)(x)[1] - _follow(law_of_packing)(x)[1]
+        if law is not None:
+            difference = _follow(law)(log_force)[1] - log_stiffness
             change = max(change, float(np.max(np.abs(np.expm1(difference)))))
     return change
 
@@ -243,21 +256,24 @@ def _find_own_torsion(packing: Packing) -> float:
 
 
 def _make_law(packing: Packing, choice: MediumChoice, eta: float) -> Law | None:
-    """Return the law of a medium at eta, in units of W and c W^(3/2); None if it is that of equal
-    balls.
+    """Return the law of a medium at eta, in units of W and c W^(3/2); None where the medium has the
+    law of equal balls, as Xi is zero.
     """
     shape = (packing.spread or Uniform(1.0)).shape
     if choice.name == "afa":
-        return AveragedLaw(1.0, 1.0, shape)
+        return AveragedLaw(coefficient=1.0, width=1.0, shape=shape)
     xi = _find_xi(packing, choice, eta)
-    return EffectiveLaw(1.0, 1.0, shape, xi) if xi else None
+    if xi == 0.0:
+        return None
+    return EffectiveLaw(coefficient=1.0, width=1.0, shape=shape, xi=xi)
 
 
 def _follow(law: Law) -> _Curve:
     """Return the curve of a law in units of W and c W^(3/2)."""
 
-    def curve(x: Array) -> tuple[Array, Array, Array]:
-        force = np.exp(x)
+    def curve(log_force: Array) -> tuple[Array, Array, Array]:
+        """Return y, ln k* and d ln k* / d ln f* (n,) at ln f* (n,)."""
+        force = np.exp(log_force)
         overlap = np.asarray(law.overlap(force))
         stiffness = np.asarray(law.stiffness(overlap))
         slope = force * np.asarray(law.stiffness_slope(overlap)) / stiffness**2
@@ -269,11 +285,13 @@ def _follow(law: Law) -> _Curve:
 def _find_start(
     find: Callable[[float], Any], low: float, refusal: type[InputError]
 ) -> float | None:
-    """Return the least ln f* from ``low`` on, in steps, at which ``find`` raises no ``refusal``."""
-    for x in np.arange(low, _SEARCH_END, _SEARCH_STEP):
+    """Return the least ln f* from ``low`` on, in steps, at which ``find`` raises no ``refusal``;
+    None if ``find`` always does.
+    """
+    for log_force in np.arange(low, _SEARCH_END, _SEARCH_STEP):
         with suppress(refusal):
-            find(x)
-            return float(x)
+            find(log_force)
+            return float(log_force)
     return None
 
 
@@ -291,15 +309,20 @@ def _tabulate(
     """
     from scipy.interpolate import barycentric_interpolate
 
-    x, values, error = _refine_nodes(curves, low, high)
-    table: dict[str, Any] = {"log_force": x.tolist(), "roots": roots}
-    for n, name in enumerate(("overlap", "log_stiffness", "slope")):
-        table[name] = [rows[n].tolist() for rows in values]
+    log_force, values, error = _refine_nodes(curves, low, high)
+    overlap, log_stiffness, slope = np.array(values).swapaxes(0, 1)  # (roots, nodes) each
     error_between_roots = 0.0
-    log_stiffness = np.array([rows[1] for rows in values])
     for root, curve in checks or []:
-        difference = barycentric_interpolate(roots, log_stiffness, root) - curve(x)[1]
+        interpolated = barycentric_interpolate(roots, log_stiffness, root)
+        difference = interpolated - curve(log_force)[1]
         error_between_roots = max(error_between_roots, float(np.max(np.abs(np.expm1(difference)))))
+    table = {
+        "log_force": log_force.tolist(),
+        "roots": roots,
+        "overlap": overlap.tolist(),
+        "log_stiffness": log_stiffness.tolist(),
+        "slope": slope.tolist(),
+    }
     return {"table": table, "error": error, "friction_error": error + error_between_roots}
 
 
@@ -311,27 +334,29 @@ def _refine_nodes(
 
     A law has a kink at loads where contacts open: nodes are closer at a kink.
     """
-    x = np.linspace(low, high, _NODES)
+    nodes = np.linspace(low, high, _NODES)
     while True:
-        values = [np.array(curve(x)) for curve in curves]
-        middle = 0.5 * (x[1:] + x[:-1])
-        step = np.diff(x)
+        values = [np.array(curve(nodes)) for curve in curves]
+        middle = 0.5 * (nodes[1:] + nodes[:-1])
+        step = np.diff(nodes)
         errors = np.zeros(len(step))
         for (_, log_stiffness, slope), curve in zip(values, curves, strict=True):
             # the value of Hermite's cubic in the middle between two nodes
             mean = 0.5 * (log_stiffness[1:] + log_stiffness[:-1])
             interpolated = mean + step / 8.0 * (slope[:-1] - slope[1:])
             errors = np.maximum(errors, np.abs(np.expm1(interpolated - curve(middle)[1])))
-        refined = (errors > _TOLERANCE) & (step > _LEAST_STEP)
-        if not np.any(refined) or len(x) + np.count_nonzero(refined) > _MOST_NODES:
-            return x, values, float(np.max(errors))
-        x = np.sort(np.concatenate([x, middle[refined]]))
+        is_coarse = (errors > _TOLERANCE) & (step > _LEAST_STEP)
+        n_nodes = len(nodes) + np.count_nonzero(is_coarse)
+        if not np.any(is_coarse) or n_nodes > _MOST_NODES:
+            return nodes, values, float(np.max(errors))
+        nodes = np.sort(np.concatenate([nodes, middle[is_coarse]]))
 
 
 def _simulate(
     packing: Packing, choice: MediumChoice, least: float
 ) -> tuple[_Curve, float, float, float]:
-    """Return the curve of a simulation, the ends of ln f*, and the error of the curve.
+    """Return the curve of a simulation, the lower and the upper end of ln f*, and the error of the
+    curve; ``least`` is the least f* of the page.
 
     The curve is a spline through :data:`_SIMULATED` loads. The error is that of a spline through
     half of the loads, at the other half.
@@ -346,23 +371,30 @@ def _simulate(
     medium: Any = choice.of(narrow_packing)
     least_force, greatest_force = _SIMULATED_FORCES
     low = np.log(max(least, least_force))
+
+    def find_state(log_force: Any) -> Any:
+        """Return the state of the medium at ln f*, a number or (n,)."""
+        return medium.at_force(np.exp(log_force) * units.force)
+
     if medium.friction_history:  # the samples carry no load below that of their start
-        start = _find_start(lambda x: medium.at_force(np.exp(x) * units.force), low, InputError)
+        start = _find_start(find_state, low, InputError)
         low = start or low
-    x = np.linspace(low, EXPONENT * np.log(greatest_force), _SIMULATED)
-    state = medium.at_force(np.exp(x) * units.force)
+    loads = np.linspace(low, EXPONENT * np.log(greatest_force), _SIMULATED)
+    state = find_state(loads)
     overlap = np.asarray(state.overlap) / width
     log_stiffness = np.log(np.asarray(state.normal_stiffness) / units.stiffness)
-    stiffness_spline = CubicSpline(x, log_stiffness)
-    overlap_spline = CubicSpline(x, overlap)
+    stiffness_spline = CubicSpline(loads, log_stiffness)
+    overlap_spline = CubicSpline(loads, overlap)
 
     def curve(log_force: Array) -> tuple[Array, Array, Array]:
+        """Return y, ln k* and d ln k* / d ln f* (n,) at ln f* (n,)."""
         return (
             overlap_spline(log_force),
             stiffness_spline(log_force),
             stiffness_spline(log_force, 1),
         )
 
-    coarse = CubicSpline(x[::2], log_stiffness[::2])
-    error = float(np.max(np.abs(np.expm1(coarse(x[1::2]) - log_stiffness[1::2]))))
-    return curve, float(x[0]), float(x[-1]), error
+    coarse = CubicSpline(loads[::2], log_stiffness[::2])
+    difference = coarse(loads[1::2]) - log_stiffness[1::2]
+    error = float(np.max(np.abs(np.expm1(difference))))
+    return curve, float(loads[0]), float(loads[-1]), error

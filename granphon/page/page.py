@@ -105,6 +105,10 @@ def describe_network_page(
         motions.
     remarks : sentences that the page shows, after the warnings of the network.
 
+    Returns
+    -------
+    data : plain numbers and texts by name; SI units unless the key names another unit.
+
     Raises
     ------
     InputError : the source has no network, the network repeats along no period, or the network has
@@ -115,9 +119,13 @@ def describe_network_page(
     scales = state.scales
     p = lattice.periods
     if lattice.n_branches > _MOST_BRANCHES:
-        why = f"A browser computes up to {_MOST_BRANCHES} while it is looked at"
-        raise InputError(f"the network has {lattice.n_branches} branches", why, "Use gp.Phonons")
+        raise InputError(
+            f"the network has {lattice.n_branches} branches",
+            f"A browser computes up to {_MOST_BRANCHES} while it is looked at",
+            "Use gp.Phonons",
+        )
     ratios = {"eta": lattice.mindlin_ratio, "torsion": lattice.torsion, "bending": lattice.bending}
+    # rows of a network have the stiffnesses as weights, so that a kind is there (1) or not (0)
     fixed = {name: float(np.any(ratio)) for name, ratio in ratios.items()}
     radii = state.network.radii[state.network.moving] / scales.length
     names = np.array(state.kinds)
@@ -150,7 +158,9 @@ def describe_network_page(
 
 
 def _list_facts(state: NetworkState) -> list[list[str]]:
-    """Return names and values, as texts, of the facts on a network that its page shows."""
+    """Return pairs of texts, the name and the value of each fact on a network that its page
+    shows.
+    """
     lattice = state.contact_lattice()
     network = state.network
     scales = state.scales
@@ -189,9 +199,10 @@ def _describe_kind(masses: Array, radii: Array) -> str:
     """
     mass = write_quantity(1e3 * float(masses.mean()), "g")
     diameter = write_quantity(2.0 * float(radii.mean()), "m")
-    spread = max(np.ptp(radii) / radii[0], np.ptp(masses) / masses[0])
-    mean = "mean " if spread > _SAME else ""
-    return f"{counted(masses.size, 'ball')}, {mean}{mass}, {mean}diameter {diameter}"
+    relative_spread = max(np.ptp(radii) / radii[0], np.ptp(masses) / masses[0])
+    qualifier = "mean " if relative_spread > _SAME else ""
+    count = counted(masses.size, "ball")
+    return f"{count}, {qualifier}{mass}, {qualifier}diameter {diameter}"
 
 
 def _find_losses(losses: BandsSettings | None) -> dict[str, float] | None:
@@ -245,11 +256,13 @@ def describe_page(
     law = packing.law
     chosen, notes = _choose_media(packing, media, load)
     forces = _find_forces(packing, chosen[0], load)
-    only_ala = [medium.name for medium in chosen] == ["ala"]
-    if packing.spread is None and only_ala and structure.periods > 1:
+    is_averaged_lattice = [medium.name for medium in chosen] == ["ala"]
+    has_width_slider = structure.periods > 1
+    if packing.spread is None and is_averaged_lattice and has_width_slider:
         # the slider of the width needs a medium of unequal balls; at W = 0 both media are equal
         chosen = [MediumChoice("ema")]
-    torsion = float(packing.find_torsion(forces[0], law.stiffness(law.overlap(forces[0]))))
+    stiffness = law.stiffness(law.overlap(forces[0]))
+    torsion = float(packing.find_torsion(forces[0], stiffness))
     limits = _Limits.of(packing, forces, torsion)
     tables = _tabulate_media(packing, chosen, limits)
     if all(table["refusal"] for table in tables):
@@ -275,14 +288,14 @@ def describe_page(
         "media": tables,
         "limits": {
             "force": [limits.least_force, limits.most_force],
-            "width": limits.width if structure.periods > 1 else 0.0,
+            "width": limits.width if has_width_slider else 0.0,
             "eta": limits.slip,
             "rolling": limits.rolling,
         },
         "direction": _choose_direction(direction, structure.periods),
         "start": {
             "force": forces[0],
-            "width": packing.width if structure.periods > 1 else 0.0,
+            "width": packing.width if has_width_slider else 0.0,
             "eta": packing.mindlin_ratio,
             "torsion": torsion,
             "mindlin": packing.torsion == MINDLIN,
@@ -318,18 +331,17 @@ class _Limits(NamedTuple):
         first of which has a ``torsion`` over k d^2.
         """
         law = packing.law
-        # both at least as large as in the scene
-        force_of_overlap = max(float(law.force(_MOST_OVERLAP * packing.diameter)), max(forces))
-        width_of_disorder = max(
-            float(law.overlap(forces[0] / _LEAST_REDUCED)), _WIDENING * packing.width
-        )
-        rolling = max(_MOST_ROLLING, _MORE_ROLLING * packing.bending, _MORE_ROLLING * torsion)
+        # the force of the largest overlap, and the width at which the first load is as small as the
+        # reduced force may be; both at least as large as in the scene
+        largest_force = max(float(law.force(_MOST_OVERLAP * packing.diameter)), max(forces))
+        width_at_first_load = float(law.overlap(forces[0] / _LEAST_REDUCED))
+        largest_width = max(width_at_first_load, _WIDENING * packing.width)
         return cls(
             least_force=_BELOW * min(forces),
-            most_force=min(_ABOVE * max(forces), force_of_overlap),
-            width=min(width_of_disorder, _MOST_WIDTH * packing.diameter),
+            most_force=min(_ABOVE * max(forces), largest_force),
+            width=min(largest_width, _MOST_WIDTH * packing.diameter),
             slip=max(_MOST_SLIP, packing.mindlin_ratio),
-            rolling=rolling,
+            rolling=max(_MOST_ROLLING, _MORE_ROLLING * packing.bending, _MORE_ROLLING * torsion),
         )
 
 
@@ -339,29 +351,33 @@ def _choose_media(
     """Return the media of a page, none of which is automatic, and a sentence for each that takes
     the place of an automatic one.
     """
+    choices = list(dict.fromkeys(media)) or [MediumChoice("ala")]
+    first_load = load.applied.flat[np.zeros(1, int)]
     chosen = []
     notes = []
-    for choice in list(dict.fromkeys(media)) or [MediumChoice("ala")]:
-        first_load = load.applied.flat[np.zeros(1, int)]
-        serving = choice.choose(packing, first_load)[0].medium
-        if serving != choice:
-            words = f"{find_medium(serving.name).words} ({serving.label})"
+    for choice in choices:
+        medium = choice.choose(packing, first_load)[0].medium
+        if medium != choice:
+            words = f"{find_medium(medium.name).words} ({medium.label})"
             notes.append(
                 f"At the first load the medium {choice.label} takes the {words}; the page"
                 f" keeps it at all loads."
             )
-        chosen.append(serving)
+        chosen.append(medium)
     return chosen, notes
 
 
 def _find_forces(packing: Packing, medium: MediumChoice, load: Load) -> list[float]:
-    """Return the forces of a contact, N, at the first, the least and the greatest load."""
-    values = load.applied.flat.array
+    """Return the forces of a contact, N, at the first, the least and the greatest load; of two
+    loads at both, in their order.
+    """
+    applied = load.applied
+    amounts = applied.flat.array
     if load.size > 2:
-        values = values[[0, np.argmin(load.array), np.argmax(load.array)]]
+        amounts = amounts[[0, np.argmin(load.array), np.argmax(load.array)]]
     forces = []
-    for value in values:
-        state: Any = medium.of(packing).at(Load(load.applied.kind, float(value)))
+    for amount in amounts:
+        state: Any = medium.of(packing).at(Load(applied.kind, float(amount)))
         forces.append(float(state.force))
     return forces
 
@@ -369,10 +385,12 @@ def _find_forces(packing: Packing, medium: MediumChoice, load: Load) -> list[flo
 def _tabulate_media(
     packing: Packing, media: Sequence[MediumChoice], limits: _Limits
 ) -> list[dict[str, Any]]:
-    """Return the table of each medium within the ``limits`` of the sliders.
+    """Return the table of each medium, see :func:`tabulate_medium`, within the ``limits`` of the
+    sliders.
 
     Raises :class:`MechanismError` if a medium has no table and the packing needs one.
     """
+    # f* is least at the largest width
     least_reduced = limits.least_force / float(packing.law.force(limits.width))
     tables = []
     for medium in dict.fromkeys(media):
@@ -395,32 +413,46 @@ def join_modules(*names: str) -> str:
     A module begins with its imports, one on a line, and exports by the word ``export``. The joined
     modules share one scope, so that no two modules may define the same name.
     """
-    parts: list[str] = []
-    done: set[str] = set()
+    texts: dict[str, str] = {}  # of modules, in the order in which they are joined
+    begun: set[str] = set()
 
     def add(name: str) -> None:
-        if name in done:
+        """Add the text of a module after those of its imports."""
+        if name in begun:
             return
-        done.add(name)
+        begun.add(name)
         text = read_asset(f"{name}.js")
         for imported in _IMPORT.findall(text):
             add(imported)
-        parts.append(re.sub(r"^export ", "", _IMPORT.sub("", text), flags=re.MULTILINE))
+        without_imports = _IMPORT.sub("", text)
+        texts[name] = re.sub(r"^export ", "", without_imports, flags=re.MULTILINE)
 
     for name in names:
         add(name)
-    return "\n".join(parts)
+    return "\n".join(texts.values())
 
 
 def wrap_three() -> str:
-    """Return three.js, of two modules, as a script that defines the object ``THREE``."""
-    core = _EXPORTED.sub(
-        lambda match: f"return{{{_swap(match[1])}}};", read_asset("vendor/three.core.min.js")
-    )
-    module = read_asset("vendor/three.module.min.js")
-    module = _IMPORTED.sub(lambda match: f"const{{{match[1].replace(' as ', ':')}}}=core;", module)
+    """Return three.js, of two modules, as a script that defines the object ``THREE``.
+
+    Each module becomes the body of a function that returns its exports; the second takes those of
+    the first, the core, as its argument.
+    """
+
+    def import_from_core(match: re.Match[str]) -> str:
+        members = match[1].replace(" as ", ":")
+        return f"const{{{members}}}=core;"
+
+    def return_core(match: re.Match[str]) -> str:
+        return f"return{{{_swap(match[1])}}};"
+
+    def return_all(match: re.Match[str]) -> str:
+        return f"return{{...core,{_swap(match[1])}}};"
+
+    core = _EXPORTED.sub(return_core, read_asset("vendor/three.core.min.js"))
+    module = _IMPORTED.sub(import_from_core, read_asset("vendor/three.module.min.js"))
     module = _EXPORTED_AGAIN.sub("", module)
-    module = _EXPORTED.sub(lambda match: f"return{{...core,{_swap(match[1])}}};", module)
+    module = _EXPORTED.sub(return_all, module)
     return f"const THREE=((core)=>{{{module}}})((()=>{{{core}}})());"
 
 
@@ -431,17 +463,17 @@ def _swap(names: str) -> str:
 
 
 def fill_template(data: dict[str, Any], title: str) -> str:
-    """Return the text of the page, with libraries, program, and ``data`` as JSON inside."""
-    parts = {
+    """Return the text of the page, HTML, with libraries, program, and ``data`` as JSON inside."""
+    licences = [read_asset(f"vendor/{name}.LICENSE").strip() for name in ("plotly", "three")]
+    json_text = json.dumps(data, allow_nan=False, separators=(",", ":"))
+    texts = {
         "title": escape(title, quote=False),
         "style": read_asset("style.css"),
-        "licences": "\n\n".join(
-            read_asset(f"vendor/{name}.LICENSE").strip() for name in ("plotly", "three")
-        ),
+        "licences": "\n\n".join(licences),
         "plotly": read_asset("vendor/plotly-basic.min.js"),
         "three": wrap_three(),
         # "<" would end the element, as "</script>"; JSON reads \\u003c as the same character
-        "data": json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
+        "data": json_text.replace("<", "\\u003c"),
         "program": join_modules("main"),
     }
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], read_asset("template.html"))
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: texts[match[1]], read_asset("template.html"))

@@ -43,6 +43,7 @@ def write_phononwebsite(bands: Bands, name: str) -> str:
     unit = HertzPrefix.for_top(float(bands.frequencies.max()))
     periods = bands.periods
     segments, points, branches = bands.frequencies.shape
+    # across a line or a layer the viewer needs a cell with empty space
     cell = bands.cell.copy()
     for axis in range(periods, 3):
         cell[axis] = _EMPTY * np.eye(3)[axis]
@@ -92,12 +93,13 @@ def _displace_atoms(bands: Bands, marks: Array) -> Complex:
     motions = bands.motions
     displacements = []
     for ball in range(len(bands.positions)):
-        motion = bands.motion[:, :, ball] / np.sqrt(bands.masses[ball])
+        amplitude = bands.motion[:, :, ball] / np.sqrt(bands.masses[ball])
         phase = np.exp(2j * np.pi * (bands.qpoints @ bands.positions[ball]))
-        motion = np.moveaxis(motion * phase[:, :, None, None], 2, 3)
+        motion = np.moveaxis(amplitude * phase[:, :, None, None], 2, 3)  # (s, p, b, motions)
         shift = np.zeros((*bands.frequencies.shape, 3), complex)
         turn = np.zeros_like(shift)
         shift[..., list(motions.translations)] = motion[..., motions.translating]
+        # angles from w = R_g phi
         turn[..., list(motions.rotations)] = motion[..., motions.turning] / bands.gyration[ball]
         displacements.append(shift)
         for mark in marks[ball]:
@@ -106,12 +108,15 @@ def _displace_atoms(bands: Bands, marks: Array) -> Complex:
 
 
 def _list_corners(labels: Sequence[str], points: int) -> list[list[Any]]:
-    """Return the number of each wave vector that is a corner, ascending, with its label.
+    """Return pairs of the number of a wave vector that is a corner, ascending, and its label.
 
-    A segment has so many ``points``; a jump of the path has the labels of its two corners, "K|M".
+    Each segment has as many wave vectors as ``points``; a jump of the path has the labels of its
+    two corners, "K|M".
     """
-    corners = {}
+    labels_by_number = {}
     for segment, (start, end) in enumerate(itertools.pairwise(labels)):
-        corners[(segment + 1) * points - 1] = end.split("|")[0]
-        corners[segment * points] = start.split("|")[-1]
-    return [[number, label] for number, label in sorted(corners.items())]
+        first = segment * points
+        last = first + points - 1
+        labels_by_number[last] = end.split("|")[0]
+        labels_by_number[first] = start.split("|")[-1]
+    return [[number, label] for number, label in sorted(labels_by_number.items())]

@@ -45,6 +45,8 @@ from granphon.phonons.phonopy_atoms import choose_symbols
 #: distance of balls, over their diameter, from which on their places are taken for those in another
 #: unit, as mm
 _FARTHEST = 100.0
+#: part by which balls are sought farther than they reach, so that rounding opens no contact
+_ROUNDING = 1e-12
 #: rows and columns of a matrix in Voigt order
 VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 
@@ -68,9 +70,10 @@ class ContactCalculator(Calculator):  # type: ignore[misc]
             return changes
         old = self.atoms.arrays
         new = atoms.arrays
-        return changes + [
-            name for name in self.follows if not np.array_equal(old.get(name), new.get(name))
-        ]
+        for name in self.follows:
+            if not np.array_equal(old.get(name), new.get(name)):
+                changes.append(name)
+        return changes
 
 
 class BallContacts(ContactCalculator):
@@ -108,13 +111,13 @@ class BallContacts(ContactCalculator):
         self, balls: Mapping[str, Ball | Material], law: Any = None, friction: bool = True
     ) -> None:
         super().__init__()
-        kinds: Any = balls
-        are_balls = isinstance(kinds, Mapping) and all(
-            isinstance(ball, Ball | Material) for ball in kinds.values()
+        any_balls: Any = balls
+        are_balls = isinstance(any_balls, Mapping) and all(
+            isinstance(ball, Ball | Material) for ball in any_balls.values()
         )
-        if not are_balls or not kinds:
+        if not are_balls or not any_balls:
             raise InputError(
-                f"the balls are {brief(kinds)}",
+                f"the balls are {brief(any_balls)}",
                 mend='Give a granphon.Ball or Material for each kind, as {"Na": ball}',
             )
         self.balls = dict(balls)
@@ -123,7 +126,11 @@ class BallContacts(ContactCalculator):
         self._laws = dict[tuple[str, float, str, float], tuple[PairLaw, float, float]]()
 
     def find_radii(self, atoms: Atoms) -> tuple[list[str], Array]:
-        """Return the kind of each ball, and their radii (n,), m."""
+        """Return the kinds of the balls, and their radii (n,), m.
+
+        Raises :class:`~granphon.base.errors.InputError` for a kind without a ball, for balls
+        without a radius above zero, and for places that are not finite.
+        """
         kinds = [str(kind) for kind in atoms.arrays.get("kinds", atoms.get_chemical_symbols())]
         missing = sorted(set(kinds) - set(self.balls))
         if missing:
@@ -140,19 +147,22 @@ class BallContacts(ContactCalculator):
                     "the Atoms have no array 'radius', and the kinds are materials",
                     mend="Set the radii, m, or give a granphon.Ball for each kind",
                 )
-        radii = np.asarray(radii, float).reshape(len(kinds))
-        are_sizes = np.isfinite(radii) & (radii > 0.0)
-        if not (np.all(np.isfinite(atoms.positions)) and np.all(are_sizes)):
+        sizes = np.asarray(radii, float).reshape(len(kinds))
+        are_sizes = np.all(np.isfinite(sizes) & (sizes > 0.0))
+        are_places = np.all(np.isfinite(atoms.positions))
+        if not (are_places and are_sizes):
             raise InputError(
                 "the Atoms have a place that is not finite, or a radius that is not above zero",
                 mend="Mend their positions, or the array radius",
             )
-        return kinds, radii
+        return kinds, sizes
 
     def _find_law(
         self, kind_i: str, radius_i: float, kind_j: str, radius_j: float
     ) -> tuple[PairLaw, float, float]:
-        """Return the law of two balls, and 4 G*/E* and E*, Pa, of their contacts."""
+        """Return the law of two balls with radii in m, and 4 G*/E* and E*, Pa, of their
+        contacts.
+        """
         key = (kind_i, radius_i, kind_j, radius_j)
         if key not in self._laws:
             ball_i = self._make_ball(kind_i, radius_i)
@@ -160,7 +170,7 @@ class BallContacts(ContactCalculator):
             law = law_of_pair(self._law, ball_i, ball_j, kind_i, kind_j)
             constants = ContactConstants.of(ball_i, ball_j)
             check_law(law, constants.radius)
-            self._laws[key] = law, constants.mindlin_ratio, constants.modulus
+            self._laws[key] = (law, constants.mindlin_ratio, constants.modulus)
         return self._laws[key]
 
     def _make_ball(self, kind: str, radius: float) -> Ball:
@@ -171,15 +181,15 @@ class BallContacts(ContactCalculator):
         return Ball(ball.material, 2.0 * radius, name=kind)
 
     def find_contacts(self, atoms: Atoms) -> tuple[Index, Index, Index, Array, Springs, Array]:
-        """Return i, j (n_c,) and the shift (n_c, 3) of each contact, the vectors (n_c, 3) between
-        centres, m, the laws, and 4 G*/E* (n_c,).
+        """Return the balls i and j (n_c,) and the shift (n_c, 3) of each contact, the vectors
+        (n_c, 3) between centres, m, the laws, and 4 G*/E* (n_c,).
         """
         kinds, radii = self.find_radii(atoms)
         keys = list(zip(kinds, radii.tolist(), strict=True))
         sorts = list(dict.fromkeys(keys))  # of balls, by kind and radius
-        number = {key: n for n, key in enumerate(sorts)}
-        code = np.array([number[key] for key in keys], np.intp)
-        reach = (radii + 0.5 * self._find_gap(sorts)) * (1.0 + 1e-12)
+        number_of_sort = {sort: number for number, sort in enumerate(sorts)}
+        number = np.array([number_of_sort[key] for key in keys], np.intp)
+        reach = (radii + 0.5 * self._find_gap(sorts)) * (1.0 + _ROUNDING)
         periods = np.flatnonzero(atoms.pbc)
         longest = 2.0 * float(np.max(reach, initial=0.0))
         i, j, steps, vector = find_pairs(atoms.positions, atoms.cell.array[periods], longest)
@@ -189,17 +199,31 @@ class BallContacts(ContactCalculator):
         vector = vector[touches]
         shift = np.zeros((len(i), 3), np.intp)
         shift[:, periods] = steps[touches]
-        # contacts of one law: those of the same two sorts of balls
-        pair = np.minimum(code[i], code[j]) * len(sorts) + np.maximum(code[i], code[j])
+        springs, ratio = self._find_springs(sorts, number[i], number[j])
+        return i, j, shift, vector, springs, ratio
+
+    def _find_springs(
+        self, sorts: list[tuple[str, float]], sort_i: Index, sort_j: Index
+    ) -> tuple[Springs, Array]:
+        """Return the laws of contacts between balls of the sorts of numbers ``sort_i`` and
+        ``sort_j`` (n_c,), and 4 G*/E* (n_c,); ``sorts`` are a kind and a radius, m, each.
+        """
+        count = len(sort_i)
         groups = list[tuple[PairLaw, Index]]()
-        ratio = np.empty(len(i))
-        modulus = np.empty(len(i))
-        for contacts in _group_equal(pair):
-            sort_i = sorts[code[i[contacts[0]]]]
-            sort_j = sorts[code[j[contacts[0]]]]
-            law, ratio[contacts], modulus[contacts] = self._find_law(*sort_i, *sort_j)
+        ratio = np.empty(count)
+        modulus = np.empty(count)
+        # contacts of the same two sorts of balls have one law
+        lower = np.minimum(sort_i, sort_j)
+        upper = np.maximum(sort_i, sort_j)
+        for contacts in _group_equal(lower * len(sorts) + upper):
+            first = contacts[0]
+            kind_i, radius_i = sorts[sort_i[first]]
+            kind_j, radius_j = sorts[sort_j[first]]
+            law, mindlin_ratio, pair_modulus = self._find_law(kind_i, radius_i, kind_j, radius_j)
+            ratio[contacts] = mindlin_ratio
+            modulus[contacts] = pair_modulus
             groups.append((law, contacts))
-        return i, j, shift, vector, Springs(groups, len(i), modulus), ratio
+        return Springs(groups, count, modulus), ratio
 
     def _find_gap(self, sorts: list[tuple[str, float]]) -> float:
         """Return the distance, m, up to which balls that adhere touch though they are apart, of any
@@ -226,10 +250,14 @@ class BallContacts(ContactCalculator):
         properties: Any = ("energy",),
         system_changes: Any = all_changes,
     ) -> None:
-        """Find the energy (J), forces (N) and stress (Pa) of the atoms."""
+        """Set ``results``: the energy (J), the forces (N) and the stress (Pa) of the atoms.
+
+        ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
+        since the last call.
+        """
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
-        radii = self.find_radii(self.atoms)[1]
+        radii = self.find_radii(balls)[1]
         i, j, _, vector, springs, _ = self.find_contacts(balls)
         if len(balls) > 1 and not len(i):
             _warn_of_lengths(balls, radii)
@@ -274,7 +302,8 @@ class BallContacts(ContactCalculator):
             "shift_3": shift[:, 2],
         }
         if np.any(atoms.pbc):
-            options = {"cell": atoms.cell.array, "pbc": list(map(bool, atoms.pbc))} | options
+            options = {"cell": atoms.cell.array, "pbc": atoms.pbc.tolist()} | options
+        # the model has one ball for each kind
         names = tuple(dict.fromkeys(kinds))
         mean_balls = []
         for name in names:
@@ -285,8 +314,8 @@ class BallContacts(ContactCalculator):
         return replace(network, contact_model=model)
 
     def _find_mass(self, kind: str, radius: float) -> float:
-        """Return the mass, kg, of a ball of a kind with a radius, m: that which was given, if the
-        radius is that of the ball.
+        """Return the mass, kg, of a ball of a kind with a radius, m: the mass of the
+        :class:`~granphon.Ball` that was given, if the radius is that of the ball.
         """
         ball = self.balls[kind]
         if not isinstance(ball, Ball) or ball.radius != radius:
@@ -303,11 +332,13 @@ def _group_equal(numbers: Index) -> list[Index]:
 
 
 def _warn_of_lengths(atoms: Atoms, radii: Array) -> None:
-    """Warn if balls that do not touch are so far from each other that their places are not in m."""
-    # imported here: it loads much of scipy, which balls in contact do not need
+    """Warn if balls of ``radii`` (n,), m, that do not touch are so far from each other that their
+    places are not in m.
+    """
+    # imported only where needed, as the import loads much of scipy
     from scipy.spatial import cKDTree
 
-    # the first is the ball itself
+    # the nearest ball but the first, which is the ball itself
     distances, _ = cKDTree(atoms.positions).query(atoms.positions, k=[2])
     nearest = float(np.min(distances))
     diameter = 2.0 * float(np.max(radii))
@@ -342,25 +373,27 @@ def _write_atoms(network: ContactNetwork) -> Atoms:
     Balls that are held are Atoms of infinite mass; a flat wall, which has no size, is left out.
     """
     scales = network.scales
-    shown = np.isfinite(network.radii)
-    kinds = np.array(network.kinds or ["X"] * len(shown))[shown]
+    has_size = np.isfinite(network.radii)
+    kinds = np.array(network.kinds or ["X"] * len(has_size))[has_size]
     symbols = choose_symbols(kinds.tolist()) if network.kinds else {"X": "X"}
     balls = Atoms(
         [symbols[kind] for kind in kinds.tolist()],
-        positions=network.positions[shown] / scales.length,
+        positions=network.positions[has_size] / scales.length,
         cell=network.cell / scales.length,
         pbc=network.pbc,
-        masses=network.masses[shown] / scales.mass,
+        masses=network.masses[has_size] / scales.mass,
     )
-    balls.set_array("radius", network.radii[shown] / scales.length)
+    balls.set_array("radius", network.radii[has_size] / scales.length)
     balls.set_array("kinds", kinds)
     balls.info.update(scales.to_info())
     return balls
 
 
 def _find_beside(path: Any, contacts: Any, word: str, replacement: str) -> Any:
-    """Return the file of ``contacts``; by default the file beside that of balls whose name has the
-    ``replacement`` for a ``word`` of the name of that.
+    """Return the file of ``contacts``, if one is given; else the file beside ``path``, that of the
+    balls, whose name is the same with a ``replacement`` for a ``word``.
+
+    Raises :class:`~granphon.base.errors.InputError` if the name of ``path`` lacks the word.
     """
     if contacts is not None:
         return contacts
@@ -374,31 +407,32 @@ def _find_beside(path: Any, contacts: Any, word: str, replacement: str) -> Any:
 
 
 def read_granphon_tables(path: Any, contacts: Any = None, **options: Any) -> Atoms:
-    """Read a table of balls and one of ``contacts`` as Atoms in the reduced units of their network,
-    for :mod:`ase.io`.
+    """Return a table of balls and one of ``contacts`` as Atoms in the reduced units of their
+    network, for :mod:`ase.io`.
 
     The table of contacts is by default beside that of balls, with "contacts" for "balls" in its
     name. ``options`` are those of :meth:`ContactNetwork.from_table`, which also says what is
     raised; rattlers are kept.
     """
-    file = _find_beside(path, contacts, "balls", "contacts")
+    contacts_file = _find_beside(path, contacts, "balls", "contacts")
     options = {"keep_rattlers": True} | options
-    return _write_atoms(ContactNetwork.from_table(path, file, **options))
+    return _write_atoms(ContactNetwork.from_table(path, contacts_file, **options))
 
 
 def read_granphon_lammps(path: Any, pairs: Any = None, **options: Any) -> Atoms:
-    """Read a dump of atoms and one of ``pairs`` as Atoms in the reduced units of their network, for
-    :mod:`ase.io`.
+    """Return a dump of atoms and one of ``pairs`` as Atoms in the reduced units of their network,
+    for :mod:`ase.io`.
 
     The dump of pairs is by default beside that of atoms, with "pairs" for "atoms" in its name.
     ``options`` are those of :meth:`ContactNetwork.from_lammps`, which also says what is raised;
     rattlers are kept. Without a material and stiffnesses the unit of stiffness is 1 N/m.
     """
-    if not {"material", "normal_stiffness"} & set(options):
+    has_stiffness = "material" in options or "normal_stiffness" in options
+    if not has_stiffness:
         options |= {"normal_stiffness": 1.0, "shear_stiffness": 0.0}
-    file = _find_beside(path, pairs, "atoms", "pairs")
+    pairs_file = _find_beside(path, pairs, "atoms", "pairs")
     options = {"keep_rattlers": True} | options
-    return _write_atoms(ContactNetwork.from_lammps(path, file, **options))
+    return _write_atoms(ContactNetwork.from_lammps(path, pairs_file, **options))
 
 
 def __getattr__(name: str) -> Any:
@@ -407,15 +441,14 @@ def __getattr__(name: str) -> Any:
     """
     if name != "__ase_plugins__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    # the places of the class in ASE's releases
     for module in ("ase.plugins", "ase._4.plugins.plugin"):
         with suppress(ImportError, AttributeError):
-            make = import_module(module).CalculatorPlugin
-            citation = "B. Velicky and C. Caroli, Phys. Rev. E 65, 021307 (2002)"
-            return {
-                make(
-                    "hertz-mindlin",
-                    citation=citation,
-                    implementation="granphon.phonons.calculator.HertzMindlin",
-                )
-            }
+            plugin_type = import_module(module).CalculatorPlugin
+            plugin = plugin_type(
+                "hertz-mindlin",
+                citation="B. Velicky and C. Caroli, Phys. Rev. E 65, 021307 (2002)",
+                implementation="granphon.phonons.calculator.HertzMindlin",
+            )
+            return {plugin}
     return set()

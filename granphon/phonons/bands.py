@@ -49,6 +49,8 @@ from granphon.phonons.phonopy_atoms import (
 
 #: difference of frequencies, over the top one, at which branches coincide
 _COINCIDE = 1e-6
+#: difference of the heights of balls, over the size of the cell, up to which there are no edges
+_FLAT = 1e-9
 #: share of the top frequency by which frequencies at one point may be out of order
 _ROUNDING = 1e-6
 #: highest frequency in units of the scales: that of a stiff contact, (k/M)^(1/2), is of order one
@@ -130,23 +132,20 @@ class Bands(Result):
         super()._check()
         balls = len(self.masses)
         p = self.periods
-        has_components = (
-            self.eigenvectors is None or self.eigenvectors.shape[2] == self.motions.count * balls
-        )
-        if self.eigenvectors is not None and not has_components:
-            raise InputError(
-                f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls",
-                mend=f"Give {self.motions.count} for each ball",
-            )
+        if self.eigenvectors is not None:
+            components = self.eigenvectors.shape[2]
+            if components != self.motions.count * balls:
+                raise InputError(
+                    f"{components} components of an eigenvector for {balls} balls",
+                    mend=f"Give {self.motions.count} for each ball",
+                )
         self._require_finite()
         _require(self.frequencies.size > 0, "there is no frequency")
-        leaves = (
-            bool(np.any(self.qpoints[..., p:]))
-            or bool(np.any(self.cell[:p, p:]))
-            or bool(np.any(self.cell[p:, :p]))
-        )
+        # components across the periods, which are along the first axes
+        across = (self.qpoints[..., p:], self.cell[:p, p:], self.cell[p:, :p])
+        lies_along = not any(np.any(components) for components in across)
         shape = ("line", "plane", "space")[p - 1]
-        _require(not leaves, f"a wave vector or a lattice vector leaves the {shape} of {p} periods")
+        _require(lies_along, f"a wave vector or a lattice vector leaves the {shape} of {p} periods")
         _require(np.all(self.frequencies >= 0.0), "a frequency is below zero")
         # the lowest frequencies are roots of rounding errors, which may put neighbours out of order
         falls = -np.diff(self.frequencies, axis=2)
@@ -209,13 +208,13 @@ class Bands(Result):
         q = self.qpoints[..., :d] @ np.linalg.inv(self.cell[:d, :d]).T  # (s, p, d)
         along_path = np.broadcast_to((q[:, -1] - q[:, 0])[:, None], q.shape)
         is_gamma = ~np.any(q != 0.0, axis=-1, keepdims=True)
-        ahead = np.where(is_gamma, along_path, q)
-        ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
+        course = np.where(is_gamma, along_path, q)
+        direction = course / np.linalg.norm(course, axis=-1, keepdims=True)
         translations = self.motions.translations
         axes = [axis for axis in translations if axis < d]
         components = [translations.index(axis) for axis in axes]
-        moved = self.motion[:, :, :, components]
-        along = np.einsum("spiab,spa->spib", moved, ahead[..., axes])
+        displacements = self.motion[:, :, :, components]
+        along = np.einsum("spiab,spa->spib", displacements, direction[..., axes])
         return np.asarray(np.sum(np.abs(along) ** 2, axis=2))
 
     @property
@@ -250,8 +249,10 @@ class Bands(Result):
         :class:`~granphon.base.errors.InputError` of a lattice that is not a cut: all balls are at
         one height.
         """
-        heights = (self.positions @ self.cell)[:, min(sum(self.pbc), 2)]
-        if not np.ptp(heights) > 1e-9 * float(np.abs(self.cell).max()):
+        axis_across = min(sum(self.pbc), 2)  # the periods of a cut are along the first axes
+        heights = (self.positions @ self.cell)[:, axis_across]
+        has_edges = np.ptp(heights) > _FLAT * float(np.abs(self.cell).max())
+        if not has_edges:
             raise InputError(
                 "the lattice has no edges", mend="Take bands of network.cut(axis, layers)"
             )
@@ -260,8 +261,8 @@ class Bands(Result):
         weights = np.einsum("ei,spicb->spbe", masks.astype(float), energy, optimize=True)
         coincide = np.diff(self.frequencies, axis=2) <= _COINCIDE * self.frequencies.max()
         for s, p in np.argwhere(np.any(coincide, axis=2)):
-            ends = np.flatnonzero(~coincide[s, p]) + 1
-            for branches in np.split(np.arange(self.n_branches), ends):
+            set_ends = np.flatnonzero(~coincide[s, p]) + 1
+            for branches in np.split(np.arange(self.n_branches), set_ends):
                 if len(branches) > 1:
                     motion = self.motion[s, p][..., branches]
                     weights[s, p, branches] = _part_edges(motion, masks)
@@ -314,8 +315,8 @@ class Bands(Result):
         write_text(path, seal(lines))
 
     def _write_head(self, unit: HertzPrefix, still: int) -> list[str]:
-        """Return the lines of a band.yaml before those of its atoms, with so many branches of
-        coordinates that hold no motion.
+        """Return the lines of a band.yaml before those of its atoms, with frequencies in a ``unit``
+        and ``still`` branches of coordinates that hold no motion.
         """
         s, p, _ = self.frequencies.shape
         lines = make_header(unit, self.scales, self.motions, self.periods)
@@ -346,8 +347,8 @@ class Bands(Result):
 
     @property
     def _segment_ends(self) -> list[list[str]]:
-        """The names of the first and of the last point of each segment, which a label "K|M" of a
-        jump has in one.
+        """The names of the first and of the last point of each segment; a label "K|M", of a jump,
+        names the last point K of one segment and the first point M of the next.
         """
         corners = [label.split("|") for label in self.labels]
         return [[start[-1], end[0]] for start, end in itertools.pairwise(corners)]
@@ -368,16 +369,15 @@ class Bands(Result):
         return lines
 
     def _write_modes(self, unit: HertzPrefix, still: int) -> list[str]:
-        """Return the lines of a band.yaml on its wave vectors and modes, with so many branches of
-        coordinates that hold no motion below the others.
+        """Return the lines of a band.yaml on its wave vectors and modes, with frequencies in a
+        ``unit`` and ``still`` branches of coordinates that hold no motion below the others.
         """
         s, p, b = self.frequencies.shape
-        hertz = np.pad(self.frequencies, ((0, 0), (0, 0), (still, 0))) / unit.hertz
+        frequencies = np.pad(self.frequencies, ((0, 0), (0, 0), (still, 0))) / unit.hertz
         velocities = None
         if self.group_velocities is not None:
-            velocities = np.pad(
-                self.group_velocities, ((0, 0), (0, 0), (still, 0), (0, 3 - self.periods))
-            )
+            widths = ((0, 0), (0, 0), (still, 0), (0, 3 - self.periods))
+            velocities = np.pad(self.group_velocities, widths)
             velocities /= self.scales.length * unit.hertz
         components = None
         if self.eigenvectors is not None:
@@ -395,7 +395,7 @@ class Bands(Result):
             lines.append("  band:")
             for k in range(still + b):
                 lines.append(f"  - # {k + 1}")
-                lines.append(f"    frequency: {write_float(float(hertz[i, j, k]))}")
+                lines.append(f"    frequency: {write_float(float(frequencies[i, j, k]))}")
                 if velocities is not None:
                     lines.append(f"    group_velocity: {_write_row(velocities[i, j, k].tolist())}")
                 if components is not None:
@@ -407,7 +407,7 @@ class Bands(Result):
 
     def _list_components(self, still: int) -> Array:
         """Return real and imaginary parts of the eigenvectors, (s, p, atoms, 3, still + b, 2), as
-        phonopy has them.
+        phonopy has them; each of the first ``still`` branches moves a coordinate without a motion.
         """
         s, p, b = self.frequencies.shape
         n = len(self.masses)
@@ -415,17 +415,17 @@ class Bands(Result):
         motion = np.zeros((s, p, n, 3 * per_ball, still + b), complex)
         motion[:, :, :, list(self.motions.slots), still:] = self.motion
         if still:
-            one_each = np.eye(still).reshape(n, -1, still)
-            motion[:, :, :, list(self.motions.still_slots), :still] = one_each
+            units = np.eye(still).reshape(n, -1, still)
+            motion[:, :, :, list(self.motions.still_slots), :still] = units
         # an atom aside of its ball has the phase at its own place
         phases = find_offset_phases(self.qpoints, self.cell).conj()
         motion[:, :, :, 3:] *= phases[:, :, None, None, None]
-        motion = motion.reshape(s, p, n * per_ball, 3, still + b)
-        return np.stack([motion.real, motion.imag], axis=-1)
+        by_atom = motion.reshape(s, p, n * per_ball, 3, still + b)
+        return np.stack([by_atom.real, by_atom.imag], axis=-1)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Bands:
-        """Read a band.yaml that granphon wrote.
+        """Return the bands of a band.yaml that granphon wrote.
 
         Raises :class:`~granphon.base.errors.InputError` if another program wrote the file, or it is
         damaged or was edited; :class:`~granphon.base.errors.MissingFileError` if there is no such
@@ -453,60 +453,52 @@ class Bands(Result):
         header = data["granphon"]
         phonon = data["phonon"]
         s, p, natom = _read_counts(data)
-        points = data["points"]
-        symbols = [point["symbol"] for point in points]
+        # a ball of six motions is two atoms, the first at its place
+        atoms = data["points"]
+        symbols = [atom["symbol"] for atom in atoms]
         n = natom // read_motions(header)[0].atoms_per_ball
+        per_ball = natom // max(n, 1)
         still = int(header.get("still_branches", 0))
         modes = [point["band"][still:] for point in phonon]
         b = len(modes[0])
-        per_ball = natom // max(n, 1)
         motions, periods = read_motions(header, b // max(n, 1))
         cell = read_numbers("lattice", data["lattice"])
-        qpoints = read_numbers("q-position", [point["q-position"] for point in phonon])
-        qpoints = qpoints.reshape(s, p, 3)
-        vectors = None
-        velocities = None
-        if "eigenvector" in modes[0][0]:
-            components = _read_of_modes("eigenvector", modes)
-            motion = components[..., 0] + 1j * components[..., 1]
-            motion = motion.reshape(s, p, b, n, 3 * per_ball)
-            # the phase at the ball, in place of that of an atom aside
-            motion[..., 3:] *= find_offset_phases(qpoints, cell)[:, :, None, None, None]
-            flat = motion[..., list(motions.slots)].reshape(s, p, b, -1)
-            vectors = np.moveaxis(flat, 2, 3)
-        if "group_velocity" in modes[0][0]:
-            travel = _read_of_modes("group_velocity", modes)
-            if np.any(travel[..., periods:]):
-                raise InputError(f"It has a group_velocity across its {counted(periods, 'period')}")
-            velocities = travel[..., :periods].reshape(s, p, b, periods) * scales.length * hertz
-        labels = _join_labels(data["labels"])
-        coordinates = read_numbers("coordinates", [point["coordinates"] for point in points])
-        masses = read_numbers("mass", [point["mass"] for point in points])
+        positions = read_numbers("coordinates", [atom["coordinates"] for atom in atoms])
+        masses = read_numbers("mass", [atom["mass"] for atom in atoms])
         kinds = read_kinds(header, symbols[::per_ball])
         if name_atoms(masses[::per_ball], motions, kinds) != symbols:
             raise InputError("Its atoms are not those of balls with these motions")
+        qpoints = read_numbers("q-position", [point["q-position"] for point in phonon])
+        qpoints = qpoints.reshape(s, p, 3)
         distances = read_numbers("distance", [point["distance"] for point in phonon])
-        frequencies = _read_of_modes("frequency", modes).reshape(s, p, b) * hertz
-        warnings = tuple(header["warnings"])
+        frequencies = _read_of_modes("frequency", modes) * hertz
+        eigenvectors = None
+        if "eigenvector" in modes[0][0]:
+            components = _read_of_modes("eigenvector", modes).reshape(s, p, b, n, 3 * per_ball, 2)
+            eigenvectors = _read_vectors(components, motions, qpoints, cell)
+        velocities = None
+        if "group_velocity" in modes[0][0]:
+            reduced = _read_velocities(modes, periods).reshape(s, p, b, periods)
+            velocities = reduced * scales.length * hertz
         gyration = None
         if "gyration" in header:
             gyration = read_numbers("gyration", header["gyration"], (n,))
         return cls(
-            qpoints,
-            distances.reshape(s, p),
-            frequencies,
-            velocities,
-            vectors,
-            labels,
-            cell,
-            coordinates[::per_ball],
-            masses[::per_ball],
-            scales,
-            warnings,
-            motions,
-            tuple(header.get("pbc", (True,) * periods)),
-            kinds,
-            gyration,
+            qpoints=qpoints,
+            distances=distances.reshape(s, p),
+            frequencies=frequencies.reshape(s, p, b),
+            group_velocities=velocities,
+            eigenvectors=eigenvectors,
+            labels=_join_labels(data["labels"]),
+            cell=cell,
+            positions=positions[::per_ball],
+            masses=masses[::per_ball],
+            scales=scales,
+            warnings=tuple(header["warnings"]),
+            motions=motions,
+            pbc=tuple(header.get("pbc", (True,) * periods)),
+            kinds=kinds,
+            gyration=gyration,
         )
 
 
@@ -561,14 +553,38 @@ def _part_edges(motion: NDArray[Any], masks: NDArray[np.bool_]) -> Array:
     """Return the parts (b, 2) of the kinetic energy in the balls of two ``masks`` (2, n), of those
     sums of the modes ``motion`` (n, components of a ball, b) that are most in one of them.
     """
-    forms = []
+    energy_forms = []
     for mask in masks:
         outer = motion[mask]
-        forms.append(np.einsum("icb,icd->bd", outer.conj(), outer))
-    low, high = forms
-    _, turned = np.linalg.eigh(high - low)
-    weights = [np.einsum("ba,bc,ca->a", turned.conj(), form, turned).real for form in forms]
+        energy_forms.append(np.einsum("icb,icd->bd", outer.conj(), outer))
+    low, high = energy_forms
+    # the eigenvectors of the difference are sums at one edge as far as can be
+    _, turn = np.linalg.eigh(high - low)
+    weights = [np.einsum("ba,bc,ca->a", turn.conj(), form, turn).real for form in energy_forms]
     return np.stack(weights, axis=1)
+
+
+def _read_vectors(components: Array, motions: Motions, qpoints: Array, cell: Array) -> Complex:
+    """Return eigenvectors (s, p, n_dof, b) from the real and imaginary parts (s, p, b, n, 3 or 6,
+    2) of the coordinates of atoms in a band.yaml.
+    """
+    motion = components[..., 0] + 1j * components[..., 1]
+    # the phase at the ball, in place of that of an atom aside
+    motion[..., 3:] *= find_offset_phases(qpoints, cell)[:, :, None, None, None]
+    by_branch = motion[..., list(motions.slots)].reshape(*motion.shape[:3], -1)
+    return np.moveaxis(by_branch, 2, 3)
+
+
+def _read_velocities(modes: list[Any], periods: int) -> Array:
+    """Return group velocities (n_q, b, periods), d times the unit of frequencies, of the ``modes``
+    of a band.yaml, which are listed for each wave vector.
+
+    Raises :class:`InputError` for a velocity across the ``periods``.
+    """
+    in_space = _read_of_modes("group_velocity", modes)
+    if np.any(in_space[..., periods:]):
+        raise InputError(f"It has a group_velocity across its {counted(periods, 'period')}")
+    return in_space[..., :periods]
 
 
 def _read_counts(data: Any) -> tuple[int, int, int]:
@@ -583,16 +599,17 @@ def _read_counts(data: Any) -> tuple[int, int, int]:
     count = counts["nqpoint"]
     listed = len(data["phonon"])
     p = listed // s
-    fits = count == listed == s * p and p > 0
-    if not fits or data["segment_nqpoint"] != [p] * s or len(data["labels"]) != s:
+    are_points = count == listed == s * p and p > 0
+    are_segments = data["segment_nqpoint"] == [p] * s and len(data["labels"]) == s
+    if not (are_points and are_segments):
         raise InputError(
             f"Its keys npath ({s}), nqpoint ({count}), segment_nqpoint and labels do not fit the"
             f" {listed} points of phonon"
         )
-    points = len(data["points"])
-    if counts["natom"] != points:
-        raise InputError(f"Its key natom is {data['natom']}, and it has {points} points")
-    return s, p, points
+    n_atoms = len(data["points"])
+    if counts["natom"] != n_atoms:
+        raise InputError(f"Its key natom is {data['natom']}, and it has {n_atoms} points")
+    return s, p, n_atoms
 
 
 def _read_of_modes(name: str, modes: list[Any]) -> Array:

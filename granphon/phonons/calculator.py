@@ -109,13 +109,17 @@ def atoms(state: Any) -> Atoms:
     any_state: Any = as_state(state)
     if not any_state.follows_law:
         return _make_network_atoms(any_state)
-    state = given_state(any_state)
-    lattice = state.packing.structure
-    spacing = 1.0 - state.relative_overlap if state.finite_overlap else 1.0
-    balls = _place_balls(lattice.vectors * spacing, lattice.positions * spacing)
-    kind = FINITE if state.finite_overlap else LATTICE
-    take_arrays(balls, any_state.scales, kind, coordinates=count_coordinates(state.packing))
-    balls.calc = HertzMindlin(state)
+    contact_state = given_state(any_state)
+    packing = contact_state.packing
+    spacing = 1.0
+    kind = LATTICE
+    if contact_state.finite_overlap:
+        spacing = 1.0 - contact_state.relative_overlap
+        kind = FINITE
+    structure = packing.structure
+    balls = _place_balls(structure.vectors * spacing, structure.positions * spacing)
+    take_arrays(balls, contact_state.scales, kind, coordinates=count_coordinates(packing))
+    balls.calc = HertzMindlin(contact_state)
     return balls
 
 
@@ -134,7 +138,9 @@ def _place_balls(vectors: Array, positions: Array) -> Atoms:
 
 
 def _make_network_atoms(state: NetworkState) -> Atoms:
-    """Return the balls of a network that move, as Atoms with its calculator."""
+    """Return the balls of the network of a ``state`` that move, as Atoms in reduced units with the
+    calculator :class:`HarmonicContacts`.
+    """
     lattice = state.contact_lattice()
     network = state.network
     kinds = state.kinds
@@ -146,9 +152,10 @@ def _make_network_atoms(state: NetworkState) -> Atoms:
     if kinds:
         balls.info["kinds"] = {symbol: name for name, symbol in choose_symbols(kinds).items()}
     axes = lattice.motions.rotations
-    if axes:
-        shape = (len(balls),) if axes == (2,) else (len(balls), 3)
-        balls.set_array("rotations", np.zeros(shape))
+    if axes == (2,):  # balls turn about z alone
+        balls.set_array("rotations", np.zeros(len(balls)))
+    elif axes:
+        balls.set_array("rotations", np.zeros((len(balls), 3)))
     balls.calc = HarmonicContacts(state, balls)
     return balls
 
@@ -184,21 +191,28 @@ class HarmonicContacts(ContactCalculator):
         properties: Any = ("energy",),
         system_changes: Any = all_changes,
     ) -> None:
-        """Find the energy (units of k d^2), forces (k d) and stress (k/d) of the atoms."""
+        """Set ``results``: the energy (units of k d^2), the forces (k d) and the stress (k/d) of
+        the atoms.
+
+        ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
+        since the last call.
+        """
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
         lattice = self.state.contact_lattice()
         self.contact_network(balls)  # refuses other Atoms
         table = lattice.contacts
         n = len(balls)
-        moved = self._find_moves(balls)
-        energy, pull, torques = _load_springs(lattice, moved, self._find_turns(balls))
+        displacement = self._find_moves(balls)
+        turned = self._find_turns(balls)
+        energy, pull, torques = _load_springs(lattice, displacement, turned)
         # a body that does not move comes after the balls
         forces = np.zeros((n + 1, 3))
         np.add.at(forces, table.j, pull)
         np.add.at(forces, table.i, -pull)
         self._torques: Array = np.zeros((n, 3))
         self._torques[:, list(lattice.motions.rotations)] = torques[:n] * lattice.gyration[:, None]
+        # the work of the static stress, V s:(F - 1)
         static = self._find_static_stress()
         cell = self._reference.cell.array
         strain = np.linalg.solve(cell, balls.cell.array - cell)
@@ -206,9 +220,9 @@ class HarmonicContacts(ContactCalculator):
         self.results = {"energy": energy, "free_energy": energy, "forces": forces[:n]}
         if not lattice.is_held:
             p = lattice.periods
-            vector = _in_space(table.vector) + moved
-            stress = static + strain.T @ static - vector.T @ pull
-            stress /= abs(np.linalg.det(balls.cell.array[:p, :p]))
+            vector = _in_space(table.vector) + displacement
+            virial = static + strain.T @ static - vector.T @ pull
+            stress = virial / abs(np.linalg.det(balls.cell.array[:p, :p]))
             self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
             raise InputError(
@@ -226,19 +240,21 @@ class HarmonicContacts(ContactCalculator):
         table = lattice.contacts
         n = len(balls)
         # displacements of the balls, and of a body that does not move; whole periods count nothing
-        u = np.zeros((n + 1, 3))
+        displacements = np.zeros((n + 1, 3))
         fractions = balls.get_scaled_positions(wrap=False)
-        steps = np.rint(fractions - reference.get_scaled_positions(wrap=False)) * balls.pbc
-        u[:n] = balls.positions - steps @ balls.cell - reference.positions
-        stretched = (balls.cell - reference.cell)[: lattice.periods]
-        moved = u[table.j] - u[table.i] + table.shift @ stretched
-        if np.max(np.abs(moved), initial=0.0) > _FAR:
+        fractions_at_rest = reference.get_scaled_positions(wrap=False)
+        steps = np.rint(fractions - fractions_at_rest) * balls.pbc
+        displacements[:n] = balls.positions - steps @ balls.cell - reference.positions
+        change_of_periods = (balls.cell - reference.cell)[: lattice.periods]
+        displacement = displacements[table.j] - displacements[table.i]
+        displacement = displacement + table.shift @ change_of_periods
+        if np.max(np.abs(displacement), initial=0.0) > _FAR:
             raise InputError(
                 f"balls in contact have moved against each other by more than {_FAR} diameters",
                 "Displacements must be small",
                 "Compare the order of the balls, and the cell",
             )
-        return np.asarray(moved)
+        return np.asarray(displacement)
 
     def _find_turns(self, balls: Atoms) -> Array:
         """Return w = R_g phi (n + 1, r), in diameters, of the balls about the r axes of their
@@ -247,12 +263,13 @@ class HarmonicContacts(ContactCalculator):
         lattice = self.state.contact_lattice()
         rotations = list(lattice.motions.rotations)
         n = len(balls)
+        # (n, 1) about z alone, or (n, 3)
         angles = balls.arrays.get("rotations", np.zeros((n, 3))).reshape(n, -1)
         if angles.shape[1] != len(rotations):
             angles = angles[:, rotations]
-        w = np.zeros((n + 1, len(rotations)))
-        w[:n] = lattice.gyration[:, None] * angles
-        return w
+        turned = np.zeros((n + 1, len(rotations)))
+        turned[:n] = lattice.gyration[:, None] * angles
+        return turned
 
     def _find_static_stress(self) -> Array:
         """Return V s (3, 3), units of k d^2: the stress s of the normal forces times the volume."""
@@ -261,8 +278,10 @@ class HarmonicContacts(ContactCalculator):
         network = self.state.network
         # contacts of two bodies that do not move are not in the lattice
         kept = network.moving[network.i] | network.moving[network.j]
-        force = network.normal_force[kept, None] / self.state.scales.force * table.normal
-        return np.asarray(-_in_space(table.vector).T @ _in_space(force))
+        sizes = network.normal_force[kept, None] / self.state.scales.force
+        forces = sizes * table.normal
+        # compressive forces are above zero, and make a stress below zero
+        return np.asarray(-_in_space(table.vector).T @ _in_space(forces))
 
     def get_torques(self, atoms: Atoms) -> Array:
         """Return the torque on each ball, -dE/dphi, in units of k d^2: (N, 3)."""
@@ -274,12 +293,9 @@ class HarmonicContacts(ContactCalculator):
         not its balls.
         """
         reference = self._reference
-        are_its_balls = (
-            len(atoms) == len(reference)
-            and np.array_equal(atoms.pbc, reference.pbc)
-            and np.array_equal(atoms.get_masses(), reference.get_masses())
-        )
-        if not are_its_balls:
+        have_periods = np.array_equal(atoms.pbc, reference.pbc)
+        have_masses = np.array_equal(atoms.get_masses(), reference.get_masses())
+        if not (have_periods and have_masses):
             raise InputError(
                 f"the Atoms are not the {len(reference)} balls of the network",
                 "Its calculator serves these alone",
@@ -303,14 +319,16 @@ class Pairs(NamedTuple):
 
 
 def keep_rows(kept: Flags, *arrays: Any) -> tuple[Any, ...]:
-    """Return the rows of each array that are ``kept``; the arrays themselves if that is all of
-    them, as it mostly is.
+    """Return the rows of each array that are ``kept``; the arrays themselves if all rows are kept,
+    as is mostly so.
     """
-    return arrays if kept.all() else tuple(values[kept] for values in arrays)
+    return arrays if kept.all() else tuple(array[kept] for array in arrays)
 
 
 class _Search(NamedTuple):
-    """The ``pairs`` of balls nearer than ``reach`` at ``positions`` in a ``cell``."""
+    """The ``pairs`` of balls nearer than ``reach`` at ``positions`` (N, m) in a ``cell`` (m, m),
+    all in diameters.
+    """
 
     pairs: Pairs
     positions: Array
@@ -321,8 +339,8 @@ class _Search(NamedTuple):
     def serves(
         self, positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float
     ) -> bool:
-        """Whether the pairs hold all pairs nearer than ``cutoff`` at other positions, in another
-        cell.
+        """Return whether the pairs hold all pairs nearer than ``cutoff`` at other positions, in
+        another cell.
 
         A change of the cell maps every vector to vector F. So a pair beyond the reach is at least s
         times the reach apart, s being the smallest singular value of F, less the further motion of
@@ -333,13 +351,15 @@ class _Search(NamedTuple):
         expected: Any = self.positions
         stretch = 1.0
         if not np.array_equal(cell, self.cell):
+            # F; zero, with which no list serves, where the kept cell has none
             change: Any = np.zeros_like(cell)
             if abs(np.linalg.det(self.cell)) >= _FLAT:
                 change = np.linalg.solve(self.cell, cell)
             stretch = float(np.linalg.svd(change, compute_uv=False)[-1])
             expected = expected @ change
         moved = positions - expected
-        farthest = float(np.sqrt(np.max(np.einsum("na,na->n", moved, moved), initial=0.0)))
+        squares = np.einsum("na,na->n", moved, moved)
+        farthest = float(np.sqrt(np.max(squares, initial=0.0)))
         return stretch * self.reach - 2.0 * farthest >= cutoff
 
 
@@ -355,7 +375,9 @@ def _search(positions: Array, cell: Array, periodic: tuple[bool, ...], reach: fl
         raise InputError(
             "the balls are periodic along a cell vector of zero length", "The period is not known"
         )
-    if len(axes) and np.prod(np.linalg.svd(periods, compute_uv=False)) < _FLAT:
+    # the product of the singular values is the length, area or volume; 1 without periods
+    extent = np.prod(np.linalg.svd(periods, compute_uv=False)) if len(axes) else 1.0
+    if extent < _FLAT:
         measure = ("a length", "an area", "a volume")[len(axes) - 1]
         raise InputError(
             f"the balls are periodic in a cell without {measure}",
@@ -379,8 +401,8 @@ class PairList:
     def near(
         self, positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float
     ) -> Pairs:
-        """Find the pairs nearer than ``cutoff``, in the order of (i, j, shift); all lengths are in
-        diameters.
+        """Return the pairs nearer than ``cutoff``, in the order of (i, j, shift); all lengths are
+        in diameters.
 
         ``positions`` are (N, m), ``cell`` is (m, m), with a row for each axis, periodic or not. A
         kept list gives the same numbers to the last digit as a new one. Raises
@@ -391,8 +413,8 @@ class PairList:
             self._kept = _search(positions, cell, periodic, cutoff + _SKIN)
         i, j, shift, _ = self._kept.pairs
         vector = positions[j] - positions[i] + shift @ cell
-        near = np.einsum("ca,ca->c", vector, vector) < cutoff**2
-        return Pairs(*keep_rows(near, i, j, shift, vector))
+        is_near = np.einsum("ca,ca->c", vector, vector) < cutoff**2
+        return Pairs(*keep_rows(is_near, i, j, shift, vector))
 
 
 class _ClosedContacts(NamedTuple):
@@ -415,6 +437,27 @@ class _ClosedContacts(NamedTuple):
     overlap: Array
 
 
+class _ContactsAtRest(NamedTuple):
+    """Contacts that are closed in the reference state; lengths are in diameters.
+
+    Attributes
+    ----------
+    i, j : (n_c,) the balls of each contact.
+    shift : (n_c, m) whole cells by which the image of ball j is shifted.
+    vector : (n_c, m) from the site of ball i to that of ball j.
+    axis : (n_c, m) direction of the contact.
+    overlap, distance : (n_c,) the overlap, and the distance of the centres.
+    """
+
+    i: Index
+    j: Index
+    shift: Index
+    vector: Array
+    axis: Array
+    overlap: Array
+    distance: Array
+
+
 class _Loads(NamedTuple):
     """What contacts do, summed over their deformations one after the other.
 
@@ -434,6 +477,7 @@ class _Loads(NamedTuple):
         """Add the energies, forces and torques of springs of ``stiffness`` (n_c,), in units of k,
         whose deformation, a ``row``, has become ``change`` (n_c,), in diameters.
         """
+        # coefficients of the m displacements come first, then those of rotations
         m = self.pull.shape[1]
         tension = stiffness * change
         self.energies[:] += 0.5 * tension * change
@@ -509,16 +553,16 @@ class HertzMindlin(ContactCalculator):
         self._torsion = float(state.torsion)
         self._bending = float(packing.bending)
         # without the rotations that no contact resists
-        self._motions = select_motions(
-            self._eta, self._torsion, self._bending, _MOTIONS[self._coordinates - 1]
-        )
+        all_motions = _MOTIONS[self._coordinates - 1]
+        self._motions = select_motions(self._eta, self._torsion, self._bending, all_motions)
         self._overlap = float(self.state.relative_overlap)
-        self._apart = self.state.law.least_overlap / self.scales.length
+        #: overlap, in diameters, at which contacts open; below zero where balls adhere
+        self._least_overlap = self.state.law.least_overlap / self.scales.length
         self._spacing = 1.0 - self._overlap if self.finite_overlap else 1.0
         # with finite overlap a contact of balls that do not turn acts along the line between them,
         # whatever the lattice
-        self._free = self.finite_overlap and not self._motions.rotate
-        self._near = PairList()
+        self._has_free_directions = self.finite_overlap and not self._motions.rotate
+        self._pair_list = PairList()
 
     def set(self, **unknown: Any) -> dict[str, Any]:
         """Raise InputError for any parameter: all that this calculator needs is in its state."""
@@ -552,9 +596,8 @@ class HertzMindlin(ContactCalculator):
         Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or
         if the Atoms belong to another state.
         """
-        balls = adopt(
-            atoms, self.scales, FINITE if self.finite_overlap else LATTICE, like, self._coordinates
-        )
+        kind = FINITE if self.finite_overlap else LATTICE
+        balls = adopt(atoms, self.scales, kind, like, self._coordinates)
         find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
         balls.calc = self
         return balls
@@ -565,17 +608,18 @@ class HertzMindlin(ContactCalculator):
         properties: Any = ("energy",),
         system_changes: Any = all_changes,
     ) -> None:
-        """Find the energy (units of k d^2), forces (k d) and stress (k/d) of the atoms.
+        """Set ``results``: the energy (units of k d^2), the forces (k d) and the stress (k/d) of
+        the atoms.
 
         ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
         since the last call.
         """
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
-        closing = self._overlap - self._apart
-        if closing < _LEAST_OVERLAP:
+        overlap = self._overlap - self._least_overlap
+        if overlap < _LEAST_OVERLAP:
             raise PrecisionError(
-                f"energy, forces and stress need positions, and balls overlap by {closing:.3g} d",
+                f"energy, forces and stress need positions, and balls overlap by {overlap:.3g} d",
                 f"Below {_LEAST_OVERLAP:g} positions hold too few digits of that",
                 "Use force constants, bands and velocities, which need none",
             )
@@ -585,44 +629,52 @@ class HertzMindlin(ContactCalculator):
         if self._motions.rotate:
             self._load_rows(balls, law, contacts, loads)
         n = len(balls)
-        m = self._coordinates
         i = contacts.i
         j = contacts.j
-        pull = loads.pull
         forces = np.zeros((n, 3))
         energy = float(loads.energies.sum())
-        for axis in range(m):
-            forces[:, axis] = np.bincount(j, pull[:, axis], n) - np.bincount(i, pull[:, axis], n)
+        for axis, pull in enumerate(loads.pull.T):
+            forces[:, axis] = np.bincount(j, pull, n) - np.bincount(i, pull, n)
         torques = [
             np.bincount(i, torque_i, n) + np.bincount(j, torque_j, n)
             for torque_i, torque_j in zip(loads.torque_i, loads.torque_j, strict=True)
         ]
         self._torques: Array = np.asarray(torques[0], float)
-        if m == 3:
+        if self._coordinates == 3:
             self._torques = np.stack(torques, axis=1)
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
-        periods = self._periods
-        volume = float(abs(np.linalg.det(np.asarray(balls.cell)[:periods, :periods])))
-        if volume > 0.0:
-            # stress is dE/d(strain of positions and cell) over the volume, one diameter thick
-            # across the periods
-            stress = np.zeros((3, 3))
-            stress[:m, :m] = -np.einsum("ca,cb->ab", pull, contacts.vector) / volume
-            self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
+        stress = self._find_stress(balls, contacts, loads)
+        if stress is not None:
+            self.results["stress"] = stress
         elif "stress" in properties:
             vectors = ("a vector along x", "two vectors in the plane", "three vectors")
             raise InputError(
-                f"the cell has no {_EXTENTS[periods - 1]}",
+                f"the cell has no {_EXTENTS[self._periods - 1]}",
                 "Stress is force over area",
-                f"Give the cell {vectors[periods - 1]}",
+                f"Give the cell {vectors[self._periods - 1]}",
             )
+
+    def _find_stress(self, balls: Atoms, contacts: _ClosedContacts, loads: _Loads) -> Array | None:
+        """Return the stress (6,) in Voigt order, k/d, that contacts with these ``loads`` have; None
+        of a cell without a length, area or volume.
+        """
+        p = self._periods
+        m = self._coordinates
+        volume = float(abs(np.linalg.det(np.asarray(balls.cell)[:p, :p])))
+        if volume == 0.0:
+            return None
+        # stress is dE/d(strain of positions and cell) over the volume, one diameter thick across
+        # the periods
+        stress = np.zeros((3, 3))
+        stress[:m, :m] = -np.einsum("ca,cb->ab", loads.pull, contacts.vector) / volume
+        return np.asarray((0.5 * (stress + stress.T))[VOIGT])
 
     def _find_closed(self, balls: Atoms, law: Law) -> _ClosedContacts:
         """Return the contacts that are closed under a law at the positions of the balls."""
         i, j, _, vector = self._find_pairs(balls, balls.positions[:, : self._coordinates])
         deviations = balls.arrays["diameter_deviations"]
         extra = 0.5 * (deviations[i] + deviations[j])
-        normal, near = self._find_normals(vector, extra)
+        normal, is_near = self._find_normals(vector, extra)
         if self.finite_overlap:
             distance = np.linalg.norm(vector, axis=1)
             along = vector / distance[:, None]
@@ -630,15 +682,19 @@ class HertzMindlin(ContactCalculator):
         else:
             along = normal
             overlap = self._overlap + extra - (np.einsum("ca,ca->c", vector, normal) - 1.0)
-        closed = near & (overlap > law.least_overlap / self.scales.length)
-        return _ClosedContacts(*keep_rows(closed, i, j, vector, normal, along, overlap))
+        is_closed = is_near & (overlap > law.least_overlap / self.scales.length)
+        return _ClosedContacts(*keep_rows(is_closed, i, j, vector, normal, along, overlap))
 
     def _load_normally(self, balls: Atoms, law: Law, contacts: _ClosedContacts) -> _Loads:
-        """Return the loads of the normal forces of contacts under a law."""
+        """Return the loads of the normal forces of contacts under a law, which takes overlaps in
+        m; torques are zero.
+        """
         d = self.scales.length
         k = self.scales.stiffness
-        energies = law.energy(contacts.overlap * d) / (k * d * d)
-        pull = (law.force(contacts.overlap * d) / (k * d))[:, None] * contacts.along
+        overlap = contacts.overlap * d
+        energies = law.energy(overlap) / (k * d * d)
+        force = law.force(overlap) / (k * d)
+        pull = force[:, None] * contacts.along
         n_axes = len(np.atleast_2d(balls.arrays["rotations"].T))
         torque_i = np.zeros((n_axes, len(contacts.i)))
         return _Loads(energies, pull, torque_i, np.zeros_like(torque_i))
@@ -654,7 +710,7 @@ class HertzMindlin(ContactCalculator):
         m = self._coordinates
         axis_at_rest, overlap_at_rest, _ = self._find_rest(balls, i, j, contacts.normal)
         origin = balls.arrays["slip_origin"][:, :m]
-        moved = contacts.vector - self._spacing * contacts.normal - (origin[j] - origin[i])
+        displacement = contacts.vector - self._spacing * contacts.normal - (origin[j] - origin[i])
         angles = np.atleast_2d(balls.arrays["rotations"].T)  # (axes, N), rad
         stiffness, torsion = self._find_springs(law, overlap_at_rest)
         deviations = balls.arrays["diameter_deviations"]
@@ -669,9 +725,10 @@ class HertzMindlin(ContactCalculator):
             roll=self._bending,
         )
         for row in rows:
-            change = row.head[:, 0] * moved[:, 0]
+            # coefficients of displacements come first, then those of rotations
+            change = row.head[:, 0] * displacement[:, 0]
             for axis in range(1, m):
-                change += row.head[:, axis] * moved[:, axis]
+                change += row.head[:, axis] * displacement[:, axis]
             for axis, angle in enumerate(angles, start=m):
                 change += row.head[:, axis] * angle[j]
                 change -= row.tail[:, axis] * angle[i]
@@ -687,27 +744,30 @@ class HertzMindlin(ContactCalculator):
     # -- contacts ----------------------------------------------------------------------------------
 
     def _find_pairs(self, balls: Atoms, positions: Array) -> Pairs:
-        """Find the pairs of balls that are near enough to touch, each pair once."""
-        largest = 1.0 + float(np.max(balls.arrays["diameter_deviations"], initial=0.0)) + _CATCH
+        """Return the pairs of balls at ``positions`` (N, m), d, that are near enough to touch, each
+        pair once.
+        """
+        largest_deviation = float(np.max(balls.arrays["diameter_deviations"], initial=0.0))
+        cutoff = 1.0 + largest_deviation + _CATCH
         m = self._coordinates
         p = self._periods
         cell = np.asarray(balls.cell)[:m, :m]
         if p < m:  # no vector across the periods counts
             cell = np.concatenate([cell[:p], np.eye(m)[p:]])
-        return self._near.near(positions, cell, tuple(balls.pbc[:m].tolist()), largest)
+        return self._pair_list.near(positions, cell, tuple(balls.pbc[:m].tolist()), cutoff)
 
     @cached_property
     def _directions(self) -> Array:
         """(2 n_c, m) contact vectors of the lattice, both ways, at spacing one."""
         normal = self.state.packing.structure.contacts.normal
-        return np.pad(
-            np.concatenate([normal, -normal]), ((0, 0), (0, self._coordinates - normal.shape[1]))
-        )
+        both_ways = np.concatenate([normal, -normal])
+        n_missing = self._coordinates - normal.shape[1]  # components across the lattice, zero
+        return np.pad(both_ways, ((0, 0), (0, n_missing)))
 
     @cached_property
     def _midway(self) -> float:
-        """Distance halfway from that of touching balls to that of second neighbours, if these are
-        close.
+        """Distance, d, halfway from that of touching balls to that of second neighbours; where
+        these are farther than a search reaches, halfway to the reach.
         """
         structure = self.state.packing.structure
         reach = 1.0 + 2.0 * _CATCH
@@ -724,7 +784,7 @@ class HertzMindlin(ContactCalculator):
     def _find_normals(
         self, vector: Array, extra: Array, at_sites: bool = False
     ) -> tuple[Array, Flags]:
-        """Find the direction (n, m) of the lattice contact nearest to each pair, and whether (n,)
+        """Return the direction (n, m) of the lattice contact nearest to each pair, and whether (n,)
         the pair is near enough to be that contact.
 
         ``vector`` (n, m) joins the balls of each pair, d. ``extra`` (n,) is the distance, d, that
@@ -735,33 +795,35 @@ class HertzMindlin(ContactCalculator):
         too far for contacts of fixed direction.
         """
         distance = np.linalg.norm(vector, axis=1)
-        if self._free:
+        if self._has_free_directions:
             is_near = np.abs(distance - self._spacing) < _CATCH
             if at_sites:
                 is_near &= distance < self._midway
             return vector / distance[:, None], is_near
         nearest = np.argmax(vector @ self._directions.T, axis=1)
         normal = self._directions[nearest]
-        near = np.linalg.norm(vector - self._spacing * normal, axis=1) < _CATCH
-        reach = self._spacing + self._overlap + extra - self._apart
-        touching = near & (np.einsum("ca,ca->c", vector, normal) < reach)
-        turn = _find_turn(normal, vector, distance, touching)
-        largest_turn = _TURN_PER_OVERLAP * (self._overlap - self._apart)
+        is_near = np.linalg.norm(vector - self._spacing * normal, axis=1) < _CATCH
+        reach = self._spacing + self._overlap + extra - self._least_overlap
+        is_touching = is_near & (np.einsum("ca,ca->c", vector, normal) < reach)
+        turn = _find_turn(normal, vector, distance, is_touching)
+        # a turn shortens the part of a vector along its normal, and so adds to the overlap
+        added_overlap = 0.5 * turn**2
+        largest_added = _TURN_PER_OVERLAP * (self._overlap - self._least_overlap)
         if at_sites:
-            largest_turn = _TURN_PER_SPACING
-        if np.any(~near & (distance < reach)):
+            largest_added = _TURN_PER_SPACING
+        if np.any(~is_near & (distance < reach)):
             raise _turned_balls("balls touch in directions that are not those of the lattice")
-        if 0.5 * turn**2 > largest_turn:
+        if added_overlap > largest_added:
             raise _turned_balls(
                 f"contacts are turned against the lattice of the state, by {np.degrees(turn):.3g}"
                 " degrees on average"
             )
-        return normal, near
+        return normal, is_near
 
     def _find_rest(
         self, balls: Atoms, i: Index, j: Index, normal: Array
     ) -> tuple[Array, Array, Array]:
-        """Find the direction (n_c, m), the overlap (n_c,), d, and the distance (n_c,), d, of each
+        """Return the direction (n_c, m), the overlap (n_c,), d, and the distance (n_c,), d, of each
         contact in the reference state.
 
         There balls are displaced from their sites, which are one spacing apart in the direction
@@ -770,16 +832,17 @@ class HertzMindlin(ContactCalculator):
         """
         deviations = balls.arrays["diameter_deviations"]
         displacements = balls.arrays["displacements"][:, : self._coordinates]
-        moved = displacements[j] - displacements[i]
+        displacement = displacements[j] - displacements[i]
         overlap = self._overlap + 0.5 * (deviations[i] + deviations[j])
-        along = np.einsum("ca,ca->c", normal, moved)
+        along = np.einsum("ca,ca->c", normal, displacement)
         if not self.finite_overlap:
             return normal, overlap - along, np.full(len(normal), self._spacing)
-        vector = self._spacing * normal + moved
+        vector = self._spacing * normal + displacement
         distance = np.linalg.norm(vector, axis=1)
         # |r| - a = (|r|^2 - a^2)/(|r| + a) for r = a n + u, without the difference of two nearly
         # equal numbers
-        difference_of_squares = 2.0 * self._spacing * along + np.einsum("ca,ca->c", moved, moved)
+        squares = np.einsum("ca,ca->c", displacement, displacement)
+        difference_of_squares = 2.0 * self._spacing * along + squares
         farther = difference_of_squares / (distance + self._spacing)
         return vector / distance[:, None], overlap - farther, distance
 
@@ -790,7 +853,8 @@ class HertzMindlin(ContactCalculator):
         self._require_known_sample(balls)
         kind = find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
         arrays = [balls.positions, np.asarray(balls.cell), *(balls.arrays[name] for name in ARRAYS)]
-        if not all(np.all(np.isfinite(values)) for values in arrays):
+        are_finite = all(np.all(np.isfinite(array)) for array in arrays)
+        if not are_finite:
             raise InputError(
                 "the Atoms hold a number that is not finite, in positions, cell or an array that"
                 " granphon added"
@@ -798,7 +862,9 @@ class HertzMindlin(ContactCalculator):
         require_lying(balls, self._periods)
         if kind == SAMPLE:
             return self.state.packing.law
-        if self._apart < 0.0 and np.any(balls.arrays["diameter_deviations"]):
+        # a law that opens below zero overlap is that of a medium, or of balls that adhere
+        has_diameters = np.any(balls.arrays["diameter_deviations"])
+        if self._least_overlap < 0.0 and has_diameters:
             raise InputError(
                 f"the Atoms have diameters of their own, and the law of {self.state.medium!r} is"
                 f" the mean over all",
@@ -837,8 +903,8 @@ class HertzMindlin(ContactCalculator):
         )
 
     def _find_springs(self, law: Law, overlap: Array) -> tuple[Array, float | Array]:
-        """Find the normal stiffness (n_c,) over that of the state, and the torsion over k d^2, one
-        or (n_c,), of contacts with ``overlap`` (n_c,), d.
+        """Return the normal stiffness (n_c,) over that of the state, and the torsion over k d^2, a
+        number or (n_c,), of contacts with ``overlap`` (n_c,), d.
 
         Both are exactly those of the state for its law at its overlap.
         """
@@ -900,49 +966,42 @@ class HertzMindlin(ContactCalculator):
             force / self.scales.force,
             0.5 * (1.0 + atoms.arrays["diameter_deviations"]),
             positions=positions,
-            pbc=tuple(map(bool, atoms.pbc)),
+            pbc=tuple(atoms.pbc.tolist()),
             prestress=self.finite_overlap,
             contact_model=ContactModel.of(self.state.packing),
         )
 
     def _find_lattice(self, atoms: Atoms, motions: str | None) -> tuple[ContactLattice, Law, Array]:
-        """Return the lattice of contacts, and the law and the overlaps (n_c,), d, of these."""
+        """Return the lattice of the closed contacts of ``atoms`` in the reference state, with the
+        ``motions`` of this name, and the law and the overlaps (n_c,), d, of these contacts.
+        """
         chosen_motions = self._choose_motions(motions)
         law = self._choose_law(atoms)
-        deviations = atoms.arrays["diameter_deviations"]
-        m = self._coordinates
-        periods = self._periods
-        sites = atoms.positions[:, :m] - atoms.arrays["displacements"][:, :m]
-        i, j, shift, vector = self._find_pairs(atoms, sites)
-        extra = 0.5 * (deviations[i] + deviations[j])
-        normal, near = self._find_normals(vector, extra, at_sites=True)
-        axis, overlap, distance = self._find_rest(atoms, i, j, normal)
-        closed = near & (overlap > law.least_overlap / self.scales.length)
-        i, j, shift, vector, axis, overlap, distance = keep_rows(
-            closed, i, j, shift, vector, axis, overlap, distance
-        )
+        sites = self._find_sites(atoms)
+        contacts = self._find_closed_at_rest(atoms, sites, law)
         # displacements may turn contacts out of the plane
         dimension = self.state.packing.structure.dimension
-        width = m if np.any(axis[:, dimension:]) else dimension
-        prestress = np.zeros(len(i))
+        leaves_plane = np.any(contacts.axis[:, dimension:])
+        width = self._coordinates if leaves_plane else dimension
+        prestress = np.zeros(len(contacts.i))
         if self.finite_overlap:
             d = self.scales.length
             k = self.scales.stiffness
-            prestress = law.force(overlap * d) / (k * d) / distance
-        diameters = 1.0 + deviations
+            prestress = law.force(contacts.overlap * d) / (k * d) / contacts.distance
+        diameters = 1.0 + atoms.arrays["diameter_deviations"]
         arms = 0.5 * self._spacing * diameters
         table = freeze_contacts(
-            i,
-            j,
-            shift[:, :periods],
-            axis[:, :width],
-            vector[:, :width],
-            arms[i],
-            arms[j],
+            contacts.i,
+            contacts.j,
+            contacts.shift[:, : self._periods],
+            contacts.axis[:, :width],
+            contacts.vector[:, :width],
+            arms[contacts.i],
+            arms[contacts.j],
         )
-        stiffness, torsion = self._find_springs(law, overlap)
+        stiffness, torsion = self._find_springs(law, contacts.overlap)
         lattice = ContactLattice(
-            np.asarray(atoms.cell)[:periods, :width],
+            np.asarray(atoms.cell)[: self._periods, :width],
             sites[:, :width],
             table,
             self._eta,
@@ -954,7 +1013,25 @@ class HertzMindlin(ContactCalculator):
             bending=self._bending,
             motions=chosen_motions,
         )
-        return lattice, law, overlap
+        return lattice, law, contacts.overlap
+
+    def _find_sites(self, atoms: Atoms) -> Array:
+        """Return the sites (N, m) of balls, d: their positions without their displacements."""
+        m = self._coordinates
+        return np.asarray(atoms.positions[:, :m] - atoms.arrays["displacements"][:, :m])
+
+    def _find_closed_at_rest(self, atoms: Atoms, sites: Array, law: Law) -> _ContactsAtRest:
+        """Return the contacts between balls at ``sites`` (N, m), d, that are closed under a law in
+        the reference state.
+        """
+        i, j, shift, vector = self._find_pairs(atoms, sites)
+        deviations = atoms.arrays["diameter_deviations"]
+        extra = 0.5 * (deviations[i] + deviations[j])
+        normal, is_near = self._find_normals(vector, extra, at_sites=True)
+        axis, overlap, distance = self._find_rest(atoms, i, j, normal)
+        is_closed = is_near & (overlap > law.least_overlap / self.scales.length)
+        rows = keep_rows(is_closed, i, j, shift, vector, axis, overlap, distance)
+        return _ContactsAtRest(*rows)
 
     def _choose_motions(self, name: str | None) -> Motions:
         """Return the motions of the state, or some of these by their ``name``.
@@ -965,12 +1042,12 @@ class HertzMindlin(ContactCalculator):
         motions = allowed_motions(packing.structure.dimension)[packing.ball_motions.name]
         if name is None:
             return motions
-        subsets = {
-            subset.name: subset
-            for subset in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL)
-            if set(subset.translations) <= set(motions.translations)
-            and set(subset.rotations) <= set(motions.rotations)
-        }
+        subsets = {}
+        for candidate in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL):
+            has_translations = set(candidate.translations) <= set(motions.translations)
+            has_rotations = set(candidate.rotations) <= set(motions.rotations)
+            if has_translations and has_rotations:
+                subsets[candidate.name] = candidate
         if not is_one_of(name, subsets):
             raise InputError(
                 f"the state has no motions {brief(name)}",
@@ -1004,10 +1081,10 @@ class HertzMindlin(ContactCalculator):
 
         Returns
         -------
-        The force constants between the m motions of balls that move: (x, y, w) in the plane, (x, y,
-        z, w_x, w_y, w_z) in space and in a plane with the motions "all", (z, w_x, w_y) out of the
-        plane, (x,) along a chain. Rotations that no contact resists are left out, except that in
-        the plane the rows and columns of w are then zero.
+        constants : between the m motions of balls that move: (x, y, w) in the plane, (x, y, z, w_x,
+            w_y, w_z) in space and in a plane with the motions "all", (z, w_x, w_y) out of the
+            plane, (x,) along a chain. Rotations that no contact resists are left out, except that
+            in the plane the rows and columns of w are then zero.
 
         Notes
         -----
@@ -1019,24 +1096,28 @@ class HertzMindlin(ContactCalculator):
         table = lattice.contacts
         n = lattice.n_balls
         blocks = contact_blocks(lattice)
-        # coordinates of a ball in the blocks, and those of them that are returned
+        # number of coordinates of a ball in the blocks, and those of them that are returned
         size = blocks.shape[1] // 2
+        all_slots = list(range(size))
         slots = list(lattice.motions.slots)
         if lattice.motions.name == IN_PLANE.name:
-            slots = list(range(size))
-        # row and column of each entry of the blocks
-        ends = np.stack([table.i, table.j], axis=1)
-        index = (size * ends[:, :, None] + np.arange(size)).reshape(len(table), 2 * size)
-        row = np.broadcast_to(index[:, :, None], blocks.shape).ravel()
-        column = np.broadcast_to(index[:, None, :], blocks.shape).ravel()
+            slots = all_slots
+        # row and column of each entry of the blocks, from the coordinates (n_c, 2 size) of both
+        # balls of each contact
+        balls = np.stack([table.i, table.j], axis=1)
+        coordinates = (size * balls[:, :, None] + np.arange(size)).reshape(len(table), 2 * size)
+        row = np.broadcast_to(coordinates[:, :, None], blocks.shape).ravel()
+        column = np.broadcast_to(coordinates[:, None, :], blocks.shape).ravel()
         shape = (size * n, size * n)
         if layout == "csr":
             from scipy.sparse import coo_array
 
-            sparse = coo_array((blocks.ravel(), (row, column)), shape=shape).tocsr()
+            sparse: csr_array[Any] = coo_array((blocks.ravel(), (row, column)), shape=shape).tocsr()
             sparse.sum_duplicates()
-            kept = (size * np.arange(n)[:, None] + slots).ravel()
-            return sparse if slots == list(range(size)) else sparse[kept][:, kept]
+            if slots != all_slots:
+                kept = (size * np.arange(n)[:, None] + slots).ravel()
+                sparse = sparse[kept][:, kept]
+            return sparse
         require_memory(
             f"dense force constants of {n:,} balls",
             16.0 * (size * n) ** 2,
@@ -1072,28 +1153,30 @@ def _find_turn(normal: Array, vector: Array, distance: Array, touching: Flags) -
     if m == 2:
         across = normal[:, 0] * vector[:, 1] - normal[:, 1] * vector[:, 0]
         return float(np.mean(across / distance))
-    # a turn by omega gives n x v = (1 - nn) omega; along a single line of contacts omega has no
-    # part that could be seen
-    across = np.sum(np.cross(normal, vector) / distance[:, None], axis=0)
+    # a turn by omega gives n x v = (1 - nn) omega: least squares over all contacts. The inverse is
+    # a pseudo-inverse, as contacts along a single line show no turn about it
+    total = np.sum(np.cross(normal, vector) / distance[:, None], axis=0)
     projection = len(normal) * np.eye(3) - normal.T @ normal
-    turn = np.linalg.pinv(projection, rcond=1e-9, hermitian=True) @ across
+    turn = np.linalg.pinv(projection, rcond=1e-9, hermitian=True) @ total
     return float(np.linalg.norm(turn))
 
 
 def _list_springs(lattice: ContactLattice) -> list[tuple[Row, Array]]:
-    """Return the rows of the contacts and their stiffnesses (n_c,), those of static forces among
-    them.
+    """Return the rows of the contacts, each with its stiffness (n_c,), units of k, those of static
+    forces among them.
     """
     springs = [(row, row.stiffness * lattice.stiffness) for row in lattice.rows]
     return springs + lattice.static_rows if lattice.is_prestressed else springs
 
 
-def _load_springs(lattice: ContactLattice, moved: Array, w: Array) -> tuple[float, Array, Array]:
+def _load_springs(
+    lattice: ContactLattice, displacement: Array, turned: Array
+) -> tuple[float, Array, Array]:
     """Return the energy, units of k d^2, the forces (n_c, 3) on balls j of the contacts, k d, and
     the torques over R_g (n + 1, r), k d, on the balls.
 
-    ``moved`` (n_c, 3) is the displacement of ball j of a contact against ball i, and ``w`` (n + 1,
-    r) is R_g phi of the balls, both in diameters.
+    ``displacement`` (n_c, 3) is that of ball j of a contact against ball i, and ``turned``
+    (n + 1, r) is w = R_g phi of the balls, both in diameters.
     """
     i = lattice.contacts.i
     j = lattice.contacts.j
@@ -1101,19 +1184,19 @@ def _load_springs(lattice: ContactLattice, moved: Array, w: Array) -> tuple[floa
     translations = list(motions.translations)
     energy = 0.0
     pull = np.zeros((len(i), 3))
-    torques = np.zeros_like(w)
+    torques = np.zeros_like(turned)
     for row, stiffness in _list_springs(lattice):
         head = row.head[:, motions.turning]
         tail = row.tail[:, motions.turning]
         along = row.head[:, motions.translating]
-        shift = np.sum(along * moved[:, translations], axis=1)
-        turn = np.sum(head * w[j] - tail * w[i], axis=1)
-        change = shift + turn
-        tension = (stiffness * change)[:, None]
-        energy += 0.5 * float(np.sum(tension[:, 0] * change))
-        pull[:, translations] -= tension * along
-        np.add.at(torques, i, tension * tail)
-        np.add.at(torques, j, -tension * head)
+        by_shift = np.sum(along * displacement[:, translations], axis=1)
+        by_turn = np.sum(head * turned[j] - tail * turned[i], axis=1)
+        deformation = by_shift + by_turn
+        tension = stiffness * deformation
+        energy += 0.5 * float(np.sum(tension * deformation))
+        pull[:, translations] -= tension[:, None] * along
+        np.add.at(torques, i, tension[:, None] * tail)
+        np.add.at(torques, j, -tension[:, None] * head)
     return energy, pull, torques
 
 
@@ -1136,5 +1219,5 @@ def contact_blocks(lattice: ContactLattice) -> Array:
     for entry, (row, _) in zip(entries, springs, strict=True):
         entry[:count][slots] = -row.tail.T
         entry[count:][slots] = row.head.T
-    stiffness = [values for _, values in springs]
-    return np.asarray(np.einsum("rc,rac,rbc->cab", stiffness, entries, entries))
+    stiffnesses = [stiffness for _, stiffness in springs]
+    return np.asarray(np.einsum("rc,rac,rbc->cab", stiffnesses, entries, entries))

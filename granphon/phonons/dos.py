@@ -22,6 +22,8 @@ _ROUNDING = 1e-9
 #: version number of dos.csv, and the first comment of the file, which holds it
 _DOS_SCHEMA = 1
 _DOS_HEAD = "granphon density of states, schema {}, per ball"
+#: fault of a file that holds something else
+_NO_DENSITY = "Its heading or its first comments are not those of a density of states"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,16 +62,17 @@ class DensityOfStates(Result):
         """
         super()._check()
         self._require_finite()
-        parts = np.stack([self.translational, self.rotational])
-        for holds, what in (
+        densities = np.stack([self.translational, self.rotational])
+        lowest = -_ROUNDING * densities.max(initial=0.0)
+        for holds, fault in (
             (self.frequencies.size > 0, "there is no frequency"),
             (np.all(self.frequencies >= 0.0), "a frequency is below zero"),
             (np.all(np.diff(self.frequencies) > 0.0), "the frequencies do not ascend"),
-            (np.all(parts >= -_ROUNDING * parts.max(initial=0.0)), "a density is below zero"),
+            (np.all(densities >= lowest), "a density is below zero"),
             (min(self.mesh) > 0, "the mesh has no point"),
         ):
             if not holds:
-                raise InputError(what, mend="Compute the density of states again")
+                raise InputError(fault, mend="Compute the density of states again")
 
     @property
     def total(self) -> Array:
@@ -85,45 +88,55 @@ class DensityOfStates(Result):
         the file, the method, the mesh and the warnings.
         """
         columns = (self.frequencies, self.total, self.translational, self.rotational)
+        numbers = " ".join(str(number) for number in self.mesh)
         comments = (
             _DOS_HEAD.format(_DOS_SCHEMA),
-            f"method {self.method}, mesh {' '.join(map(str, self.mesh))}",
+            f"method {self.method}, mesh {numbers}",
             *(f"warning: {warning}" for warning in self.warnings),
         )
         text = table_text(_DOS_COLUMNS, np.stack(columns, axis=1).tolist(), comments)
-        write_text(path, seal(text.split("\n")[:-1], 1))
+        lines = text.removesuffix("\n").split("\n")
+        write_text(path, seal(lines, 1))  # the digest comes after the heading
 
     @classmethod
     def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:
-        """Read a file that :meth:`write_csv` wrote; raises and warns as :meth:`Bands.read` does."""
+        """Return the density of a file that :meth:`write_csv` wrote; raises and warns as
+        :meth:`Bands.read` does.
+        """
         text, verified = read_sealed(path)
         with require_own_file(path, "density of states"):
             table = Table.parse(str(path), text.encode())
-            comments = [
-                line.removeprefix("# ") for line in text.splitlines() if line.startswith("#")
-            ]
-            head, origin = comments[:2]
-            words = re.fullmatch(r"method (\w+), mesh (\d+(?: \d+){0,2})", origin)
-            schema = re.fullmatch(_DOS_HEAD.format(r"(\d+)"), head)
             columns = tuple(heading.name for heading in table.headings)
-            if columns != _DOS_COLUMNS or schema is None or words is None:
-                raise InputError(
-                    "Its heading or its first comments are not those of a density of states"
-                )
-            require_schema(path, int(schema[1]), _DOS_SCHEMA)
-            warnings = [
-                line.removeprefix("warning: ")
-                for line in comments[2:]
-                if line.startswith("warning: ")
-            ]
-            if len(warnings) != len(comments) - 2:
-                raise InputError("It has a comment that granphon does not write")
+            if columns != _DOS_COLUMNS:
+                raise InputError(_NO_DENSITY)
+            method, mesh, warnings = _read_comments(path, text)
             frequencies, total, translational, rotational = map(table.numbers, _DOS_COLUMNS)
-            mesh = tuple(map(int, words[2].split()))
-            density = cls(frequencies, translational, rotational, words[1], mesh, tuple(warnings))
+            density = cls(frequencies, translational, rotational, method, mesh, warnings)
             density._check()
             if not np.array_equal(density.total, total):
                 raise InputError("The total is not the sum of its parts")
         if not verified:
             warn_unverified(path)
         return density
+
+
+def _read_comments(
+    path: str | os.PathLike[str], text: str
+) -> tuple[str, tuple[int, ...], tuple[str, ...]]:
+    """Return the method, the mesh and the warnings of a density from the comments in the ``text``
+    of the file ``path``.
+
+    Raises :class:`~granphon.base.errors.InputError` for comments that granphon does not write.
+    """
+    comments = [line.removeprefix("# ") for line in text.splitlines() if line.startswith("#")]
+    head, origin, *notes = comments
+    schema = re.fullmatch(_DOS_HEAD.format(r"(\d+)"), head)
+    words = re.fullmatch(r"method (\w+), mesh (\d+(?: \d+){0,2})", origin)
+    if schema is None or words is None:
+        raise InputError(_NO_DENSITY)
+    require_schema(path, int(schema[1]), _DOS_SCHEMA)
+    if not all(note.startswith("warning: ") for note in notes):
+        raise InputError("It has a comment that granphon does not write")
+    warnings = tuple(note.removeprefix("warning: ") for note in notes)
+    mesh = tuple(int(number) for number in words[2].split())
+    return words[1], mesh, warnings

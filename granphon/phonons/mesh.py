@@ -13,8 +13,9 @@ numbers, which starts from steps F_kk, one from omega = t_k on:
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
-from functools import partial, reduce
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -50,25 +51,28 @@ class ZoneMesh(NamedTuple):
 
     @classmethod
     def of(cls, numbers: tuple[int, ...], group: Index | None = None) -> ZoneMesh:
-        """Return the mesh, reduced by a ``group`` (n, p, p) of :func:`find_point_group` and by time
-        reversal.
+        """Return the mesh of these ``numbers`` (p,) of points, reduced by a ``group`` (n, p, p) of
+        :func:`find_point_group` and by time reversal.
 
         The mesh has all its points without a group, and where a rotation mixes axes of different
         numbers.
         """
         count = np.array(numbers)
         rotations = np.eye(len(numbers), dtype=int)[None]
-        if group is not None and not np.any(group[:, count[:, None] != count]):
-            rotations = np.unique(np.concatenate([group, -group]), axis=0)
-        # (p, n)
+        if group is not None:
+            # entries of rotations that join axes of different numbers
+            mixing = group[:, count[:, None] != count]
+            if not np.any(mixing):
+                rotations = np.unique(np.concatenate([group, -group]), axis=0)
+        # (p, n) of all n points
         addresses = np.stack(np.unravel_index(np.arange(count.prod()), numbers, order="F"))
-        images = (
-            np.ravel_multi_index(tuple(turn.T @ addresses % count[:, None]), numbers, order="F")
-            for turn in rotations
-        )
-        points, irreducible, weights = np.unique(
-            reduce(np.minimum, images), return_inverse=True, return_counts=True
-        )
+        # of all images of a point, that of the lowest number stands for the point
+        lowest = np.arange(count.prod())
+        for turn in rotations:
+            image = turn.T @ addresses % count[:, None]
+            lowest = np.minimum(lowest, np.ravel_multi_index(tuple(image), numbers, order="F"))
+        points, irreducible, weights = np.unique(lowest, return_inverse=True, return_counts=True)
+        # fractions from -1/2 to 1/2
         is_upper = 2 * addresses[:, points] > count[:, None]
         centred = addresses[:, points] - count[:, None] * is_upper
         return cls(numbers, irreducible, (centred / count[:, None]).T, weights)
@@ -91,21 +95,22 @@ class ZoneMesh(NamedTuple):
         numbers = np.array(self.numbers)
         simplices = self._cut_cell(reciprocal)
         # about a point there are p + 1 times as many, as the point may be each of their corners:
-        # (n, p + 1, p) steps from the point, and the corner that the point is
+        # (n_steps, p + 1, p) steps from the point, and the corner (n_steps,) that the point is
         steps = np.concatenate([simplices - simplices[:, [corner]] for corner in range(p + 1)])
         corner_of_point = np.repeat(np.arange(p + 1), len(simplices))
         stride = np.concatenate([[1], np.cumprod(numbers[:-1])])
-        address = np.rint(self.qpoints * numbers).astype(int)
+        addresses = np.rint(self.qpoints * numbers).astype(int)
         share = parts * self.weights[:, None] / (numbers.prod() * len(steps))
         counts = np.zeros((len(parts), len(limits) + 1))
-        batches = -(-len(address) * len(steps) * len(limits) // _HELD)
-        for points in np.array_split(np.arange(len(address)), batches):
-            corners = self.irreducible[(address[points, None, None] + steps) % numbers @ stride]
-            # (n, n_steps, p + 2): the point itself counts twice
-            twice = corners[:, np.arange(len(steps)), corner_of_point, None]
-            corners = np.concatenate([corners, twice], axis=2)
+        n_batches = math.ceil(len(addresses) * len(steps) * len(limits) / _HELD)
+        for points in np.array_split(np.arange(len(addresses)), n_batches):
+            corner_addresses = (addresses[points, None, None] + steps) % numbers
+            corners = self.irreducible[corner_addresses @ stride]  # (n, n_steps, p + 1)
+            point_itself = corners[:, np.arange(len(steps)), corner_of_point, None]
+            # the knots (n, n_steps, p + 2), of which that of the point is there twice
+            knot_points = np.concatenate([corners, point_itself], axis=2)
             for branch in range(frequencies.shape[1]):
-                knots = np.sort(frequencies[corners, branch].reshape(-1, p + 2), axis=1)
+                knots = np.sort(frequencies[knot_points, branch].reshape(-1, p + 2), axis=1)
                 weights = np.repeat(share[:, points, branch], len(steps), axis=1)
                 _add_counts(counts, limits, knots, weights)
         return counts[:, :-1]
@@ -116,9 +121,11 @@ class ZoneMesh(NamedTuple):
         """
         p = len(self.numbers)
         numbers = np.array(self.numbers)
+        # the diagonals, as signs (n, p) of the edges of the cell; the first shortest one is taken
         senses = np.array([np.ones(p), *(np.ones((p, p)) - 2.0 * np.eye(p))])
         lengths = np.linalg.norm(senses @ (reciprocal / numbers[:, None]), axis=1)
-        sense = senses[np.argmax(lengths <= (1.0 + _EQUAL) * lengths.min())].astype(int)
+        is_shortest = lengths <= (1.0 + _EQUAL) * lengths.min()
+        sense = senses[np.argmax(is_shortest)].astype(int)
         # a simplex goes from corner to corner along the edges of the cell, in any order of axes
         axes = np.eye(p, dtype=int)
         edges = []
@@ -135,18 +142,20 @@ def _add_counts(counts: Array, limits: Array, knots: Array, weights: Array) -> N
     # knot are counted one by one
     first = np.searchsorted(limits, knots[:, 0])
     last = np.searchsorted(limits, knots[:, -1])
-    spline = np.repeat(np.arange(len(knots)), last - first)
-    offset = np.repeat(np.cumsum(last - first) - last, last - first)
+    n_between = last - first
+    # pairs of a spline and a limit between its knots: spline after spline
+    spline = np.repeat(np.arange(len(knots)), n_between)
+    offset = np.repeat(np.cumsum(n_between) - last, n_between)
     limit = np.arange(len(spline)) - offset
-    below = _integrate_splines(limits[limit], knots[spline].T)
+    part_below = _integrate_splines(limits[limit], knots[spline].T)
     for count, weight in zip(counts, weights, strict=True):
         count += np.cumsum(np.bincount(last, weight, len(count)))
-        count += np.bincount(limit, weight[spline] * below, len(count))
+        count += np.bincount(limit, weight[spline] * part_below, len(count))
 
 
 def _integrate_splines(x: Array, knots: Array) -> Array:
     """Return the parts (n,) below ``x`` (n,) of the B-splines with ``knots`` (m, n), ascending, of
-    integral one.
+    integral one, by the recursion at the head of this module.
     """
     below = [(x >= knot).astype(float) for knot in knots]
     for degree in range(1, len(knots)):
@@ -165,12 +174,12 @@ def find_point_group(
     rotation; None if unknown.
 
     The rotations are of the layer or space group of the ``atoms``. Spglib knows the positions of
-    the balls, not the stiffness of contacts: ``frequencies`` (n, n_branches) of wave vectors
-    (n, p), fractions, are compared at the images of one wave vector.
+    the balls, not the stiffness of contacts. So ``frequencies``, a function of wave vectors (n, p),
+    fractions, that returns (n, n_branches), is compared at the images of one wave vector.
     """
     with needing("A mesh that is reduced by symmetry"):
         import spglib
-    spglib.error.OLD_ERROR_HANDLING = False  # as phonopy and ASE do: it raises, and does not warn
+    spglib.error.OLD_ERROR_HANDLING = False  # spglib then raises, as under phonopy and ASE
 
     if periods == 1:
         return np.ones((1, 1, 1), int)
@@ -187,6 +196,6 @@ def find_point_group(
     if dataset is None:
         return None
     rotations = np.unique(dataset.rotations[:, :periods, :periods], axis=0)
-    values = frequencies(_PROBE[:periods] @ rotations)
-    are_equal = np.ptp(values, axis=0).max() <= _EQUAL * values.max()
+    at_images = frequencies(_PROBE[:periods] @ rotations)
+    are_equal = np.ptp(at_images, axis=0).max() <= _EQUAL * at_images.max()
     return rotations if are_equal else None

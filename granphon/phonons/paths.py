@@ -57,8 +57,7 @@ _EXAMPLES = ("0 0 0 1/2 0 0", "0 0 0 1/3 1/3 0 1/2 0 0", "0 0 0 1/2 0 1/2 1/2 1/
 
 
 def special_points(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> dict[str, Array]:
-    """Find the special points of the Brillouin zone of lattice vectors (p, d), keyed by ASE's
-    letters.
+    """Return the special points of the Brillouin zone of lattice vectors (p, d), by ASE's letters.
 
     Each point is (3,), in fractions of the reciprocal cell. ``pbc`` says along which vectors balls
     repeat, by default all: a ribbon cut out of a plane has the two points G and X of a line.
@@ -69,15 +68,17 @@ def special_points(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> dict[str, Ar
     sign = -1.0 if is_reversed else 1.0
     special = {name: sign * np.array(point) + 0.0 for name, point in points.items()}
     periods = sum(pbc) or len(np.asarray(vectors))
-    if periods == 2 and "H1" in special:
+    is_oblique = periods == 2 and "H1" in special
+    if is_oblique:
         # ASE has the corners of oblique cells right in one of two mirror images only: a corner is
         # as far from 0 as from 2Y, 2C or 2X
         cell = np.asarray(vectors, float)[:2, :2]
         reciprocal = np.linalg.inv(cell).T
         for corner, side in (("H", "Y"), ("H1", "X")):
             middles = np.array([special[side], special["C"]])[:, :2]
-            g = 2.0 * middles @ reciprocal
-            special[corner][:2] = cell @ np.linalg.solve(g, 0.5 * np.sum(g**2, axis=1))
+            neighbours = 2.0 * middles @ reciprocal
+            halves = 0.5 * np.sum(neighbours**2, axis=1)
+            special[corner][:2] = cell @ np.linalg.solve(neighbours, halves)
     return special
 
 
@@ -106,10 +107,10 @@ def _find_band_path(vectors: ArrayLike, pbc: Sequence[bool]) -> Any:
     with needing("A path through the zone"):
         from ase.cell import Cell
 
-    vectors = np.asarray(vectors)
+    periods = np.asarray(vectors)
     cell = np.eye(3)
-    p = len(vectors)
-    cell[:p, :p] = vectors[:, :p]
+    p = len(periods)
+    cell[:p, :p] = periods[:, :p]
     # a cluster, which repeats nowhere, has the zone of the cell that it was put into
     repeats = pbc if any(pbc) else (True,) * p
     return Cell(cell).bandpath(npoints=0, pbc=(*repeats, *(False,) * (3 - p)))
@@ -117,7 +118,7 @@ def _find_band_path(vectors: ArrayLike, pbc: Sequence[bool]) -> Any:
 
 def split_letters(path: str) -> list[list[str]]:
     """Return the letters of special points in each piece of a path: "GX1,LG" is [["G", "X1"], ["L",
-    "G"]]. What is no letter of a point stands between them, as it is.
+    "G"]]. A text between letters that is no letter of a point is an item of its own.
     """
     pieces = []
     for piece in path.split(","):
@@ -181,7 +182,7 @@ def interpolate_path(
         _check_piece(piece, periods)
         for start, stop in itertools.pairwise(piece):
             segment = start + (stop - start) * steps
-            segment[-1] = stop
+            segment[-1] = stop  # without the rounding of the difference
             segments.append(segment)
     return np.array(segments), _join_names(pieces, names)
 
@@ -249,7 +250,8 @@ def _check_piece(piece: Array, periods: int) -> None:
     if len(piece) < 2:
         raise InputError("a path needs at least two corners", mend="Name another point")
     check_inside(piece, periods, "the path")
-    if np.any(np.all(np.diff(piece, axis=0) == 0.0, axis=1)):
+    is_repeated = np.all(np.diff(piece, axis=0) == 0.0, axis=1)
+    if np.any(is_repeated):
         raise InputError(
             "two corners that follow each other on the path are the same point",
             mend="Leave one out",
@@ -293,11 +295,12 @@ def check_inside(qpoints: Array, periods: int, what: str) -> None:
 
 
 def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
-    """Read paths of points from text such as "0 0 0 1/3 1/3 0, 1/2 0 0 0 0 0"; a comma separates
-    paths that do not join.
+    """Return the points of each path in a text such as "0 0 0 1/3 1/3 0, 1/2 0 0 0 0 0"; a comma
+    separates paths that do not join.
 
     A point has three numbers, of which those beyond the ``periods`` of the lattice are 0.
-    ``letters`` is a path of special points that may stand in their place, for messages.
+    ``letters`` is a path of special points that may stand in their place, for messages. Raises
+    :class:`~granphon.base.errors.Refused` for other values.
     """
     example = _EXAMPLES[periods - 1]
     allowed = (
@@ -311,7 +314,8 @@ def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
     paths = []
     for piece in value.split(","):
         numbers = [_fraction(word, value, allowed) for word in piece.split()]
-        if len(numbers) % 3 or len(numbers) < 6:
+        are_points = len(numbers) % 3 == 0 and len(numbers) >= 6
+        if not are_points:
             raise Refused(
                 f"{show(value)}, with {len(numbers)} numbers in a path",
                 allowed,
@@ -319,10 +323,15 @@ def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
             )
         points = tuple(zip(numbers[0::3], numbers[1::3], numbers[2::3], strict=True))
         _refuse_across(points, periods, value, allowed)
-        if any(point == following for point, following in itertools.pairwise(points)):
+        if _has_repeats(points):
             raise Refused(f"{show(value)}, with the same point twice in a row", allowed)
         paths.append(points)
     return tuple(paths)
+
+
+def _has_repeats(points: Sequence[Any]) -> bool:
+    """Return whether two points that follow each other are the same."""
+    return any(point == following for point, following in itertools.pairwise(points))
 
 
 def _refuse_across(
@@ -350,18 +359,19 @@ def _fraction(word: str, value: str, allowed: str) -> float:
     try:
         return fraction(word, _LARGEST_FRACTION)
     except Refused as refused:
-        # of a number that is too large, fraction says what is allowed
-        is_number = re.fullmatch(NUMBER, word)
-        shown = f"{show(word)} in {show(value)}"
-        raise Refused(shown, refused.allowed if is_number else allowed) from None
+        fault = f"{show(word)} in {show(value)}"
+        is_too_large = re.fullmatch(NUMBER, word) is not None
+        if is_too_large:
+            raise Refused(fault, refused.allowed) from None
+        raise Refused(fault, allowed) from None
 
 
 def read_point(value: Any, structure: Lattice) -> Array:
-    """Read a wave vector (3,) of a lattice, in fractions of the reciprocal cell.
+    """Return a wave vector (3,) of a lattice, in fractions of the reciprocal cell.
 
     ``value`` is the letter of a special point, such as "K" (Gamma is G), or a text of numbers or
-    fractions, one for each period or three, parted by spaces or commas.
-    :class:`~granphon.base.errors.Refused` if it is neither.
+    fractions, one for each period or three, parted by spaces or commas. Raises
+    :class:`~granphon.base.errors.Refused` for another value.
     """
     letters = special_points(structure.vectors)
     p = structure.periods
@@ -376,9 +386,10 @@ def read_point(value: Any, structure: Lattice) -> Array:
     name = "G" if value in ("Gamma", "GAMMA", "Γ") else value
     if name in letters:
         return letters[name]
-    if re.fullmatch(r"\s*[^\W\d_]\w*\s*", value):
-        meant = closest(value.strip(), letters)
-        raise Refused(show(value), allowed, f"Did you mean {meant!r}?" if meant else "")
+    is_word = re.fullmatch(r"\s*[^\W\d_]\w*\s*", value) is not None
+    if is_word:
+        letter = closest(value.strip(), letters)
+        raise Refused(show(value), allowed, f"Did you mean {letter!r}?" if letter else "")
     numbers = [_fraction(word, value, allowed) for word in value.replace(",", " ").split()]
     if len(numbers) not in (p, 3):
         raise Refused(f"{show(value)}, with {len(numbers)} numbers", allowed)
@@ -391,10 +402,13 @@ def read_point(value: Any, structure: Lattice) -> Array:
 
 
 def read_labels(value: Any) -> tuple[str, ...]:
-    """Read the labels of the corners from text such as "G K M G" or from a list of words."""
+    """Return the labels of the corners from a text such as "G K M G" or from a list of words.
+
+    Raises :class:`~granphon.base.errors.Refused` for words that are no labels.
+    """
     words = value.split() if isinstance(value, str) else value
     are_listed = isinstance(words, list | tuple) and bool(words)
-    if not are_listed or not all(map(_is_label, words)):
+    if not are_listed or not all(_is_label(word) for word in words):
         raise Refused(
             show(value),
             "a short label for each point of the band, such as G K M G, without quotes,"
@@ -431,6 +445,7 @@ class BandPath:
     labels: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
+        """Check the pieces and the labels, and hold the pieces as tuples of floats."""
         paths: Any = self.paths
         if not isinstance(paths, list | tuple) or not paths:
             raise InputError(
@@ -445,9 +460,10 @@ class BandPath:
                     f"a piece of the path of the band is {brief(piece.tolist())}",
                     mend="Give two points or more, each of three finite numbers",
                 )
-        plain = tuple(tuple(map(tuple, piece.tolist())) for piece in pieces)
-        object.__setattr__(self, "paths", plain)
-        count = sum(map(len, self.paths))
+        # tuples of floats, which can be hashed, in place of whatever was given
+        paths_of_floats = tuple(tuple(tuple(point) for point in piece.tolist()) for piece in pieces)
+        object.__setattr__(self, "paths", paths_of_floats)
+        count = sum(len(piece) for piece in pieces)
         if self.labels is not None and len(self.labels) != count:
             raise InputError(
                 f"found {len(self.labels)} labels; allowed: {count}, one for each point of"
@@ -456,15 +472,20 @@ class BandPath:
 
     @classmethod
     def parse(cls, points: str, labels: str | Sequence[str] | None = None) -> Self:
-        """Read a path in phonopy's notation: points such as "0 0 0 1/3 1/3 0", and labels such as
-        "G K".
+        """Return a path from phonopy's notation: points such as "0 0 0 1/3 1/3 0", and labels such
+        as "G K".
+
+        Raises :class:`~granphon.base.errors.InputError` for another notation.
         """
-        named = None if labels is None else require("band_labels", read_labels, labels)
-        return cls(require("band", partial(read_paths, periods=3), points), named)
+        names = None
+        if labels is not None:
+            names = require("band_labels", read_labels, labels)
+        paths = require("band", partial(read_paths, periods=3), points)
+        return cls(paths, names)
 
     @classmethod
     def read(cls, value: Any, structure: Lattice) -> Self:
-        """Read a path through the zone of a lattice.
+        """Return a path through the zone of a lattice, read from a text.
 
         ``value`` has special points by their letters ("GKMG"), or points as fractions of the
         reciprocal cell.
@@ -488,21 +509,21 @@ class BandPath:
             raise Refused(f"{show(value)}, with the letter {unknown[0]}", allowed)
         paths: Any = [[special[name].tolist() for name in piece] for piece in pieces]
         for piece in paths:
-            repeats = any(point == following for point, following in itertools.pairwise(piece))
-            if repeats or len(piece) < 2:
+            if len(piece) < 2 or _has_repeats(piece):
                 allowed = f"two different points or more in a row, such as {letters}"
                 raise Refused(show(value), allowed)
         return cls(paths, names)
 
     @classmethod
     def default(cls, structure: Lattice) -> Self:
-        """Return the path around the irreducible zone of a lattice.
-
-        It is that of :func:`default_letters`.
+        """Return the path around the irreducible zone of a lattice, with the letters of
+        :func:`default_letters`.
         """
         cell = structure.vectors
+        # products of the vectors over the square of the first
         gram = cell @ cell.T / cell[0].dot(cell[0])
-        if structure.periods == 2 and abs(gram[1, 1] - 1.0) < _SAME:
+        has_equal_sides = structure.periods == 2 and abs(gram[1, 1] - 1.0) < _SAME
+        if has_equal_sides:
             # the paths of hexagonal and square cells are known without ASE
             for cosine, (letters, points) in ((-0.5, _HEXAGONAL_PATH), (0.0, _SQUARE_PATH)):
                 if abs(gram[0, 1] - cosine) < _SAME:
@@ -540,38 +561,41 @@ def _write_coordinate(x: float) -> str:
 
 
 def zone_polygon(reciprocal: ArrayLike) -> Array:
-    """Find the corners (n, 2), anticlockwise, of the Brillouin zone: the Wigner-Seitz cell of the
-    rows of ``reciprocal``.
-
-    ``reciprocal`` is (2, 2); the corners have its unit.
+    """Return the corners (n, 2), anticlockwise, of the Brillouin zone: the Wigner-Seitz cell of the
+    rows of ``reciprocal`` (2, 2), in the unit of these.
     """
-    a, b = short = shortest_vectors(np.asarray(reciprocal, float))
-    b = -b if a @ b > 0.0 else b
-    # the angle of a and b is at least 90 degrees, so that g are the neighbours of the origin in
-    # turn; each corner of the zone is as far from two successive neighbours as from the origin
-    g = np.array([a, a + b, b, -a, -a - b, -b])
-    pairs = np.stack([g, np.roll(g, -1, axis=0)], axis=1)
-    corners = np.linalg.solve(pairs, 0.5 * np.sum(pairs**2, axis=2)[..., None])[..., 0]
-    corners = corners[np.argsort(np.arctan2(corners[:, 1], corners[:, 0]))]
+    shortest = shortest_vectors(np.asarray(reciprocal, float))
+    a, b = shortest
+    if a @ b > 0.0:
+        b = -b
+    # the angle of a and b is at least 90 degrees, so that these are the neighbours of the origin
+    # in turn; each corner of the zone is as far from two successive neighbours as from the origin
+    neighbours = np.array([a, a + b, b, -a, -a - b, -b])
+    pairs = np.stack([neighbours, np.roll(neighbours, -1, axis=0)], axis=1)
+    halves = 0.5 * np.sum(pairs**2, axis=2)
+    corners = np.linalg.solve(pairs, halves[..., None])[..., 0]
+    anticlockwise = np.argsort(np.arctan2(corners[:, 1], corners[:, 0]))
+    corners = corners[anticlockwise]
+    # two of the six corners of a rectangle are there twice
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
-    return np.asarray(corners[sides > _SAME_CORNER * np.linalg.norm(short)])
+    return np.asarray(corners[sides > _SAME_CORNER * np.linalg.norm(shortest)])
 
 
 def zone_faces(reciprocal: ArrayLike) -> list[Array]:
-    """Find the faces of the Brillouin zone in space: the Wigner-Seitz cell of the rows of
-    ``reciprocal``.
+    """Return the faces of the Brillouin zone in space: the Wigner-Seitz cell of the rows of
+    ``reciprocal`` (3, 3).
 
-    ``reciprocal`` is (3, 3). Each face is (n, 3), its corners in turn, anticlockwise as seen from
-    outside, in the same unit.
+    Each face is (n, 3), its corners in turn, anticlockwise as seen from outside, in the unit of
+    ``reciprocal``.
     """
-    # imported here, as only a zone in space needs it; the function of ASE would load matplotlib
+    # a zone in space alone needs the import; the function of ASE would load matplotlib
     from scipy.spatial import Voronoi
 
-    short = shortest_vectors(np.asarray(reciprocal, float))
-    size = float(np.linalg.norm(short, axis=1).max())
-    neighbours = np.array(list(itertools.product((-1, 0, 1), repeat=3)))
-    points = neighbours @ short / size
-    gamma = 13  # the middle one of the 27 points
+    shortest = shortest_vectors(np.asarray(reciprocal, float))
+    size = float(np.linalg.norm(shortest, axis=1).max())
+    steps = np.array(list(itertools.product((-1, 0, 1), repeat=3)))
+    points = steps @ shortest / size
+    gamma = len(points) // 2  # the middle one of the 27 points
     cells = Voronoi(points)
     faces = []
     for vertices, pair in zip(cells.ridge_vertices, cells.ridge_points, strict=True):
@@ -587,8 +611,10 @@ def zone_faces(reciprocal: ArrayLike) -> list[Array]:
         area = np.sum(np.cross(spokes[:-1], spokes[1:]), axis=0)
         if not np.linalg.norm(area) > _SAME_CORNER:
             continue
+        # from Gamma, the origin, to the neighbour
         outward = points[pair].sum(axis=0)
-        if not area @ outward > 0.0:
+        is_anticlockwise = area @ outward > 0.0
+        if not is_anticlockwise:
             corners = corners[::-1]
         faces.append(np.asarray(corners * size))
     return faces

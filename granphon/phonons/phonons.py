@@ -5,6 +5,7 @@ phonopy object.
 from __future__ import annotations
 
 import itertools
+import math
 import os
 from collections.abc import Sequence
 from functools import cached_property
@@ -76,6 +77,10 @@ _MESH_NUMBERS = 2**26
 _WIDEST = 1e6
 #: standard deviations above the top frequency at which a smeared density of states ends
 _TAIL = 5.0
+#: end of an interpolated density of states, over the top frequency
+_ABOVE_TOP = 1.02
+#: least standard deviation of a smeared density of states by default, over the top frequency
+_NARROWEST = 0.01
 #: mesh on which gaps are sought, for one, two and three periods
 _GAP_MESHES = ((256,), (48, 48), (16, 16, 16))
 #: width of a gap, over the top frequency, up to which branches touch
@@ -92,6 +97,11 @@ _CLOSEST = 4
 _FEW_BRANCHES = 120
 #: relative difference of a cell of Atoms from that of the state that is rounding
 _SAME = 1e-9
+#: points of a fine mesh along each axis, and factors by which the mesh shrinks where the highest
+#: point is inside of the mesh, and on its rim
+_FINE = 7
+_SHRINKING_INSIDE = 0.7
+_SHRINKING_ON_RIM = 0.95
 #: step, 1/d, after which the frequency is that of the extremum to rounding
 _LEVEL = 1e-8
 
@@ -129,16 +139,15 @@ class Phonons:
     def __init__(
         self, state: Any, atoms: Atoms | None = None, dim: Sequence[int] | None = None
     ) -> None:
-        state = as_state(state)
-        self.state: State = state
-        self.scales: Units = state.scales
+        self.state: State = as_state(state)
+        self.scales: Units = self.state.scales
         if not isinstance(atoms, Atoms | None):
             raise InputError(f"atoms is {atoms!r}", mend="Give an ase.Atoms")
-        self.atoms: Atoms = lattice_atoms(state) if atoms is None else atoms.copy()
+        self.atoms: Atoms = lattice_atoms(self.state) if atoms is None else atoms.copy()
         self._span_cell()
         if atoms is None:
             # one cell of the lattice has the contacts of the state, so no search is needed
-            self.lattice: ContactLattice = state.contact_lattice()
+            self.lattice: ContactLattice = self.state.contact_lattice()
         else:
             self.lattice = self.calculator.contact_lattice(self.atoms)
         if not self.lattice.measure > 0.0:
@@ -208,7 +217,8 @@ class Phonons:
         example = " ".join(map(str, _pad((3,) * p)))
         dim = grid_numbers("dim", requested, 1, LARGEST_COUNT, example, p)
         is_open = ~np.asarray(self.atoms.pbc)[:p]
-        if np.any((np.array(dim) > 1) & is_open):
+        has_several_cells = np.array(dim) > 1
+        if np.any(has_several_cells & is_open):
             raise InputError(
                 f"dim is {requested!r}",
                 "An axis that is not periodic has one cell",
@@ -240,7 +250,8 @@ class Phonons:
             # lengthen the shortest side, so that the sides stay about equal
             shortest = int(np.argmin(numbers * lengths))
             numbers[shortest] += 1
-        if len(self.atoms) == 1 and np.all(self.atoms.pbc[:p]):
+        repeats_along_all = np.all(self.atoms.pbc[:p])
+        if len(self.atoms) == 1 and repeats_along_all:
             return (max(numbers),) * p
         return tuple(numbers)
 
@@ -276,11 +287,11 @@ class Phonons:
         """Raise InputError unless the lattice has the contacts of the state, in their order; on
         request also the masses and stiffnesses of the state.
         """
-        expected = _list_arrays(self.state.contact_lattice(), with_stiffness)
+        arrays_of_state = _list_arrays(self.state.contact_lattice(), with_stiffness)
         arrays = _list_arrays(self.lattice, with_stiffness)
-        for values, expected_values in zip(arrays, expected, strict=True):
-            has_shape = values.shape == expected_values.shape
-            if not has_shape or not np.allclose(expected_values, values, rtol=_SAME, atol=_SAME):
+        for array, expected in zip(arrays, arrays_of_state, strict=True):
+            has_shape = array.shape == expected.shape
+            if not has_shape or not np.allclose(expected, array, rtol=_SAME, atol=_SAME):
                 raise InputError(
                     "the Atoms are another cell than that of the state",
                     mend="Leave atoms out, or give a network",
@@ -307,17 +318,22 @@ class Phonons:
             from granphon.phonons.phonopy_bridge import ContactPhonopy
 
         motions = self.lattice.motions
-        unit = PhonopyAtoms(
+        unit_cell = PhonopyAtoms(
             symbols=name_atoms(self.atoms.get_masses(), motions, self.state.kinds),
             cell=self._part_images(),
             masses=np.repeat(self.atoms.get_masses(), motions.atoms_per_ball),
             positions=place_atoms(self.atoms.positions, motions),
         )
         bridge = ContactPhonopy(
-            unit, np.diag(_pad(self.dim)), primitive_matrix="P", is_symmetry=False, log_level=0
+            unit_cell,
+            np.diag(_pad(self.dim)),
+            primitive_matrix="P",
+            is_symmetry=False,
+            log_level=0,
         )
         bridge.unit_conversion_factor = 1.0
-        bridge.give_force_constants(self._sum_force_constants(_number_images(bridge, self.dim)))
+        numbers = _number_images(bridge, self.dim)
+        bridge.give_force_constants(self._sum_force_constants(numbers))
         return bridge
 
     def _part_images(self) -> Array:
@@ -329,10 +345,12 @@ class Phonons:
         cell = np.array(self.atoms.cell)
         spread = np.ptp(self.atoms.positions, axis=0)
         is_period = np.arange(3) < self._periods
+        # across the periods balls fit into the cell, one diameter thick, unless they are spread out
         is_open = np.where(is_period, ~np.asarray(self.atoms.pbc), spread > 0.5)
         extent = float(spread[is_period | is_open].sum())
         for axis in np.flatnonzero(is_open):
             length = np.linalg.norm(cell[axis])
+            # whole cells, over twice the extent of the balls with a margin
             cell[axis] *= 1.0 + np.ceil(2.0 * (extent + 2.0) / length)
         return cell
 
@@ -349,6 +367,8 @@ class Phonons:
         # a body that does not move has no atoms
         is_free = table.j < self.lattice.n_balls
         every_contact = np.ones(len(table), bool)
+        # cells (n_c, p) of the supercell: the first, that of ball j as seen from ball i, and that
+        # of ball i as seen from ball j
         home = np.zeros_like(table.shift)
         away = table.shift % self.dim
         back = -table.shift % self.dim
@@ -370,6 +390,7 @@ class Phonons:
             np.add.at(constants, (first[kept], images), blocks[kept, row, column])
 
         for a, b in itertools.product(range(per_ball), repeat=2):  # the atoms of a ball
+            # atoms a and b of both balls, each with its place among the atoms of a contact
             i_a = (per_ball * table.i + a, a)
             i_b = (per_ball * table.i + b, b)
             j_a = (per_ball * table.j + a, per_ball + a)
@@ -381,8 +402,8 @@ class Phonons:
         return constants
 
     def _find_warnings(self, wavevectors: Array, frequencies: Array) -> tuple[str, ...]:
-        """Return the warnings on the state, and on branches and single modes among ``frequencies``
-        that cost nothing.
+        """Return the warnings on the state, and on branches and single modes that cost nothing,
+        among ``frequencies`` (n_q, n_branches) at ``wavevectors`` (n_q, p).
         """
         soft = self.lattice.soft_mode_warnings(wavevectors, frequencies)
         return (*find_warnings(self.state), *self.lattice.free_branch_warnings, *soft)
@@ -420,22 +441,24 @@ class Phonons:
         network = given_network(self.state)
         self._require_state_cell()
         q = self.lattice.wavevectors(points)
-        damped = ContactDamping.of(network, damping, loss_factor)
+        contact_damping = ContactDamping.of(network, damping, loss_factor)
         undamped = self.lattice.frequencies(q)
         angular_unit = self.scales.angular_frequency
-        even = damped.find_even(network)
-        if even is not None:
-            loss, time = even
+        even_damping = contact_damping.find_even(network)
+        if even_damping is not None:
+            loss, time = even_damping
             omega = np.sort(damp_evenly(undamped, loss, time * angular_unit))
         else:
             # contacts of two bodies that do not move are not in the lattice
             kept = network.moving[network.i] | network.moving[network.j]
-            times = damped.times[:, kept] * angular_unit
-            matrices = self.lattice.damped_matrices(q, times, damped.losses[:, kept])
-            omega, _ = damp_unevenly(*matrices)
+            times = contact_damping.times[:, kept] * angular_unit
+            losses = contact_damping.losses[:, kept]
+            stiffness, viscous = self.lattice.damped_matrices(q, times, losses)
+            omega, _ = damp_unevenly(stiffness, viscous)
         unit = self.scales.frequency
-        warnings = damped.find_warnings(float(np.max(undamped, initial=0.0)) * unit)
-        return DampedModes(omega * unit, None, points, warnings)
+        highest = float(np.max(undamped, initial=0.0)) * unit
+        warnings = contact_damping.find_warnings(highest)
+        return DampedModes(omega * unit, qpoints=points, warnings=warnings)
 
     def modes(self, qpoints: ArrayLike, direction: ArrayLike | None = None) -> PhononModes:
         """Return frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at
@@ -490,50 +513,51 @@ class Phonons:
             characters follow. In a large cell frequencies alone take a fifth of the time and next
             to no memory, see :meth:`estimate`.
         """
-        letters = self.special_points if path is None or isinstance(path, str) else {}
+        chosen_path: Any = path
         if path is None:
-            path = default_letters(self._lattice_vectors, self._repeats.tolist())
-        segments, ticks = interpolate_path(path, npoints, letters, labels, self._periods)
+            chosen_path = default_letters(self._lattice_vectors, self._repeats.tolist())
+        letters = self.special_points if isinstance(chosen_path, str) else {}
+        segments, names = interpolate_path(chosen_path, npoints, letters, labels, self._periods)
         s, p, _ = segments.shape
         b = self.lattice.n_branches
         d = self._periods
-        paths = self.lattice.wavevectors(segments)  # (s, p, d), 1/d
-        q = paths.reshape(-1, d)
+        wavevectors = self.lattice.wavevectors(segments)  # (s, p, d), 1/d
+        q = wavevectors.reshape(-1, d)
         self._require_memory_of_bands(len(q), eigenvectors)
         velocities = None
         vectors = None
         if eigenvectors:
-            modes = self.lattice.modes(q, _directions_along(paths))
-            values = modes.frequencies
+            modes = self.lattice.modes(q, _directions_along(wavevectors))
+            frequencies = modes.frequencies
             vectors = modes.eigenvectors.reshape(s, p, b, b)
             velocities = modes.group_velocities.reshape(s, p, b, d) * self.scales.velocity
         else:
-            values = self.lattice.frequencies(q)
+            frequencies = self.lattice.frequencies(q)
         return Bands(
-            segments,
-            _distances_along(paths),
-            values.reshape(s, p, b) * self.scales.frequency,
-            velocities,
-            vectors,
-            ticks,
-            np.asarray(self.atoms.cell),
-            self.atoms.get_scaled_positions(wrap=False),
-            self.atoms.get_masses(),
-            self.scales,
-            self._find_warnings(q, values),
-            self.lattice.motions,
-            tuple(self._repeats.tolist()),
-            self.state.kinds,
-            self.lattice.gyration,
+            qpoints=segments,
+            distances=_distances_along(wavevectors),
+            frequencies=frequencies.reshape(s, p, b) * self.scales.frequency,
+            group_velocities=velocities,
+            eigenvectors=vectors,
+            labels=names,
+            cell=np.asarray(self.atoms.cell),
+            positions=self.atoms.get_scaled_positions(wrap=False),
+            masses=self.atoms.get_masses(),
+            scales=self.scales,
+            warnings=self._find_warnings(q, frequencies),
+            motions=self.lattice.motions,
+            pbc=tuple(self._repeats.tolist()),
+            kinds=self.state.kinds,
+            gyration=self.lattice.gyration,
         )
 
     def _require_memory_of_bands(self, points: int, eigenvectors: bool) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if bands at so many wave vectors do not
-        fit into memory, or their eigenvectors take more than ``MOST_BYTES``.
+        """Raise :class:`~granphon.base.errors.InputError` if bands at so many wave vectors,
+        ``points``, do not fit into memory, or their eigenvectors take more than ``MOST_BYTES``.
         """
         b = self.lattice.n_branches
         mend = "Give fewer npoints or segments, or eigenvectors=False"
-        size = 16 * points * b * b
+        size = 16 * points * b * b  # bytes of complex numbers
         if eigenvectors and size > MOST_BYTES:
             raise InputError(
                 f"{b} eigenvectors at {points} wave vectors take {size / 2**30:.3g} GiB of memory",
@@ -541,9 +565,8 @@ class Phonons:
                 mend,
             )
         cost = costs.bands(points, b, eigenvectors, file=False)
-        require_memory(
-            f"bands of {b:,} branches at {points:,} wave vectors", cost.working + cost.kept, mend
-        )
+        memory = cost.working + cost.kept
+        require_memory(f"bands of {b:,} branches at {points:,} wave vectors", memory, mend)
 
     def estimate(self, points: int, eigenvectors: bool = True) -> Cost:
         """Return what bands, or frequencies, at so many wave vectors cost on one processor of this
@@ -585,21 +608,31 @@ class Phonons:
         network = given_network(self.state)
         self._require_state_cell(with_stiffness=True)
         hertz = frequency_array("frequencies", frequencies, "above zero", in_order=False)
-        space = HalfSpace(network, axis)
-        damped = ContactDamping.of(space.cut, damping, loss_factor)
-        require_bloch_memory(hertz.size, space.size, 0 if damped.is_none else space.cut.n_contacts)
-        along = space.read_wavevector(q)
-        factors = () if damped.is_none else damped.soften(2.0 * np.pi * hertz)
-        blocks = space.couplings(along, *factors)
-        squares = (hertz / space.units.frequency) ** 2
+        half_space = HalfSpace(network, axis)
+        contact_damping = ContactDamping.of(half_space.cut, damping, loss_factor)
+        wavevector = half_space.read_wavevector(q)
+        if contact_damping.is_none:
+            require_bloch_memory(hertz.size, half_space.size)
+            blocks = half_space.couplings(wavevector)
+        else:
+            require_bloch_memory(hertz.size, half_space.size, half_space.cut.n_contacts)
+            normal, other = contact_damping.soften(2.0 * np.pi * hertz)
+            blocks = half_space.couplings(wavevector, normal, other)
+        squares = (hertz / half_space.units.frequency) ** 2
+        # far above all bands a wave decays by about the couplings over the square from layer to
+        # layer
         is_far = squares * LEAST_PART > np.max(np.abs(blocks.inner))
         _require_digits(hertz, is_far)
-        waves = find_bloch_waves(blocks, squares, space.size // space.reach)
+        motions_of_layer = half_space.size // half_space.reach
+        waves = find_bloch_waves(blocks, squares, motions_of_layer)
         _require_digits(hertz, [_decay_fully(upward, downward) for upward, downward in waves])
-        flat = _list_wavenumbers(space, waves, along)
-        running = np.array([upward.running for upward, _ in waves])
-        warnings = damped.find_warnings(float(np.max(hertz)))
-        return ComplexBands(hertz, flat, running, space.height, warnings)
+        return ComplexBands(
+            frequencies=hertz,
+            wavenumbers=_list_wavenumbers(half_space, waves, wavevector),
+            running=np.array([upward.running for upward, _ in waves]),
+            height=half_space.height,
+            warnings=contact_damping.find_warnings(float(np.max(hertz))),
+        )
 
     def dos(
         self,
@@ -636,17 +669,23 @@ class Phonons:
         frequencies, rotation = self._find_modes_on(q)
         shares = np.stack([1.0 - rotation, rotation])  # (2, n_q, n_branches)
         if width is None:
-            omega = np.linspace(0.0, 1.02 * top, count)
-            density = self._interpolate_density(grid, omega, frequencies, shares)
+            omega = np.linspace(0.0, _ABOVE_TOP * top, count)
+            densities = self._interpolate_density(grid, omega, frequencies, shares)
         else:
             omega = np.linspace(0.0, top + _TAIL * width, count)
+            # the integral of a Gaussian, times the number of points of the mesh
             norm = np.prod(numbers) * np.sqrt(2.0 * np.pi) * width
-            density = _smear(omega, frequencies, shares * grid.weights[:, None] / norm, width)
-        density = density / (len(self.atoms) * self.scales.frequency)
-        warnings = self._find_warnings(q, frequencies)
-        hertz = omega * self.scales.frequency
-        translational, rotational = density
-        return DensityOfStates(hertz, translational, rotational, chosen_method, numbers, warnings)
+            densities = _smear(omega, frequencies, shares * grid.weights[:, None] / norm, width)
+        # from modes of a cell, per reduced frequency, to modes of a ball, per Hz
+        translational, rotational = densities / (len(self.atoms) * self.scales.frequency)
+        return DensityOfStates(
+            frequencies=omega * self.scales.frequency,
+            translational=translational,
+            rotational=rotational,
+            method=chosen_method,
+            mesh=numbers,
+            warnings=self._find_warnings(q, frequencies),
+        )
 
     def _read_mesh(self, mesh: Sequence[int] | None) -> tuple[int, ...]:
         """Return the numbers of wave vectors (p,) of the mesh of a density of states.
@@ -676,30 +715,31 @@ class Phonons:
         """Return frequencies, (k/M)^1/2, and the fractions of the kinetic energy that are rotation,
         both (n_q, n_branches), at wave vectors (n_q, p), 1/d.
         """
-        together = min(_MESH_POINTS, max(1, _MESH_NUMBERS // self.lattice.n_branches**2))
-        n_batches = -(-len(q) // together)
+        b = self.lattice.n_branches
+        batch_size = min(_MESH_POINTS, max(1, _MESH_NUMBERS // b**2))
+        n_batches = math.ceil(len(q) / batch_size)
         # any direction will do: the rotational fractions of degenerate modes have the same sum
         direction = np.eye(self._periods)[0]
-        values = np.empty((len(q), self.lattice.n_branches))
-        rotation = np.empty_like(values)
+        frequencies = np.empty((len(q), b))
+        rotation = np.empty((len(q), b))
         for batch in np.array_split(np.arange(len(q)), n_batches):
             modes = self.lattice.modes(q[batch], direction)
-            values[batch] = modes.frequencies
+            frequencies[batch] = modes.frequencies
             rotation[batch] = modes.rotational_fraction
-        return values, rotation
+        return frequencies, rotation
 
     def _interpolate_density(
-        self, grid: ZoneMesh, omega: Array, values: Array, shares: Array
+        self, grid: ZoneMesh, omega: Array, frequencies: Array, shares: Array
     ) -> Array:
         """Return densities of states (2, n) at ``omega`` (n,) by linear interpolation of the
-        frequencies ``values`` (n_q, n_branches), weighted with ``shares`` (2, n_q, n_branches).
+        ``frequencies`` (n_q, n_branches), weighted with ``shares`` (2, n_q, n_branches).
 
         Each density is the mean over an interval of its own, a difference of the integrated
         density: van Hove singularities stay finite, and the trapezoidal sum over the points is
         exactly the number of modes.
         """
         edges = np.concatenate([omega[:1], 0.5 * (omega[1:] + omega[:-1]), omega[-1:]])
-        integrated = grid.count_modes(self.lattice.reciprocal, values, shares, edges)
+        integrated = grid.count_modes(self.lattice.reciprocal, frequencies, shares, edges)
         integrated[:, 0] = 0.0  # modes at zero belong to the first interval
         return np.diff(integrated, axis=1) / np.diff(edges)
 
@@ -717,7 +757,8 @@ class Phonons:
                 )
             return None
         if sigma is None:
-            return max(0.01, 1.0 / (count - 7)) * top
+            # with few frequencies, the width that is about their spacing up to the end of the tail
+            return max(_NARROWEST, 1.0 / (count - 7)) * top
         width = positive("sigma", sigma, "Hz") / self.scales.frequency
         if width > _WIDEST * top:
             raise InputError(
@@ -725,7 +766,8 @@ class Phonons:
                 "Nothing would be left of the density of states",
                 "Lower sigma",
             )
-        if width < (top + _TAIL * width) / (count - 1):
+        spacing = (top + _TAIL * width) / (count - 1)
+        if width < spacing:
             raise InputError(
                 f"sigma = {sigma!r} Hz is below the spacing of {count} points",
                 mend="Raise sigma, or take more points",
@@ -749,9 +791,10 @@ class Phonons:
         """
         numbers = self._read_gap_mesh(mesh)
         points = self._list_gap_points(numbers)
-        values = self.lattice.frequencies(self.lattice.wavevectors(points))  # (n_q, n_branches)
-        bottoms = values.min(axis=0)
-        tops = values.max(axis=0)
+        q = self.lattice.wavevectors(points)
+        frequencies = self.lattice.frequencies(q)  # (n_q, n_branches)
+        bottoms = frequencies.min(axis=0)
+        tops = frequencies.max(axis=0)
         # the highest frequency of all branches below each branch
         floors = np.concatenate([[0.0], np.maximum.accumulate(tops)[:-1]])
         narrowest = _NO_GAP * float(tops[-1])
@@ -759,20 +802,23 @@ class Phonons:
         if not above_gaps.size:
             return np.zeros((0, 2))
         edges = _BandEdges.of(above_gaps)
+        # the longest step of the mesh, 1/d
         spacing = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
-        starts = self.lattice.wavevectors(points[_choose_starts(values, edges)])  # (e, n_starts, p)
+        start_points = points[_choose_starts(frequencies, edges)]
+        starts = self.lattice.wavevectors(start_points)  # (e, n_starts, p), 1/d
         heights = self._climb_edges(edges, starts, spacing)
         is_narrow = edges.is_narrow(heights, _NARROW * float(tops[-1]))
         for edge in np.flatnonzero(is_narrow).tolist():
             # branches that cross at a point of their own make a cone, whose tip no path along
             # group velocities reaches: the edges of a narrow gap are sought on finer meshes too
-            closest = _find_closest(values, edges.below_gap(edge), _CLOSEST * starts.shape[1])
+            closest = _find_closest(frequencies, edges.below_gap(edge), _CLOSEST * starts.shape[1])
             centres = np.concatenate([starts[edge], self.lattice.wavevectors(points[closest])])
             height = self._zoom(centres, edges.branch[edge], edges.sign[edge], spacing)
             heights[edge] = max(heights[edge], height)
         lower, upper = edges.pair_frequencies(heights)
         intervals = np.stack([np.maximum(lower, floors[above_gaps]), upper], axis=1)
-        return np.reshape(intervals[upper - lower > narrowest], (-1, 2)) * self.scales.frequency
+        is_gap = upper - lower > narrowest
+        return np.reshape(intervals[is_gap], (-1, 2)) * self.scales.frequency
 
     def _read_gap_mesh(self, mesh: Sequence[int] | None) -> tuple[int, ...]:
         """Return the numbers of wave vectors (p,) of the mesh on which gaps are sought.
@@ -782,11 +828,13 @@ class Phonons:
         """
         p = self._periods
         n = self.lattice.n_balls
+        requested = mesh
         if mesh is None:
+            # the zone of a large cell is small; along each axis the p-th root counts
             coarsening = (n / 4.0) ** (1.0 / p) if n > _FEW_BALLS else 1.0
-            mesh = [max(2, round(number / coarsening)) for number in _GAP_MESHES[p - 1]]
+            requested = [max(2, round(number / coarsening)) for number in _GAP_MESHES[p - 1]]
         example = " ".join(map(str, _pad((48,) * p)))
-        numbers = grid_numbers("mesh", mesh, 1, LARGEST_COUNT, example, p)
+        numbers = grid_numbers("mesh", requested, 1, LARGEST_COUNT, example, p)
         self._require_mesh(numbers)
         return numbers
 
@@ -827,20 +875,22 @@ class Phonons:
         for turn in range(_TURNS):
             modes = self.lattice.modes(q[climbing], direction)
             mode = (np.arange(climbing.size), branch[climbing])
-            values = sign[climbing] * modes.frequencies[mode]
-            heights[climbing] = np.maximum(heights[climbing], values)
+            new_heights = sign[climbing] * modes.frequencies[mode]
+            heights[climbing] = np.maximum(heights[climbing], new_heights)
             slope = sign[climbing, None] * modes.group_velocities[mode]
             steepness = np.linalg.norm(slope, axis=1)
+            is_steep = steepness > 0.0
             if turn == 0:
-                step = np.full(climbing.size, 0.5 * longest_step)
+                unlimited_step = np.full(climbing.size, 0.5 * longest_step)
             else:
                 moved = q[climbing] - last_q[climbing]
-                step = _secant_step(moved, slope - last_slope[climbing], steepness)
-            step = np.minimum(step, np.where(steepness > 0.0, longest_step, 0.0))
+                unlimited_step = _secant_step(moved, slope - last_slope[climbing], steepness)
+            step = np.minimum(unlimited_step, np.where(is_steep, longest_step, 0.0))
             last_q[climbing] = q[climbing]
             last_slope[climbing] = slope
+            # the step along the slope, over the size of the slope
             stretch = np.zeros(climbing.size)
-            np.divide(step, steepness, out=stretch, where=steepness > 0.0)
+            np.divide(step, steepness, out=stretch, where=is_steep)
             q[climbing] += stretch[:, None] * slope
             climbing = climbing[step > _LEVEL]
             if not climbing.size:
@@ -852,34 +902,38 @@ class Phonons:
         (n, p), 1/d, on ever finer meshes, the first of which reach as far as ``spacing``, 1/d.
         """
         p = self._periods
-        ticks = np.linspace(-1.0, 1.0, 7)
-        offsets = np.stack(np.meshgrid(*[ticks] * p), axis=-1).reshape(-1, p)  # (7^p, p)
+        coordinates = np.linspace(-1.0, 1.0, _FINE)
+        offsets = np.stack(np.meshgrid(*[coordinates] * p), axis=-1).reshape(-1, p)  # (m, p)
         q = centres
         size = np.full(len(centres), spacing)
         height = -np.inf
         while size.size:
-            points = q[:, None] + size[:, None, None] * offsets  # (n, 7^p, p)
+            points = q[:, None] + size[:, None, None] * offsets  # (n, m, p)
             frequencies = self.lattice.frequencies(points.reshape(-1, p))[:, branch]
-            values = sign * frequencies.reshape(len(q), -1)
-            highest = np.argmax(values, axis=1)
-            height = max(height, float(values.max()))
+            heights = sign * frequencies.reshape(len(q), -1)
+            highest = np.argmax(heights, axis=1)
+            height = max(height, float(heights.max()))
             q = points[np.arange(len(q)), highest]
+            # a mesh whose highest point is on its rim shrinks slowly, so that it can move on
             is_inside = np.max(np.abs(offsets[highest]), axis=1) < 1.0
-            size = size * np.where(is_inside, 0.7, 0.95)
+            size = size * np.where(is_inside, _SHRINKING_INSIDE, _SHRINKING_ON_RIM)
             is_wide = size > _LEVEL
             q = q[is_wide]
             size = size[is_wide]
         return height
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> ZoneMesh:
-        """Return a Gamma-centred mesh, reduced by the point group of the frequencies."""
-        lattice = self.lattice
-        group = None
-        if reduce:
-            group = find_point_group(
-                self.atoms, self._periods, lambda q: lattice.frequencies(lattice.wavevectors(q))
-            )
-        return ZoneMesh.of(numbers, group)
+        """Return a Gamma-centred mesh of ``numbers`` (p,) of points; with ``reduce``, reduced by
+        the point group of the frequencies.
+        """
+        if not reduce:
+            return ZoneMesh.of(numbers)
+
+        def find_frequencies(fractions: Array) -> Array:
+            """Return frequencies (n, n_branches) at wave vectors (n, p), fractions."""
+            return self.lattice.frequencies(self.lattice.wavevectors(fractions))
+
+        return ZoneMesh.of(numbers, find_point_group(self.atoms, self._periods, find_frequencies))
 
     # -- files -------------------------------------------------------------------------------------
 
@@ -944,12 +998,14 @@ class _BandEdges(NamedTuple):
         """Return which edges (e,) are of a gap between two branches that is below ``width``, with
         frequencies times sign ``heights`` (e,).
         """
-        narrow = np.zeros(len(self.branch), bool)
+        is_narrow = np.zeros(len(self.branch), bool)
+        # the bottoms of the same gaps are last; before them may be that of the gap without a top
         tops = np.arange(self.n_tops)
         bottoms = np.arange(len(self.branch) - self.n_tops, len(self.branch))
-        narrow[tops] = -heights[bottoms] - heights[tops] < width
-        narrow[bottoms] = narrow[tops]
-        return narrow
+        gap_widths = -heights[bottoms] - heights[tops]
+        is_narrow[tops] = gap_widths < width
+        is_narrow[bottoms] = is_narrow[tops]
+        return is_narrow
 
     def pair_frequencies(self, heights: Array) -> tuple[Array, Array]:
         """Return the lower and the upper edge of each gap, both (n,), from frequencies times sign
@@ -962,20 +1018,20 @@ class _BandEdges(NamedTuple):
         return lower, upper
 
 
-def _choose_starts(values: Array, edges: _BandEdges) -> Index:
-    """Return the wave vectors (e, n_starts) at which the frequencies ``values`` (n_q, n_branches)
+def _choose_starts(frequencies: Array, edges: _BandEdges) -> Index:
+    """Return the wave vectors (e, n_starts) at which ``frequencies`` (n_q, n_branches)
     come next to each edge, the nearest first.
     """
-    n_starts = max(1, min(_STARTS, _FEW_BRANCHES // values.shape[1]))
-    order = np.argsort(-edges.sign * values[:, edges.branch], axis=0, kind="stable")
+    n_starts = max(1, min(_STARTS, _FEW_BRANCHES // frequencies.shape[1]))
+    order = np.argsort(-edges.sign * frequencies[:, edges.branch], axis=0, kind="stable")
     return np.asarray(order[:n_starts].T)
 
 
-def _find_closest(values: Array, branch: int, count: int) -> Index:
+def _find_closest(frequencies: Array, branch: int, count: int) -> Index:
     """Return the up to ``count`` wave vectors at which a branch comes next to the branch above, in
-    frequencies ``values`` (n_q, n_branches): there peaks may be narrower than the mesh.
+    ``frequencies`` (n_q, n_branches): there peaks may be narrower than the mesh.
     """
-    distance = values[:, branch + 1] - values[:, branch]
+    distance = frequencies[:, branch + 1] - frequencies[:, branch]
     return np.asarray(np.argsort(distance, kind="stable")[:count])
 
 
@@ -992,7 +1048,9 @@ def _secant_step(moved: Array, change: Array, steepness: Array) -> Array:
 
 
 def _directions_along(paths: Array) -> Array:
-    """Return the vector (s p, d) along the path at each wave vector of ``paths`` (s, p, d)."""
+    """Return the vector (s p, d) along the path, 1/d, at each wave vector of ``paths`` (s, p, d),
+    1/d.
+    """
     points = paths.shape[1]
     along = np.repeat(paths[:, -1] - paths[:, 0], points, axis=0)
     # at the last point of a segment the limit is taken from inside the segment
@@ -1042,10 +1100,10 @@ def _list_wavenumbers(
     wavenumbers = np.empty((len(waves), 2, space.size), complex)
     wavenumbers[:, 0] = complex(0.0, np.inf)
     wavenumbers[:, 1] = complex(0.0, -np.inf)
-    for n, senses in enumerate(waves):
-        for sense, bloch_waves in enumerate(senses):
+    for n, upward_and_downward in enumerate(waves):
+        for sense, bloch_waves in enumerate(upward_and_downward):
             numbers = space.wavenumbers(bloch_waves.factors, along)
-            numbers[: bloch_waves.running].imag = 0.0
+            numbers[: bloch_waves.running].imag = 0.0  # but for rounding
             wavenumbers[n, sense, : len(numbers)] = numbers
     # motions that reach no other layer at any frequency are no waves
     are_waves = np.any(np.isfinite(wavenumbers), axis=(0, 1))
@@ -1056,19 +1114,21 @@ def _number_images(bridge: ContactPhonopy, dim: tuple[int, ...]) -> Index:
     """Return the index (n_a, n1, ...) in phonopy's supercell of the image of each of the n_a atoms
     in each cell of the supercell of ``dim`` (n1, ...) cells.
     """
-    cells = bridge.supercell
-    unit = bridge.unitcell
-    atom = np.array([cells.u2u_map[s] for s in cells.s2u_map])
-    offsets = cells.positions - unit.positions[atom]
-    steps = np.rint(offsets @ np.linalg.inv(unit.cell)).astype(int)
-    numbers = np.empty((len(unit), *dim), int)
-    numbers[(atom, *(steps[:, : len(dim)] % dim).T)] = np.arange(len(atom))
+    supercell = bridge.supercell
+    unit_cell = bridge.unitcell
+    # the atom of the cell of which each atom of the supercell is an image
+    atom = np.array([supercell.u2u_map[number] for number in supercell.s2u_map])
+    offsets = supercell.positions - unit_cell.positions[atom]
+    steps = np.rint(offsets @ np.linalg.inv(unit_cell.cell)).astype(int)
+    cell = steps[:, : len(dim)] % dim
+    numbers = np.empty((len(unit_cell), *dim), int)
+    numbers[(atom, *cell.T)] = np.arange(len(atom))
     return numbers
 
 
 def _list_arrays(lattice: ContactLattice, with_stiffness: bool) -> list[Array]:
-    """Return ends and vectors of the contacts, on request also masses and stiffnesses of a
-    lattice.
+    """Return the balls i and j (n_c,) and the vectors (n_c, d) of the contacts of a lattice; on
+    request also masses and radii of gyration (n,), stiffnesses and prestress (n_c,).
     """
     contacts = lattice.contacts
     arrays: list[Any] = [contacts.i, contacts.j, contacts.vector]
@@ -1077,17 +1137,17 @@ def _list_arrays(lattice: ContactLattice, with_stiffness: bool) -> list[Array]:
     return arrays
 
 
-def _smear(omega: Array, values: Array, weights: Array, width: float) -> Array:
-    """Return the sums (m, n) of Gaussians of standard deviation ``width`` about frequencies
-    ``values`` (n_q, n_branches), with ``weights`` (m, n_q, n_branches) as their heights, at
+def _smear(omega: Array, frequencies: Array, weights: Array, width: float) -> Array:
+    """Return the sums (m, n) of Gaussians of standard deviation ``width`` about ``frequencies``
+    (n_q, n_branches), with ``weights`` (m, n_q, n_branches) as their heights, at frequencies
     ``omega`` (n,).
 
     The part of a Gaussian below zero frequency is reflected, so that no mode is lost.
     """
     sums = np.empty((len(weights), len(omega)))
     for n, frequency in enumerate(omega):
-        bell = np.exp(-0.5 * ((frequency - values) / width) ** 2)
-        reflected = np.exp(-0.5 * ((frequency + values) / width) ** 2)
+        bell = np.exp(-0.5 * ((frequency - frequencies) / width) ** 2)
+        reflected = np.exp(-0.5 * ((frequency + frequencies) / width) ** 2)
         sums[:, n] = np.sum(weights * (bell + reflected), axis=(1, 2))
     return sums
 
@@ -1098,14 +1158,18 @@ def _pad(numbers: tuple[int, ...]) -> list[int]:
 
 
 def _check_qpoints(qpoints: ArrayLike, periods: int) -> Array:
-    """Return ``qpoints`` (n, periods) or (n, 3) as (n, 3), fractions of the reciprocal cell; raise
-    :class:`InputError` if they leave the line, plane or space of the periods.
+    """Return ``qpoints`` (n, periods) or (n, 3) as (n, 3), fractions of the reciprocal cell.
+
+    Raises :class:`InputError` for another shape, numbers that are not finite, and wave vectors that
+    leave the line, plane or space of the periods.
     """
     q = real_array("q points", qpoints)
     has_shape = q.ndim == 2 and len(q) > 0 and q.shape[1] in (periods, 3)
     if not has_shape or not np.all(np.isfinite(q)):
-        mend = "Give " + "(n, 3)" if periods == 3 else f"Give (n, {periods}) or (n, 3)"
-        raise InputError(f"the q points have the shape {q.shape}", mend=f"{mend} finite fractions")
-    q = np.pad(q, ((0, 0), (0, 3 - q.shape[1])))
-    check_inside(q, periods, "a q point")
-    return q
+        shapes = "(n, 3)" if periods == 3 else f"(n, {periods}) or (n, 3)"
+        raise InputError(
+            f"the q points have the shape {q.shape}", mend=f"Give {shapes} finite fractions"
+        )
+    padded = np.pad(q, ((0, 0), (0, 3 - q.shape[1])))
+    check_inside(padded, periods, "a q point")
+    return padded

@@ -46,17 +46,16 @@ def number_kinds(masses: Array) -> list[int]:
 
     Where there are too many of them for the symbols in :data:`KINDS`, all balls are of one kind.
     """
-    kinds: list[float] = []
+    masses_of_kinds: list[float] = []
     numbers = []
     for mass in masses.tolist():
-        kind = 0
-        while kind < len(kinds) and abs(mass - kinds[kind]) > _ONE_MASS * kinds[kind]:
-            kind += 1
-        if kind == len(kinds):
-            kinds.append(mass)
-        if len(kinds) > len(KINDS):
+        is_kind = [abs(mass - known) <= _ONE_MASS * known for known in masses_of_kinds]
+        if not any(is_kind):
+            masses_of_kinds.append(mass)
+            is_kind.append(True)
+        if len(masses_of_kinds) > len(KINDS):
             return [0] * len(masses)
-        numbers.append(kind)
+        numbers.append(is_kind.index(True))
     return numbers
 
 
@@ -79,30 +78,31 @@ def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
     from ase.data import chemical_symbols
 
     names = list(dict.fromkeys(kinds))
-    if len(names) > len(chemical_symbols) - 1 - len(_NO_KIND):
+    elements = chemical_symbols[1:]  # the first stands for no element
+    if len(names) > len(elements) - len(_NO_KIND):
         return dict.fromkeys(names, BALL)
-    symbols = {name: name for name in names if name in chemical_symbols[1:] and name != _FALSE}
-    begun = dict[str, str]()
+    symbols = {name: name for name in names if name in elements and name != _FALSE}
+    beginnings = dict[str, str]()  # by name, where a name begins with a symbol
     for name in names:
         beginning = re.match(r"[A-Z][a-z]?(?![A-Za-z])", name)
-        if beginning is not None and beginning[0] in chemical_symbols[1:]:
-            begun[name] = beginning[0]
-    for name in (*begun, *names):
+        if beginning is not None and beginning[0] in elements:
+            beginnings[name] = beginning[0]
+    # names that begin with a symbol choose first
+    for name in (*beginnings, *names):
         if name not in symbols:
-            symbols[name] = free_symbol(begun.get(name, BALL), (*symbols.values(), *_NO_KIND))
+            taken = (*symbols.values(), *_NO_KIND)
+            symbols[name] = free_symbol(beginnings.get(name, BALL), taken)
     return {name: symbols[name] for name in names}
 
 
 def name_balls(masses: Array, kinds: Sequence[str] = ()) -> list[str]:
-    """Return a chemical symbol for each ball: that of its kind, or if kinds are not known, of its
-    mass (number_kinds).
+    """Return a chemical symbol for each ball: that of its kind, or if kinds are not known, that of
+    its mass among ``masses`` (n,), see :func:`number_kinds`.
     """
+    if not kinds:
+        return [KINDS[number] for number in number_kinds(masses)]
     symbols = choose_symbols(kinds)
-    return (
-        [symbols[kind] for kind in kinds]
-        if kinds
-        else [KINDS[number] for number in number_kinds(masses)]
-    )
+    return [symbols[kind] for kind in kinds]
 
 
 def name_atoms(masses: Array, motions: Motions, kinds: Sequence[str] = ()) -> list[str]:
@@ -122,11 +122,13 @@ def write_kinds(kinds: Sequence[str]) -> list[str]:
     return [f"  kinds: {json.dumps(symbols, ensure_ascii=False)}"] if kinds else []
 
 
-def read_kinds(own: Mapping[str, Any], symbols: Sequence[str]) -> tuple[str, ...]:
-    """Read the names of the kinds of balls with these symbols from a head; none if it has no
-    ``kinds``.
+def read_kinds(header: Mapping[str, Any], symbols: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the kinds of balls with these ``symbols`` from the head of a file; none
+    if the ``header`` has no kinds.
     """
-    return tuple(str(own["kinds"][symbol]) for symbol in symbols) if "kinds" in own else ()
+    if "kinds" not in header:
+        return ()
+    return tuple(str(header["kinds"][symbol]) for symbol in symbols)
 
 
 def place_atoms(positions: Array, motions: Motions, offset: Array = OFFSET) -> Array:
@@ -148,8 +150,8 @@ def find_offset_phases(qpoints: Array, cell: Array) -> Complex:
 
 
 def make_header(unit: HertzPrefix, scales: Units, motions: Motions, periods: int) -> list[str]:
-    """Return the block ``granphon`` at the head of a file: scales, and what the coordinates of the
-    atoms of a ball are.
+    """Return the lines of the block ``granphon`` at the head of a file: the unit of frequencies,
+    the scales, and the motions that the coordinates of the atoms of a ball hold.
     """
     return [
         *file_header(unit, scales, _name_coordinates(motions)),
@@ -167,25 +169,28 @@ def _name_coordinates(motions: Motions) -> list[str]:
     return names
 
 
-def read_motions(own: Mapping[str, Any], components: int | None = None) -> tuple[Motions, int]:
-    """Read the motions of a ball and the number of periods from a block of :func:`make_header`.
+def read_motions(header: Mapping[str, Any], components: int | None = None) -> tuple[Motions, int]:
+    """Return the motions of a ball and the number of periods from a block of :func:`make_header`,
+    ``header``.
 
-    ``components`` is the number of motions of a ball in the file, if it is known. Raises
-    :class:`~granphon.base.errors.InputError` for motions that there are not, or that are not so
-    many.
+    ``components`` is the number of motions of a ball in the file, if the number is known. Raises
+    :class:`~granphon.base.errors.InputError` for motions that do not exist, and for another number
+    of motions than ``components``.
     """
-    periods = own["periods"]
-    rotate = own["rotations"]
-    named = allowed_motions(1)
+    periods = header["periods"]
+    rotate = header["rotations"]
+    motions_by_name = allowed_motions(1)
     if periods not in (1, 2, 3) or not isinstance(rotate, bool):
         raise InputError(
             "It does not say how many periods the lattice has, and whether balls rotate"
         )
-    if own["motions"] not in named:
-        raise InputError(f"Its motions are none of {', '.join(named)}")
-    motions = named[own["motions"]] if rotate else replace(named[own["motions"]], rotations=())
+    if header["motions"] not in motions_by_name:
+        raise InputError(f"Its motions are none of {', '.join(motions_by_name)}")
+    motions = motions_by_name[header["motions"]]
+    if not rotate:
+        motions = replace(motions, rotations=())
     coordinates = _name_coordinates(motions)
-    if list(map(str, own["coordinates"])) != coordinates:
+    if [str(coordinate) for coordinate in header["coordinates"]] != coordinates:
         raise InputError(f"its coordinates of a ball are not {', '.join(coordinates)}")
     if components not in (None, motions.count):
         raise InputError(
@@ -195,10 +200,10 @@ def read_motions(own: Mapping[str, Any], components: int | None = None) -> tuple
 
 
 def read_numbers(name: str, values: Any, shape: tuple[int, ...] | None = None) -> Array:
-    """Read the values of a key of a file as finite floats, (...), of a ``shape`` in which -1 stands
-    for any length.
+    """Return the values of the key ``name`` of a file as finite floats (...); if a ``shape`` is
+    given, of this shape, in which -1 stands for any length.
 
-    Raises :class:`~granphon.base.errors.InputError`, which names the key, for anything else.
+    Raises :class:`~granphon.base.errors.InputError`, which names the key, for other values.
     """
     try:
         numbers = np.array(values)
@@ -212,11 +217,10 @@ def read_numbers(name: str, values: Any, shape: tuple[int, ...] | None = None) -
         raise InputError(f"It has {show(wrong)} under {name}, where a number is needed")
     if not np.all(np.isfinite(numbers)):
         raise InputError(f"It has something else than finite numbers under {name}")
-    if shape is not None:
-        pairs = zip(shape, numbers.shape, strict=False)
-        fits = all(length in (-1, number) for length, number in pairs)
-        if numbers.ndim != len(shape) or not fits:
-            raise InputError(
-                f"Its values of {name} have the shape {numbers.shape} instead of {shape}"
-            )
+    if shape is None:
+        return numbers.astype(float)
+    lengths = zip(shape, numbers.shape, strict=False)
+    fits = all(expected in (-1, length) for expected, length in lengths)
+    if numbers.ndim != len(shape) or not fits:
+        raise InputError(f"Its values of {name} have the shape {numbers.shape} instead of {shape}")
     return numbers.astype(float)

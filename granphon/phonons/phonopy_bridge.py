@@ -171,9 +171,11 @@ def write_phonopy(
     """Write the force constants of ``bridge`` so that phonopy reads them correctly without options;
     see ``Phonons.save``.
 
-    ``top`` is the highest frequency, Hz; ``motions`` and ``kinds`` are those of each ball.
+    ``top`` is the highest frequency, Hz; ``motions`` and ``kinds`` are those of each ball, and
+    ``periods`` the number of periods of the lattice.
     """
     unit = HertzPrefix.for_top(top)
+    # phonopy's "THz" of a reduced frequency of one are to be the number in the unit
     per_frequency = scales.frequency / unit.hertz / get_physical_units().DefaultToTHz
     mass = _EXPORT_SCALE / per_frequency**2
     unit_cell = bridge.unitcell
@@ -191,10 +193,11 @@ def write_phonopy(
     export = Phonopy(
         cell, bridge.supercell_matrix, primitive_matrix="P", is_symmetry=False, log_level=0
     )
-    firsts = [int(s) for s in export.primitive.p2s_map]
-    export.force_constants = _couple_auxiliary(bridge.force_constants, firsts) * _EXPORT_SCALE
-    # phonopy writes physical units into the file unless the factor was set, if only to its own
-    # value
+    numbers_in_supercell = [int(number) for number in export.primitive.p2s_map]
+    constants = _couple_auxiliary(bridge.force_constants, numbers_in_supercell)
+    export.force_constants = constants * _EXPORT_SCALE
+    # phonopy writes physical units into the file unless the factor was set, if only to the value
+    # that the factor has
     export.unit_conversion_factor = export.unit_conversion_factor
     head = [
         *make_header(unit, scales, motions, periods),
@@ -212,8 +215,8 @@ def write_phonopy(
 
 
 def _couple_auxiliary(constants: Array, firsts: list[int]) -> Array:
-    """Return compact force constants (n + 1, N + N/n, 3, 3) with the auxiliary atom, from those
-    (n, N, 3, 3) of n atoms of the cell and N of the supercell.
+    """Return compact force constants (n + 1, N + N/n, 3, 3) with the auxiliary atom, from
+    ``constants`` (n, N, 3, 3) of n atoms of the cell and N of the supercell.
 
     The auxiliary atom is coupled to the atoms of its own cell, by what their sum rule lacks.
     ``firsts`` are the numbers in the supercell of the n + 1 atoms of the cell; phonopy orders a
@@ -231,8 +234,8 @@ def _couple_auxiliary(constants: Array, firsts: list[int]) -> Array:
 
 
 def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
-    """Read a file of :meth:`Phonons.save`: the Phonopy object in reduced units, without the
-    auxiliary atom, and the scales.
+    """Return the Phonopy object in reduced units, without the auxiliary atom, and the scales, from
+    a file of :meth:`Phonons.save`.
 
     Only the named file is read, as plain data; phonopy's own loader is not used.
 
@@ -248,39 +251,49 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
     text, verified = read_sealed(path)
     with require_own_file(path, "phonopy_params.yaml"):
         data = plain_yaml(text, path)
-        header = data["granphon"]
-        _, scales = read_header(path, header)
-        masses = read_numbers("masses", header["masses"], (-1,))
-        scale = float(read_numbers("force_constants_scale", header["force_constants_scale"], ()))
-        n = len(masses)
-        points = data["unit_cell"]["points"]
-        symbols = [point["symbol"] for point in points]
-        motions, periods = read_motions(header)
-        per_ball = motions.atoms_per_ball
-        kinds = read_kinds(header, symbols[:-1:per_ball])
-        expected = name_atoms(masses[::per_ball], motions, kinds)
-        if len(points) != n + 1 or symbols != [*expected, free_symbol(_AUXILIARY, expected)]:
-            raise InputError("Its cell does not consist of balls and the auxiliary atom")
-        numbers = _read_supercell(data["supercell_matrix"], periods)
-        if masses.min() <= 0.0 or scale <= 0.0:
-            raise InputError("Its masses and scales are not above zero")
-        cells = math.prod(numbers)  # Python's integers: their product does not overflow
-        constants = _read_constants(data["force_constants"], n + 1, cells)
-        positions = read_numbers(
-            "coordinates", [point["coordinates"] for point in points[:n]], (n, 3)
-        )
-        vectors = read_numbers("lattice", data["unit_cell"]["lattice"], (3, 3))
-        cell = PhonopyAtoms(
-            symbols=symbols[:n], cell=vectors, masses=masses, scaled_positions=positions
-        )
-        bridge = ContactPhonopy(
-            cell, np.diag(numbers), primitive_matrix="P", is_symmetry=False, log_level=0
-        )
-        bridge.unit_conversion_factor = 1.0
-        bridge.give_force_constants(constants[:n, : len(bridge.supercell)] / scale)
+        _, scales = read_header(path, data["granphon"])
+        bridge = _make_bridge(data)
     if not verified:
         warn_unverified(path)
     return bridge, scales
+
+
+def _make_bridge(data: Any) -> ContactPhonopy:
+    """Return the Phonopy object in reduced units from the data of a file of :meth:`Phonons.save`.
+
+    Raises :class:`InputError` for data that do not fit together.
+    """
+    header = data["granphon"]
+    masses = read_numbers("masses", header["masses"], (-1,))
+    scale = float(read_numbers("force_constants_scale", header["force_constants_scale"], ()))
+    n = len(masses)
+    atoms = data["unit_cell"]["points"]
+    symbols = [atom["symbol"] for atom in atoms]
+    motions, periods = read_motions(header)
+    per_ball = motions.atoms_per_ball
+    # the last atom is the auxiliary one
+    kinds = read_kinds(header, symbols[:-1:per_ball])
+    ball_symbols = name_atoms(masses[::per_ball], motions, kinds)
+    expected_symbols = [*ball_symbols, free_symbol(_AUXILIARY, ball_symbols)]
+    if len(atoms) != n + 1 or symbols != expected_symbols:
+        raise InputError("Its cell does not consist of balls and the auxiliary atom")
+    numbers = _read_supercell(data["supercell_matrix"], periods)
+    if masses.min() <= 0.0 or scale <= 0.0:
+        raise InputError("Its masses and scales are not above zero")
+    cells = math.prod(numbers)  # Python's integers: their product does not overflow
+    constants = _read_constants(data["force_constants"], n + 1, cells)
+    positions = read_numbers("coordinates", [atom["coordinates"] for atom in atoms[:n]], (n, 3))
+    vectors = read_numbers("lattice", data["unit_cell"]["lattice"], (3, 3))
+    cell = PhonopyAtoms(
+        symbols=symbols[:n], cell=vectors, masses=masses, scaled_positions=positions
+    )
+    bridge = ContactPhonopy(
+        cell, np.diag(numbers), primitive_matrix="P", is_symmetry=False, log_level=0
+    )
+    bridge.unit_conversion_factor = 1.0
+    # without the auxiliary atom, which comes last in the cell and in the supercell
+    bridge.give_force_constants(constants[:n, : len(bridge.supercell)] / scale)
+    return bridge
 
 
 def _read_supercell(listed: Any, periods: int) -> list[int]:
@@ -291,11 +304,12 @@ def _read_supercell(listed: Any, periods: int) -> list[int]:
     """
     matrix = np.array(listed)
     is_matrix = matrix.shape == (3, 3) and matrix.dtype.kind == "i"
-    numbers = [int(m) for m in np.diag(matrix)] if is_matrix else [0]
+    numbers = np.diag(matrix).tolist() if is_matrix else [0]
     is_diagonal = np.array_equal(matrix, np.diag(numbers))
-    if not is_diagonal or min(numbers) < 1 or set(numbers[periods:]) - {1}:
-        shown = " x ".join(["n1", "n2", "n3"][:periods] + ["1"] * (3 - periods))
-        raise InputError(f"Its supercell_matrix is not that of {shown} cells")
+    are_counts = min(numbers) >= 1 and all(number == 1 for number in numbers[periods:])
+    if not (is_diagonal and are_counts):
+        names = ["n1", "n2", "n3"][:periods] + ["1"] * (3 - periods)
+        raise InputError(f"Its supercell_matrix is not that of {' x '.join(names)} cells")
     return numbers
 
 
@@ -310,8 +324,8 @@ def _read_constants(block: Any, atoms: int, cells: int) -> Array:
             f"Its force constants of shape {block['shape']} do not fit {cells} cells of {atoms}"
             f" atoms"
         )
-    constants = read_numbers("elements", block["elements"], (rows * columns, 3, 3))
-    constants = constants.reshape(rows, columns, 3, 3)
+    elements = read_numbers("elements", block["elements"], (rows * columns, 3, 3))
+    constants = elements.reshape(rows, columns, 3, 3)
     if rows != atoms:  # the rows of all cells; phonopy orders a supercell by atom, then by cell
         constants = constants[::cells]
     return constants

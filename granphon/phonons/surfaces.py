@@ -32,6 +32,7 @@ from granphon.base.validation import (
     whole_number,
 )
 from granphon.dynamics.half_space import HalfSpace
+from granphon.dynamics.zak_phase import find_winding, find_zak_phase
 from granphon.media.state import State
 from granphon.networks.network import given_network
 from granphon.phonons.paths import default_letters, interpolate_path, special_points
@@ -46,6 +47,8 @@ _ZERO = 1e-7
 _ROWS = 241
 #: highest frequency of a map over the highest of the bands
 _ABOVE = 1.05
+#: component of a unit vector up to which it is the rounding of zero
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,13 +120,26 @@ class SurfaceSpectrum(Result, array="values"):
         waves = self.waves
         if waves is None:
             raise InputError("the spectrum holds no waves of the edge", mend="Take Surface.map")
-        distances = self.distances if len(self.distances) else np.full(len(self.qpoints), np.nan)
-        headings = [("distance", "1/d"), *((f"q{axis}", "") for axis in (1, 2, 3))]
-        headings += [("frequency", "Hz"), ("width", "Hz"), ("weight", "")]
-        points = (distances[waves.place], *self.qpoints[waves.place].T)
-        columns = (*points, waves.frequencies, waves.widths, waves.weight)
-        rows = np.transpose(columns).tolist()
-        write_text(path, table_text([Heading(*heading) for heading in headings], rows))
+        distances = self.distances
+        if not len(distances):  # wave vectors that are no path
+            distances = np.full(len(self.qpoints), np.nan)
+        headings = [
+            Heading("distance", "1/d"),
+            Heading("q1", ""),
+            Heading("q2", ""),
+            Heading("q3", ""),
+            Heading("frequency", "Hz"),
+            Heading("width", "Hz"),
+            Heading("weight", ""),
+        ]
+        columns = [
+            distances[waves.place],
+            *self.qpoints[waves.place].T,
+            waves.frequencies,
+            waves.widths,
+            waves.weight,
+        ]
+        write_text(path, table_text(headings, np.transpose(columns).tolist()))
 
 
 class Surface:
@@ -172,9 +188,14 @@ class Surface:
         return self.half_space.layers.cell
 
     def _read(self, q: ArrayLike | None) -> tuple[Array, Array]:
-        """Return wave vectors as (n_q, p - 1) and (n_q, 3)."""
-        p = len(self.cell)
-        fractions = np.zeros((1, 0)) if q is None and p == 0 else real_array("q", q)
+        """Return wave vectors as (n_q, p - 1) and as (n_q, 3), in fractions of the reciprocal cell.
+
+        Raises :class:`~granphon.base.errors.InputError` for another shape, numbers that are not
+        finite, and wave vectors that leave the edge.
+        """
+        p = len(self.cell)  # periods along the edge
+        at_chain_end = q is None and p == 0
+        fractions = np.zeros((1, 0)) if at_chain_end else real_array("q", q)
         are_vectors = fractions.ndim == 2 and len(fractions) and fractions.shape[1] in (p, 3)
         if not are_vectors or not np.all(np.isfinite(fractions)):
             raise InputError(
@@ -195,24 +216,26 @@ class Surface:
         distances (c,) and the names of the corners. At the end of a chain there is one wave vector,
         and no corner.
         """
-        cell = self.half_space.layers.cell
         p = len(self.cell)
         if not p:
             return np.zeros((1, 3)), np.zeros(1), np.zeros(0), ()
-        vectors = cell[:, :p] / self.half_space.units.length
+        vectors = self.cell[:, :p] / self.half_space.units.length
         repeats = [True] * p
         letters = special_points(vectors, repeats)
         corners = default_letters(vectors, repeats)
-        segments, labels = interpolate_path(corners, npoints, letters, None, p)
-        points = segments[..., :p] @ np.linalg.inv(vectors).T
+        # (segments, points of a segment, 3)
+        segments, labels = interpolate_path(corners, npoints, letters, periods=p)
+        points = segments[..., :p] @ np.linalg.inv(vectors).T  # Cartesian, over 2 pi
         steps = np.linalg.norm(np.diff(points, axis=1), axis=2)
-        along = np.cumsum(steps).reshape(steps.shape)
-        jumps = np.array(["|" in label for label in labels[1:-1]], bool)
-        first = np.concatenate([[0.0], along[:-1, -1]])
-        distances = np.concatenate([first[:, None], along], axis=1)
+        after_step = np.cumsum(steps).reshape(steps.shape)
+        starts = np.concatenate([[0.0], after_step[:-1, -1]])
+        distances = np.concatenate([starts[:, None], after_step], axis=1)
+        # a corner where two segments join is there once, and twice where the path jumps
+        is_jump = np.array(["|" in label for label in labels[1:-1]], bool)
         kept = np.ones(distances.shape, bool)
-        kept[1:, 0] = jumps  # a corner where two segments join is there once
-        return segments[kept], distances[kept], np.concatenate([first, along[-1:, -1]]), labels
+        kept[1:, 0] = is_jump
+        corner_distances = np.concatenate([starts, after_step[-1:, -1]])
+        return segments[kept], distances[kept], corner_distances, labels
 
     def continuum(self, q: ArrayLike | None = None) -> Array:
         """Return the lowest and the highest frequency (n_q, b, 2) of each branch of the crystal,
@@ -231,7 +254,7 @@ class Surface:
 
         Parameters
         ----------
-        q : wave vectors.
+        q : wave vectors (n_q, p - 1) or (n_q, 3), fractions of the reciprocal cell of a layer.
         frequencies : (n_f,) Hz, zero or above.
         damping : full width at half maximum of an undamped wave's line, Hz, by default the largest
             step of the frequencies. Each mass M feels the drag -M gamma v, with gamma = 2 pi times
@@ -246,23 +269,29 @@ class Surface:
             raise InputError(f"frequencies have the shape {hertz.shape}", mend="Give (n,) in Hz")
         if damping is None and hertz.size < 2:
             raise InputError("one frequency has no step", mend="Give damping in Hz")
-        width = np.max(np.abs(np.diff(hertz))) if damping is None else damping
-        width = positive("damping", width, "Hz")
+        largest_step = np.max(np.abs(np.diff(hertz))) if damping is None else damping
+        width = positive("damping", largest_step, "Hz")
         n_points = len(points)
         n_frequencies = len(hertz)
         self._require_memory(n_points, n_frequencies)
-        omega = np.maximum(hertz / unit, _ZERO * np.sqrt(half.highest))
-        w = omega * (omega + 1j * width / unit)
+        # reduced frequencies; at zero itself the spectrum is a quotient of zeros
+        reduced = np.maximum(hertz / unit, _ZERO * np.sqrt(half.highest))
+        w = reduced * (reduced + 1j * width / unit)
         numbers = np.repeat(np.arange(n_points), n_frequencies)
         inverse = half.inverse_green(fractions, numbers, np.tile(w, n_points))
         diagonal = np.diagonal(np.linalg.inv(inverse), axis1=1, axis2=2).imag
         by_ball = diagonal.reshape(n_points, n_frequencies, -1, half.motions.count)
         outer_layer = by_ball[:, :, : half.per_layer].mean(axis=2)
-        by_motion = -2.0 / np.pi * omega[:, None] * outer_layer / unit
-        edges = np.sqrt(np.maximum(half.bands(fractions), 0.0)) * unit
-        letters = tuple(half.motions.letters)
-        total = by_motion.mean(axis=2)
-        return SurfaceSpectrum(points, hertz, total, by_motion, letters, width, edges)
+        by_motion = -2.0 / np.pi * reduced[:, None] * outer_layer / unit
+        return SurfaceSpectrum(
+            points,
+            hertz,
+            values=by_motion.mean(axis=2),
+            by_motion=by_motion,
+            letters=tuple(half.motions.letters),
+            damping=width,
+            edges=np.sqrt(np.maximum(half.bands(fractions), 0.0)) * unit,
+        )
 
     def map(
         self,
@@ -281,11 +310,13 @@ class Surface:
         damping, leaky : as in :meth:`spectrum` and :meth:`branches`.
         """
         q, distances, corners, labels = self.path(npoints)
-        self._require_memory(len(q), _ROWS if frequencies is None else np.size(frequencies))
+        n_frequencies = _ROWS if frequencies is None else np.size(frequencies)
+        self._require_memory(len(q), n_frequencies)
         if frequencies is None:
             highest = float(np.sqrt(np.max(self.half_space.bands(self._read(q)[0]))))
             frequencies = np.linspace(0.0, _ABOVE * highest * self._frequency, _ROWS)
         spectrum = self.spectrum(q, frequencies, damping)
+        # waves that do not leak are kept, as a figure and a data set need the same
         waves = self.along_path(npoints) if leaky is False else self.branches(q, leaky)
         return replace(spectrum, waves=waves, distances=distances, corners=corners, labels=labels)
 
@@ -309,12 +340,15 @@ class Surface:
             waves.append(self.half_space.find_leaky_waves(fractions))
         if require("free", truth, free):
             waves.append(self.half_space.find_free_motions(fractions))
-        number, squares, weight = (np.concatenate(arrays) for arrays in zip(*waves, strict=True))
-        roots = np.sqrt(squares.astype(complex)) * self._frequency
-        order = np.lexsort((roots.real, number))
-        widths = np.maximum(-2.0 * roots.imag, 0.0)
+        number = np.concatenate([kind.point for kind in waves])
+        squares = np.concatenate([kind.squares for kind in waves])
+        weight = np.concatenate([kind.weight for kind in waves])
+        # the energy of a leaky wave decays by twice the imaginary part
+        frequencies = np.sqrt(squares.astype(complex)) * self._frequency
+        widths = np.maximum(-2.0 * frequencies.imag, 0.0)
+        order = np.lexsort((frequencies.real, number))
         return SurfaceBranches(
-            points, number[order], roots.real[order], widths[order], weight[order]
+            points, number[order], frequencies.real[order], widths[order], weight[order]
         )
 
     def _require_memory(self, points: int, frequencies: int) -> None:
@@ -346,21 +380,21 @@ class Surface:
         Raises :class:`~granphon.base.errors.InputError` for a frequency inside of the crystal's
         bands, one that no wave of the edge has, and where the wave enters the bands.
         """
-        near = positive("frequency", frequency, "Hz")
+        start = positive("frequency", frequency, "Hz")
         points = self._read(q)[1]
         continuum = self.continuum(q)
         branches = self.branches(q)
         bottoms, tops = continuum[0].T
-        if np.any((bottoms <= near) & (near <= tops)):
+        if np.any((bottoms <= start) & (start <= tops)):
             raise InputError(
-                f"{near:.6g} Hz lies inside of the crystal's bands at q = {points[0].tolist()}",
+                f"{start:.6g} Hz lies inside of the crystal's bands at q = {points[0].tolist()}",
                 "A wave there leaks into the crystal",
                 "Use branches(q, leaky=True)",
             )
         followed = list[float]()
-        expected = near
+        expected = start
         for n, point in enumerate(points):
-            if n > 1:
+            if n > 1:  # on a straight line from the last two
                 expected = 2.0 * followed[-1] - followed[-2]
             elif n == 1:
                 expected = followed[0]
@@ -384,9 +418,10 @@ class Surface:
         Raises :class:`~granphon.base.errors.InputError` where the gap closes, and at a free edge
         under prestress.
         """
-        half = self.half_space
-        low = whole_number("below", below, 1, half.size - 1)
-        return np.array([half.zak_phase(fractions, low) for fractions in self._read(q)[0]])
+        half_space = self.half_space
+        n_below = whole_number("below", below, 1, half_space.size - 1)
+        points = self._read(q)[0]
+        return np.array([find_zak_phase(half_space, point, n_below) for point in points])
 
     def winding(self, q: ArrayLike | None = None) -> NDArray[np.intp]:
         """Return the winding (n_q,) of det C at q (n_q, p - 1): the number of motions at a free
@@ -396,7 +431,7 @@ class Surface:
         as balls have motions (an isostatic lattice), and where det C vanishes.
         """
         points = self._read(q)[0]
-        return np.array([self.half_space.winding(fractions) for fractions in points], np.intp)
+        return np.array([find_winding(self.half_space, point) for point in points], np.intp)
 
     def velocity(self, direction: ArrayLike | None = None) -> float:
         """Return the velocity of the long wave along a free edge, m/s: Rayleigh's, of the crystal's
@@ -409,12 +444,16 @@ class Surface:
         Raises :class:`~granphon.base.errors.InputError` for an edge that is held, for balls that do
         not move along it and across it, and for a direction that leaves the edge.
         """
-        p = len(self.cell)
-        along = np.eye(max(p, 1))[0] if direction is None else real_array("direction", direction)
-        along = one_direction(along, p if p and along.shape != (p + 1,) else p + 1)
-        if len(along) > p:
+        p = len(self.cell)  # periods along the edge
+        vector = np.eye(max(p, 1))[0]
+        if direction is not None:
+            vector = real_array("direction", direction)
+        is_in_cut = p > 0 and vector.shape != (p + 1,)
+        along = one_direction(vector, p if is_in_cut else p + 1)
+        if not is_in_cut:
+            # from the frame of the crystal to that of the cut, whose last axis leaves the edge
             turned = self.half_space.layers.turn[: p + 1, : p + 1] @ along
-            if abs(turned[p]) > 1e-9:
+            if abs(turned[p]) > _ROUNDING:
                 raise InputError("the direction leaves the edge", mend="Give one along it")
             along = turned[:p]
         unit = self.half_space.units.velocity
@@ -426,6 +465,7 @@ def _find_in_gap(waves: Array, bands: Array, expected: float) -> float | None:
     and in the same gap between ``bands`` (b, 2), Hz; None if there is none.
     """
     bottoms, tops = bands.T
+    # the ends of the gap in which the expected frequency lies
     low = np.max(tops, where=tops < expected, initial=0.0)
     high = np.min(bottoms, where=bottoms > expected, initial=np.inf)
     in_gap = waves[(waves > low) & (waves < high)]
@@ -440,9 +480,10 @@ def observe_surface(
     """Return the waves at an edge at each of n loads, by the names of the catalogue: what a run
     keeps.
 
-    These are frequencies (n, n_q, n_w), Hz, along :meth:`Surface.path`, nan where a wave vector has
-    fewer waves, and where there is a long wave its velocity (n,) along the first leg, m/s.
-    ``different`` are the states, or the first state if all have one lattice in reduced units.
+    These are "surface_frequency" (n, n_q, n_w), Hz, along :meth:`Surface.path` with ``points`` in
+    each segment, nan where a wave vector has fewer waves, and where there is a long wave
+    "surface_velocity" (n,), m/s, along the first leg. ``different`` are the states, or the first
+    state if all have one lattice in reduced units.
     """
     surfaces = [state.cached(Surface, axis, edge) for state in different]
     q = surfaces[0].path(points)[0]
@@ -453,13 +494,16 @@ def observe_surface(
         # the rank of each wave among those of its wave vector
         rank = np.arange(len(waves.place)) - np.searchsorted(waves.place, waves.place)
         frequencies[waves.place, rank] = waves.frequencies
-    ratio = np.array([[state.scales.frequency, state.scales.velocity] for state in states])
-    ratio = ratio / [[state.scales.frequency, state.scales.velocity] for state in different]
-    observed = {"surface_frequency": ratio[:, 0, None, None] * table}
-    with suppress(GranphonError):
+    # from the units of the surfaces to those of the states
+    of_states = np.array([[state.scales.frequency, state.scales.velocity] for state in states])
+    of_surfaces = [[state.scales.frequency, state.scales.velocity] for state in different]
+    frequency_ratio, velocity_ratio = (of_states / of_surfaces).T
+    observed = {"surface_frequency": frequency_ratio[:, None, None] * table}
+    with suppress(GranphonError):  # not every edge has a long wave
         leg = None
         if len(q) > 1:
             p = len(surfaces[0].cell)
             leg = q[1, :p] @ np.linalg.inv(surfaces[0].cell[:, :p]).T
-        observed["surface_velocity"] = ratio[:, 1] * [surface.velocity(leg) for surface in surfaces]
+        velocities = [surface.velocity(leg) for surface in surfaces]
+        observed["surface_velocity"] = velocity_ratio * velocities
     return observed

@@ -181,13 +181,8 @@ class SweepRun:
     def of(cls, grid: Grid) -> Self:
         """Lay out the work; raises what :func:`sweep` raises before anything is computed."""
         frame = make_frame(grid)
-        for case in grid.cases if grid.request.sound else ():
-            # an array has its own forces, which are not those of the lattice
-            finite_overlap = grid.request.finite_overlap and not case.medium.is_exact
-            try:
-                case.medium.of(case.packing).require_sound(finite_overlap)
-            except (MechanismError, InstabilityError) as error:
-                raise error.restate(f"{case.label}: {error}") from None
+        if grid.request.sound:
+            _require_sound(grid)
         return cls(grid, frame)
 
     def do(
@@ -196,7 +191,9 @@ class SweepRun:
         progress: Progress = silent,
         store: Store | None = None,
     ) -> list[TaskResult]:
-        """Do all tasks, case by case, and return their results, which the ``store`` keeps."""
+        """Do all tasks, and return their results in the order of the cases and of the tasks of
+        each. The ``store`` keeps the results; without a store they are kept in memory.
+        """
         task_store = store or Store()
         tasks = [task for case in self.grid.cases for task in case.tasks]
         task_store.claim(collect_identity(self.frame), lambda: [task.name for task in tasks])
@@ -204,10 +201,10 @@ class SweepRun:
         return solve_all(label, tasks, executor, progress, task_store)
 
     def join(self, results: Sequence[TaskResult]) -> Dataset:
-        """Return the data set from the results of all tasks.
+        """Return the data set from the results of all tasks, in the order of :meth:`do`.
 
-        :class:`~granphon.base.errors.ConvergenceError` if a path of loads ends early; its
-        ``reached`` is the data set of the loads before.
+        :class:`~granphon.base.errors.ConvergenceError` if a path of loads ends early; the
+        ``reached`` of the error is the data set of the loads before that end.
         """
         remaining = iter(results)
         joined = [case.join(list(islice(remaining, len(case.tasks)))) for case in self.grid.cases]
@@ -220,14 +217,27 @@ class SweepRun:
         return dataset
 
     def join_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> Dataset:
-        """Return the data set of a single state that has been found, with the records of its
-        samples; see :meth:`join`.
+        """Return the data set of a single state, which the ``analysis`` has found, with the waves
+        of the ``records``, one for each sample of the state.
         """
         (task,) = self.grid.cases[0].media
         result = task.observe(analysis)
         if task.request.waves is not None:
             result = add_waves(result, task, task.load, records)
         return fill(self.frame, self.grid, [result])
+
+
+def _require_sound(grid: Grid) -> None:
+    """Raise MechanismError or InstabilityError, with the label of the case, if a lattice of a case
+    carries no sound.
+    """
+    for case in grid.cases:
+        # an array has its own forces, which are not those of the lattice
+        finite_overlap = grid.request.finite_overlap and not case.medium.is_exact
+        try:
+            case.medium.of(case.packing).require_sound(finite_overlap)
+        except (MechanismError, InstabilityError) as error:
+            raise error.restate(f"{case.label}: {error}") from None
 
 
 # -- the frame, and results in it ------------------------------------------------------------------
@@ -249,14 +259,14 @@ def make_frame(grid: Grid) -> Dataset:
         register_accessor()
 
     request = grid.request
-    finite = [medium.has_finite_overlap(request.finite_overlap) for medium in grid.media]
-    variables = _frame_bands(grid, finite)
+    finite_overlaps = [medium.has_finite_overlap(request.finite_overlap) for medium in grid.media]
+    variables = _frame_bands(grid, finite_overlaps)
     coordinates = _frame_states(grid)
-    attrs = _frame_attributes(grid, finite)
+    attrs = _frame_attributes(grid, finite_overlaps)
     if request.direction is not None:
-        direction, words = _frame_direction(request.direction)
+        direction, direction_words = _frame_direction(request.direction)
         coordinates["direction"] = direction
-        attrs["direction"] = words
+        attrs["direction"] = direction_words
     if request.waves is not None:
         attrs["waves"] = to_json({"of": request.waves, "exponents": request.exponents})
         wave_variables, wave_coordinates = _frame_waves(request.waves)
@@ -272,20 +282,20 @@ def make_frame(grid: Grid) -> Dataset:
     return Dataset(variables, coordinates, attrs)
 
 
-def _frame_attributes(grid: Grid, finite: Sequence[bool]) -> dict[str, Any]:
-    """Return the attributes that every data set has; ``finite`` says of each medium whether its
-    states have finite overlap.
+def _frame_attributes(grid: Grid, finite_overlaps: Sequence[bool]) -> dict[str, Any]:
+    """Return the attributes that every data set has; ``finite_overlaps`` says of each medium
+    whether its states have finite overlap.
     """
     structure = grid.cases[0].packing.structure
-    x = ("(1)", "(1, 0)", "(1, 0, 0)")[structure.periods - 1]
+    x_axis = ("(1)", "(1, 0)", "(1, 0, 0)")[structure.periods - 1]
     media = [{medium.name: medium.settings_on(structure)} for medium in grid.media]
     return {
         "format": FORMAT,
         "schema": SWEEP_SCHEMA,
         "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
         "media": to_json(media),
-        "finite_overlap": int(all(finite)),
-        "direction": f"{x}, Cartesian, where velocities depend on it",
+        "finite_overlap": int(all(finite_overlaps)),  # netCDF has no attributes of type bool
+        "direction": f"{x_axis}, Cartesian, where velocities depend on it",
         "observe": to_json(grid.request.observe),
     }
 
@@ -310,42 +320,49 @@ def _frame_waves(waves: WaveSettings) -> tuple[dict[str, Any], dict[str, Any]]:
     return variables, coordinates
 
 
-def _name_unit_of_path(finite: Sequence[bool]) -> str:
-    """Return the unit of distances along a path in words; ``finite`` is as in
-    :func:`_frame_bands`.
+def _name_unit_of_path(finite_overlaps: Sequence[bool]) -> str:
+    """Return the unit of distances along a path, for the title of the variable;
+    ``finite_overlaps`` is as in :func:`_frame_bands`.
+
+    The unit is no attribute ``units``: programs that parse units read "1/d" as once a day, and the
+    spacing a differs from load to load.
     """
-    # words, as programs that parse units read "1/d" as once a day, and the spacing a differs from
-    # load to load
-    if all(finite):
+    if all(finite_overlaps):
         return "1/a"
-    return "1/d, or 1/a of media with finite overlap" if any(finite) else "1/d"
+    if any(finite_overlaps):
+        return "1/d, or 1/a of media with finite overlap"
+    return "1/d"
 
 
-def _frame_bands(grid: Grid, finite: Sequence[bool]) -> dict[str, Any]:
-    """Return the variables of the path of the bands, empty without bands; ``finite`` says of each
-    medium whether its states have finite overlap.
+def _frame_bands(grid: Grid, finite_overlaps: Sequence[bool]) -> dict[str, Any]:
+    """Return the variables of the path of the bands, ``qpoints`` (s, p, 3), ``distances`` (s, p)
+    and ``labels`` (s + 1,) as in :func:`make_frame`; empty without bands.
+
+    ``finite_overlaps`` says of each medium whether its states have finite overlap.
     """
     structure = grid.cases[0].packing.structure
     path = grid.request.find_path(structure)
     if path is None:
         return {}
-    if len({(case.packing.structure, case.packing.ball_motions) for case in grid.cases}) > 1:
+    lattices = {(case.packing.structure, case.packing.ball_motions) for case in grid.cases}
+    if len(lattices) > 1:
         why = (
             "The number of branches, or the Brillouin zone, differs, so that they do not fit into"
             " one array"
         )
         problem = "bands cannot be swept over friction, motions or lattices"
         raise InputError(problem, why, "Make a sweep of each")
-    p = structure.periods
     qpoints, corners = path
-    cartesian = qpoints[..., :p] @ np.linalg.inv(structure.vectors[:, :p]).T
-    # no step leads to the first point of a segment, so that segments that do not join are drawn
-    # side by side
-    steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
-    distances = np.cumsum(steps).reshape(steps.shape)
-    distance_words = (
-        f"distance along the path in units of {_name_unit_of_path(finite)}, without 2 pi"
-    )
+    periods = structure.periods
+    reciprocal_vectors = np.linalg.inv(structure.vectors[:, :periods]).T
+    cartesian = qpoints[..., :periods] @ reciprocal_vectors
+    # The first step of each segment is zero, so that segments that do not join are drawn side by
+    # side.
+    steps = np.diff(cartesian, axis=1, prepend=cartesian[:, :1])
+    lengths = np.linalg.norm(steps, axis=2)
+    distances = np.cumsum(lengths).reshape(lengths.shape)
+    path_unit = _name_unit_of_path(finite_overlaps)
+    distance_words = f"distance along the path in units of {path_unit}, without 2 pi"
     fraction_words = "fractions of the reciprocal cell"
     return {
         "qpoints": (
@@ -363,11 +380,15 @@ def _frame_bands(grid: Grid, finite: Sequence[bool]) -> dict[str, Any]:
 
 
 def _frame_states(grid: Grid) -> dict[str, Any]:
-    """Return the coordinates of the states: loads, media and swept parameters."""
+    """Return the coordinates of the states, by their names: loads in SI units, the labels of the
+    media, and the labels of the values of each swept parameter.
+    """
     load = grid.load
     packing = grid.cases[0].packing
     load_attributes = _list_attributes(load.kind, load.array, packing)
-    if load.kind == "pressure":  # the pressure of a cut crystal acts on the faces too
+    if load.kind == "pressure":
+        # The pressure of a cut crystal acts on its faces too, so that its unit is not that of the
+        # dimension alone.
         structure = packing.structure
         load_attributes["units"] = find_load_unit(
             "pressure", structure.periods, structure.pressed_axes
@@ -387,19 +408,27 @@ def _frame_states(grid: Grid) -> dict[str, Any]:
 
 
 def _frame_direction(direction: tuple[Any, ...]) -> tuple[tuple[Any, ...], str]:
-    """Return the coordinate of the direction of sound, one or many, and its words."""
-    is_many = isinstance(direction[0], tuple)
-    directions: Any = direction if is_many else (direction,)
-    # with as many digits as tell them apart
-    short = [f"({', '.join(f'{x:g}' for x in numbers)})" for numbers in directions]
-    exact = [f"({', '.join(map(repr, numbers))})" for numbers in directions]
-    names = np.array(short if len(set(short)) == len(short) else exact)
+    """Return the coordinate of the direction of sound, as dimensions, names and attributes, and the
+    attribute ``direction`` of the data set.
+
+    ``direction`` holds the Cartesian components of a direction, or a tuple of them for each of
+    several; only several have the dimension ``direction``.
+    """
+    has_several = isinstance(direction[0], tuple)
+    directions: Any = direction if has_several else (direction,)
+    # Six digits are easier to read, and serve unless two directions would have the same name.
+    short_names = [
+        f"({', '.join(f'{component:g}' for component in components)})" for components in directions
+    ]
+    exact_names = [f"({', '.join(map(repr, components))})" for components in directions]
+    are_distinct = len(set(short_names)) == len(short_names)
+    names = np.array(short_names if are_distinct else exact_names)
     attributes = {
         "long_name": "direction of propagation, Cartesian",
         "values": to_json(direction),
     }
     words = f"{', '.join(names.tolist())}, Cartesian"
-    if is_many:
+    if has_several:
         return ("direction", names, attributes), words
     return ((), names[0], attributes), words
 
@@ -411,8 +440,11 @@ def tabulate(
     values: Mapping[str, Array],
     attributes: Mapping[str, Any],
 ) -> Dataset:
-    """Return numbers of states of one medium over the contact force, each (n,), as a data set like
-    that of a sweep.
+    """Return a data set like that of a sweep, of n states of one ``medium``.
+
+    ``force``, N, and each of the ``values``, in SI units, have the shape (n,). The data set has the
+    dimensions ``load``, of size n, and ``medium``, of size 1; ``attributes`` are its attributes,
+    beside the packing.
     """
     with needing("A data set"):
         from xarray import Dataset
@@ -425,17 +457,17 @@ def tabulate(
     }
     variables["valid"] = (("load", "medium"), np.ones((force.size, 1), bool))
     loads = ("load", force, _list_attributes("force", force, packing))
-    return Dataset(
-        variables, {"force": loads, "medium": [medium]}, {**attributes, "packing": to_json(packing)}
-    )
+    coordinates = {"force": loads, "medium": [medium]}
+    return Dataset(variables, coordinates, {**attributes, "packing": to_json(packing)})
 
 
 def find_dataset(result: Any) -> Dataset | None:
-    """Return the data set of states, all in SI, that a result is, or has as its ``dataset``; None
-    for a result without a data set.
+    """Return the data set of states that a ``result`` is, or has as its ``dataset``; None for a
+    result without a data set. Raises InputError if a variable is not in SI units.
     """
     dataset: Dataset = getattr(result, "dataset", result)
-    if not (hasattr(dataset, "data_vars") and "valid" in dataset):
+    is_of_states = hasattr(dataset, "data_vars") and "valid" in dataset
+    if not is_of_states:
         return None
     for name, values in dataset.variables.items():
         unit = str(find_unit_of(values) or values.attrs.get("units", ""))
@@ -464,30 +496,37 @@ def list_finite_overlap(dataset: Dataset) -> list[bool]:
 
 
 def collect_identity(frame: Dataset) -> dict[str, Any]:
-    """Return all that determines the numbers, as plain data; a frame and the sweep read from its
-    file give the same.
+    """Return all that determines the numbers of a sweep, by name, as plain data for JSON: inputs,
+    versions of packages, and the values of what is swept. A frame and the sweep read from its file
+    give the same.
     """
-    package_versions = json.loads(frame.attrs["versions"])
-    path = [name for name in ("labels", "qpoints") if name in frame]
-    out = {
+    identity = {
         name: json.loads(frame.attrs[name])
         for name in ("packing", "media", "waves", "surface", "damping")
         if name in frame.attrs
     }
-    out |= {
-        "finite_overlap": bool(frame.attrs["finite_overlap"]),
-        "versions": {name: package_versions[name] for name in packages()},
-    }
+    identity["finite_overlap"] = bool(frame.attrs["finite_overlap"])
+    all_versions = json.loads(frame.attrs["versions"])
+    # other packages, such as those that write files, change no number
+    identity["versions"] = {name: all_versions[name] for name in packages()}
     parameters = {*LOAD_KINDS, *PARAMETERS, "direction"}
+    # a name with a point is a parameter of a medium
     swept = [name for name in frame.coords if name in parameters or "." in str(name)]
+    path = [name for name in ("labels", "qpoints") if name in frame]
     for name in swept + path:
+        # where the values of a coordinate are labels, an attribute holds what the labels stand for
         values = frame[name].attrs.get("values")
-        out[str(name)] = frame[name].values.tolist() if values is None else json.loads(values)
-    return out
+        if values is None:
+            identity[str(name)] = frame[name].values.tolist()
+        else:
+            identity[str(name)] = json.loads(values)
+    return identity
 
 
 def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
-    """Return the frame with the ``results`` of the cases filled in."""
+    """Return the ``frame`` with the ``results`` filled in, one for each case of the ``grid``; a
+    result holds arrays whose first axis is the loads.
+    """
     packing = grid.cases[0].packing
     labels = [case.label for case in grid.cases]
     warnings = list[tuple[str, str]]()  # labels of cases, and texts
@@ -501,17 +540,14 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     if grid.request.alone:  # a single state needs no name
         texts = list(dict.fromkeys(text for _, text in warnings))
     _fill_choices(grid, results)
-    # keep the variables that every case has
-    names = [
-        name
-        for name in results[0]
-        if name not in (grid.load.kind, "warnings") and all(name in result for result in results)
-    ]
+    # the array of a variable has room for no case without the variable
+    shared_names = set(results[0]).intersection(*results) - {grid.load.kind, "warnings"}
     variables: dict[str, Any] = {}
+    names = [name for name in results[0] if name in shared_names]
     for name in names:
         dims, values = _stack(name, frame, grid, results)
         variables[name] = (dims, values, _list_attributes(name, values, packing))
-    if "tensor" in names:
+    if "tensor" in variables:
         voigt = list(voigt_names(packing.structure.periods))
         frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
     along_path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
@@ -526,13 +562,19 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
 def _stack(
     name: str, frame: Dataset, grid: Grid, results: Sequence[TaskResult]
 ) -> tuple[tuple[str, ...], Array]:
-    """Return the dimensions and the values of a variable of all cases."""
+    """Return the dimensions and the values of a variable of all cases; the axes of the values are
+    loads, media, the parameters in their order, directions where the variable has them, and the
+    dimensions of the variable.
+    """
     axes = grid.axes
     counts = [len(axis.values) for axis in axes]
-    values = np.array([result[name] for result in results])  # (cases, loads, ...)
-    values = values.reshape(*counts, frame.sizes["medium"], grid.load.size, *values.shape[2:])
-    # the axes of loads and media, which follow those of parameters, come first
-    values = np.moveaxis(values, (len(axes) + 1, len(axes)), (0, 1))
+    by_case = np.array([result[name] for result in results])  # (cases, loads, ...)
+    by_parameter = by_case.reshape(
+        *counts, frame.sizes["medium"], grid.load.size, *by_case.shape[2:]
+    )
+    medium_axis = len(axes)
+    load_axis = len(axes) + 1
+    values = np.moveaxis(by_parameter, (load_axis, medium_axis), (0, 1))
     dims = ["load", "medium", *(axis.name for axis in axes)]
     if CATALOGUE[name].per_direction and "direction" in frame.dims:
         dims.append("direction")
@@ -540,34 +582,38 @@ def _stack(
 
 
 def _fill_errors(grid: Grid, results: Sequence[TaskResult]) -> None:
-    """Add the standard errors that results lack: zero for a medium that samples nothing, and nan,
-    not known, for one sample.
+    """Add, in place, the standard errors that some ``results`` lack: zero for a medium that samples
+    nothing, and nan, not known, for an array of a single sample.
     """
+    # the shapes of standard errors without their first axis, the loads
     shapes = {
         name: result[name].shape[1:]
         for result in results
         for name in result
         if name in CATALOGUE and CATALOGUE[name].sampled
     }
-    size = grid.load.size
+    n_loads = grid.load.size
     for case, result in zip(grid.cases, results, strict=True):
-        error = np.zeros(size)
+        errors = np.zeros(n_loads)
         for serving in case.serving_media:
-            error[serving.loads] = np.nan if serving.arrays and serving.packing.width else 0.0
+            is_sampled = serving.arrays and serving.packing.width
+            errors[serving.loads] = np.nan if is_sampled else 0.0
         for name, shape in shapes.items():
             if name not in result:
-                result[name] = np.moveaxis(np.broadcast_to(error, (*shape, size)), -1, 0)
+                result[name] = np.moveaxis(np.broadcast_to(errors, (*shape, n_loads)), -1, 0)
 
 
 def _pad_uneven(results: Sequence[TaskResult]) -> None:
-    """Pad, with nan, the variables of which some states have fewer values than others."""
-    uneven = {
+    """Pad, in place and with nan, the variables of which some states have fewer values than
+    others, so that the values of all cases have the same shape.
+    """
+    uneven_names = {
         name
         for result in results
         for name in result
         if name in CATALOGUE and CATALOGUE[name].dims[-1:] in _UNEVEN
     }
-    for name in uneven:
+    for name in uneven_names:
         holders = [result for result in results if name in result]
         tables = pad_alike([result[name] for result in holders])
         for result, table in zip(holders, tables, strict=True):
@@ -575,20 +621,21 @@ def _pad_uneven(results: Sequence[TaskResult]) -> None:
 
 
 def _fill_choices(grid: Grid, results: Sequence[TaskResult]) -> None:
-    """Add the medium that serves each load, and its error, +inf where that is not known, if a
-    medium of the sweep was chosen automatically.
+    """Add to each result, in place, the label of the medium that serves each load (loads,), and the
+    expected relative error of that medium (loads,), +inf where none is known; only if a medium of
+    the sweep was chosen automatically.
     """
     serving_media = [serving for case in grid.cases for serving in case.serving_media]
     if not any(serving.chosen_automatically for serving in serving_media):
         return
     for case, result in zip(grid.cases, results, strict=True):
-        choice = np.empty(grid.load.size, object)
-        error = np.empty(grid.load.size)
+        labels = np.empty(grid.load.size, object)
+        errors = np.empty(grid.load.size)
         for serving in case.serving_media:
-            choice[serving.loads] = serving.medium.label
-            error[serving.loads] = serving.errors
-        result["choice"] = choice.astype(str)
-        result["expected_error"] = error
+            labels[serving.loads] = serving.medium.label
+            errors[serving.loads] = serving.errors
+        result["choice"] = labels.astype(str)
+        result["expected_error"] = errors
 
 
 def _fill_gaps(results: Sequence[TaskResult], periods: int) -> tuple[list[TaskResult], list[str]]:
@@ -600,12 +647,12 @@ def _fill_gaps(results: Sequence[TaskResult], periods: int) -> tuple[list[TaskRe
     out if one of the lattices has a tensor without them. If no modulus is left out the tensor is.
     A variable is left out with its standard error.
     """
+    # a value of each variable that may be nan, from the first result with the variable
     examples = {
         name: value
         for result in reversed(results)
         for name, value in result.items()
-        if name == "pressure"
-        or (name in CATALOGUE and CATALOGUE[name].cost in ("velocities", *_WAVE_COSTS))
+        if _may_be_gap(name)
     }
     left_out = {
         name
@@ -626,20 +673,33 @@ def _fill_gaps(results: Sequence[TaskResult], periods: int) -> tuple[list[TaskRe
         }
         kept = {name: value for name, value in result.items() if name not in left_out}
         filled.append(kept | nans)
-        reasons = list[str]()
-        if "pressure" in nans:
-            reasons.append("pressure is nan, as the stress of the lattice is not one")
-        # a case has its own notes on waves in arrays
-        lacking = [name for name in nans if name != "pressure" and _is_of_sound(name)]
-        if lacking and any(map(_is_of_sound, result)):
-            names = ", ".join(lacking)
-            why = "as balls with these motions have no such waves"
-            if len(lacking) == 1:
-                reasons.append(f"{names} is nan, {why.removesuffix('s')}")
-            else:
-                reasons.append(f"{names} are nan, {why}")
-        sentences.append("; ".join(reasons))
+        sentences.append(_explain_gaps(result, list(nans)))
     return filled, sentences
+
+
+def _explain_gaps(result: TaskResult, gaps: Sequence[str]) -> str:
+    """Return a sentence which says why the variables ``gaps``, which the ``result`` lacks, are nan;
+    empty if none is, and for a mechanism, which has its own warning.
+    """
+    reasons = list[str]()
+    if "pressure" in gaps:
+        reasons.append("pressure is nan, as the stress of the lattice is not one")
+    # a case has its own notes on waves in arrays
+    velocities = [name for name in gaps if name != "pressure" and _is_of_sound(name)]
+    if velocities and any(map(_is_of_sound, result)):
+        names = ", ".join(velocities)
+        why = "as balls with these motions have no such waves"
+        if len(velocities) == 1:
+            reasons.append(f"{names} is nan, {why.removesuffix('s')}")
+        else:
+            reasons.append(f"{names} are nan, {why}")
+    return "; ".join(reasons)
+
+
+def _may_be_gap(name: str) -> bool:
+    """Whether some cases of a sweep may have a variable that others lack."""
+    is_of_waves = name in CATALOGUE and CATALOGUE[name].cost in _WAVE_COSTS
+    return name == "pressure" or is_of_waves or _is_of_sound(name)
 
 
 def _is_of_sound(name: str) -> bool:
@@ -672,12 +732,11 @@ def netcdf_bytes(dataset: Dataset) -> bytes:
         from h5netcdf import File  # type: ignore[import-untyped]
         from xarray.backends import H5NetCDFStore
 
+    # by default xarray declares nan to be the mark of missing values
+    encoding: Any = {name: {"_FillValue": None} for name in dataset.variables}
     stream = io.BytesIO()
     with File(stream, "w") as file:
-        # without this, xarray declares nan to be the mark of missing values
-        dataset.dump_to_store(
-            H5NetCDFStore(file), encoding={name: {"_FillValue": None} for name in dataset.variables}
-        )
+        dataset.dump_to_store(H5NetCDFStore(file), encoding=encoding)
     return stream.getvalue()
 
 
@@ -691,18 +750,20 @@ def open_bytes(data: bytes) -> Dataset:
         import h5py
         from xarray import open_dataset
 
-    def check(_: str, item: Any) -> None:
+    def require_inside(_: str, item: Any) -> None:
+        """Raise ValueError if a group or a data set of the file refers to another file."""
         keys = item if isinstance(item, h5py.Group) else ()
         links = [item.get(key, getlink=True) for key in keys]
+        has_outer_link = any(isinstance(link, h5py.ExternalLink) for link in links)
         is_data = isinstance(item, h5py.Dataset)
-        is_outside = is_data and (item.external or item.is_virtual)
-        if is_outside or any(isinstance(link, h5py.ExternalLink) for link in links):
+        is_stored_outside = is_data and (item.external or item.is_virtual)
+        if has_outer_link or is_stored_outside:
             raise ValueError("it refers to another file")
 
     stream = io.BytesIO(data)
     with h5py.File(stream, "r") as file:
-        check("/", file)
-        file.visititems(check)
+        require_inside("/", file)
+        file.visititems(require_inside)
     with open_dataset(stream, engine="h5netcdf") as dataset:
         if dataset.nbytes > _MOST_BYTES:
             raise ValueError(f"it unpacks to more than {_MOST_BYTES // 1_000_000} MB")
@@ -720,19 +781,30 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
     path.write_bytes(data)
     with path.open("ab") as stream:
         stream.write(_TRAILER + hashlib.sha256(data).hexdigest().encode())
-    # a row for each load, medium, combination of parameters and direction of sound; a single
-    # direction is a coordinate without a dimension
-    dims = state_dims = dataset["valid"].dims
+    _write_states(dataset, path.with_suffix(".csv"))
+
+
+def _write_states(dataset: Dataset, path: Path) -> None:
+    """Write the table ``path`` of the variables with one number for each state: a row for each
+    load, medium, combination of parameters and direction of sound.
+    """
+    state_dims = dataset["valid"].dims
+    row_dims = state_dims
     if "direction" in dataset.dims:
-        dims = (*state_dims, "direction")
-    columns = [name for name, data in dataset.data_vars.items() if data.dims in (state_dims, dims)]
-    direction = ["direction"] if "direction" in dataset.coords else []
-    _write_rows(dataset, path.with_suffix(".csv"), dims, [*direction, *columns])
+        row_dims = (*state_dims, "direction")
+    columns = list[Any]()
+    if "direction" in dataset.coords:  # also a single direction, which has no dimension
+        columns.append("direction")
+    for name, variable in dataset.data_vars.items():
+        if variable.dims in (state_dims, row_dims):
+            columns.append(name)
+    _write_rows(dataset, path, row_dims, columns)
 
 
 def _digest_values(values: Array) -> tuple[str, Any]:
-    """Return the type of values, and texts as they are or a digest of numbers; neither the byte
-    order nor the stored length of texts counts.
+    """Return the type of ``values`` in words, and, for texts, a list of the texts, for numbers
+    their sha256 in hexadecimal digits. Neither the byte order of numbers nor the stored length of
+    texts counts.
     """
     if values.dtype.kind in "OUT":
         return "text", values.astype(str).tolist()
@@ -742,8 +814,8 @@ def _digest_values(values: Array) -> tuple[str, Any]:
 
 
 def _digest_numbers(dataset: Dataset) -> str:
-    """Digest of names, dimensions, types, numbers and attributes; it does not depend on how they
-    are stored.
+    """Return the digest of the names, dimensions, types, numbers and attributes of a data set; the
+    digest does not depend on how they are stored.
     """
     variables = dict[str, list[Any]]()
     for name, variable in dataset.variables.items():
@@ -753,12 +825,9 @@ def _digest_numbers(dataset: Dataset) -> str:
             *_digest_values(variable.values),
             variable.attrs,
         ]
-    # two are those in which other programs log what they did, which changes no number
-    attributes = {
-        name: value
-        for name, value in dataset.attrs.items()
-        if name not in (DIGEST, "history", "NCO")
-    }
+    # In "history" and "NCO" other programs log what they did, which changes no number.
+    ignored = (DIGEST, "history", "NCO")
+    attributes = {name: value for name, value in dataset.attrs.items() if name not in ignored}
     return digest({"variables": variables, "attributes": attributes})
 
 
@@ -771,30 +840,34 @@ def write_waves(dataset: Dataset, path: Path) -> None:
     """
     wave_dims = _TABLE_DIMS[path.stem]
     dims = (*dataset["valid"].dims, *wave_dims)
-    if path.stem == "damped_bands":  # numbered, from zero
+    if path.stem == "damped_bands":
+        # The dimensions of bands have no coordinates: their numbers, from zero, tell rows apart.
         numbers = {name: np.arange(dataset.sizes[name]) for name in wave_dims}
         dataset = dataset.assign_coords(numbers)
     coordinates = [name for name in wave_dims if name in dataset.coords]
     variables = [
         name
         for name, data in dataset.data_vars.items()
-        if set(wave_dims[-1:]) <= set(data.dims) <= set(dims)
+        if wave_dims[-1] in data.dims and set(data.dims) <= set(dims)
     ]
     _write_rows(dataset, path, dims, [*coordinates, *variables])
 
 
 def _write_rows(dataset: Dataset, path: Path, dims: Sequence[Any], columns: Sequence[Any]) -> None:
-    """Write a row for each point of the grid of ``dims``: load, medium and parameters, then the
-    ``columns``, all digits.
+    """Write the table ``path`` with a row for each point of the grid of the dimensions ``dims``:
+    load, medium and parameters, then the variables or coordinates ``columns``, with all digits.
     """
     load = find_load(dataset)
     state_dims = dataset["valid"].dims
     names = [load, *state_dims[1:], *columns]
-    grid = dataset["valid"].broadcast_like(dataset[list(columns)])
     headings = [Heading(str(name), dataset[name].attrs.get("units", "")) for name in names]
-    values = [dataset[name].broadcast_like(grid).transpose(*dims).values.ravel() for name in names]
+    grid = dataset["valid"].broadcast_like(dataset[list(columns)])
+    values = list[list[Any]]()
+    for name in names:
+        variable = dataset[name].broadcast_like(grid).transpose(*dims)
+        values.append(variable.values.ravel().tolist())
     with path.open("w", encoding="utf-8", newline="") as stream:
-        write_table(stream, headings, zip(*(column.tolist() for column in values), strict=True))
+        write_table(stream, headings, zip(*values, strict=True))
 
 
 def load_sweep(path: str | os.PathLike[str]) -> Dataset:
@@ -810,10 +883,10 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     -----
     UnverifiedFileWarning : the file carries no digest.
     """
-    body, has_file_digest = _read_checked(path)
+    content, has_file_digest = _read_checked(path)
     try:
-        # open the bytes that were checked: the file itself may have changed since
-        dataset = open_bytes(body)
+        # The bytes that were checked are opened: the file may have changed since.
+        dataset = open_bytes(content)
         register_accessor()
     except MissingPackageError:
         raise
@@ -834,15 +907,15 @@ def _read_checked(path: str | os.PathLike[str]) -> tuple[bytes, bool]:
     behind them; InputError if the digest is that of other bytes, or if a file without a digest
     cannot be opened.
     """
-    raw = read_bytes(path, _MOST_BYTES)
-    body = raw[:-_TRAILER_BYTES]
-    trailer = raw[-_TRAILER_BYTES:]
+    content = read_bytes(path, _MOST_BYTES)
+    netcdf = content[:-_TRAILER_BYTES]
+    trailer = content[-_TRAILER_BYTES:]
     if not trailer.startswith(_TRAILER):
-        _try_elsewhere(path, raw)
-        return raw, False
-    if trailer != _TRAILER + hashlib.sha256(body).hexdigest().encode():
+        _try_elsewhere(path, content)
+        return content, False
+    if trailer != _TRAILER + hashlib.sha256(netcdf).hexdigest().encode():
         raise damage_error(path, "sha256 of the file, at its end")
-    return body, True
+    return netcdf, True
 
 
 def _require_sweep(path: str | os.PathLike[str], dataset: Dataset) -> None:
@@ -850,12 +923,13 @@ def _require_sweep(path: str | os.PathLike[str], dataset: Dataset) -> None:
     if dataset.attrs.get("format") != FORMAT:
         raise InputError(f"{path} is not a sweep", "granphon did not write it", "Give a sweep.nc")
     schema: Any = dataset.attrs.get("schema")
-    require_schema(path, schema.item() if isinstance(schema, np.generic) else schema, SWEEP_SCHEMA)
-    if {"force", "overlap", "valid", "medium"} - set(dataset.variables):
-        # variables without which a sweep is damaged
-        raise InputError(
-            f"{path} is damaged: a part of the sweep is missing", mend="Run the sweep again"
-        )
+    if isinstance(schema, np.generic):
+        schema = schema.item()
+    require_schema(path, schema, SWEEP_SCHEMA)
+    missing = {"force", "overlap", "valid", "medium"} - set(dataset.variables)
+    if missing:
+        problem = f"{path} is damaged: a part of the sweep is missing"
+        raise InputError(problem, mend="Run the sweep again")
 
 
 def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
@@ -863,28 +937,38 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
     sweep.
     """
     for name, kind in _JSON.items():
-        try:
-            if name in dataset.attrs and not isinstance(json.loads(dataset.attrs[name]), kind):
-                raise ValueError
-        except (TypeError, ValueError, RecursionError):
+        if name in dataset.attrs and not _is_json_of(kind, dataset.attrs[name]):
             problem = (
                 f"{path} is damaged: its attribute {name} is {show(dataset.attrs[name])}, which"
                 f" is no JSON {_WORDS[kind]}"
             )
-            raise InputError(problem, mend="Run the sweep again") from None
-    # velocities that balls with some of the motions do not have are nan, and pressures that some
-    # lattices do not have
-    may_lack = not {"motions", "torsion", "bending", "lattice"}.isdisjoint(dataset.coords)
+            raise InputError(problem, mend="Run the sweep again")
+    # balls with some of the motions lack velocities, and some lattices have no pressure
+    swept = {"motions", "torsion", "bending", "lattice"}.intersection(dataset.coords)
     for name in map(str, dataset.variables):
         values = dataset[name].values
-        if name not in CATALOGUE or not CATALOGUE[name].unit or values.dtype.kind == "b":
+        if not _is_quantity(name, values):
             continue
-        if name in ("torsion", "direction") and values.dtype.kind in "OUT":
-            continue  # "mindlin" is among the values of torsion; directions are named
-        fault = _find_fault(name, values, may_lack)
+        fault = _find_fault(name, values, may_lack=bool(swept))
         if fault:
             problem = f"{path} is damaged: it holds values of {name}, {fault}"
             raise InputError(problem, mend="Run the sweep again")
+
+
+def _is_json_of(kind: type, text: Any) -> bool:
+    """Whether an attribute is a JSON text of a value of the type ``kind``."""
+    try:
+        return isinstance(json.loads(text), kind)
+    except (TypeError, ValueError, RecursionError):
+        return False
+
+
+def _is_quantity(name: str, values: Array) -> bool:
+    """Whether the ``values`` of a variable must be numbers of a known quantity."""
+    if name in ("torsion", "direction") and values.dtype.kind in "OUT":
+        return False  # "mindlin" is among the values of torsion; directions are named
+    has_unit = name in CATALOGUE and bool(CATALOGUE[name].unit)
+    return has_unit and values.dtype.kind != "b"
 
 
 def _find_fault(name: str, values: Array, may_lack: bool) -> str:
@@ -898,9 +982,7 @@ def _find_fault(name: str, values: Array, may_lack: bool) -> str:
     # standard errors, waves and registered observables are nan where they are not known
     is_nan_of_kind = is_error or entry.cost in _WAVE_COSTS or CATALOGUE.is_added(name)
     is_nan_of_sweep = may_lack and (entry.cost == "velocities" or name == "pressure")
-    is_bad = np.isinf(values)
-    if name in _MAY_BE_INFINITE:
-        is_bad = values == -np.inf
+    is_bad = values == -np.inf if name in _MAY_BE_INFINITE else np.isinf(values)
     if not (is_nan_of_kind or is_nan_of_sweep):
         is_bad |= np.isnan(values)
     bounds = "finite"
@@ -924,8 +1006,8 @@ def _explain_unreadable(path: str | os.PathLike[str], why: str) -> InputError:
 
 
 def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
-    """Open a file without a digest in a separate process first: HDF5 may hang, or crash, on a
-    damaged file.
+    """Raise InputError if the ``data`` of a file without a digest cannot be opened in a separate
+    process: HDF5 may hang, or crash, on a damaged file.
     """
     if data.startswith(b"CDF") and b"granphon motion" in data:
         mend = f"Draw it in Python, gp.plot(gp.Motion.read({str(path)!r}))"
@@ -934,7 +1016,7 @@ def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
         raise _explain_unreadable(path, "It is not a netCDF-4 file")
     # -I isolates the process: files of the current folder, such as a sitecustomize.py, are not run
     # when Python starts. The process imports the granphon of this process, and searches the rest of
-    # this process's path last
+    # this process's path last.
     package_folder = Path(str(sys.modules["granphon"].__file__)).parent.parent
     folders = [str(package_folder), *(folder for folder in sys.path if folder)]
     try:
@@ -946,15 +1028,15 @@ def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        raise _explain_unreadable(
-            path, f"HDF5 has not opened it in {TRIAL_SECONDS:.0f} seconds: it is damaged"
-        ) from None
+        why = f"HDF5 has not opened it in {TRIAL_SECONDS:.0f} seconds: it is damaged"
+        raise _explain_unreadable(path, why) from None
     except OSError as error:
         why = f"It carries no digest, and no process could be started to test it: {error}"
         raise _explain_unreadable(path, why) from None
     if trial.returncode != 0 or trial.stdout.strip() != b"good":
         lines = trial.stderr.decode("utf-8", "replace").strip().splitlines()
-        reason = lines[-1] if trial.returncode > 0 and lines else "it crashes"
+        has_raised = trial.returncode > 0 and lines  # the code of a crash by a signal is negative
+        reason = lines[-1] if has_raised else "it crashes"
         raise _explain_unreadable(path, f"HDF5 fails on it: {reason}")
 
 
@@ -975,9 +1057,8 @@ class SweepAccessor:
         granphon has not made.
         """
         try:
-            packing: Packing = restore(
-                json.loads(self._dataset.attrs["packing"]), Packing, "the attribute packing"
-            )
+            fields = json.loads(self._dataset.attrs["packing"])
+            packing: Packing = restore(fields, Packing, "the attribute packing")
         except (KeyError, ValueError, TypeError):
             why = "It is a crystal's, or was not made by granphon.sweep"
             raise InputError("the data set holds no packing", why) from None
@@ -1024,12 +1105,13 @@ class SweepAccessor:
         is_positive = np.all(x > 0.0) and np.all(y[~np.isnan(y)] > 0.0)
         is_ascending = np.all(np.diff(x, axis=0) > 0.0)
         if not (is_positive and is_ascending):
-            raise InputError(
-                f"{name} has no exponent here", "Loads must ascend, and values be above zero"
-            )
+            why = "Loads must ascend, and values be above zero"
+            raise InputError(f"{name} has no exponent here", why)
         if x.ndim == 1:
-            x = x.reshape(len(x), *(1,) * (y.ndim - 1))
-        exponents = ordered.copy(data=_find_slopes(np.log(np.broadcast_to(x, y.shape)), np.log(y)))
+            single_axes = (1,) * (y.ndim - 1)
+            x = x.reshape(len(x), *single_axes)
+        slopes = _find_slopes(np.log(np.broadcast_to(x, y.shape)), np.log(y))
+        exponents = ordered.copy(data=slopes)
         exponents.attrs = {
             "units": "1",
             "long_name": f"local exponent of {values.attrs.get('long_name', name)}",

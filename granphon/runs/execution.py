@@ -37,6 +37,8 @@ CALL_SECONDS = 0.1
 #: number of workers that are lost with a task before the task counts as the reason; the last worker
 #: has nothing else to do
 MOST_LOSSES = 3
+#: time for which results of calls under way are waited for after an error or an interruption, s
+_LAST_SECONDS = 0.5
 
 
 class Task:
@@ -81,13 +83,14 @@ def advance(
     package_versions: Mapping[str, str],
     added: Sequence[str] = (),
 ) -> list[Result]:
-    """Do, in a worker, the next step of each task after the steps in its entry, and return the
-    results of the first tasks.
+    """Do, in a worker, the next step of each task, and return the results of the first of the
+    tasks, in their order: of all tasks, or of those for which there was time.
 
-    Packages must have the ``package_versions`` of the process that began the work, and observables
-    that were ``added`` must be known. After ``CALL_SECONDS`` nothing more is begun. An error of the
-    first task is raised; that of a later task ends the call before that task, which will come again
-    as the first.
+    Each of the ``orders`` is a task and the entry of its steps so far, None for a task that is not
+    begun. Packages must have the ``package_versions`` of the process that began the work, and
+    observables that were ``added`` must be known. After ``CALL_SECONDS`` nothing more is begun. An
+    error of the first task is raised; that of a later task ends the call before that task, which
+    will come again as the first.
     """
     require_packages(f"the worker on {platform.node()}", package_versions)
     _require_observables(added)
@@ -98,9 +101,11 @@ def advance(
         if results and start - call_start > CALL_SECONDS:
             break
         try:
-            result = task.solve(None if entry is None else decode(entry))
+            begun = None if entry is None else decode(entry)
+            result = task.solve(begun)
             new_entry = encode(task.name, result)
-            results.append(Result(new_entry, task.done(result), time.perf_counter() - start))
+            seconds = time.perf_counter() - start
+            results.append(Result(new_entry, task.done(result), seconds))
         except Exception:
             if not results:
                 raise
@@ -148,9 +153,12 @@ def solve_all(
     interruption, results that come within half a second are kept, and calls that have not begun by
     then are cancelled.
     """
-    with closing(Store()) if store is None else nullcontext(store) as task_store:
+    # A store of the caller stays open.
+    opened_store = closing(Store()) if store is None else nullcontext(store)
+    with opened_store as task_store:
         with progress.step(label, sum(task.steps for task in tasks)) as step:
-            _Work(tasks, task_store, step).run(InProcess() if executor is None else executor)
+            work = _Work(tasks, task_store, step)
+            work.run(InProcess() if executor is None else executor)
         results = list[TaskResult]()
         for task in tasks:
             result = task_store.read(task.name)
@@ -179,33 +187,30 @@ class _Work:
         self.losses = Counter[int]()
         #: time of a step of each kind of task, s
         self.seconds: dict[str, float] = {}
-        n_steps = 0
+        n_kept_steps = 0
         for index, task in enumerate(tasks):
             result = store.read(task.name) if task.name in store else None
-            steps = 0 if result is None else task.done(result)
-            n_steps += steps
-            if result is None or steps < task.steps:
-                self.waiting.append(index)
-            if result is not None and steps < task.steps:
+            n_steps = 0 if result is None else task.done(result)
+            n_kept_steps += n_steps
+            if result is not None and n_steps >= task.steps:
+                continue
+            self.waiting.append(index)
+            if result is not None:
                 self.begun[index] = encode(task.name, result)
-        step.advance(n_steps)  # also by zero: the clock of the progress begins here
+        step.advance(n_kept_steps)  # also by zero: the clock of the progress begins here
 
     def run(self, executor: Executor) -> None:
-        """Have the tasks done, by calls of which a few are under way for each worker."""
+        """Have the tasks done by ``executor``, with as many calls under way as it has workers."""
         ready = SimpleQueue[Future[list[Result]]]()
-        most = count_calls(executor)
+        n_calls = count_calls(executor)
         try:
             while self.waiting or self.running:
                 while self.waiting and ready.empty():
-                    most_running = 1 if self._has_suspect() else most or 1
+                    # this process does one call at a time, and a suspect is to run alone
+                    most_running = 1 if self._has_suspect() else max(1, n_calls)
                     if len(self.running) >= most_running:
                         break
-                    indices = self._take(most)
-                    orders = [(self.tasks[index], self.begun.get(index)) for index in indices]
-                    added = list_added("observable")
-                    with naming_lost_workers(self._name_suspects(indices[0])):
-                        future = executor.submit(advance, orders, packages(), added)
-                    self.running[future] = indices
+                    future = self._send(executor, self._take(n_calls))
                     future.add_done_callback(ready.put)
                 future = ready.get()
                 self._receive(future, self.running[future])
@@ -213,13 +218,24 @@ class _Work:
         finally:
             self._keep_finished()
 
+    def _send(self, executor: Executor, indices: list[int]) -> Future[list[Result]]:
+        """Have the tasks of ``indices`` done by one call of ``executor``, and return its future."""
+        orders = [(self.tasks[index], self.begun.get(index)) for index in indices]
+        added = list_added("observable")
+        with naming_lost_workers(self._name_suspects(indices[0])):
+            future = executor.submit(advance, orders, packages(), added)
+        self.running[future] = indices
+        return future
+
     def _keep_finished(self) -> None:
-        """Keep the results of calls that come within half a second, and cancel the other calls."""
-        wait(self.running, 0.5)  # s, after an error or an interruption
+        """Keep the results of calls that come within ``_LAST_SECONDS``, after an error or an
+        interruption, and cancel the other calls.
+        """
+        wait(self.running, _LAST_SECONDS)
         for future, indices in self.running.items():
             is_done = not future.cancel() and future.done() and not future.cancelled()
             if is_done and future.exception() is None:
-                # an error of the store may be the very error that is being raised
+                # An error of the store may be the very error that is being raised.
                 with suppress(OutputError):
                     for index, result in zip(indices, future.result(), strict=False):
                         self.store.append(self.tasks[index].name, result.entry)
@@ -228,12 +244,12 @@ class _Work:
         """Whether the next task, or one under way, may be why workers were lost; such a task is to
         run alone.
         """
-        suspects = {index for index, times in self.losses.items() if times >= MOST_LOSSES - 1}
+        suspects = {index for index, losses in self.losses.items() if losses >= MOST_LOSSES - 1}
         return not suspects.isdisjoint(chain([self.waiting[0]], *self.running.values()))
 
     def _name_suspects(self, following: int) -> str:
-        """Name the tasks with which workers were lost, or the ``following`` task where no worker
-        was lost.
+        """Return words for the tasks with which workers were lost; if no worker was lost, for the
+        task of the index ``following``.
         """
         suspects = sorted(self.losses) or [following]
         name = str(self.tasks[suspects[0]].where)
@@ -241,27 +257,32 @@ class _Work:
             return name
         return f"{name}, or one of {len(suspects) - 1} tasks beside it"
 
-    def _take(self, calls: int) -> list[int]:
-        """Take the tasks of the next of so many ``calls``: a single task unless it is known to be
-        short and no worker was lost with it.
+    def _take(self, n_calls: int) -> list[int]:
+        """Remove the tasks of the next call from those that wait, and return their indices: a
+        single task unless the tasks are known to be short and no worker was lost with them.
 
-        Towards the end calls become shorter, so that all workers end at about the same time.
+        ``n_calls`` calls are under way at a time; 0 if this process does them. Towards the end
+        calls become shorter, so that all workers end at about the same time.
         """
-        most = max(1, len(self.waiting) // (2 * calls)) if calls else 1
+        most = 1
+        if n_calls:
+            most = max(1, len(self.waiting) // (2 * n_calls))
         indices = list[int]()
         seconds = 0.0
         while self.waiting and len(indices) < most:
             index = self.waiting[0]
-            task_seconds = self.seconds.get(self.tasks[index].kind, math.inf)
-            seconds += math.inf if self.losses[index] else task_seconds
+            if self.losses[index]:
+                seconds = math.inf
+            else:
+                seconds += self.seconds.get(self.tasks[index].kind, math.inf)
             if indices and seconds > CALL_SECONDS:
                 break
             indices.append(heappop(self.waiting))
         return indices
 
     def _receive(self, future: Future[list[Result]], indices: Sequence[int]) -> None:
-        """Keep the results of a call, and put back its tasks that are not done; if its worker was
-        lost, all of them.
+        """Keep the results of the call ``future``, which did the tasks of ``indices``, and put back
+        those of its tasks that are not done; all of them if its worker was lost.
         """
         results: list[Result] = []
         try:
@@ -274,6 +295,7 @@ class _Work:
         except Exception as error:  # BrokenProcessPool, or KilledWorker of dask
             if not isinstance(error, BrokenExecutor) and type(error).__name__ != "KilledWorker":
                 raise
+            # dask gives the call to that many more workers before it raises KilledWorker
             n_losses = getattr(error, "allowed_failures", 0) + 1
             self._count_losses(indices, n_losses)
         for index, result in zip(indices, results, strict=False):
@@ -289,11 +311,11 @@ class _Work:
         under way has lost too many.
         """
         self.losses.update(dict.fromkeys(indices, n_losses))
-        times = self.losses[indices[0]]
+        task_losses = self.losses[indices[0]]
         is_alone = len(self.running) == len(indices) == 1
-        if is_alone and times >= MOST_LOSSES:
+        if is_alone and task_losses >= MOST_LOSSES:
             where = self.tasks[indices[0]].where
-            problem = f"{where}: the worker process that did it has ended, {times} times"
+            problem = f"{where}: the worker process that did it has ended, {task_losses} times"
             mend = (
                 "Give workers more memory, or take fewer --workers; run the same command"
                 " again to continue"
@@ -301,11 +323,11 @@ class _Work:
             raise GranphonError(problem, LOST_WORKER, mend) from None
 
     def _count_step(self, index: int, result: Result) -> None:
-        """Count a step of a task whose result is kept, and put the task back if it has more
-        steps.
+        """Count the step of the task ``index`` that has given a ``result``, and put the task back
+        if it has more steps.
         """
         task = self.tasks[index]
-        # a mean in which earlier steps count less and less
+        # in this mean earlier steps count less and less, as the steps of a task take unequal times
         earlier_seconds = self.seconds.get(task.kind, result.seconds)
         self.seconds[task.kind] = 0.5 * (earlier_seconds + result.seconds)
         self.begun.pop(index, None)

@@ -52,36 +52,45 @@ _MAKE = (
 )
 #: largest number of differences between two works that a message names
 _MOST_NAMED = 3
+#: time between two waits for the disk, s
+_SYNC_SECONDS = 1.0
+#: time for which a file that another process has locked is waited for, s
+_BUSY_SECONDS = 60.0
 
 
 def encode(name: str, result: TaskResult) -> bytes:
-    """Return the entry of a result: SHA-256 of the rest, name, layout, arrays. Equal results give
-    equal bytes.
+    """Return the entry of the result of the task ``name``: the SHA-256 of all that follows, a line
+    with the name, a line with the layout, which is JSON, and the bytes of the arrays.
+
+    Equal results give equal bytes. TypeError if an array holds Python objects.
     """
-    layout = json.dumps([(key, array.dtype.str, array.shape) for key, array in result.items()])
     for key, array in result.items():
         if array.dtype.hasobject:
             raise TypeError(f"the array {key!r} of a result holds {array.dtype}")
-    return _seal(name, f"{layout}\n".encode(), *(array.tobytes() for array in result.values()))
+    layout = json.dumps([(key, array.dtype.str, array.shape) for key, array in result.items()])
+    arrays = [array.tobytes() for array in result.values()]
+    return _seal(name, f"{layout}\n".encode(), *arrays)
 
 
 def _seal(name: str, *data: bytes) -> bytes:
-    """Return the entry of a name with these ``data``: SHA-256 of the rest, name, data."""
+    """Return the entry with a ``name`` and ``data``: the SHA-256 of all that follows, a line with
+    the name, the data.
+    """
     pieces = [f"{name}\n".encode(), *data]
     digest = hashlib.sha256()
-    for piece in pieces:  # joined once: results may be large
+    for piece in pieces:  # not joined before: results may be large
         digest.update(piece)
     return b"".join([digest.digest(), *pieces])
 
 
 def decode(entry: bytes) -> TaskResult:
-    """Return the result that :func:`encode` has made an entry of."""
-    layout = entry.index(b"\n", _HEAD) + 1
-    offset = entry.index(b"\n", layout) + 1
+    """Return the result that :func:`encode` has made an entry of; the arrays are copies."""
+    layout_start = entry.index(b"\n", _HEAD) + 1
+    offset = entry.index(b"\n", layout_start) + 1
     result = TaskResult()
-    for key, kind, shape in json.loads(entry[layout:offset]):
-        # unlike numpy.ndarray, frombuffer refuses objects, whose addresses would be those in the
-        # file
+    for key, kind, shape in json.loads(entry[layout_start:offset]):
+        # Unlike numpy.ndarray, frombuffer refuses objects, whose addresses would be those in the
+        # file.
         array = np.frombuffer(entry, kind, math.prod(shape), offset)
         result[key] = array.reshape(shape).copy()
         offset += array.nbytes
@@ -94,7 +103,7 @@ def read_entries(path: str | os.PathLike[str]) -> Iterator[tuple[str, TaskResult
     The store may be growing meanwhile. The entry of a task that is done in steps has the steps that
     were done.
     """
-    os.stat(path)  # an error where there is no such file
+    os.stat(path)  # raises FileNotFoundError, where a store would count as empty
     store = Store(Path(path))
     try:
         for name in store.names:
@@ -150,18 +159,26 @@ class Store:
         text = json.dumps(identity, sort_keys=True)
         plain_identity = json.loads(text)
         kept_names = set(self.names)
-        kept_identity = None
-        with suppress(ValueError, TypeError, RecursionError):  # the file does not tell
-            kept_identity = json.loads(self._read(_IDENTITY)[_HEAD:].partition(b"\n")[2])
+        kept_identity = self._read_identity()
         is_same_work = identity is not None and kept_identity == plain_identity
         if not is_same_work and kept_names - set(names()):
             if not self.force:
                 raise self._explain_other_work(kept_identity, plain_identity)
             self.clear()
-        if kept_names and self.path.exists() and not os.access(self.path, os.W_OK):
+        is_to_grow = bool(kept_names) and self.path.exists()
+        if is_to_grow and not os.access(self.path, os.W_OK):
             raise self._explain(PermissionError(errno.EACCES, os.strerror(errno.EACCES)))
         is_written = bool(kept_names) and kept_identity == plain_identity
         self._pending = None if identity is None or is_written else text
+
+    def _read_identity(self) -> Any:
+        """Return the identity, plain data, of the work that the store holds; None if the file does
+        not say.
+        """
+        with suppress(ValueError, TypeError, RecursionError):
+            _name, _newline, text = self._read(_IDENTITY)[_HEAD:].partition(b"\n")
+            return json.loads(text)
+        return None
 
     def _explain_other_work(self, kept: Any, claimed: Any) -> FileExistsInRunError:
         """Return the error of a store of other work: identity of the work that is ``kept``, and of
@@ -197,24 +214,24 @@ class Store:
         """Return the entry of a name; ValueError if no entry is sound."""
         rows = self._query("SELECT entry FROM task WHERE name = ? ORDER BY piece", name)
         entry = b"".join(piece for (piece,) in rows)
-        sealed = hashlib.sha256(memoryview(entry)[_HEAD:]).digest() == entry[:_HEAD]
-        if not sealed or not entry.startswith(f"{name}\n".encode(), _HEAD):
+        digest = hashlib.sha256(memoryview(entry)[_HEAD:]).digest()
+        has_name = entry.startswith(f"{name}\n".encode(), _HEAD)
+        if digest != entry[:_HEAD] or not has_name:
             raise ValueError
         return entry
 
     def append(self, name: str, entry: bytes) -> None:
-        """Keep the result of the task of this name, as :func:`encode` has written it.
-
-        Once this returns, a kill does not lose it.
+        """Keep the ``entry`` that :func:`encode` has made of the result of the task ``name``; from
+        then on a kill of the process does not lose the result.
 
         Raises :class:`~granphon.base.errors.OutputError` if the file cannot be written, or has been
         removed or replaced: only the process that has locked its folder may write there.
         """
         base = self._connect(make=True)
-        now = time.monotonic()
         assert base is not None
-        # results of one second are left to the system's memory
-        waits_for_disk = now - self._synced > 1.0
+        now = time.monotonic()
+        # the disk is slow: between two waits the results are left to the system's memory
+        waits_for_disk = now - self._synced > _SYNC_SECONDS
         entries = {name: entry}
         if self._pending is not None:
             entries = {_IDENTITY: _seal(_IDENTITY, self._pending.encode()), name: entry}
@@ -226,7 +243,7 @@ class Store:
         except sqlite3.Error as error:
             with suppress(OSError):
                 if self.path is not None and not os.path.getsize(self.path):
-                    self.clear()  # nothing was ever kept there
+                    self.clear()  # the file is new, and no result was ever kept in it
             raise self._explain(error) from None
         self._pending = None
         self._is_unsynced = not waits_for_disk
@@ -244,7 +261,11 @@ class Store:
             raise self._explain(error, "read") from None
 
     def _connect(self, make: bool = False) -> sqlite3.Connection | None:
-        """Return the open data base; None if there is no file, unless it is to be made."""
+        """Return the open data base; None if there is no file, and ``make`` is off.
+
+        With ``make``, which is for writing, a file that is missing is made, and OutputError is
+        raised if the file, or the folder that was claimed, has been removed or replaced.
+        """
         path = self.path
         try:
             if path is None:
@@ -252,10 +273,12 @@ class Store:
                     ":memory:", isolation_level=None, check_same_thread=False
                 )
             elif self._base is not None:
-                if make and _identify(path) != self._file:
+                is_replaced = _identify(path) != self._file
+                if make and is_replaced:
                     raise FileNotFoundError
             elif self._has_file() or make:
-                if make and self._home not in ((0, 0), _identify(path.parent)):
+                is_claimed = self._home != (0, 0)
+                if make and is_claimed and _identify(path.parent) != self._home:
                     raise FileNotFoundError
                 self._base = self._open(path, make)
                 self._file = _identify(path)
@@ -276,30 +299,29 @@ class Store:
         return OutputError(f"{kept}, is damaged: {error}", mend=mend)
 
     def _open(self, path: Path, make: bool) -> sqlite3.Connection:
-        """Open the data base in a file; DatabaseError unless it is empty, or has the one table of a
-        store, undamaged.
+        """Return the data base in the file ``path``, which is made if it is missing and ``make`` is
+        on; DatabaseError unless the base is empty, or has the one table of a store, undamaged.
         """
         flags = os.O_RDWR | os.O_CREAT if make else os.O_RDONLY
         flags |= getattr(os, "O_NOFOLLOW", 0)
-        descriptor = os.open(path, flags, 0o666)  # its errors say more than those of SQLite
-        locks = has_locks(descriptor)
+        # opened here first, as errors of the system say more than those of SQLite
+        descriptor = os.open(path, flags, 0o666)
+        has_file_locks = has_locks(descriptor)
         os.close(descriptor)
-        # without locks a reader would take the journal of a writer for that of a killed one, and
-        # undo its work
-        mode = "rw" if locks or make or self._home != (0, 0) else "ro"
-        address = f"{path.absolute().as_uri()}?mode={mode}&nolock={int(not locks)}"
+        is_writer = make or self._home != (0, 0)
+        # Without locks a reader would take the journal of a writer for that of a killed one, and
+        # undo its work.
+        mode = "rw" if has_file_locks or is_writer else "ro"
+        address = f"{path.absolute().as_uri()}?mode={mode}&nolock={int(not has_file_locks)}"
         base = sqlite3.connect(
-            address, timeout=60.0, isolation_level=None, check_same_thread=False, uri=True
+            address,
+            timeout=_BUSY_SECONDS,
+            isolation_level=None,
+            check_same_thread=False,
+            uri=True,
         )
         try:
-            base.execute("PRAGMA trusted_schema = OFF")
-            rows = base.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")
-            tables = [table for (table,) in rows]
-            if tables and tables != [_TABLE]:
-                raise sqlite3.DatabaseError("it holds something else")
-            for (verdict,) in base.execute("PRAGMA integrity_check(1)").fetchall():
-                if verdict != "ok":
-                    raise sqlite3.DatabaseError(verdict)
+            _require_sound(base)
         except sqlite3.Error:
             base.close()
             raise
@@ -312,11 +334,7 @@ class Store:
         path = Path(str(self.path))
         if not os.path.lexists(path):
             return False
-        head = b"no file"
-        if stat.S_ISREG(path.lstat().st_mode):
-            with path.open("rb") as stream:
-                head = stream.read(100)
-        if head and (not head.startswith(_SQLITE) or head[60:64] + head[68:72] != _VERSION + _KIND):
+        if not _is_store(path):
             problem = f"{path} is no store of finished tasks, or one of another version of granphon"
             why = "The finished parts of work under way are kept in a file of that name"
             raise OutputError(problem, why, "Move it away, or choose another folder")
@@ -332,9 +350,10 @@ class Store:
             )
             mend = "Run the same command again: it starts from the beginning"
             return OutputError(problem, "The parts that were finished are not there", mend)
-        full = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
-        number = errno.ENOSPC if full else getattr(error, "errno", None)
-        problem = f"{self.path} cannot be {done}: {os.strerror(number) if number else error}"
+        is_full = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+        number = errno.ENOSPC if is_full else getattr(error, "errno", None)
+        reason = os.strerror(number) if number else str(error)
+        problem = f"{self.path} cannot be {done}: {reason}"
         why = "What was finished before is kept"
         if number == errno.ENOSPC:
             return OutputError(problem, why, "Free some space, and run the same command again")
@@ -357,7 +376,7 @@ class Store:
             self._base.close()
 
     def clear(self) -> None:
-        """Delete every result, and the file."""
+        """Delete every result, and the file, unless another file has replaced it."""
         if self.path is None:
             has_own_file = False
         elif self._base is None:
@@ -395,19 +414,46 @@ def _identify(path: Path) -> tuple[int, int]:
     return 0, 0
 
 
+def _is_store(path: Path) -> bool:
+    """Whether ``path`` is an ordinary file that is empty, or whose head is that of a store."""
+    if not stat.S_ISREG(path.lstat().st_mode):
+        return False
+    with path.open("rb") as stream:
+        head = stream.read(100)  # bytes: the head of a file of SQLite
+    if not head:
+        return True
+    return head.startswith(_SQLITE) and head[60:64] == _VERSION and head[68:72] == _KIND
+
+
+def _require_sound(base: sqlite3.Connection) -> None:
+    """Raise DatabaseError unless a data base is empty, or has the one table of a store,
+    undamaged.
+    """
+    # the base may come from anywhere: functions that its schema calls are not to be run
+    base.execute("PRAGMA trusted_schema = OFF")
+    rows = base.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")
+    tables = [table for (table,) in rows]
+    if tables and tables != [_TABLE]:
+        raise sqlite3.DatabaseError("it holds something else")
+    for (verdict,) in base.execute("PRAGMA integrity_check(1)").fetchall():
+        if verdict != "ok":
+            raise sqlite3.DatabaseError(verdict)
+
+
 def _write_entries(base: sqlite3.Connection, entries: Mapping[str, bytes]) -> None:
     """Write entries by name, in pieces, in place of those of the same names; make the table
     first if there is none.
     """
     if _is_empty(base):
-        for order in _MAKE:
-            base.execute(order)
+        for command in _MAKE:
+            base.execute(command)
     for name, entry in entries.items():
-        pieces = [
-            (name, n, entry[n * _PIECE : (n + 1) * _PIECE]) for n in range(1 + len(entry) // _PIECE)
+        n_pieces = 1 + len(entry) // _PIECE
+        rows = [
+            (name, piece, entry[piece * _PIECE : (piece + 1) * _PIECE]) for piece in range(n_pieces)
         ]
         base.execute("DELETE FROM task WHERE name = ?", (name,))
-        base.executemany("INSERT INTO task VALUES (?, ?, ?)", pieces)
+        base.executemany("INSERT INTO task VALUES (?, ?, ?)", rows)
 
 
 def _is_empty(base: sqlite3.Connection) -> bool:
@@ -416,8 +462,9 @@ def _is_empty(base: sqlite3.Connection) -> bool:
 
 
 def _explain_difference(kept: Any, claimed: Any) -> str:
-    """Return how the work that has ``claimed`` a store differs from that of which a part is
-    ``kept``, a sentence, from the identity of each.
+    """Return a sentence on how two works differ, by their identities, which are plain data:
+    ``kept``, of the work whose results are in a store, and ``claimed``, of the work that claims the
+    store.
     """
     if claimed is None:
         return "This work has no parts that are kept, and its result would stand beside it"
@@ -440,12 +487,13 @@ def _find_differences(kept: Any, claimed: Any, where: str) -> Iterator[str]:
             if key in kept and key in claimed:
                 yield from _find_differences(kept[key], claimed[key], name)
             else:
-                yield f"{name} is given {'there' if key in kept else 'here'} only"
+                place = "there" if key in kept else "here"
+                yield f"{name} is given {place} only"
     elif isinstance(kept, list) and isinstance(claimed, list):
         if len(kept) != len(claimed):
             yield f"{where} has {len(kept)} values there, and {len(claimed)} here"
             return
-        for index, pair in enumerate(zip(kept, claimed, strict=True)):
-            yield from _find_differences(*pair, f"{where}[{index}]")
+        for index in range(len(kept)):
+            yield from _find_differences(kept[index], claimed[index], f"{where}[{index}]")
     elif kept != claimed:
         yield f"{where} is {show(kept)} there, and {show(claimed)} here"

@@ -11,7 +11,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -177,11 +177,11 @@ def sweep(
     if waves is not None:
         observe += waves.names
     request = Request(
-        finite_overlap,
-        path_of_bands,
-        directions,
-        waves,
-        sound=bands is None,  # bands are those of a mechanism too
+        finite_overlap=finite_overlap,
+        path=path_of_bands,
+        direction=directions,
+        waves=waves,
+        sound=bands is None,  # a mechanism has bands too, though no sound
         observe=tuple(observe),
     )
     grid = Grid(packing, axes, choices, load, request)
@@ -200,23 +200,22 @@ def sweep(
 
 
 def _choose_load(load: Load | None, **loads: ArrayLike | None) -> Load:
-    """Return the applied load: ``load``, or else the one of ``loads``, by kind, that is not None;
-    InputError if there are both.
+    """Return the applied load, of one dimension at most: ``load``, or else the one of ``loads``, by
+    kind, that is not None; InputError if there are both.
     """
     if load is None:
         return Load.only(**loads)
     if any(values is not None for values in loads.values()):
-        raise InputError(
-            "a load is given twice", mend="Give load alone, or one of force, pressure, overlap"
-        )
+        mend = "Give load alone, or one of force, pressure, overlap"
+        raise InputError("a load is given twice", mend=mend)
     return load.applied.flat
 
 
 def _require_waves(grid: Grid, waves: WaveSettings) -> None:
-    """Raise if the arrays of a case are known not to have the ``waves``; the error names the
-    case.
+    """Raise GranphonError if it is known that the arrays of a case do not have the ``waves``; the
+    error names the case.
     """
-    # imported here: a sweep without waves does not need them
+    # imported here: a sweep without waves does not need the module
     from granphon.runs.wave_records import require_waves
 
     for case in grid.cases:
@@ -227,17 +226,16 @@ def _require_waves(grid: Grid, waves: WaveSettings) -> None:
 
 
 def _read_media(media: Any, lattice: Lattice, packing: Packing | Arrangement) -> list[MediumChoice]:
-    """Read the media of a sweep, one or a list; InputError for none, or for one that is given
-    twice.
+    """Return the choices of media of a sweep from ``media``, one or a list of them; InputError for
+    none, for one that is given twice, or for one that the ``packing`` cannot have.
     """
-    listed = media if isinstance(media, list | tuple) else [media]
-    choices = [MediumChoice.parse(medium, lattice) for medium in listed]
+    descriptions = media if isinstance(media, list | tuple) else [media]
+    choices = [MediumChoice.parse(description, lattice) for description in descriptions]
     for choice in choices:
         choice.require_for(packing)
     if not choices:
-        raise InputError(
-            "there is no medium to sweep over", mend="Give at least one, such as 'ala'"
-        )
+        mend = "Give at least one, such as 'ala'"
+        raise InputError("there is no medium to sweep over", mend=mend)
     for choice in choices:
         if choices.count(choice) > 1:
             problem = f"the medium {choice.label!r} is given twice"
@@ -246,14 +244,16 @@ def _read_media(media: Any, lattice: Lattice, packing: Packing | Arrangement) ->
 
 
 def _read_directions(direction: ArrayLike, lattice: Lattice) -> tuple[Any, ...]:
-    """Read the direction of sound: the numbers of one direction, or a tuple of such numbers for
-    many.
+    """Return the Cartesian components of the direction of sound (p,) as a tuple; of many directions
+    (n, p) a tuple of such tuples. InputError for a direction that is given twice.
+
+    The components are kept as they are given, not of unit length, as they name the direction.
     """
     unit_vectors = as_direction(direction, lattice.periods)
-    numbers = np.asarray(direction, float).tolist()
+    components = np.asarray(direction, float).tolist()
     if unit_vectors.ndim == 1:
-        return tuple(numbers)
-    directions = tuple(map(tuple, numbers))
+        return tuple(components)
+    directions = tuple(map(tuple, components))
     index = find_double(unit_vectors.tolist())
     if index is not None:
         problem = f"the sweep has the direction {directions[index]} twice"
@@ -268,34 +268,46 @@ def _read_waves(
     directions: tuple[Any, ...] | None,
     lattice: Lattice,
 ) -> WaveSettings | None:
-    """Read the settings of waves in samples; None without waves."""
-    density = require("dos", truth, dos)
-    spectrum_settings, corners = _read_spectrum(spectrum, lattice)
+    """Return the settings of the waves in each sample; None if none are requested. InputError for a
+    pulse along several ``directions``.
+    """
+    with_dos = require("dos", truth, dos)
+    spectrum_settings, corners, names = _read_spectrum(spectrum, lattice)
     pulse_settings = _read_pulse(pulse)
-    if pulse_settings is not None and directions and isinstance(directions[0], tuple):
+    has_several = isinstance(directions[0], tuple) if directions else False
+    if pulse_settings is not None and has_several:
         raise InputError("a pulse is asked for in several directions", mend="Give one direction")
-    if not density and spectrum_settings is None and pulse_settings is None:
+    has_waves = with_dos or spectrum_settings is not None or pulse_settings is not None
+    if not has_waves:
         return None
     pulse_direction = None if pulse_settings is None else directions
-    return WaveSettings(density, spectrum_settings, *corners, pulse_settings, pulse_direction)
+    return WaveSettings(
+        dos=with_dos,
+        spectrum=spectrum_settings,
+        path=corners,
+        labels=names,
+        pulse=pulse_settings,
+        direction=pulse_direction,
+    )
 
 
 def _read_spectrum(
     spectrum: SpectrumSettings | Mapping[str, Any] | None, lattice: Lattice
-) -> tuple[SpectrumSettings | None, tuple[Any, Any]]:
-    """Read the settings of spectral functions, None without these, and the points and the names of
-    their path.
+) -> tuple[SpectrumSettings | None, tuple[Any, ...], tuple[str, ...]]:
+    """Return the settings of spectral functions, the pieces of their path as
+    :class:`~granphon.phonons.paths.BandPath` has them, and the names of the corners; without
+    ``spectrum`` None and empty tuples.
     """
     if spectrum is None:
-        return None, ((), ())
+        return None, (), ()
     default = BandPath.default(lattice)
     if isinstance(spectrum, SpectrumSettings):
-        return spectrum, (default.paths, default.names)
+        return spectrum, default.paths, default.names
     rule_of_path = partial(BandPath.read, structure=lattice)
     rules = wave_rules("spectrum", read=False) | {"path": rule_of_path}
     settings = require("spectrum", partial(block, rules=rules), spectrum)
     path = settings.pop("path", default)
-    return SpectrumSettings(**settings), (path.paths, path.names)
+    return SpectrumSettings(**settings), path.paths, path.names
 
 
 def _read_pulse(pulse: PulseSettings | Mapping[str, Any] | None) -> PulseSettings | None:
@@ -316,11 +328,11 @@ def sweep_grid(
     overwrite: bool = False,
     store: Store | None = None,
 ) -> Dataset:
-    """Carry out :func:`sweep` for the cases of a grid; what the cases know, such as a choice of
-    media, is not found again.
+    """Carry out :func:`sweep` for the cases of a ``grid`` and return the data set; what the cases
+    know, such as a choice of media, is not found again.
 
-    Arguments, the data set and errors are those of :func:`sweep`. The load is an applied one, of at
-    most one dimension.
+    Arguments and errors are those of :func:`sweep`. The load is an applied one, of at most one
+    dimension.
     """
     run = SweepRun.of(grid)
     target = None if path is None else Path(path)
@@ -329,22 +341,21 @@ def sweep_grid(
         why = "Its finished parts are kept beside its file"
         raise InputError(problem, why, "Give path")
     if target is None:
-        with nullcontext(store) if store is not None else open_store(None) as task_store:
+        opened_store = open_store(None) if store is None else nullcontext(store)
+        with opened_store as task_store:
             return run.join(run.do(executor, progress, task_store))
     if target.suffix != ".nc":
-        raise InputError(
-            f"{target} does not end in .nc", "It is a netCDF file, with a .csv beside it"
-        )
-    names = file_names(target)
-    if resume and not overwrite and is_whole(target.parent, names):
-        earlier_sweep = load_sweep(target)
-        identity = json.loads(to_json(collect_identity(run.frame)))
-        if collect_identity(earlier_sweep) == identity:
+        why = "It is a netCDF file, with a .csv beside it"
+        raise InputError(f"{target} does not end in .nc", why)
+    if resume and not overwrite:
+        earlier_sweep = _load_same(run, target)
+        if earlier_sweep is not None:
             return earlier_sweep
-    files = ResultFiles(target.parent, names, overwrite, earlier=_incomplete_files(target.name))
+    incomplete_names = _incomplete_files(target.name)
+    files = ResultFiles(target.parent, file_names(target), overwrite, earlier=incomplete_names)
     store_beside = open_store(target.with_name(f".{target.name}.partial"), overwrite)
-    store_context = store_beside if store is None else nullcontext(store)
-    with files.open() as locked, store_context as task_store:
+    opened_store = store_beside if store is None else nullcontext(store)
+    with files.open() as locked, opened_store as task_store:
         try:
             dataset = run.join(run.do(executor, progress, task_store))
         except ConvergenceError as error:
@@ -356,8 +367,22 @@ def sweep_grid(
     return dataset
 
 
+def _load_same(run: SweepRun, path: Path) -> Dataset | None:
+    """Return the sweep in ``path`` if its files are whole and its inputs and versions are those of
+    ``run``; None otherwise.
+    """
+    if not is_whole(path.parent, file_names(path)):
+        return None
+    earlier_sweep = load_sweep(path)
+    # as JSON and back, as the identity in the file has been
+    identity = json.loads(to_json(collect_identity(run.frame)))
+    return earlier_sweep if collect_identity(earlier_sweep) == identity else None
+
+
 def _incomplete_files(name: str) -> list[str]:
-    """Return the names of the files of a sweep in the file ``name`` that lacks loads."""
+    """Return the names of the files of a sweep that lacks loads, where the whole one would be in
+    the file ``name``.
+    """
     path = Path(name)
     return file_names(path.with_stem(f"{path.stem}_{INCOMPLETE}"))
 
@@ -365,20 +390,22 @@ def _incomplete_files(name: str) -> list[str]:
 def keep_incomplete(
     error: GranphonError, files: ResultFiles, name: str, store: Store
 ) -> GranphonError:
-    """Write the data set that an error has ``reached`` into a folder under lock, and return the
-    error, which then names the files.
+    """Write the data set that an ``error`` has ``reached`` into the locked folder of ``files``,
+    clear the ``store``, and return the error with the names of the files in its message.
 
-    The finished tasks are deleted then. If the files cannot be written, the tasks stay, and the
-    error is returned as it is.
+    ``name`` is the name of the file of the whole sweep. If the files cannot be written, the store
+    stays, and the error is returned as it is.
     """
     names = _incomplete_files(name)
-    count = error.reached.sizes["load"]
-    with suppress(OutputError):
-        with replace(files, names=names, force=True, earlier=()).staging() as stage:
+    n_loads = error.reached.sizes["load"]
+    incomplete_files = replace(files, names=names, force=True, earlier=())
+    try:
+        with incomplete_files.staging() as stage:
             write_sweep(error.reached, stage / names[0])
         store.clear()
-        loads = "The load that was reached is"
-        if count > 1:
-            loads = f"The {count} loads that were reached are"
-        return error.restate(f"{error} {loads} in {' and '.join(names)} in {files.folder}.")
-    return error
+    except OutputError:
+        return error
+    loads = "The load that was reached is"
+    if n_loads > 1:
+        loads = f"The {n_loads} loads that were reached are"
+    return error.restate(f"{error} {loads} in {' and '.join(names)} in {files.folder}.")

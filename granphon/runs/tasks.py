@@ -61,9 +61,13 @@ LATTICE_BANDS = (
     " sweep_dos and sweep_spectra: "
     "observe [dos, spectrum]"
 )
-#: marks of a result: indices of the loads that were not reached, why the path ended, and the index
-#: of the load at which the path ended
-_MARKS = _MISSED, _WHY, _END = "path.missed", "path.why", "path.at"
+#: marks of a result: indices of the loads that were not reached
+_MISSED = "path.missed"
+#: why the path ended
+_WHY = "path.why"
+#: the index of the load at which the path ended
+_END = "path.at"
+_MARKS = (_MISSED, _WHY, _END)
 #: the marks of a path that did not end early
 _NONE = np.zeros(0)
 #: numbers of any sample that its state averages
@@ -88,17 +92,18 @@ INCOMPLETE = "incomplete"
 
 
 def to_json(data: Any) -> str:
-    """Return plain data as a JSON text; equal data give the same text. An object of a user is its
+    """Return ``data`` as a JSON text; equal data give the same text. An object of a user is its
     class and attributes.
     """
 
-    def write(value: Any) -> Any:
-        data = plain(value)
-        if data is not value:
-            return data
+    def simplify(value: Any) -> Any:
+        """Return a value that JSON does not know as one that JSON knows better."""
+        plain_value = plain(value)
+        if plain_value is not value:
+            return plain_value
         return {"class": type(value).__qualname__} | getattr(value, "__dict__", {})
 
-    return json.dumps(data, default=write, sort_keys=True)
+    return json.dumps(data, default=simplify, sort_keys=True)
 
 
 # -- cases -----------------------------------------------------------------------------------------
@@ -188,8 +193,8 @@ class Case:
 
     @cached_property
     def media(self) -> list[MediumTask]:
-        """A task for each medium that serves loads; an error names the case, and the load if the
-        load is known.
+        """A task for each medium that serves loads, and for each geometry of its lattice at these
+        loads; an error names the case, and the load if the load is known.
         """
         try:
             serving_media = [
@@ -202,17 +207,13 @@ class Case:
             raise _name_load(self.label, self.load, error.load_index, error, periods) from error
         # lattices have no waves but those of networks, and their exponents cost nothing
         networks = () if self.request.waves is None else self.request.waves.of_networks
-        lattice_request = replace(
-            self.request,
-            waves=WaveSettings(of_networks=networks) if networks else None,
-            exponents=True,
-        )
-        return [
-            MediumTask(
-                self.name(serving), serving, self.request if serving.arrays else lattice_request
-            )
-            for serving in serving_media
-        ]
+        lattice_waves = WaveSettings(of_networks=networks) if networks else None
+        lattice_request = replace(self.request, waves=lattice_waves, exponents=True)
+        tasks = list[MediumTask]()
+        for serving in serving_media:
+            request = self.request if serving.arrays else lattice_request
+            tasks.append(MediumTask(self.name(serving), serving, request))
+        return tasks
 
     @cached_property
     def tasks(self) -> list[MediumTask]:
@@ -220,39 +221,39 @@ class Case:
         return [task for medium_task in self.media for task in medium_task.tasks]
 
     def join(self, results: Sequence[TaskResult]) -> TaskResult:
-        """Join the results of the :attr:`tasks`; variables that only some of several media have are
-        left out.
+        """Return the result of the case, arrays (loads, ...) by name, from the ``results`` of the
+        :attr:`tasks`; variables that only some of several media have are left out.
         """
         media = self.media
         remaining = iter(results)
-        joined = [medium.join(list(islice(remaining, len(medium.tasks)))) for medium in media]
-        if len(joined) == 1:
-            return joined[0]
+        of_media = [medium.join(list(islice(remaining, len(medium.tasks)))) for medium in media]
+        if len(of_media) == 1:
+            return of_media[0]
         loads = [medium.serving.loads for medium in media]
-        marks = _join_marks(joined, loads)
-        joined = [drop_marks(result) for result in joined]
+        marks = _join_marks(of_media, loads)
+        of_media = [drop_marks(result) for result in of_media]
         order = np.argsort(np.concatenate(loads))
-        out: TaskResult = {"warnings": _join_notes(joined)}
+        joined: TaskResult = {"warnings": _join_notes(of_media)}
         examples = dict[str, Array]()
-        for result in joined:
+        for result in of_media:
             examples |= result
         del examples["warnings"]
         for name, example in examples.items():
-            # arrays of one medium in two geometries have the same variables, of which some may be
-            # known in one alone
-            is_in_all = all(name in result for result in joined)
+            # media that differ are compared in what all of them have; arrays of one medium in two
+            # geometries have the same variables, of which some may be known in one alone
+            is_in_all = all(name in result for result in of_media)
             if not is_in_all and media[0].serving.chosen_automatically:
                 continue
-            rows = []
-            for result, medium in zip(joined, media, strict=True):
+            blocks = list[Array]()
+            for result, medium in zip(of_media, media, strict=True):
                 unknown = np.full((medium.load.size, *example.shape[1:]), np.nan)
-                rows.append(result.get(name, unknown))
-            out[name] = np.concatenate(pad_alike(rows))[order]
-        return out | marks
+                blocks.append(result.get(name, unknown))
+            joined[name] = np.concatenate(pad_alike(blocks))[order]
+        return joined | marks
 
     def restore(self, results: Sequence[TaskResult]) -> SimulatedState:
-        """Return the only state, that of a simulation, with the samples whose balls the
-        :attr:`tasks` kept.
+        """Return the only state of the case, that of a simulation, from the ``results`` of the
+        :attr:`tasks`, which hold the balls of a sample each.
         """
         (serving,) = self.serving_media
         (medium,) = serving.arrays
@@ -261,7 +262,9 @@ class Case:
             for task, result in zip(self.tasks, results, strict=True)
         ]
         state = SimulatedState.of(medium, samples, serving.load.applied[0])
-        return replace(state, chosen_automatically=True) if serving.chosen_automatically else state
+        if serving.chosen_automatically:
+            return replace(state, chosen_automatically=True)
+        return state
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,42 +294,49 @@ class Grid:
 def require_arrays(
     media: Sequence[MediumChoice], swept: Iterable[str], names: Iterable[str]
 ) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if there are no arrays for the waves
-    ``names``.
+    """Raise :class:`~granphon.base.errors.InputError` if one of the ``media`` is no simulation, or
+    if spectra of all states do not fit into one array.
 
-    The waves "dos", "spectrum" and "pulse" are of simulated arrays themselves. ``swept`` are the
-    parameters that are swept.
+    ``names`` are those of the waves of simulated arrays that are requested, "dos", "spectrum" and
+    "pulse"; without names nothing is raised. ``swept`` are the parameters that are swept.
     """
     waves = list(names)
-    for choice in media if waves else ():
+    if not waves:
+        return
+    for choice in media:
         choice.require_arrays(waves[0])
     if "spectrum" not in waves:
         return
-    for name in swept:
-        if name in ("lattice", "motions"):
-            problem = f"the spectra of a sweep over {name} do not fit into one array"
+    for parameter in swept:
+        if parameter in ("lattice", "motions"):
+            problem = f"the spectra of a sweep over {parameter} do not fit into one array"
             why = "Their wave vectors or polarisations differ"
             raise InputError(problem, why, "Make a scene of each")
-    if len({choice.settings.get("shape") for choice in media}) > 1:
+    shapes = {choice.settings.get("shape") for choice in media}
+    if len(shapes) > 1:
         problem = "the spectra of arrays of several shapes do not fit into one array"
         raise InputError(problem, "Their wave vectors differ", "Make a scene of each shape")
 
 
 def pad_alike(arrays: Sequence[Array]) -> list[Array]:
-    """Return arrays with as many columns each as the widest has; columns that are added are nan."""
-    most = max(array.shape[-1] if array.ndim > 1 else 0 for array in arrays)
+    """Return ``arrays`` (..., c) with as many columns c each as the widest of them has; columns
+    that are added are nan. Arrays of one axis have no columns, and stay as they are.
+    """
+    n_columns = max(array.shape[-1] if array.ndim > 1 else 0 for array in arrays)
     padded = list[Array]()
     for array in arrays:
-        if array.ndim > 1 and array.shape[-1] < most:
-            widths = [(0, 0)] * (array.ndim - 1) + [(0, most - array.shape[-1])]
-            array = np.pad(array, widths, constant_values=np.nan)
-        padded.append(array)
+        if array.ndim > 1 and array.shape[-1] < n_columns:
+            # numbers of values that are added before and after, for each axis
+            widths = [(0, 0)] * (array.ndim - 1) + [(0, n_columns - array.shape[-1])]
+            padded.append(np.pad(array, widths, constant_values=np.nan))
+        else:
+            padded.append(array)
     return padded
 
 
 def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:
-    """Return warnings of cases, given as (label, text), each after the label of its case; a text of
-    several cases appears once.
+    """Return the warnings of a sweep, each after the label of its case, from pairs of the label of
+    a case and a text; a text of several cases appears once.
 
     A text that begins with the label, as one about a medium, stands alone.
     """
@@ -394,57 +404,61 @@ class MediumTask(Task):
 
     @property
     def tasks(self) -> list[MediumTask]:
-        """The tasks that can run side by side: one for each sample of a simulation, or this task
-        itself.
+        """The tasks that can run side by side: one for each sample of a simulation; for another
+        medium this task alone.
         """
         samples = self.serving.samples
         # bands, directions, edges and observables are found of the mean over samples
         request = replace(self.request, path=None, direction=None, surface=None, observe=())
         tasks: list[MediumTask] = []
         for sample in samples:
-            seed = f", seed {sample.medium.settings['seed']}" if len(samples) > 1 else ""
-            tasks.append(SampleTask(self.where + seed, sample, request))
+            seed = sample.medium.settings["seed"]
+            where = f"{self.where}, seed {seed}" if len(samples) > 1 else self.where
+            tasks.append(SampleTask(where, sample, request))
         return tasks or [self]
 
     def join(self, results: Sequence[TaskResult]) -> TaskResult:
-        """Return the result of the :attr:`tasks`: samples are averaged, at the loads that all of
-        them have reached.
+        """Return the result of the medium, arrays (loads, ...) by name, from the ``results`` of the
+        :attr:`tasks`: samples are averaged, at the loads that all of them have reached.
         """
         if not self.serving.arrays:
             return results[0]
-        size = self.load.size
-        reached = find_reached(results, size)
+        n_loads = self.load.size
+        reached = find_reached(results, n_loads)
         samples = [drop_marks(result) for result in results]
-        load = self.load if len(reached) == size else self.load[reached]
+        load = self.load if len(reached) == n_loads else self.load[reached]
         records = [
             SampleRecord.from_result(sample, index) for index in reached for sample in samples
         ]
         state = SimulatedState.of(self.simulation, records, load)
-        out = self.observe(Analysis(state, self.request.direction))
+        averages = self.observe(Analysis(state, self.request.direction))
         if self.request.waves is not None:
-            out = add_waves(out, self, load, records)
-        marks = _join_marks(results, [np.arange(size)] * len(results))
-        return _expand_loads(out, reached, size) | marks
+            averages = add_waves(averages, self, load, records)
+        marks = _join_marks(results, [np.arange(n_loads)] * len(results))
+        return _expand_loads(averages, reached, n_loads) | marks
 
     def state(self, load: Load) -> ContactState:
         """Return the state under ``load``, all or some of the loads of the task."""
         return self.serving.at(load, finite_overlap=self.request.finite_overlap or None)
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Find every variable at every load, and the "warnings" that :func:`tell_warnings` reads.
+        """Return every variable (loads, ...) by name, and the "warnings" that
+        :func:`tell_warnings` reads; nothing is ``begun``, as the task has one step.
 
         An error names its task and, if it is known, its load.
         """
         try:
             analysis = Analysis(self.state(self.load), self.request.direction)
-            out = self.observe(analysis)
+            variables = self.observe(analysis)
         except GranphonError as error:
             raise self._locate(error) from error
-        records = [] if self.serving.arrays else self.record_networks(analysis.state)
-        return add_waves(out, self, self.load, records) if records else out
+        if self.serving.arrays:
+            return variables
+        records = self.record_networks(analysis.state)
+        return add_waves(variables, self, self.load, records) if records else variables
 
     def observe(self, analysis: Analysis) -> TaskResult:
-        """Return the variables of a state, with an axis of loads, and its "warnings"."""
+        """Return the variables of a state (loads, ...) by name, and its "warnings"."""
         state = analysis.state
         request = self.request
         # conditions that hold are kept only where another medium, at other loads, may not meet them
@@ -458,53 +472,49 @@ class MediumTask(Task):
         variables = {name: np.asarray(value) for name, value in numbers.items()}
         if state.is_single:
             variables = {name: values[None] for name, values in variables.items()}
-        path = request.find_path(self.serving.packing.structure)
-        states = list[ContactState]()
-        if request.surface is not None or path is not None:
-            states = _split_loads(state)
         if request.surface is not None and state.n_samples:
             notes.append("waves of an edge are left out: those of a simulated array are not known")
         elif request.surface is not None:
-            # imported here: other runs do not need surfaces
-            from granphon.phonons.surfaces import observe_surface
-
-            edge = request.surface
-            distinct = _find_distinct(state, states)
-            variables |= observe_surface(states, distinct, edge.axis, edge.edge, edge.points)
+            variables |= _observe_edge(state, request.surface)
+        path = request.find_path(self.serving.packing.structure)
         if path is not None:
-            bands, notes_on_bands = _observe_bands(state, states, path[0], request.bands)
+            qpoints, _labels = path
+            bands, notes_on_bands = _observe_bands(state, qpoints, request.bands)
             variables |= bands
             notes += notes_on_bands
         return variables | {"warnings": _write_notes(notes)}
 
     def _observe_numbers(self, analysis: Analysis) -> tuple[dict[str, Any], list[str]]:
-        """Return the numbers of a state at each load, with velocities and exponents if they are
-        requested and known, and notes on those that are not.
+        """Return the numbers of a state by name, at each load (loads, ...) or, of a single state,
+        without this axis: those of the state, velocities and exponents if they are requested and
+        known; and notes on those that are not known.
         """
         request = self.request
         packing = self.serving.packing
-        find = partial(find_all, analysis, swept=True, observed=request.observe)
+        find_numbers = partial(find_all, analysis, swept=True, observed=request.observe)
         notes = list[str]()
-        out = find(("state",))
-        # a floor or clamp holds the balls, which long waves move
+        numbers = find_numbers(("state",))
+        # long waves move all balls, of which a floor or a clamp holds some
         has_long_waves = packing.repeats and not packing.is_held
         try:
             if request.sound or has_long_waves:
-                out |= find(("velocities",))
+                numbers |= find_numbers(("velocities",))
                 notes += warn_of_free_branches(analysis.state, analysis.velocities.velocities)
         except MechanismError as error:
             if request.sound:
                 raise
             notes.append(f"velocities and moduli are left out: {error}")
         if request.exponents:
-            out |= find(("exponent",))
-        return out, [*notes, *warn_of_missing_error(out), *analysis.failed.values()]
+            numbers |= find_numbers(("exponent",))
+        notes += warn_of_missing_error(numbers)
+        notes += analysis.failed.values()
+        return numbers, notes
 
     def record_networks(self, state: ContactState, whole: bool = False) -> list[SampleRecord]:
-        """Return the records of the network at each load, without samples; none if no waves are
-        requested. Errors name the load.
+        """Return a record of the waves in the network of ``state`` at each load; an empty list if
+        no waves are requested. Errors name the load.
 
-        With ``whole`` the results themselves are kept too.
+        With ``whole`` the records keep the results of the solvers too.
         """
         records = list[SampleRecord]()
         periods = self.serving.packing.structure.periods
@@ -521,9 +531,8 @@ class MediumTask(Task):
             except GranphonError as error:
                 if self.request.alone:
                     raise
-                raise error.restate(
-                    f"{self.where}, {self.load[index].describe(periods)}: {error}"
-                ) from None
+                load = self.load[index].describe(periods)
+                raise error.restate(f"{self.where}, {load}: {error}") from None
         return records
 
     def _locate(self, error: GranphonError) -> GranphonError:
@@ -542,17 +551,23 @@ class MediumTask(Task):
         # an error of a simulation knows its load, so that nothing is simulated again
         index = error.load_index
         first_error = error
-        for number in range(self.load.size) if index is None else ():
-            try:
-                state = self.state(self.load[[number]])
-                self.observe(Analysis(state, self.request.direction))
-            except GranphonError as error_alone:
-                index = number
-                first_error = error_alone
-                break
+        if index is None:
+            index, first_error = self._find_failing_load(error)
         located = _name_load(self.where, self.load, index, first_error, periods)
         located.load_index = None if index is None else int(self.serving.loads[index])
         return located
+
+    def _find_failing_load(self, error: GranphonError) -> tuple[int | None, GranphonError]:
+        """Return the index, among the loads of the task, of the first load that fails alone, and
+        its error; None and ``error`` if no load fails alone.
+        """
+        for index in range(self.load.size):
+            try:
+                state = self.state(self.load[[index]])
+                self.observe(Analysis(state, self.request.direction))
+            except GranphonError as error_alone:
+                return index, error_alone
+        return None, error
 
 
 def _split_loads(state: ContactState) -> list[ContactState]:
@@ -567,25 +582,39 @@ def _find_distinct(state: ContactState, states: list[ContactState]) -> list[Cont
     return states[:1] if state.has_one_lattice else states
 
 
-def _observe_bands(
-    state: ContactState,
-    states: list[ContactState],
-    qpoints: Array,
-    losses: BandsSettings | None,
-) -> tuple[TaskResult, list[str]]:
-    """Return the frequencies, Hz, at ``qpoints`` (s, p, 3) and each load, with decay and Q of the
-    bands where contacts have ``losses``, and notes on them; ``states`` are those at each load.
+def _observe_edge(state: ContactState, settings: SurfaceSettings) -> TaskResult:
+    """Return the variables of the waves of an edge at each load, as
+    :func:`~granphon.phonons.surfaces.observe_surface` names them.
     """
-    # the frequencies that phonopy gives, but from C(q), which needs no force constants
+    # imported here: other runs do not need surfaces
+    from granphon.phonons.surfaces import observe_surface
+
+    states = _split_loads(state)
+    distinct_states = _find_distinct(state, states)
+    return observe_surface(states, distinct_states, settings.axis, settings.edge, settings.points)
+
+
+def _observe_bands(
+    state: ContactState, qpoints: Array, losses: BandsSettings | None
+) -> tuple[TaskResult, list[str]]:
+    """Return the variables of the bands, each (loads, s, p, branches) at ``qpoints`` (s, p, 3), and
+    notes on them.
+
+    The variables are the frequencies, Hz, and, where contacts have ``losses``, the frequencies, Hz,
+    decay and Q of the damped bands.
+    """
+    states = _split_loads(state)
     q = qpoints.reshape(-1, 3)
     shape = (len(states), *qpoints.shape[:2], -1)
+    # the frequencies that phonopy gives, but from C(q), which needs no force constants
     lattices = [distinct.contact_lattice() for distinct in _find_distinct(state, states)]
     paths = [lattice.wavevectors(q) for lattice in lattices]
     reduced = np.array(
         [lattice.frequencies(path) for lattice, path in zip(lattices, paths, strict=True)]
-    )
-    units = np.array([single.scales.frequency for single in states])  # Hz
-    out: TaskResult = {"frequencies": (units[:, None, None] * reduced).reshape(shape)}
+    )  # (lattices, s p, branches), in units of the scale of each state
+    scales = np.array([single.scales.frequency for single in states])  # Hz
+    frequencies = scales[:, None, None] * reduced
+    variables: TaskResult = {"frequencies": frequencies.reshape(shape)}
     notes = [
         *lattices[0].free_branch_warnings,
         *lattices[0].soft_mode_warnings(paths[0], reduced[0]),
@@ -599,18 +628,22 @@ def _observe_bands(
         damped = [
             Phonons(single).damped(q, losses.damping, losses.loss_factor) for single in states
         ]
-        frequencies = np.array([bands.frequencies.real for bands in damped])
-        out["damped_frequency"] = frequencies.reshape(shape)
-        out["damped_decay"] = np.array([bands.decay for bands in damped]).reshape(shape)
-        out["damped_quality"] = np.array([bands.quality for bands in damped]).reshape(shape)
-    return out, notes
+        damped_frequencies = np.array([bands.frequencies.real for bands in damped])
+        decays = np.array([bands.decay for bands in damped])
+        qualities = np.array([bands.quality for bands in damped])
+        variables["damped_frequency"] = damped_frequencies.reshape(shape)
+        variables["damped_decay"] = decays.reshape(shape)
+        variables["damped_quality"] = qualities.reshape(shape)
+    return variables, notes
 
 
 def _name_load(
     where: str, load: Load, index: int | None, error: GranphonError, periods: int
 ) -> GranphonError:
-    """Return ``error`` with the task before its message, and the load number ``index`` if it is
-    known; the error keeps this number.
+    """Return ``error`` with the task, named by ``where``, before its message, and with the load of
+    ``index`` if this is known, which becomes the ``load_index`` of the error.
+
+    ``periods`` is the number of periods of the lattice, on which the unit of the load depends.
     """
     if index is None:
         return error.restate(f"{where}: {error}")
@@ -620,42 +653,48 @@ def _name_load(
 
 
 def add_waves(
-    out: TaskResult, task: MediumTask, load: Load, records: Sequence[SampleRecord]
+    result: TaskResult, task: MediumTask, load: Load, records: Sequence[SampleRecord]
 ) -> TaskResult:
-    """Return ``out`` with the means over samples of the waves at the loads of a task, and notes on
-    observables that are not known.
+    """Return the ``result`` of a task with the means over samples of the waves at each ``load``,
+    (loads, ...), and with notes on observables that are not known.
 
-    A state without samples has one record at each load. An observable is nan at a load at which it
-    is not known, and left out if it is known at no load.
+    The ``records`` are those of all samples at the first load, then at the next; a state without
+    samples has one record at each load. An observable is nan at a load at which it is not known,
+    and left out if it is known at no load.
     """
     # imported here: a sweep without waves does not need them
     from granphon.runs.wave_records import average_waves
 
     assert task.request.waves is not None
-    count = len(records) // load.size
+    n_samples = len(records) // load.size
     rows = list[dict[str, Array]]()
     indices_of_texts = dict[str, list[int]]()
     for index in range(load.size):
-        samples = [record.of_waves for record in records[index * count : (index + 1) * count]]
-        row, texts = average_waves(samples, task.request.waves)
+        records_at_load = records[index * n_samples : (index + 1) * n_samples]
+        waves_at_load = [record.of_waves for record in records_at_load]
+        row, texts = average_waves(waves_at_load, task.request.waves)
         rows.append(row)
         for text in texts:
             indices_of_texts.setdefault(text, []).append(index)
     examples = {name: value for row in rows for name, value in row.items()}
-    waves = {
-        name: np.array(pad_alike([row.get(name, np.full_like(example, np.nan)) for row in rows]))
-        for name, example in examples.items()
-    }
-    periods = task.serving.packing.structure.periods
-    notes = []
+    waves: TaskResult = {}
+    for name, example in examples.items():
+        unknown = np.full_like(example, np.nan)
+        waves[name] = np.array(pad_alike([row.get(name, unknown) for row in rows]))
+    notes = list[str]()
     for text, indices in indices_of_texts.items():
         # a note need not name the loads if they are all those of the medium
-        if len(indices) < load.size or task.serving.is_part:
-            further = f" and {len(indices) - 1} more" if len(indices) > 1 else ""
-            text = f"at {load[indices[0]].describe(periods)}{further}, {text}"
-        notes.append(text)
-    warnings = np.concatenate([out["warnings"], _write_notes(notes)])
-    return out | waves | {"warnings": warnings}
+        names_loads = len(indices) < load.size or task.serving.is_part
+        notes.append(_place_note(text, task, load, indices) if names_loads else text)
+    warnings = np.concatenate([result["warnings"], _write_notes(notes)])
+    return result | waves | {"warnings": warnings}
+
+
+def _place_note(text: str, task: MediumTask, load: Load, indices: Sequence[int]) -> str:
+    """Return a note after the first of the loads of ``indices`` that the note is about."""
+    periods = task.serving.packing.structure.periods
+    further = f" and {len(indices) - 1} more" if len(indices) > 1 else ""
+    return f"at {load[indices[0]].describe(periods)}{further}, {text}"
 
 
 # -- of a sample -----------------------------------------------------------------------------------
@@ -679,8 +718,9 @@ class SampleTask(MediumTask):
         return 1 if self.simulation.friction_history else len(result["force"])
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Add one load to ``begun``; with the last, return every number of the sample that is
-        averaged, (n_loads, ...).
+        """Return the numbers of the sample that are averaged, (loads, ...), at the loads of
+        ``begun`` and at the next load: in the order in which the loads are taken, with the balls at
+        rest; after the last load in the order of the task's loads, without these balls.
         """
         simulation = self.simulation
         if simulation.friction_history:
@@ -689,11 +729,14 @@ class SampleTask(MediumTask):
         try:
             loads = simulation.prescribed(self.load)
             order = sort_by_load(loads)
-            earlier = dict(begun or {})  # the numbers at the loads before
+            earlier = dict(begun or {})  # the numbers at the loads that are done
             start = None
+            n_done = 0
             if earlier:
+                # the overlap and the balls at rest under the load before
                 start = (earlier.pop("rest_overlap").item(), earlier.pop("rest_balls"))
-            index = order[self.done(earlier) if earlier else 0]
+                n_done = self.done(earlier)
+            index = order[n_done]
             sample = simulation.sample(loads[index], start)
             result = self._record([sample])
         except GranphonError as error:
@@ -713,24 +756,26 @@ class SampleTask(MediumTask):
         return {name: value[np.argsort(order)] for name, value in result.items()}
 
     def _solve_path(self) -> TaskResult:
-        """Return every number of a sample along its path of loads with friction; if the path ends
-        early, those of the loads before, with marks.
+        """Return every number of a sample that is averaged, (loads, ...), along its path of loads
+        with friction; if the path ends early, those at the loads that were reached, with marks, and
+        rows without meaning at the other loads.
         """
         try:
             return super().solve()
         except GranphonError as error:
             if error.reached is None:
                 raise
-            size = self.load.size
+            n_loads = self.load.size
             history: Any = self.simulation.history
             order = history.sort(self.simulation.prescribed(self.load))
             reached = sorted(order[: len(error.reached.force)])
+            end = -1 if error.load_index is None else error.load_index
             marks = {
-                _MISSED: np.setdiff1d(np.arange(size), reached),
+                _MISSED: np.setdiff1d(np.arange(n_loads), reached),
                 _WHY: np.array([str(error)]),
-                _END: np.array([-1 if error.load_index is None else error.load_index]),
+                _END: np.array([end]),
             }
-            return _expand_loads(self._record(error.reached.samples), reached, size) | marks
+            return _expand_loads(self._record(error.reached.samples), reached, n_loads) | marks
 
     def observe(self, analysis: Analysis) -> TaskResult:
         """Return every number of the samples that is averaged, (n_loads, ...), and the balls if
@@ -750,16 +795,16 @@ class SampleTask(MediumTask):
         result = SampleRecord.to_result(records)
         if not request.alone:
             return result
-        # the balls at rest, each array after an axis of one load
         equilibrium = samples[0].equilibrium
-        kept = {
+        balls = {
             name: np.asarray(getattr(equilibrium, name))
             for name in _list_kept_fields(type(equilibrium))
         }
         if not isinstance(samples[0], PressedSample):
             # after a history the derivatives follow from the elastic tensors
-            kept["derivatives"] = np.array([equilibrium.stiffness, equilibrium.stiffness_slope])
-        return result | {_BALLS + name: value[None] for name, value in kept.items()}
+            balls["derivatives"] = np.array([equilibrium.stiffness, equilibrium.stiffness_slope])
+        # a request that keeps balls has one load, whose axis comes first
+        return result | {_BALLS + name: values[None] for name, values in balls.items()}
 
 
 class SampleRecord(SimpleNamespace):
@@ -780,11 +825,11 @@ class SampleRecord(SimpleNamespace):
         exponents: bool = True,
         whole: bool = False,
     ) -> Self:
-        """Record a sample, whose numbers are computed now unless they are known, with the ``waves``
-        that are requested.
+        """Return the record of a ``sample``, with the ``waves`` that are requested; numbers that
+        the sample does not know yet are computed.
 
         Tensors at neighbouring loads are recorded for ``exponents`` of balls that differ. With
-        ``whole`` the waves themselves are kept too.
+        ``whole`` the results of the solvers of waves are kept too.
         """
         of_waves: dict[str, Any] = {}
         if waves is not None:
@@ -801,28 +846,29 @@ class SampleRecord(SimpleNamespace):
 
     @classmethod
     def from_result(cls, result: TaskResult, index: int) -> Self:
-        """Take the record at one of the loads from the result of a task."""
-        values = {name: value[index] for name, value in result.items()}
-        numbers = {name: value for name, value in values.items() if "." not in name}
-        waves = {
-            name.removeprefix(_WAVES): value
-            for name, value in values.items()
-            if name.startswith(_WAVES)
-        }
+        """Return the record at the load of ``index`` from the ``result`` of a task, arrays
+        (loads, ...) by name.
+        """
+        numbers = dict[str, Any]()
+        waves = dict[str, Any]()
+        for name, values in result.items():
+            if name.startswith(_WAVES):
+                waves[name.removeprefix(_WAVES)] = values[index]
+            elif "." not in name:  # other names with a point are those of balls
+                numbers[name] = values[index]
         return cls(**numbers, of_waves=waves)
 
     @classmethod
     def to_result(cls, records: Sequence[Self]) -> TaskResult:
-        """Stack the records at several loads as the result of a task: each number (n_loads,
-        ...).
+        """Return the result of a task, arrays (loads, ...) by name, from its records, one at each
+        load.
         """
-        rows = [
-            vars(record) | {_WAVES + name: value for name, value in record.of_waves.items()}
-            for record in records
-        ]
-        return {
-            name: np.array([row[name] for row in rows]) for name in rows[0] if name != "of_waves"
-        }
+        rows = list[dict[str, Any]]()
+        for record in records:
+            row = dict(vars(record))
+            waves = row.pop("of_waves")
+            rows.append(row | {_WAVES + name: value for name, value in waves.items()})
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
     def contact_fraction(self) -> float:
         """Return the fraction of the contacts that carry load, N_c / 6 on the triangular
@@ -832,8 +878,8 @@ class SampleRecord(SimpleNamespace):
 
 
 def restore_sample(simulation: DirectSimulation, result: TaskResult) -> Sample | PressedSample:
-    """Return the one sample of a simulation, with the numbers and balls in the ``result`` of its
-    task.
+    """Return the one sample of a ``simulation`` at its one load, with the numbers and balls in the
+    ``result`` of its task; deviations of diameters are drawn again from the seed.
     """
     packing = simulation.packing
     seed = simulation.seed_of(0)
@@ -841,14 +887,14 @@ def restore_sample(simulation: DirectSimulation, result: TaskResult) -> Sample |
     kind: type[Equilibrium] = TrueEquilibrium if simulation.ratio else Equilibrium
     if history.is_loaded:
         kind = PressedEquilibrium
-    arrays: dict[str, Any] = {name: result[_BALLS + name][0] for name in _list_kept_fields(kind)}
-    equilibrium: Any = kind(
-        deviations=read_only(simulation.deviations(0)), lattice=packing.structure, **arrays
-    )
+    balls: dict[str, Any] = {name: result[_BALLS + name][0] for name in _list_kept_fields(kind)}
+    deviations = read_only(simulation.deviations(0))
+    equilibrium: Any = kind(deviations=deviations, lattice=packing.structure, **balls)
     if history.is_loaded:
         response = history.shear_response
         sample: Sample | PressedSample = PressedSample(packing, seed, equilibrium, response)
     else:
+        # the derivatives are put where the equilibrium keeps them, so that it does not solve again
         vars(equilibrium)["_derivatives"] = tuple(result[_BALLS + "derivatives"][0].tolist())
         sample = Sample(packing, seed, equilibrium)
     tensors = {name: rows[0] for name, rows in result.items() if name.startswith("elastic_")}
@@ -858,7 +904,7 @@ def restore_sample(simulation: DirectSimulation, result: TaskResult) -> Sample |
 
 def _list_kept_fields(kind: type[Equilibrium]) -> list[str]:
     """Return the names of the arrays of an equilibrium that are kept in the result of a task."""
-    # the sample is drawn again from its seed
+    # the deviations are drawn again from the seed, and the lattice is that of the packing
     return [field.name for field in fields(kind) if field.name not in ("deviations", "lattice")]
 
 
@@ -880,35 +926,44 @@ def drop_marks(result: TaskResult) -> TaskResult:
 
 
 def find_reached(results: Sequence[TaskResult], size: int) -> list[int]:
-    """Return the indices of the loads, of ``size``, that all results have; raise the error of a
-    path if no load is reached by all.
+    """Return the indices, below ``size``, of the loads that all results have reached, ascending;
+    raise the ConvergenceError of a path if no load is reached by all.
     """
     missed = set[int]()
     for result in results:
-        missed.update(result[_MISSED].tolist() if _MISSED in result else ())
+        missed.update(result.get(_MISSED, _NONE).tolist())
     if len(missed) == size:
         raise explain_end(results)
     return [index for index in range(size) if index not in missed]
 
 
 def _join_marks(results: Sequence[TaskResult], loads: Sequence[NDArray[Any]]) -> TaskResult:
-    """Return the marks of the join of several results, each at some of the ``loads``; empty if no
-    path ended early.
+    """Return the marks of several results together; empty if no path ended early.
+
+    Each of the ``loads`` holds the indices, in the whole, of the loads of a result, to which the
+    marks of this result refer.
     """
-    missed = [
-        indices[result[_MISSED]]
-        for result, indices in zip(results, loads, strict=True)
-        if _MISSED in result
-    ]
+    missed = list[Array]()
+    reasons = list[Array]()
+    ends = list[Array]()
+    for result, indices in zip(results, loads, strict=True):
+        if _MISSED in result:
+            missed.append(indices[result[_MISSED]])
+            reasons.append(result[_WHY])
+            ends.append(result[_END])
     if not missed:
         return {}
-    ended = [result for result in results if _MISSED in result]
-    marks = {name: np.concatenate([result[name] for result in ended]) for name in (_WHY, _END)}
-    return {_MISSED: np.unique(np.concatenate(missed))} | marks
+    return {
+        _MISSED: np.unique(np.concatenate(missed)),
+        _WHY: np.concatenate(reasons),
+        _END: np.concatenate(ends),
+    }
 
 
 def explain_end(results: Sequence[TaskResult]) -> ConvergenceError:
-    """Return the error of the first path that ended early."""
+    """Return the error of the first path that ended early, whose message counts the others; one
+    path at least did. Its ``load_index`` is None where the load is not known.
+    """
     reasons = [reason for result in results for reason in result.get(_WHY, _NONE).tolist()]
     indices = [index for result in results for index in result.get(_END, _NONE).tolist()]
     message = reasons[0]
@@ -923,13 +978,14 @@ def explain_end(results: Sequence[TaskResult]) -> ConvergenceError:
 
 
 def _write_notes(notes: Iterable[Check | str]) -> NDArray[Any]:
-    """Encode notes on a result, conditions over loads or sentences, as an array of JSON texts, each
-    once.
+    """Return notes on a result, conditions over loads or sentences, as an array (notes,) of JSON
+    texts, each once.
     """
-    texts = [
-        to_json(note if isinstance(note, str) else list(vars(note).values())) for note in notes
-    ]
-    return np.array(list(dict.fromkeys(texts)), "S")  # ASCII: one byte for each letter
+    texts = list[str]()
+    for note in notes:
+        content = note if isinstance(note, str) else list(vars(note).values())
+        texts.append(to_json(content))
+    return np.array(list(dict.fromkeys(texts)), "S")  # one byte a letter, as JSON is ASCII
 
 
 def _join_notes(results: Iterable[TaskResult]) -> NDArray[Any]:
@@ -942,9 +998,10 @@ def _join_notes(results: Iterable[TaskResult]) -> NDArray[Any]:
             if isinstance(note, str):
                 notes[note] = note
                 continue
+            # two notes of one condition are about different loads
             key = (note.name, note.limit, note.reason, note.at_least)
-            check = notes.get(key)
-            notes[key] = check.join(note) if isinstance(check, Check) else note
+            earlier = notes.get(key)
+            notes[key] = earlier.join(note) if isinstance(earlier, Check) else note
     return _write_notes(notes.values())
 
 
@@ -955,9 +1012,12 @@ def _read_note(text: bytes) -> Check | str:
 
 
 def tell_warnings(result: TaskResult) -> list[str]:
-    """Return the warnings of a result: a sentence for each condition that fails."""
-    sentences = (
-        note if isinstance(note, str) else note.warning
-        for note in map(_read_note, result["warnings"].tolist())
-    )
-    return [sentence for sentence in sentences if sentence is not None]
+    """Return the warnings of a ``result``: a sentence for each condition that fails, and each note
+    that is a sentence.
+    """
+    sentences = list[str]()
+    for note in map(_read_note, result["warnings"].tolist()):
+        sentence = note if isinstance(note, str) else note.warning
+        if sentence is not None:
+            sentences.append(sentence)
+    return sentences

@@ -130,8 +130,8 @@ _FIT_RANGE = (0.25, 0.75)
 def require_waves(
     serving_media: Sequence[ServingMedium], settings: WaveSettings, most: float = np.inf
 ) -> None:
-    """Raise if the waves of the ``settings`` cannot be found in the arrays of a case, at any of its
-    loads.
+    """Raise GranphonError if the waves of the ``settings`` cannot be found in the arrays of a case,
+    at any of its loads.
 
     Each array of up to ``most`` balls is looked at as one of equal balls at the same mean force,
     which takes no simulation: the wave vectors of its cell, the motions of its balls, the path of
@@ -147,37 +147,50 @@ def require_waves(
         if medium.balls <= most
     ]
     for medium, load in arrays:
-        errors = list[GranphonError]()
-        forces = find_typical_force(medium.packing, load)
-        ends = list(dict.fromkeys((float(np.min(forces)), float(np.max(forces)))))
-        for number, force in enumerate(ends):
+        forces = find_typical_force(medium.packing, load)  # N, at each load
+        extremes = dict.fromkeys((float(np.min(forces)), float(np.max(forces))))
+        networks = list[ContactNetwork]()
+        for force in extremes:
             ideal = AveragedLattice(medium.packing).at(Load.only(force=force))[0]
-            network = ideal.network.repeat(medium.cells)
-            if settings.spectrum is not None and not number:
-                _require_spectrum(network, medium.packing, settings.spectrum, settings.path)
-            try:
-                if settings.pulse is not None:
-                    source = PulseSource.of(settings.pulse, network, settings.direction)
-                    require_sendable(network, source)
-            except GranphonError as error:
-                errors.append(error)
-        if len(errors) == len(ends):
-            raise errors[0]
+            networks.append(ideal.network.repeat(medium.cells))
+        if settings.spectrum is not None:
+            # the same at all loads
+            _require_spectrum(networks[0], medium.packing, settings.spectrum, settings.path)
+        if settings.pulse is not None:
+            _require_pulse(networks, settings.pulse, settings.direction)
+
+
+def _require_pulse(
+    networks: Sequence[ContactNetwork], settings: PulseSettings, direction: Any
+) -> None:
+    """Raise the GranphonError of the first of the ``networks``, which are those of one array at
+    several loads, if a pulse can be sent through none of them.
+    """
+    errors = list[GranphonError]()
+    for network in networks:
+        try:
+            require_sendable(network, PulseSource.of(settings, network, direction))
+        except GranphonError as error:
+            errors.append(error)
+    if len(errors) == len(networks):
+        raise errors[0]
 
 
 def _require_spectrum(
     network: ContactNetwork, packing: Packing, spectrum: SpectrumSettings, path: Any
 ) -> None:
-    """Raise if a network of equal balls, which stands for the array of a ``packing``, has not the
-    wave vectors of a ``path``, the resolution or the polarisations of a spectrum.
+    """Raise GranphonError if a network of equal balls, which stands for the array of a ``packing``,
+    lacks the wave vectors of a ``path`` or the polarisations of a ``spectrum``, or if the
+    resolution of the spectrum takes too many moments.
     """
     points = find_path_points(
         network, ideal_lattice(packing), packing.diameter, path, spectrum.points
     )
     operator = WaveOperator(network)
-    # the bound of frequencies of equal balls is below that of differing balls, or little above: a
-    # kernel of equal balls takes no more moments
-    Kernel.of(operator.top / (2.0 * math.pi * MARGIN), spectrum.resolution)
+    # The bound of frequencies of equal balls is below that of differing balls, or little above, so
+    # that a kernel of equal balls takes no more moments.
+    top_frequency = operator.top / (2.0 * math.pi * MARGIN)  # Hz
+    Kernel.of(top_frequency, spectrum.resolution)
     for polarisation in spectrum.polarisation:
         find_polarisations(operator, points.q[0], polarisation, None)
 
@@ -188,12 +201,13 @@ def require_network(
     key: str,
     most: float = np.inf,
 ) -> None:
-    """Raise unless the networks of a case, repeated and cut, have what the ``key`` of the settings
-    says of them.
+    """Raise GranphonError unless the networks of a case, repeated and cut, have what the ``key`` of
+    the settings says of them.
 
     Networks of packings are of equal balls at a typical force, and of arrays up to ``most`` balls;
     crystals that are not quickly loaded are left out.
     """
+    # the repetition is judged alone: the cut is another key, and has its own errors
     settings = replace(settings, cut=()) if key == "repeat" else settings
     for serving in serving_media:
         array = next(iter(serving.arrays), None)
@@ -208,11 +222,11 @@ def require_network(
         if isinstance(settings, MotionSettings) and key == "drive":
             PreparedMotion(state if array is None else network, settings)
             continue
-        shaped = settings.shape(network)
+        shaped_network = settings.shape(network)
         if isinstance(settings, ResponseSettings) and key in ("source", "receiver"):
             is_moved = settings.quantity == "transmissibility" and key == "source"
             places = [find_place(words) for words in getattr(settings, key)]
-            require_places(shaped, key, places, is_moved, **_choose_plane(settings))
+            require_places(shaped_network, key, places, is_moved, **_choose_plane(settings))
 
 
 def find_typical_state(serving: ServingMedium) -> Any:
@@ -231,57 +245,70 @@ def _choose_plane(settings: ResponseSettings) -> dict[str, Any]:
 
 
 def record_waves(sample: Sample, settings: WaveSettings, whole: bool = False) -> dict[str, Array]:
-    """Find the waves of the ``settings`` in a sample, and return the numbers that are averaged, in
-    SI units by name.
+    """Find the waves of the ``settings`` in a ``sample``, and return the numbers that
+    :func:`average_waves` averages, arrays in SI units by name.
 
-    With ``whole`` the results themselves are kept too, for :class:`SampleWaves`.
+    With ``whole`` the results of the solvers are kept too, as JSON, for :class:`SampleWaves`.
     """
     waves = Waves(sample)
-    out = dict[str, Array]()
+    numbers = dict[str, Array]()
     results = dict[str, Result]()
     if settings.dos:
         # random vectors differ from sample to sample, so that their noise is part of the standard
         # error over samples
         dos = waves.dos(seed=sample.seed or 0)
-        out["dos"] = np.array([dos.frequencies, dos.translational, dos.rotational, dos.error])
+        numbers["dos"] = np.array([dos.frequencies, dos.translational, dos.rotational, dos.error])
         results["dos"] = dos
-    spectrum = settings.spectrum
-    if spectrum is not None:
-        packing = sample.packing
-        points = find_path_points(
-            waves.network,
-            ideal_lattice(packing),
-            packing.diameter,
-            settings.path,
-            spectrum.points,
+    if settings.spectrum is not None:
+        spectra, numbers_of_spectra = _record_spectra(
+            waves, sample, settings.spectrum, settings.path
         )
-        spectra = {
-            polarisation: waves.spectral_function(points.q, polarisation, spectrum.resolution)
-            for polarisation in spectrum.polarisation
-        }
-        lines = [
-            (function.peak, function.width, function.resolved) for function in spectra.values()
-        ]
-        out["path_corners"] = points.corners
-        out["path_distance"] = points.distances
-        out["lines"] = np.array(lines, float)
-        out["wavenumber"] = spectra[spectrum.polarisation[0]].wavenumber
+        numbers |= numbers_of_spectra
         results |= spectra
     if settings.pulse is not None:
-        pulse, numbers = _record_pulse(waves.network, settings.pulse, settings.direction)
-        out |= numbers
+        pulse, numbers_of_pulse = _record_pulse(waves.network, settings.pulse, settings.direction)
+        numbers |= numbers_of_pulse
         if pulse is not None:
             results["pulse"] = pulse
     if whole:
         for name, result in results.items():
-            out[_WHOLE + name] = np.array(json.dumps(result.to_dict()).encode())
-    return out | record_networks(sample, settings, whole)
+            numbers[_WHOLE + name] = np.array(json.dumps(result.to_dict()).encode())
+    return numbers | record_networks(sample, settings, whole)
+
+
+def _record_spectra(
+    waves: Waves, sample: Sample, spectrum: SpectrumSettings, path: Any
+) -> tuple[dict[str, SpectralFunction], dict[str, Array]]:
+    """Return the spectral functions of a ``sample`` along a ``path``, by polarisation, and their
+    numbers.
+
+    ``lines`` (polarisations, 3, n) holds the peak, Hz, the width, Hz, and whether the line is
+    resolved, at n wave vectors; ``wavenumber`` (n,), ``path_corners`` and ``path_distance`` (n,)
+    are in 1/m.
+    """
+    packing = sample.packing
+    points = find_path_points(
+        waves.network, ideal_lattice(packing), packing.diameter, path, spectrum.points
+    )
+    spectra = {
+        polarisation: waves.spectral_function(points.q, polarisation, spectrum.resolution)
+        for polarisation in spectrum.polarisation
+    }
+    lines = [(function.peak, function.width, function.resolved) for function in spectra.values()]
+    numbers = {
+        "path_corners": points.corners,
+        "path_distance": points.distances,
+        "lines": np.array(lines, float),
+        "wavenumber": spectra[spectrum.polarisation[0]].wavenumber,
+    }
+    return spectra, numbers
 
 
 def _record_pulse(
     network: ContactNetwork, settings: PulseSettings, direction: Any
 ) -> tuple[Pulse | None, dict[str, Array]]:
-    """Return a pulse through a network, None if none can be sent, and its numbers.
+    """Return a pulse through a network along a ``direction``, None if no pulse can be sent, and the
+    numbers ``pulse_velocity``, m/s, ``time_of_flight``, s, and ``coherent_fraction``.
 
     A number that cannot be known is nan, and the text ``pulse_note`` says why; ``pulse_echo`` holds
     the other warnings of the pulse.
@@ -302,45 +329,53 @@ def _record_pulse(
 
 
 def record_networks(x: Any, settings: WaveSettings, whole: bool = False) -> dict[str, Array]:
-    """Find the waves of the ``settings`` in the network of a state or sample, and return the
-    numbers that are averaged, in SI units by name.
+    """Find the waves of the ``settings`` in the network of ``x``, a state or a sample, and return
+    the numbers that :func:`average_waves` averages, arrays in SI units by name.
 
-    With ``whole`` results that have a file of their own are kept too, as its bytes. An error knows
-    its block.
+    With ``whole`` results that have a file of their own are kept too, as the bytes of the file. An
+    error knows its block.
     """
-    out = dict[str, Array]()
+    numbers = dict[str, Array]()
     for block in settings.of_networks:
-        record, _ = RECORDS[block.block]
+        record, _average = RECORDS[block.block]
         try:
             arrays, files = record(x, block)
         except GranphonError as error:
             error.block = (block.block,)
             raise
-        out |= arrays
+        numbers |= arrays
         if whole:
-            for name, write in files.items():
-                out[_WHOLE + name] = np.frombuffer(write(), np.uint8)
-    return out
+            for name, make_bytes in files.items():
+                numbers[_WHOLE + name] = np.frombuffer(make_bytes(), np.uint8)
+    return numbers
 
 
 # -- of one network
 
 
 def _record_response(x: Any, settings: ResponseSettings) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Find the response, (n_f, receivers); the response of a plane is the mean over its balls."""
-    places = [find_place(words) for words in settings.receiver]
+    """Return the numbers of the response of the network of ``x``, and no files.
+
+    ``response`` (n_f, receivers) holds complex amplitudes, those of a plane as the mean over its
+    balls; ``response_peaks`` is as :func:`_list_peaks` makes it, and ``response_note`` is a text of
+    the warnings.
+    """
+    sources = [find_place(words) for words in settings.source]
+    receivers = [find_place(words) for words in settings.receiver]
     response: Response = Waves(settings.shape(given_network(x))).response(
         settings.frequencies,
-        [find_place(words) for words in settings.source],
-        places,
+        sources,
+        receivers,
         settings.damping,
         settings.loss_factor,
         quantity=settings.quantity,
         **_choose_plane(settings),
     )
-    n_plane = len(response.receivers) - len(places) + 1
-    starts = np.cumsum([0, *(n_plane if place == "plane" else 1 for place in places)])
-    groups = [slice(first, end) for first, end in pairwise(starts.tolist())]
+    # the columns of the response are balls: one of each receiver, but several of a plane
+    n_plane = len(response.receivers) - len(receivers) + 1
+    counts = [n_plane if receiver == "plane" else 1 for receiver in receivers]
+    starts = np.cumsum([0, *counts])
+    groups = [slice(start, end) for start, end in pairwise(starts.tolist())]
     means = [np.mean(response.values[:, group], axis=1) for group in groups]
     record = {
         "response": np.transpose(means),
@@ -351,11 +386,11 @@ def _record_response(x: Any, settings: ResponseSettings) -> tuple[dict[str, Arra
 
 
 def _list_peaks(peaks: Sequence[Peaks]) -> Array:
-    """Return frequencies, heights and Q of the peaks of each receiver, (3, receivers, n), nan
-    beyond the number of its peaks.
+    """Return the frequencies, Hz, heights and Q of the peaks of each receiver, (3, receivers, n),
+    where n is the greatest number of peaks; nan beyond the number of peaks of a receiver.
     """
-    most = max(len(of_receiver.frequencies) for of_receiver in peaks)
-    table = np.full((3, len(peaks), most), np.nan)
+    n_peaks = max(len(of_receiver.frequencies) for of_receiver in peaks)
+    table = np.full((3, len(peaks), n_peaks), np.nan)
     for index, of_receiver in enumerate(peaks):
         table[:, index, : len(of_receiver.frequencies)] = of_receiver
     return table
@@ -364,16 +399,18 @@ def _list_peaks(peaks: Sequence[Peaks]) -> Array:
 def _average_responses(
     records: Sequence[Record], settings: ResponseSettings
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return the coherent response, the mean of complex amplitudes, its peaks, and the highest peak
-    of the first receiver.
+    """Return the observables of the coherent response, which is the mean of complex amplitudes over
+    samples, by name, and notes.
 
-    Peaks of one record are solved for between the frequencies; peaks of a mean are of the
-    frequencies that there are.
+    The observables are the response and its phase, rad, both (n_f, receivers), the peaks of each
+    receiver, (receivers, n), and the highest peak of the first receiver; of several samples also
+    the standard error of the response. Peaks of one record are solved for between the frequencies;
+    peaks of a mean are sought among the frequencies of the settings.
     """
     amplitudes = np.array([record["response"] for record in records])
     name = RESPONSES[settings.quantity]
     mean = np.mean(amplitudes, axis=0)
-    out = {name: np.abs(mean), "response_phase": np.unwrap(np.angle(mean), axis=0)}
+    observables = {name: np.abs(mean), "response_phase": np.unwrap(np.angle(mean), axis=0)}
     is_alone = len(records) == 1
     if is_alone:
         peaks = records[0]["response_peaks"]
@@ -386,39 +423,44 @@ def _average_responses(
     # frequencies, heights and Q, each (receivers, n)
     tables = dict(zip(("frequency", name, "quality"), peaks, strict=True))
     if np.any(is_peak):
-        out |= {f"peaks_{word}": table for word, table in tables.items()}
+        observables |= {f"peaks_{word}": table for word, table in tables.items()}
     if np.any(is_narrow):
         n_narrow = int(np.max(np.sum(is_narrow, axis=1)))
         lines = counted(n_narrow, "peak of the response is", "peaks of the response are")
-        mend = (
-            "give a damping or a loss_factor"
-            if is_alone
-            else "give frequencies closer to each other"
-        )
+        mend = "give frequencies closer to each other"
+        if is_alone:
+            mend = "give a damping or a loss_factor"
         notes.append(
             f"{lines} narrower than the step of the frequencies, and the height is not known:"
             f" {mend}"
         )
     if np.any(is_peak[0]) and not np.any(is_narrow[0]):
         highest = np.nanargmax(tables[name][0])
-        out |= {f"peak_{word}": np.array(table[0, highest]) for word, table in tables.items()}
+        for word, table in tables.items():
+            observables[f"peak_{word}"] = np.array(table[0, highest])
     if not is_alone:
-        out[f"{name}_error"] = np.asarray(standard_error(amplitudes, axis=0))
-    return out, notes
+        observables[f"{name}_error"] = np.asarray(standard_error(amplitudes, axis=0))
+    return observables, notes
 
 
 def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> NonlinearWaves:
-    """Return the balls of a ``network``, made of the state, sample or network ``x``, with the law
-    of its contacts.
+    """Return the nonlinear waves in a ``network``, which was made of the state, sample or network
+    ``x``; the contacts of a crystal keep its law, and other contacts have Hertz's.
     """
     # imported here: other tasks do not need nonlinear waves
     from granphon.waves.nonlinear import NonlinearWaves
 
     state = x.source if isinstance(x, NetworkState) else x
     law = state.crystal if isinstance(state, CrystalState) else None
-    mu = math.inf if settings.friction_coefficient is None else settings.friction_coefficient
+    friction_coefficient = settings.friction_coefficient
+    if friction_coefficient is None:
+        friction_coefficient = math.inf
     return NonlinearWaves(
-        network, law, friction_coefficient=mu, damping=settings.damping, geometry=settings.geometry
+        network,
+        law,
+        friction_coefficient=friction_coefficient,
+        damping=settings.damping,
+        geometry=settings.geometry,
     )
 
 
@@ -448,25 +490,32 @@ class PreparedMotion:
         self.velocities = np.zeros((network.n_balls, 3))
         for drive in settings.drive:
             balls = index_array("balls of the drive", drive.find_balls(network), network.n_balls)
-            direction = np.eye(network.dimension)[0] if drive.direction is None else drive.direction
-            vector = read_vector("direction of the drive", direction, network.dimension)
-            require_moves("drive", vector, network)
+            components = drive.direction
+            if components is None:
+                components = np.eye(network.dimension)[0]  # x
+            direction = read_vector("direction of the drive", components, network.dimension)
+            require_moves("drive", direction, network)
             if drive.impact is None:
-                moved: Any = drive.shaker or drive.displacement
-                self.drives.append(Drive(balls, vector, displacement=moved, force=drive.force))
+                displacement: Any = drive.shaker or drive.displacement
+                self.drives.append(
+                    Drive(balls, direction, displacement=displacement, force=drive.force)
+                )
             else:
-                self.velocities[balls] += drive.impact * vector
-        displaced = [drive.balls for drive in self.drives if drive.displacement is not None]
-        led_balls = np.concatenate([np.flatnonzero(~network.moving), *displaced])
-        if np.any(self.velocities[led_balls]):
-            raise InputError(
-                "an impact on a body that is held or displaced",
-                mend="Give it a shaker or a displacement",
-            )
+                self.velocities[balls] += drive.impact * direction
+        self._require_free(network)
         self._require_step()
 
+    def _require_free(self, network: ContactNetwork) -> None:
+        """Raise InputError for an impact on a ball whose motion is given otherwise."""
+        displaced_balls = [drive.balls for drive in self.drives if drive.displacement is not None]
+        held_balls = np.flatnonzero(~network.moving)
+        led_balls = np.concatenate([held_balls, *displaced_balls])
+        if np.any(self.velocities[led_balls]):
+            problem = "an impact on a body that is held or displaced"
+            raise InputError(problem, mend="Give it a shaker or a displacement")
+
     def _require_step(self) -> None:
-        """Raise if steps are too long for a shaker, or for the table of a drive."""
+        """Raise InputError if steps are too long for a shaker, or for the table of a drive."""
         settings = self.settings
         shakers = [drive.shaker for drive in settings.drive if drive.shaker is not None]
         frequency = max((shaker.frequency for shaker in shakers), default=0.0)
@@ -480,9 +529,8 @@ class PreparedMotion:
             problem = f"a shaker has the frequency {frequency:.4g} Hz, and steps have {step:.3g} s"
             why = f"A period would have fewer than {_PER_PERIOD} steps"
             raise InputError(problem, why, "Give a shorter step")
-        lost_fraction = max(
-            (table.lost(step, settings.duration) for table in tables if table), default=0.0
-        )
+        lost_fractions = [table.lost(step, settings.duration) for table in tables if table]
+        lost_fraction = max(lost_fractions, default=0.0)
         if lost_fraction > _MOST_LOST:
             problem = (
                 f"{100.0 * lost_fraction:.3g} % of the table of a drive are lost between steps of"
@@ -491,11 +539,11 @@ class PreparedMotion:
             raise InputError(problem, mend="Give a shorter step")
 
     def run(self) -> Motion:
-        """Let the balls move; :class:`~granphon.base.errors.ConvergenceError` for a motion that
-        ends before its time.
+        """Return the motion of the balls, and keep its warnings as :attr:`notes`;
+        :class:`~granphon.base.errors.ConvergenceError` for a motion that ends before its time.
         """
         settings = self.settings
-        with warnings.catch_warnings(record=True) as caught:
+        with warnings.catch_warnings(record=True) as limit_warnings:
             warnings.simplefilter("always", LimitWarning)
             # the frames of a motion that ends early would not be those of other loads and samples
             warnings.simplefilter("error", StoppedEarlyWarning)
@@ -509,13 +557,12 @@ class PreparedMotion:
                     step=settings.step,
                     scheme=settings.scheme,
                 )
-            except StoppedEarlyWarning as stopped:
-                if stopped.interrupted:
+            except StoppedEarlyWarning as warning:
+                if warning.interrupted:
                     raise KeyboardInterrupt from None
-                raise ConvergenceError(
-                    str(stopped), mend="Give a shorter duration, or a weaker drive"
-                ) from None
-        self.notes = [str(warning.message) for warning in caught]
+                mend = "Give a shorter duration, or a weaker drive"
+                raise ConvergenceError(str(warning), mend=mend) from None
+        self.notes = [str(warning.message) for warning in limit_warnings]
         return motion
 
 
@@ -550,25 +597,40 @@ class Passage(NamedTuple):
 
     @classmethod
     def of(cls, motion: Motion, source: Index) -> Self:
-        """Find the wave that passes the contacts of a motion from the balls ``source``."""
-        network = motion.network
-        shifts = [[-1, 0, 1] if periodic else [0] for periodic in network.pbc]
-        cells = np.array(list(product(*shifts)))
-        images = (network.positions[source] + (cells @ network.cell)[:, None]).reshape(-1, 3)
-        distances = np.asarray(cKDTree(images).query(motion.middles)[0])
-        for wall in set(source.tolist()) & set(network.walls):
-            # a plane, which is nearer than the point by which the wall is given
-            point, normal = network.walls[wall]
-            distances = np.minimum(distances, np.abs((motion.middles - point) @ normal))
-        peaks, heights = motion.peaks()
-        frames = np.argmax(motion.forces, axis=0)
-        fronts = motion.passages("front")
-        passages = motion.passages()
-        is_within = (frames > 0) & (frames < len(motion.times) - 1)
-        peaks = np.where(np.isfinite(passages) & is_within, peaks, np.nan)
-        front = _find_velocity(distances, fronts)
-        peak = _find_velocity(distances, passages)
-        return cls(distances, fronts, peaks, heights, front, peak)
+        """Return the passage of the wave that comes from the balls ``source``, by their numbers."""
+        distances = _find_distances(motion, source)
+        peak_times, heights = motion.peaks()
+        front_passages = motion.passages("front")
+        peak_passages = motion.passages()
+        # at the ends of the motion the force may still have risen, or have fallen before
+        peak_frames = np.argmax(motion.forces, axis=0)
+        is_within = (peak_frames > 0) & (peak_frames < len(motion.times) - 1)
+        is_peak = np.isfinite(peak_passages) & is_within
+        return cls(
+            distances=distances,
+            arrivals=front_passages,
+            peaks=np.where(is_peak, peak_times, np.nan),
+            heights=heights,
+            front=_find_velocity(distances, front_passages),
+            peak=_find_velocity(distances, peak_passages),
+        )
+
+
+def _find_distances(motion: Motion, source: Index) -> Array:
+    """Return the distances (n_c,), m, of the contacts of a motion from the nearest of the balls and
+    walls ``source``, or of their images in the neighbouring cells.
+    """
+    network = motion.network
+    shifts = [[-1, 0, 1] if is_periodic else [0] for is_periodic in network.pbc]
+    cells = np.array(list(product(*shifts)))  # (n_cells, axes), whole numbers
+    offsets = cells @ network.cell
+    images = network.positions[source] + offsets[:, None]  # (n_cells, source, 3)
+    distances = np.asarray(cKDTree(images.reshape(-1, 3)).query(motion.middles)[0])
+    for wall in set(source.tolist()) & set(network.walls):
+        # the plane of a wall is nearer than the point by which the wall is given
+        point, normal = network.walls[wall]
+        distances = np.minimum(distances, np.abs((motion.middles - point) @ normal))
+    return distances
 
 
 def _find_velocity(distances: Array, times: Array) -> float:
@@ -587,8 +649,11 @@ def _find_velocity(distances: Array, times: Array) -> float:
 def record_motion(
     x: Any, settings: MotionSettings
 ) -> tuple[dict[str, Array], dict[str, Callable[[], bytes]]]:
-    """Let the array of a state, sample or network move; return the arrays that are kept, and by
-    name the function that makes the bytes of the file of the motion.
+    """Let the array of ``x``, a state, sample or network, move, and return the numbers of its
+    motion and the function that makes the bytes of the file of the motion, both by name.
+
+    Beside :data:`NUMBERS`, in SI units, ``motion`` (len(OVER_TIME), n_times) holds the rows of
+    :data:`OVER_TIME`, and ``motion_note`` is a text of the warnings.
     """
     prepared = PreparedMotion(x, settings)
     motion = prepared.run()
@@ -612,26 +677,26 @@ def record_motion(
         supplied,
         motion.forces.max(axis=1),
     )
-    kept = {name: np.array(float(value)) for name, value in numbers.items()}
-    kept["motion"] = np.array(over_time)  # (len(OVER_TIME), n_times)
-    kept["motion_note"] = np.array(" ".join(prepared.notes))
+    record = {name: np.array(float(value)) for name, value in numbers.items()}
+    record["motion"] = np.array(over_time)
+    record["motion_note"] = np.array(" ".join(prepared.notes))
 
-    def write() -> bytes:
+    def make_bytes() -> bytes:
         stream = io.BytesIO()
         motion.write(stream)
         return stream.getvalue()
 
-    return kept, {"motion": write}
+    return record, {"motion": make_bytes}
 
 
 def average_motions(
-    records: Sequence[Mapping[str, Array]], _: MotionSettings
+    records: Sequence[Mapping[str, Array]], _settings: MotionSettings
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return means over samples of the arrays of :func:`record_motion`, standard errors, and
-    notes.
+    """Return means over samples of the arrays of :func:`record_motion`, and standard errors, by
+    name, and notes. A number that no sample has is left out.
     """
     motions = np.mean([record["motion"] for record in records], axis=0)
-    out = dict(zip(OVER_TIME, motions, strict=True))
+    observables = dict(zip(OVER_TIME, motions, strict=True))
     texts = [str(record["motion_note"]) for record in records]
     texts = [text for text in texts if text]
     notes = texts[:1]
@@ -639,32 +704,37 @@ def average_motions(
         notes = [f"{len(texts)} of {len(records)} samples, such as one: {texts[0]}"]
     for name in NUMBERS:
         numbers = np.array([float(record[name]) for record in records])
-        finite = numbers[np.isfinite(numbers)]
-        if finite.size:
-            out[name] = np.array(np.mean(finite))
-        if finite.size > 1 and name in _WITH_ERRORS:
-            out[f"{name}_error"] = np.asarray(standard_error(finite, axis=0))
-        if finite.size < numbers.size:
+        known = numbers[np.isfinite(numbers)]
+        if known.size:
+            observables[name] = np.array(np.mean(known))
+        if known.size > 1 and name in _WITH_ERRORS:
+            observables[f"{name}_error"] = np.asarray(standard_error(known, axis=0))
+        if known.size < numbers.size:
             samples = ""
             if numbers.size > 1:
-                samples = f" in {numbers.size - finite.size} of {numbers.size} samples"
+                samples = f" in {numbers.size - known.size} of {numbers.size} samples"
             notes.append(
                 f"the {name.replace('_', ' ')} is not known{samples}: distances of contacts over"
                 " the times at which the wave comes are no straight line that rises; run for"
                 " longer, or with more frames"
             )
-    return out, notes
+    return observables, notes
 
 
 def write_contacts(motion: Motion, path: Path, settings: MotionSettings) -> None:
-    """Write a table of the contacts: where they are, and when and how strongly they are pressed."""
+    """Write the table ``path`` of the contacts of a ``motion``: the balls and the middle of each,
+    and when and how strongly the contact is pressed.
+    """
     passage = Passage.of(motion, find_source(settings, motion.network))
     network = motion.network
     ends = np.concatenate([np.column_stack([network.i, network.j]), motion.met])
+    x, y, z = motion.middles.T
     columns: list[tuple[str, str, Any]] = [
         ("ball_i", "", ends[:, 0]),
         ("ball_j", "", ends[:, 1]),
-        *((axis, "m", middles) for axis, middles in zip("xyz", motion.middles.T, strict=True)),
+        ("x", "m", x),
+        ("y", "m", y),
+        ("z", "m", z),
         ("distance", "m", passage.distances),
         ("arrival", "s", passage.arrivals),
         ("peak", "s", passage.peaks),
@@ -706,32 +776,33 @@ class SampleWaves:
     def of(
         cls, settings: WaveSettings | None, state: ContactState, records: Sequence[Record]
     ) -> Self:
-        """Take the waves from the records of :func:`record_waves` of the samples of a state."""
-
-        def read(record: Record, name: str, kind: type[Result]) -> Any:
-            text = record.get(_WHOLE + name)
-            return None if text is None else kind.from_dict(json.loads(text.item()))
-
-        first = records[0]
+        """Return the waves in the samples of a ``state`` from their ``records``, which
+        :func:`record_waves` has made with ``whole``.
+        """
+        first_record = records[0]
         spectra = None
         if settings is not None and settings.spectrum is not None:
             polarisations = settings.spectrum.polarisation
             spectra = PathSpectra.of(
-                [read(first, name, SpectralFunction) for name in polarisations],
-                first["path_corners"],
-                first["path_distance"],
+                [_read_whole(first_record, name, SpectralFunction) for name in polarisations],
+                first_record["path_corners"],
+                first_record["path_distance"],
                 state.contact_lattice(),
                 state.scales,
                 list(map(np.array, settings.path)),
                 settings.labels,
             )
-        pulses = [read(record, "pulse", Pulse) for record in records]
+        pulses = [_read_whole(record, "pulse", Pulse) for record in records]
         pulses = [pulse for pulse in pulses if pulse is not None]
         motion = None
-        if f"{_WHOLE}motion" in first:
-            motion = Motion.read(io.BytesIO(first[f"{_WHOLE}motion"].tobytes()))
-        dos = read(first, "dos", SpectralDensity)
-        return cls(dos, spectra, average_pulses(pulses) if pulses else None, motion)
+        if f"{_WHOLE}motion" in first_record:
+            motion = Motion.read(io.BytesIO(first_record[f"{_WHOLE}motion"].tobytes()))
+        return cls(
+            dos=_read_whole(first_record, "dos", SpectralDensity),
+            spectra=spectra,
+            pulse=average_pulses(pulses) if pulses else None,
+            motion=motion,
+        )
 
     @property
     def results(self) -> dict[str, Any]:
@@ -745,9 +816,18 @@ class SampleWaves:
         return {name: result for name, result in results.items() if result is not None}
 
 
+def _read_whole(record: Record, name: str, kind: type[Result]) -> Any:
+    """Return the result of the ``kind`` that a record keeps under a ``name``; None if the record
+    keeps none.
+    """
+    text = record.get(_WHOLE + name)
+    return None if text is None else kind.from_dict(json.loads(text.item()))
+
+
 def read_waves(path: Path) -> Any:
-    """Read the result in a file ``sample_dos.json``, ``spectrum.json``, ``pulse.json``,
-    ``surface.json``, ``motion.nc``.
+    """Return the result in the file ``path``, whose name says its kind: ``sample_dos.json``,
+    ``spectrum.json``, ``pulse.json``, ``surface.json``, ``motion.nc``. InputError if the file
+    cannot be read.
     """
     if path.suffix == ".nc":
         return Motion.read(path)
@@ -770,49 +850,56 @@ def read_waves(path: Path) -> Any:
 def average_waves(
     records: Sequence[Record], settings: WaveSettings
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return the observables of waves of the samples at one load, by name, and notes on them.
+    """Return the observables of waves from the ``records`` of the samples at one load, arrays in SI
+    units by name, and notes on them.
 
     Standard errors are those over samples; a density of states of one sample has that of the random
     vectors.
     """
-    out = dict[str, Array]()
+    observables = dict[str, Array]()
     notes = list[str]()
     if settings.dos:
-        out |= _average_densities([record["dos"] for record in records])
+        observables |= _average_densities([record["dos"] for record in records])
     if settings.spectrum is not None:
         spectra, notes_on_spectra = _average_spectra(records, settings.spectrum)
-        out |= spectra
+        observables |= spectra
         notes += notes_on_spectra
     if settings.pulse is not None:
         pulses, notes_on_pulses = _average_pulse_numbers(records)
-        out |= pulses
+        observables |= pulses
         notes += notes_on_pulses
     for block in settings.of_networks:
-        _, average = RECORDS[block.block]
+        _record, average = RECORDS[block.block]
         means, notes_on_block = average(records, block)
-        out |= means
+        observables |= means
         notes += notes_on_block
-    return out, notes
+    return observables, notes
 
 
 def _interpolate_densities(table: Array, points: Array) -> Array:
-    """Return the rows of a ``table`` below that of its frequencies, at the frequencies ``points``
-    (n_f,), Hz; zero above the last frequency of the table.
+    """Return the densities (3, n_f) of a ``table`` at the frequencies ``points`` (n_f,), Hz; zero
+    above the last frequency of the table. The first row of the table (4, n) is its frequencies, Hz,
+    and the others are its densities.
     """
     from scipy.interpolate import CubicSpline
 
-    if np.array_equal(table[0], points):
-        return table[1:]
-    spline = CubicSpline(table[0], table[1:], axis=1)
-    return np.where(points <= table[0, -1], np.maximum(spline(points), 0.0), 0.0)
+    frequencies = table[0]
+    densities = table[1:]
+    if np.array_equal(frequencies, points):
+        return densities
+    spline = CubicSpline(frequencies, densities, axis=1)
+    # between steep nodes a spline may fall below zero
+    interpolated = np.maximum(spline(points), 0.0)
+    return np.where(points <= frequencies[-1], interpolated, 0.0)
 
 
 def _average_densities(tables: Sequence[Array]) -> dict[str, Array]:
-    """Return the mean of densities of states: each of the ``tables`` has, of one sample, rows of
-    frequencies, translational and rotational density and their error.
+    """Return the mean over samples of densities of states, arrays (n_f,) by name.
+
+    Each of the ``tables`` (4, n) has, of one sample, rows of frequencies, Hz, translational and
+    rotational density, 1/Hz, and their error. The mean is taken at the frequencies of the sample
+    that reaches highest, where the densities of the other samples are interpolated.
     """
-    # at the points of the sample whose frequencies reach highest, where the densities of the other
-    # samples are interpolated
     points = max((table[0] for table in tables), key=lambda frequencies: float(frequencies[-1]))
     densities = [_interpolate_densities(table, points) for table in tables]
     translational, rotational, error = np.mean(densities, axis=0)
@@ -831,17 +918,19 @@ def _average_densities(tables: Sequence[Array]) -> dict[str, Array]:
 def _average_spectra(
     records: Sequence[Record], settings: SpectrumSettings
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return the means of the lines of plane waves, and notes: peaks and widths are averaged, and
-    the other observables are those of the mean lines.
+    """Return the observables of the mean lines of plane waves, (polarisations, n) at n wave
+    vectors, by name, and notes: peaks and widths, Hz, are averaged, and the other observables are
+    those of the mean peaks and widths.
     """
     notes = list[str]()
-    out = {name: records[0][name] for name in ("path_corners", "path_distance", "wavenumber")}
+    along_path = ("path_corners", "path_distance", "wavenumber")
+    observables = {name: records[0][name] for name in along_path}
     # samples, polarisations, (peak, width, resolved), wave vectors
     lines = np.array([record["lines"] for record in records])
-    q = out["wavenumber"]
+    q = observables["wavenumber"]
     peak, width, resolved = np.moveaxis(np.mean(lines, axis=0), 1, 0)
     velocity = 2.0 * np.pi * peak / q
-    out |= {
+    observables |= {
         "line_frequency": peak,
         "line_width": width,
         "line_resolved": resolved,
@@ -854,10 +943,11 @@ def _average_spectra(
         peaks = lines[:, :, 0]
         widths = lines[:, :, 1]
         attenuations = find_attenuation(2.0 * np.pi * peaks / q, widths)
-        out["line_frequency_error"] = standard_error(peaks, axis=0)
-        out["line_width_error"] = standard_error(widths, axis=0)
-        out["phase_velocity_error"] = 2.0 * np.pi * out["line_frequency_error"] / q
-        out["attenuation_error"] = standard_error(attenuations, axis=0)
+        peak_error = standard_error(peaks, axis=0)
+        observables["line_frequency_error"] = peak_error
+        observables["line_width_error"] = standard_error(widths, axis=0)
+        observables["phase_velocity_error"] = 2.0 * np.pi * peak_error / q
+        observables["attenuation_error"] = standard_error(attenuations, axis=0)
     for number, name in enumerate(settings.polarisation):
         why = "their mean free path is longer than 1/|q| all along the path"
         crossing = None
@@ -868,44 +958,49 @@ def _average_spectra(
         if crossing is None:
             notes.append(f"no Ioffe-Regel frequency of {name} waves: {why}")
             continue
-        out[f"ioffe_regel_{name}"] = np.array(crossing)
+        observables[f"ioffe_regel_{name}"] = np.array(crossing)
         if has_errors:
-            out[f"ioffe_regel_{name}_error"] = np.array(_jackknife(q, lines[:, number]))
-    return out, notes
+            crossing_error = _jackknife(q, lines[:, number])
+            observables[f"ioffe_regel_{name}_error"] = np.array(crossing_error)
+    return observables, notes
 
 
 def _average_pulse_numbers(records: Sequence[Record]) -> tuple[dict[str, Array], list[str]]:
-    """Return the means of the numbers of pulses that could be read, and notes, which say in how
-    many samples they could not, and why.
+    """Return the means over samples of the numbers of pulses, in SI units by name, and notes, which
+    say in how many samples the numbers are not known, and why; the means are those of the others.
     """
-    out = dict[str, Array]()
+    means = dict[str, Array]()
     for name in _PULSE:
         numbers = np.array([float(record[name]) for record in records])
-        finite = numbers[np.isfinite(numbers)]
-        if finite.size:
-            out[name] = np.array(np.mean(finite))
-        if name == "pulse_velocity" and finite.size > 1:
-            out["pulse_velocity_error"] = np.asarray(standard_error(finite, axis=0))
+        known = numbers[np.isfinite(numbers)]
+        if known.size:
+            means[name] = np.array(np.mean(known))
+        if name == "pulse_velocity" and known.size > 1:
+            means["pulse_velocity_error"] = np.asarray(standard_error(known, axis=0))
     echoes = [str(record["pulse_echo"]) for record in records]
     notes = [echo for echo in dict.fromkeys(echoes) if echo]
     reasons = [str(record["pulse_note"]) for record in records]
     reasons = [reason for reason in reasons if reason]
     if reasons:
         samples = f" in {len(reasons)} of {len(records)} samples" if len(records) > 1 else ""
-        mean = ", and the mean is that of the others" if len(reasons) < len(records) else ""
-        notes.append(f"the arrival of the pulse is not known{samples}{mean}: {reasons[0]}")
-    return out, notes
+        remark = ", and the mean is that of the others" if len(reasons) < len(records) else ""
+        notes.append(f"the arrival of the pulse is not known{samples}{remark}: {reasons[0]}")
+    return means, notes
 
 
 def _jackknife(q: Array, lines: Array) -> float:
-    """Return the standard error of the Ioffe-Regel frequency, Hz, as the lines (samples, 3, n) are
-    left out one by one; nan where the other lines have no such frequency.
+    """Return the standard error of the Ioffe-Regel frequency, Hz, by the jackknife: the frequency
+    is found of all samples but one, for each of them; nan where some have no such frequency.
+
+    ``q`` (n,) are wave numbers, 1/m, and ``lines`` (samples, 3, n) the peak, Hz, the width, Hz, and
+    whether the line is resolved, of each sample.
     """
+    n_samples = len(lines)
     frequencies = []
-    for sample in range(len(lines)):
-        peak, width, _ = np.mean(np.delete(lines, sample, axis=0), axis=0)
+    for sample in range(n_samples):
+        peak, width, _resolved = np.mean(np.delete(lines, sample, axis=0), axis=0)
         with suppress(InputError):
             frequencies.append(find_ioffe_regel(q, peak, width))
-    if len(frequencies) < len(lines) or None in frequencies:
+    if len(frequencies) < n_samples or None in frequencies:
         return math.nan
-    return math.sqrt(len(lines) - 1) * float(np.std(np.array(frequencies, float)))
+    return math.sqrt(n_samples - 1) * float(np.std(np.array(frequencies, float)))

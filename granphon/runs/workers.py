@@ -38,18 +38,18 @@ _CALLS_ELSEWHERE = 256
 
 @cache
 def packages() -> dict[str, str]:
-    """Versions, by name, of the packages that determine the numbers: those of every worker must be
-    the same.
+    """Return the versions, by name, of the packages that determine the numbers of a result; every
+    worker must have the same versions.
     """
     return versions("numpy", "scipy")
 
 
-def require_packages(worker: str, wanted: Mapping[str, str]) -> None:
-    """Raise :class:`~granphon.base.errors.GranphonError` if this process, a worker, has another
-    version of a package than ``wanted``.
+def require_packages(worker: str, package_versions: Mapping[str, str]) -> None:
+    """Raise :class:`~granphon.base.errors.GranphonError`, with the name of the ``worker``, which is
+    this process, if it has another version of a package than the ``package_versions`` by name.
     """
     installed = packages()
-    for name, version in wanted.items():
+    for name, version in package_versions.items():
         if installed[name] != version:
             problem = (
                 f"{worker} has {name} {installed[name]}, and the sweep was begun with {version}"
@@ -76,22 +76,23 @@ def _start_resource_tracker() -> None:
 
 
 def _end_with_parent() -> None:
-    """Have a worker process end with the one that has started it, and leave interruptions to that
-    one.
+    """Have this process, a worker, end as soon as its parent process has ended, however that
+    ended, and ignore interruptions, to which the parent answers.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where signals cannot be masked
+    # masks hold interruptions back already, but not on every system
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent: Any = multiprocessing.parent_process()
 
-    def end() -> None:
+    def end_when_parent_has_ended() -> None:
         wait([parent.sentinel])
         os._exit(0)
 
-    threading.Thread(target=end, daemon=True).start()
+    threading.Thread(target=end_when_parent_has_ended, daemon=True).start()
 
 
 def _call(fn: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
-    """Call ``fn`` in a worker process; an error that cannot come back as it is comes back as its
-    text.
+    """Return the result of ``fn`` in a worker process, or raise its error; in place of an error
+    that cannot be pickled, RuntimeError with the text of the error.
     """
     try:
         return fn(*args, **kwargs)
@@ -113,14 +114,15 @@ def _start_pool() -> Any:
     """Return a pool of one process, which has been started; raises OSError or RuntimeError if no
     process can be started.
     """
-    pool: Any = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _end_with_parent)
+    spawning = multiprocessing.get_context("spawn")
+    pool: Any = ProcessPoolExecutor(1, spawning, initializer=_end_with_parent)
     try:
-        pool.submit(int)  # which starts the process
+        pool.submit(int)  # a pool starts its process with the first call
     except Exception:
         _kill(pool)
         raise
-    # these ends of its pipes are the process's: if it is killed within a result, the rest is not
-    # waited for
+    # The worker alone holds these ends of its pipes: if it is killed while it sends a result, the
+    # pipes close, and this process does not wait for the rest of the result.
     pool._result_queue._writer.close()
     pool._call_queue._reader.close()
     return pool
@@ -147,24 +149,28 @@ class Workers(Executor):
         started.
         """
         pool: Any = min(self._pools, key=lambda pool: len(pool._pending_work_items), default=None)
-        needs_process = pool is None
-        if pool is not None and pool._pending_work_items:
-            needs_process = len(self._pools) < self._max_workers
-        if needs_process:
-            try:
-                with hold_back_signals():
-                    pool = _start_pool()
-                    self._pools.append(pool)
-            except (OSError, RuntimeError) as error:  # too many processes, open files or threads
-                why = getattr(error, "strerror", None) or error
-                problem = f"worker process {len(self._pools) + 1} cannot be started: {why}"
-                raise GranphonError(problem, mend="Take fewer --workers") from None
+        is_free = pool is not None and not pool._pending_work_items
+        if not is_free and len(self._pools) < self._max_workers:
+            pool = self._add_pool()
         try:
             future: Future[Any] = pool.submit(_call, fn, *args, **kwargs)
-        except BrokenProcessPool:  # it was killed
+        except BrokenProcessPool:
+            # the process of the pool was killed: the call goes to another one
             self._pools.remove(pool)
             return self.submit(fn, *args, **kwargs)
         return future
+
+    def _add_pool(self) -> Any:
+        """Start one more pool, and return it; GranphonError if no process can be started."""
+        try:
+            with hold_back_signals():
+                pool = _start_pool()
+                self._pools.append(pool)
+        except (OSError, RuntimeError) as error:  # too many processes, open files or threads
+            why = getattr(error, "strerror", None) or error
+            problem = f"worker process {len(self._pools) + 1} cannot be started: {why}"
+            raise GranphonError(problem, mend="Take fewer --workers") from None
+        return pool
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Kill the processes at once, even in the middle of their work."""
@@ -189,8 +195,9 @@ class InProcess(Executor):
 
 
 def require_workers(workers: int | None, scheduler: str | None) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if both are given, and
-    :class:`~granphon.base.errors.MissingPackageError` for a scheduler without dask.
+    """Raise :class:`~granphon.base.errors.InputError` if both a number of ``workers`` and the
+    address of a ``scheduler`` are given, and :class:`~granphon.base.errors.MissingPackageError` for
+    a scheduler if dask is not installed.
     """
     if scheduler is None:
         return
@@ -214,7 +221,8 @@ def open_executor(
     require_workers(workers, scheduler)
     if scheduler is not None:
         with _connect(scheduler) as client:
-            yield client.get_executor(pure=False)  # dask does not look into the calls
+            # not pure: dask would hash the arguments of each call to find calls that are equal
+            yield client.get_executor(pure=False)
     elif workers is not None and workers > 1:
         with Workers(workers) as executor:
             yield executor
@@ -235,7 +243,7 @@ def _connect(scheduler: str) -> Any:
 
 
 def count_calls(executor: Executor) -> int:
-    """Return how many calls are to be under way: one for each worker; 0 if this process does
-    them.
+    """Return how many calls are to be under way on an ``executor``: one for each of its workers;
+    0 if this process does the calls, one after the other.
     """
     return int(getattr(executor, "_max_workers", _CALLS_ELSEWHERE))

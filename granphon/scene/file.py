@@ -14,7 +14,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import partial, reduce
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -55,8 +55,18 @@ from granphon.waves.settings import (
     write_setting,
 )
 
-#: column at which the words of a key stand in a preset
+#: column at which the words of a key stand in a preset, and the most letters of them in a line
 _WORDS_COLUMN = 38
+_WORDS_WIDTH = 80
+#: what is left out of the words of a key in a preset: links that say what to see, the marks of
+#: code, and of other links the brackets and the address
+_MARKUP = re.compile(r",? see \[[^]]*\]\([^)]*\)|`|\[(?=[^]]*\]\()|(?<=\w)\]\([^)]*\)")
+#: lines below the head of a preset
+_REMARK_OF_PRESETS = (
+    "#",
+    '# A quantity is a number and its unit, as in "8 mm". What is commented out shows other'
+    " choices.",
+)
 #: the default of a key that has none
 NEEDED = "required"
 
@@ -87,35 +97,37 @@ def _load_field(kind: str, words: str) -> Field:
 
 
 def _wave_field(key: str, words: str, default: str, kind: Kind | None = None) -> Field:
+    """Return the field of the ``key`` of a block about waves, "block.setting"; by default its kind
+    is that of the setting.
+    """
     block_name, setting = key.split(".")
     if kind is None:
         kind = Kind.plain(wave_rules(block_name)[setting], partial(write_setting, setting))
-    # a spectrum that is not observed is not written
+    # the waves of a scene have no spectrum that is not observed, so that none is written
     attribute = f"waves.{key}" if block_name == "spectrum" else key
     return Field(key, attribute, kind, words, default)
 
 
 def _network_fields(name: str) -> tuple[Field, Field]:
-    """Return the fields of a block about the network of a state that say how the network is
-    repeated and cut.
+    """Return the fields ``repeat`` and ``cut`` of the block ``name``, which say how the network of
+    a state is repeated and cut.
     """
+    repeat_words = "cells of the network along each period"
+    cut_words = (
+        "block `axis`, `layers`, `edges` of a strip, slab or column of the network, or a list"
+    )
     return (
-        _wave_field(
-            f"{name}.repeat", "cells of the network along each period", "one cell", rules.REPEAT
-        ),
-        _wave_field(
-            f"{name}.cut",
-            "block `axis`, `layers`, `edges` of a strip, slab or column of the network, or a list",
-            "none",
-            rules.CUT,
-        ),
+        _wave_field(f"{name}.repeat", repeat_words, "one cell", rules.REPEAT),
+        _wave_field(f"{name}.cut", cut_words, "none", rules.CUT),
     )
 
 
 def _packing_field(
     name: str, words: str, default: str = "", attribute: str = "", kind: Kind | None = None
 ) -> Field:
-    """Return the field of a key of the block "packing", or of "material" for a material's."""
+    """Return the field of the key ``name`` of the block "material" if a material has such a key,
+    of "packing" otherwise. By default its attribute has the same name.
+    """
     if name in MATERIAL_KEYS:
         key = f"material.{name}"
         attribute = attribute or f"packing.material.{name}"
@@ -126,6 +138,7 @@ def _packing_field(
 
 
 def _unless_zero(kind: Kind) -> Kind:
+    """Return a ``kind`` of value that is not written if it is zero."""
     return Kind(kind.read, lambda value, context: kind.write(value, context) if value else None)
 
 
@@ -544,21 +557,37 @@ _ONE_LOAD_OF_CRYSTAL = (
 
 
 def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
-    """Return the blocks of the file of a scene, with every default written out, as plain data."""
-    out: dict[str, Any] = {}
+    """Return the blocks of the file of a scene, by name, with every default written out, as plain
+    data.
+    """
+    blocks: dict[str, Any] = {}
     absent_blocks = _NEEDED_BLOCKS[:2] if scene.packing.kind_names else _CRYSTAL_BLOCKS
     for name, fields in _BLOCKS.items():
         if name in absent_blocks:
             continue
         for key, field in fields.items():
-            value = scene
-            for attribute in field.attribute.split("."):
-                value = None if value is None else getattr(value, attribute)
+            value = _find_value(scene, field)
             # a key is left out where it has no value, and where its kind writes none
             plain = None if value is None else field.kind.write(value, context)
-            if plain is not None:
-                out[name] = out.get(name, {}) | {key: plain} if key else plain
-    return out
+            if plain is None:
+                continue
+            if key:
+                blocks.setdefault(name, {})[key] = plain
+            else:  # the value stands at the top level
+                blocks[name] = plain
+    return blocks
+
+
+def _find_value(scene: Any, field: Field) -> Any:
+    """Return the attribute of a scene that has the value of a ``field``; None if an attribute on
+    the way to it is None.
+    """
+    value = scene
+    for attribute in field.attribute.split("."):
+        if value is None:
+            return None
+        value = getattr(value, attribute)
+    return value
 
 
 def scene_rule(attribute: str, context: Context) -> Any:
@@ -567,23 +596,19 @@ def scene_rule(attribute: str, context: Context) -> Any:
 
 
 def write_preset(name: str) -> str:
-    """Return the text of a scene of the package, in which the words of each key stand where the key
-    comes first.
+    """Return the text of the scene ``name`` of the package, in which the words of each key stand,
+    as comments, where the key comes first.
     """
     text = (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8")
     lines = list[str]()
     explained = set[str]()
     block_name = ""
     for line in text.splitlines():
-        if not line and not block_name:
-            lines += [
-                "#",
-                '# A quantity is a number and its unit, as in "8 mm". What is commented out'
-                " shows other choices.",
-            ]
-        lines.append(line)
+        if not line and not block_name:  # the end of the head of the file
+            lines += _REMARK_OF_PRESETS
         key_line = re.match(r"( *)(?:# )?(\w+):", line)
         if key_line is None:
+            lines.append(line)
             continue
         indent, key = key_line.groups()
         if not indent:
@@ -591,13 +616,21 @@ def write_preset(name: str) -> str:
         words = _explain_key(line, block_name, key if indent else "")
         if words and words not in explained:
             explained.add(words)
-            plain = re.sub(
-                r",? see \[[^]]*\]\([^)]*\)|`|\[(?=[^]]*\]\()|(?<=\w)\]\([^)]*\)", "", words
-            )
-            first, *following = textwrap.wrap(plain, 80)
-            lines[-1] = f"{line:<{_WORDS_COLUMN}} # {first}"
-            lines += [f"{'':<{_WORDS_COLUMN}} #    {words_of_line}" for words_of_line in following]
+            lines += _comment_line(line, words)
+        else:
+            lines.append(line)
     return "\n".join(lines) + "\n"
+
+
+def _comment_line(line: str, words: str) -> list[str]:
+    """Return a ``line`` of a preset with ``words``, which are Markdown, as a plain comment behind
+    it and on lines of their own below.
+    """
+    plain = _MARKUP.sub("", words)
+    first_words, *more_words = textwrap.wrap(plain, _WORDS_WIDTH)
+    lines = [f"{line:<{_WORDS_COLUMN}} # {first_words}"]
+    lines += [f"{'':<{_WORDS_COLUMN}} #    {words_of_line}" for words_of_line in more_words]
+    return lines
 
 
 def _explain_key(line: str, block_name: str, key: str) -> str:
@@ -617,8 +650,8 @@ def _explain_key(line: str, block_name: str, key: str) -> str:
 
 
 def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
-    """Read the values in ``document``, in SI units, each block as a mapping; tables that the
-    document names are sought in ``folder``.
+    """Return the values in ``document``, in SI units, each block as a mapping by its name; tables
+    that the document names are sought in ``folder``.
 
     :class:`~granphon.base.errors.SceneError` tells one mistake. An unknown key comes first, as a
     misspelt key is often the reason why another is missing; then the first value that its rule
@@ -632,11 +665,8 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
         if isinstance(data, Mapping) and set(_CRYSTAL_BLOCKS) & set(data):
             return _read_crystal_scene(document, folder)
         context = Context(_find_lattice(data), folder=folder)
-        return block(
-            data,
-            {name: partial(_read_block, name, context=context) for name in _BLOCKS},
-            _NEEDED_BLOCKS,
-        )
+        readers = {name: partial(_read_block, name, context=context) for name in _BLOCKS}
+        return block(data, readers, _NEEDED_BLOCKS)
     except Refused as refused:
         with suppress(LookupError, TypeError, Refused, AttributeError):
             refused = _convert_percent(refused, data)
@@ -663,8 +693,9 @@ def _convert_percent(refused: Refused, data: Any) -> Refused:
 
 
 def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
-    """Read a scene with balls of several kinds, whose crystal says what the other values mean; the
-    crystal stands under "packing".
+    """Return the values in a document with balls of several kinds, by block as
+    :func:`read_blocks`; the crystal, which says what the other values mean, is read first, and
+    stands under "packing" as its "arrangement".
     """
     data = document.data
     packing_blocks = [name for name in _NEEDED_BLOCKS[:2] if name in data]
@@ -676,10 +707,10 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
             "Remove it: the balls have their materials, and the crystal its lattice.",
             (packing_blocks[0],),
         )
-    first = Context(folder=folder)
+    crystal_context = Context(folder=folder)
     crystal_values = block(
         {name: data[name] for name in _CRYSTAL_BLOCKS if name in data},
-        {name: partial(_read_block, name, context=first) for name in _CRYSTAL_BLOCKS},
+        {name: partial(_read_block, name, context=crystal_context) for name in _CRYSTAL_BLOCKS},
         _CRYSTAL_BLOCKS,
     )
     settings: dict[str, Any] = dict(crystal_values["crystal"])
@@ -702,22 +733,18 @@ def _make_arrangement(document: Document, kinds: Any, settings: Mapping[str, Any
     """Return the crystal of ``kinds`` of balls from the values of its block; SceneError names the
     key that fails.
     """
-    has_lattice = "lattice" in settings
-    has_cell = "cell" in settings
-    has_sites = "sites" in settings
-    if has_cell != has_sites or has_lattice == has_cell:
-        names = [name for name in ("lattice", "cell", "sites") if name in settings]
-        raise Refused(
-            " and ".join(names) or "no lattice", "a lattice, or cell and sites", path=("crystal",)
-        )
-    if "kinds" in settings and not has_lattice:
+    names = [name for name in ("lattice", "cell", "sites") if name in settings]
+    if names not in (["lattice"], ["cell", "sites"]):
+        problem = " and ".join(names) or "no lattice"
+        raise Refused(problem, "a lattice, or cell and sites", path=("crystal",))
+    if "kinds" in settings and "lattice" not in settings:
         raise Refused(
             "kinds with cell and sites",
             "kinds with a lattice",
             "Each site has its kind.",
             ("crystal", "kinds"),
         )
-    # by the table the key "kinds" is the attribute "order"
+    # an attribute may have another name than its key: that of the key "kinds" is "order"
     attributes = {
         key: field.attribute.rpartition(".")[2] for key, field in _BLOCKS["crystal"].items()
     }
@@ -725,30 +752,40 @@ def _make_arrangement(document: Document, kinds: Any, settings: Mapping[str, Any
     try:
         return Arrangement(kinds, **arguments)
     except GranphonError as error:
-        # the first step without which the crystal can be made
-        steps = ("repeat", "cut", "replace", "remove")
-        path: tuple[str, ...] = ("crystal",)
-        for number, step in enumerate(steps):
-            kept = {key: value for key, value in arguments.items() if key not in steps[number:]}
-            with suppress(GranphonError):
-                Arrangement(kinds, **kept)
-                path = ("crystal", step)
+        path = ("crystal", *_find_failing_step(kinds, arguments))
         raise document.error(path, str(error)) from None
 
 
+def _find_failing_step(kinds: Any, arguments: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the key of the step in making a crystal that fails, alone in a tuple: the crystal can
+    be made of its ``arguments`` without this step and the later ones. Empty if it cannot be made
+    without any of them.
+    """
+    steps = ("repeat", "cut", "replace", "remove")  # in the order in which they are done
+    failing: tuple[str, ...] = ()
+    for index, step in enumerate(steps):
+        earlier = {key: value for key, value in arguments.items() if key not in steps[index:]}
+        with suppress(GranphonError):
+            Arrangement(kinds, **earlier)
+            failing = (step,)
+    return failing
+
+
 def _read_block(name: str, value: Any, context: Context) -> Any:
+    """Return the values of the block ``name`` by key, or the value of a key at the top level, in SI
+    units, from its plain ``value``; Refused for a value that a rule refuses.
+    """
     fields = _BLOCKS[name]
     if "" in fields:
         return fields[""].kind.read(value, context)
     if name in ("phonopy", "spectrum") and value is None:
-        return {}  # every key below it is commented out
+        return {}  # every key below the name of the block is commented out
     if name == "load" and isinstance(value, dict):
-        # block() refuses another value, with the keys that are allowed
+        # a value of another type is refused below, with the keys that are allowed
         _require_one_load(value, of_crystal=bool(context.kinds))
+    readers = {key: field.kind.rule(context) for key, field in fields.items()}
     needed_keys = [key for key, field in fields.items() if field.default == NEEDED]
-    return block(
-        value, {key: field.kind.rule(context) for key, field in fields.items()}, needed_keys
-    )
+    return block(value, readers, needed_keys)
 
 
 def _require_one_load(value: Mapping[str, Any], of_crystal: bool) -> None:
@@ -767,7 +804,8 @@ def _require_one_load(value: Mapping[str, Any], of_crystal: bool) -> None:
         )
     has_gravity = of_crystal and "gravity" in value
     if not kinds and not has_gravity:
-        raise Refused("balls_per_side without side_force" if has_side else "no load", allowed)
+        problem = "balls_per_side without side_force" if has_side else "no load"
+        raise Refused(problem, allowed)
     if len(kinds) > 1:
         raise Refused(" and ".join(kinds), allowed, "Remove all but one.")
     load = kinds[0] if kinds else "gravity"
@@ -780,30 +818,36 @@ def _require_one_load(value: Mapping[str, Any], of_crystal: bool) -> None:
 
 
 def _require_known(data: Any) -> None:
-    """Refuse the first unknown key, and say to which block it belongs if another block has such a
-    key.
+    """Raise Refused for the first unknown key of a document, which says to which block the key
+    belongs if another block has such a key; and for loads without a key.
     """
-    keys_of_blocks = {"": list(_BLOCKS)} | {
-        name: list(fields) for name, fields in _BLOCKS.items() if "" not in fields
-    }
+    keys_of_blocks = {"": list(_BLOCKS)}  # the top level
+    for name, fields in _BLOCKS.items():
+        if "" not in fields:
+            keys_of_blocks[name] = list(fields)
     for name, keys in keys_of_blocks.items():
         value = data.get(name) if name and isinstance(data, Mapping) else data
-        is_range = isinstance(value, dict) and {"from", "to", "points", "scale"} & set(value)
-        if name == "load" and (isinstance(value, list) or is_range):
-            problem = f"{show(value)}, without the kind of load"
-            mend = "Write 'force:' before it, or another."
-            raise Refused(problem, _ONE_LOAD, mend, ("load",))
+        if name == "load":
+            _require_kind_of_load(value)
         if not isinstance(value, Mapping):
             continue
-        unknown_keys = [key for key in value if key not in keys]
-        if unknown_keys:
-            key = unknown_keys[0]
-            refused = refuse_unknown_key(key, keys, _find_block(key, keys_of_blocks))
-            raise refused.under(name) if name else refused
+        for key in value:
+            if key not in keys:
+                refused = refuse_unknown_key(key, keys, _find_block(key, keys_of_blocks))
+                raise refused.under(name) if name else refused
+
+
+def _require_kind_of_load(value: Any) -> None:
+    """Raise Refused if the ``value`` of the block "load" is a list or a range of loads."""
+    is_range = isinstance(value, dict) and {"from", "to", "points", "scale"} & set(value)
+    if isinstance(value, list) or is_range:
+        problem = f"{show(value)}, without the kind of load"
+        mend = "Write 'force:' before it, or another."
+        raise Refused(problem, _ONE_LOAD, mend, ("load",))
 
 
 def _find_block(key: Any, keys_of_blocks: Mapping[str, Sequence[str]]) -> str:
-    """Say to which of the blocks a key belongs; empty if it belongs to none."""
+    """Return a sentence on the block to which a key belongs; empty if it belongs to none."""
     for name, keys in keys_of_blocks.items():
         if key in keys:
             return f"It belongs under '{name}'." if name else "It belongs at the top level."
@@ -811,7 +855,9 @@ def _find_block(key: Any, keys_of_blocks: Mapping[str, Sequence[str]]) -> str:
 
 
 def _find_lattice(data: Any) -> Lattice:
-    """Read the lattice of a scene before its other values, whose rules depend on it."""
+    """Return the lattice of the plain ``data`` of a scene, on which the rules of the other values
+    depend; Refused for a value that is no lattice.
+    """
     readers = {"packing": PARTS["lattice"].rule(Context()), "sweep": rules.read_lattices}
     lattices = {}
     for name, rule in readers.items():
@@ -834,6 +880,13 @@ _ALLOWED_OF_MOTIONS = {
 }
 #: ordinary values of the quantities of which the scales of a ball are made, Pa, kg/m^3 and m
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
+#: arguments of a scene by the keys at the top level whose values they are
+_ARGUMENTS = {
+    "medium": "media",
+    "sweep": "parameters",
+    "observe": "observe",
+    "direction": "direction",
+}
 #: the blocks of a scene file about waves, with their classes
 _WAVES: dict[str, Any] = {
     "bands": BandsSettings,
@@ -844,13 +897,24 @@ _WAVES: dict[str, Any] = {
 }
 
 
-def _find_key_of_values(keys: Mapping[str, Any], key: str) -> str:
-    """Return the key of the block load, whose ``keys`` are written, that holds the values of the
-    load ``key``.
+def _find_strangest(quantities: Mapping[str, float]) -> str:
+    """Return the name of the one of the ``quantities`` of a ball, in SI units, that differs from
+    its ordinary value by the greatest factor.
     """
-    if key in TENSORS and "times" in keys:
+
+    def find_distance(name: str) -> float:
+        return abs(math.log(quantities[name]) - math.log(_ORDINARY[name]))
+
+    return max(_ORDINARY, key=find_distance)
+
+
+def _find_key_of_values(block: Mapping[str, Any], kind: str) -> str:
+    """Return the key of the ``block`` load, as it is written, that holds the values of a ``kind``
+    of load.
+    """
+    if kind in TENSORS and "times" in block:
         return "times"  # factors by which the tensor is multiplied
-    return key if key in keys else "gravity"  # which is then the only load
+    return kind if kind in block else "gravity"  # gravity is then the only load
 
 
 def _find_place_of_value(values: Any, index: int, is_list: bool) -> tuple[str, tuple[Any, ...]]:
@@ -864,12 +928,14 @@ def _find_place_of_value(values: Any, index: int, is_list: bool) -> tuple[str, t
         return show(values[index]), (index,)
     if not isinstance(values, dict):
         return show(values), ()
-    first = values["from"]
-    last = values["to"]
+    first = show(values["from"])
+    last = show(values["to"])
     points = values["points"]
-    if 0 < index < points - 1:
-        return f"value {index + 1} of {points} from {show(first)} to {show(last)}", ()
-    return (show(last), ("to",)) if index else (show(first), ("from",))
+    if index == 0:
+        return first, ("from",)
+    if index == points - 1:
+        return last, ("to",)
+    return f"value {index + 1} of {points} from {first} to {last}", ()
 
 
 @dataclass(frozen=True)
@@ -888,10 +954,11 @@ class SceneSource:
 
     @classmethod
     def of_file(cls, path: str | os.PathLike[str]) -> SceneSource:
-        """Read the document in a scene file; :class:`~granphon.base.errors.SceneError` if it is not
-        YAML.
+        """Return the source of a scene in the file ``path``;
+        :class:`~granphon.base.errors.SceneError` if the text of the file is not YAML.
         """
-        return cls(parse_yaml(read_text(path), str(path)), Path(path))
+        document = parse_yaml(read_text(path), str(path))
+        return cls(document, Path(path))
 
     @property
     def folder(self) -> Path:
@@ -907,17 +974,20 @@ class SceneSource:
             return ()
         data = self.document.data
         spreads = [data.get("packing", {}).get("spread"), *data.get("sweep", {}).get("spread", [])]
-        scene_file = () if self.path is None else (self.path,)
         names = [name for name in map(table_named, spreads) if name is not None]
-        names += named_tables(data["motion"].get("drive", [])) if "motion" in data else []
-        return (*scene_file, *(self.folder / name for name in names))
+        if "motion" in data:
+            names += named_tables(data["motion"].get("drive", []))
+        paths = [self.folder / name for name in names]
+        if self.path is not None:
+            paths.insert(0, self.path)
+        return tuple(paths)
 
     # -- places in the file ------------------------------------------------------------------------
 
     @contextmanager
     def at(self, *path: str | int, prefix: str = "") -> Iterator[None]:
-        """Place errors of the block at the key ``path``, else at the key that a rule refused, with
-        ``prefix`` in front.
+        """Raise errors of the with-block anew, placed at the key ``path`` of the document, or
+        without it at the key that a rule refused, with ``prefix`` before their text.
         """
         try:
             yield
@@ -958,30 +1028,32 @@ class SceneSource:
             path for path in self.document.lines if path[:1] == ("medium",) and path[-1] == option
         ]
         if len(paths) != 1:
-            return ("medium",), f"{'several times' if paths else 'no'} {option}"
-        value = reduce(lambda values, key: values[key], paths[0], self.document.data)
+            count = "several times" if paths else "no"
+            return ("medium",), f"{count} {option}"
+        (path,) = paths
+        value: Any = self.document.data
+        for key in path:
+            value = value[key]
         if not isinstance(value, Mapping):
-            return paths[0], show(value)
-        return paths[0], f"{{{', '.join(f'{key}: {number}' for key, number in value.items())}}}"
+            return path, show(value)
+        items = ", ".join(f"{key}: {number}" for key, number in value.items())
+        return path, f"{{{items}}}"
 
     @contextmanager
     def where_it_buckles(self) -> Iterator[None]:
-        """Place an error of the block that says that the lattice buckles at the key which keeps the
-        static force.
+        """Place an InstabilityError of the with-block at the key that keeps static forces, without
+        which no lattice buckles.
         """
+        prefix = "found true; allowed: false where the lattice buckles; "
         try:
             yield
         except InstabilityError:
-            with self.at(
-                "packing",
-                "finite_overlap",
-                prefix="found true; allowed: false where the lattice buckles; ",
-            ):
+            with self.at("packing", "finite_overlap", prefix=prefix):
                 raise
 
     def at_medium(self, label: str, allowed: str) -> AbstractContextManager[None]:
-        """Place errors of the block at the key of the medium ``label``; ``allowed`` are words for
-        the values of that key.
+        """Place errors of the with-block at the key of the medium ``label``; ``allowed`` are words
+        for the values of that key.
         """
         words = repr(label)
         if self.document is not None and "medium" not in self.document.data:
@@ -991,8 +1063,8 @@ class SceneSource:
     def at_index(
         self, block: str, key: str, index: int, prefix: str = ""
     ) -> AbstractContextManager[None]:
-        """Place errors of the block at a value of a load, or of a parameter of the sweep, with
-        ``prefix`` in front.
+        """Place errors of the with-block at the value number ``index`` of the ``key`` of a load, or
+        of a parameter of the sweep, with ``prefix`` before their text.
 
         The key holds one value, a list, or a range. Of a range, the place is "from" for the first
         value and "to" for the last; a value between them has no key of its own, and its place is
@@ -1014,34 +1086,33 @@ class SceneSource:
     # -- what a scene is made of -------------------------------------------------------------------
 
     def read(self) -> dict[str, Any]:
-        """Read the arguments of a scene that the document gives; SceneError names the first
-        mistake.
+        """Return the arguments of a scene that the document gives, by name; SceneError names the
+        first mistake, and ValueError is raised if there is no document.
         """
         if self.document is None:
             raise ValueError("there is no document")
         blocks = read_blocks(self.document, self.folder)
-        drawing = blocks.get("phonopy", {})
-        load = blocks["load"]
         packing = blocks["packing"].get("arrangement")
         if packing is None:
             packing = self._make_packing(blocks)
-        out: dict[str, Any] = {"packing": packing, "load": self._make_load(load)}
-        if "band" in drawing or "band_labels" in drawing:
+        arguments: dict[str, Any] = {"packing": packing, "load": self._make_load(blocks["load"])}
+        bands = blocks.get("phonopy", {})
+        if "band" in bands or "band_labels" in bands:
             with self.at("phonopy", "band_labels"):
-                path = drawing["band"] if "band" in drawing else BandPath.default(packing.structure)
-                out["band"] = replace(path, labels=drawing.get("band_labels", path.labels))
-        arguments = {
-            "medium": "media",
-            "sweep": "parameters",
-            "observe": "observe",
-            "direction": "direction",
-        }
-        out |= {argument: blocks[key] for key, argument in arguments.items() if key in blocks}
-        out |= {key: settings(**blocks[key]) for key, settings in _WAVES.items() if key in blocks}
-        out |= {key: drawing[key] for key in ("band_points", "mesh", "dim") if key in drawing}
+                path = bands["band"] if "band" in bands else BandPath.default(packing.structure)
+                arguments["band"] = replace(path, labels=bands.get("band_labels", path.labels))
+        for key, argument in _ARGUMENTS.items():
+            if key in blocks:
+                arguments[argument] = blocks[key]
+        for key, settings in _WAVES.items():
+            if key in blocks:
+                arguments[key] = settings(**blocks[key])
+        for key in ("band_points", "mesh", "dim"):
+            if key in bands:
+                arguments[key] = bands[key]
         if "finite_overlap" in blocks["packing"]:
-            out["finite_overlap"] = blocks["packing"]["finite_overlap"]
-        return out | {"source": self.path}
+            arguments["finite_overlap"] = blocks["packing"]["finite_overlap"]
+        return arguments | {"source": self.path}
 
     def _make_load(self, values: Mapping[str, Any]) -> Load:
         """Return the load of the block load, with errors placed at its key; gravity alone is a
@@ -1064,22 +1135,19 @@ class SceneSource:
         assert self.document is not None
         data: Any = self.document.data
         values = blocks["packing"]
-        # the scales of the ball are made of all three: the one that is farthest from the ordinary
-        # is probably wrong
-        scales = {**blocks["material"], "diameter": values["diameter"]}
-        key = max(
-            _ORDINARY, key=lambda name: abs(math.log(scales[name]) - math.log(_ORDINARY[name]))
-        )
+        # The scales of the ball are made of all three quantities: of a ball that double precision
+        # cannot hold, the quantity that is farthest from the ordinary is probably wrong.
+        quantities = {**blocks["material"], "diameter": values["diameter"]}
+        key = _find_strangest(quantities)
         block_name = "packing" if key == "diameter" else "material"
-        refusal = (
-            f"found {show(data[block_name][key])}; allowed: a ball that double precision can hold; "
-        )
+        written = show(data[block_name][key])
+        refusal = f"found {written}; allowed: a ball that double precision can hold; "
         with self.at(block_name, key, prefix=refusal):
             names = [name for name in ("diameter", "lattice", "friction") if name in values]
             material = Material(**blocks["material"])
             plain = Packing(material, **{name: values[name] for name in names})
-        # the motions that balls may have, and the stiffnesses that resist them, depend on the
-        # dimension of the lattices of a sweep
+        # The motions that balls may have, and the stiffnesses that resist them, depend on the
+        # dimension of the lattices of a sweep.
         lattices = dict(blocks.get("sweep", ())).get("lattice", ())
         if choose_lattice(plain.structure, lattices) != plain.structure:
             plain = replace(plain, lattice=lattices[0])

@@ -81,6 +81,12 @@ QUICK_BALLS = 100_000
 #: greatest number of balls, in all samples and cases, whose rest at the start of a loading is found
 #: when a scene is read
 QUICK_STARTS = 5_000
+#: random vectors of a density of states: ten, each cut into translations and rotations
+_DOS_VECTORS = 20.0
+#: greatest number of directions of sound that the description of a scene names
+_MOST_DESCRIBED = 4
+#: number of balls for which the smallest supercell of a lattice is sought along each period
+_MOST_CELLS = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,10 +128,11 @@ class PlannedCase:
 
     @cached_property
     def is_possible(self) -> bool:
-        """True; raises if the packing is not rigid, has no such medium, or cannot carry the least
-        or greatest of the loads.
+        """True; raises GranphonError if the packing is not rigid, has no such medium, or cannot
+        carry the least or greatest of the loads.
 
-        For this no simulation and no effective medium of a long list of diameters is solved.
+        The property is cached, so that a case is checked once. No simulation and no effective
+        medium of a long list of diameters is solved for the check.
         """
         least = int(np.argmin(self.case.load.array))
         greatest = int(np.argmax(self.case.load.array))
@@ -135,28 +142,31 @@ class PlannedCase:
                 serving.medium.of(self.case.packing).require(self.case.load[index])
                 if serving.is_quick:
                     state = self._find_state(index) if index else self.state
-                    _ = state.contact_lattice() if self.case.packing.repeats else state
+                    if self.case.packing.repeats:
+                        state.contact_lattice()  # raises for a lattice that is not rigid
         return True
 
     def require_start(self, most: float) -> float:
-        """Raise if a load is below a start of another kind, in samples of up to ``most`` balls;
-        return the number of balls that may still be looked at.
+        """Raise GranphonError if a load is below the start of its history, where this is a load of
+        another kind; samples of more than ``most`` balls in all are not looked at. Return the
+        number of balls that may still be looked at.
         """
+        n_remaining = most
         for serving in self.serving_media:
             medium = serving.medium.of(self.case.packing)
-            sizes = np.ravel(self.case.load.array)[serving.loads]
-            index = int(serving.loads[np.argmin(sizes)])  # of the lowest load that it serves
-            load = self.case.load[index]
-            with self.at_load(index, f"{self.case.label}: "):
-                balls = medium.count_start(load)
-                if 0 < balls <= most:
+            loads = np.ravel(self.case.load.array)[serving.loads]
+            lowest = int(serving.loads[np.argmin(loads)])
+            load = self.case.load[lowest]
+            with self.at_load(lowest, f"{self.case.label}: "):
+                n_balls = medium.count_start(load)
+                if 0 < n_balls <= n_remaining:
                     medium.require_start(load)
-                    most -= balls
-        return most
+                    n_remaining -= n_balls
+        return n_remaining
 
     def at_load(self, index: int, prefix: str = "") -> AbstractContextManager[None]:
-        """Place errors of the block at the load number ``index``, with ``prefix`` in front; see
-        :class:`SceneSource`.
+        """Place errors of the with-block at the load number ``index``, with ``prefix`` before their
+        text; see :class:`SceneSource`.
         """
         return self.origin.at_index("load", self.written, index, prefix)
 
@@ -173,9 +183,11 @@ class PlannedCase:
 
     def _solve(self, serving: ServingMedium, load: Load) -> ContactState:
         """Return the state of one of the media under one or several loads."""
+        # False is the default of a scene, and counts as no wish of the user
+        finite_overlap = self.case.request.finite_overlap or None
+        # what overflows is refused afterwards
         with np.errstate(all="ignore"):
-            # False is the default of a scene, and counts as no wish of the user
-            return serving.at(load, finite_overlap=self.case.request.finite_overlap or None)
+            return serving.at(load, finite_overlap=finite_overlap)
 
 
 class Conflict(NamedTuple):
@@ -227,32 +239,33 @@ class Plan:
     origin: SceneSource = field(default=SceneSource(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        # the dataclass is frozen: read values and defaults are put in place of the arguments
+        assign = partial(object.__setattr__, self)
         axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
-        object.__setattr__(self, "parameters", tuple((axis.name, axis.values) for axis in axes))
-        swept = dict(self.parameters).get("lattice", ())
-        lattice = rules.choose_lattice(self.packing.structure, swept)
+        assign("parameters", tuple((axis.name, axis.values) for axis in axes))
+        lattices = dict(self.parameters).get("lattice", ())
+        lattice = rules.choose_lattice(self.packing.structure, lattices)
         if lattice != self.packing.structure:
-            object.__setattr__(self, "packing", change_packing(self.packing, {"lattice": swept[0]}))
+            assign("packing", change_packing(self.packing, {"lattice": lattices[0]}))
         if not self.mesh:
-            object.__setattr__(self, "mesh", MESHES[lattice.periods - 1])
+            assign("mesh", MESHES[lattice.periods - 1])
+        # media of another type are refused below
         if isinstance(cast("object", self.media), tuple | list) and not self.media:
-            object.__setattr__(self, "media", default_medium(self.packing, self.balls_differ))
+            assign("media", default_medium(self.packing, self.balls_differ))
         context = Context(lattice, written=False, kinds=self.packing.kind_names)
         for name in _CHECKED:
             value = getattr(self, name)
             if value is not None:
-                object.__setattr__(self, name, require(name, scene_rule(name, context), value))
+                assign(name, require(name, scene_rule(name, context), value))
         if all(choice.is_exact for choice in self.media) and self.balls_differ:
-            object.__setattr__(self, "finite_overlap", True)
-        # in space ASE knows the path: a scene without bands does not ask ASE
+            assign("finite_overlap", True)
+        # a scene without bands in space does not ask ASE, which knows the path there
         has_path = lattice.periods == 2 or bool({"bands", "spectrum"} & set(self.observe))
         if self.band is None and has_path:
-            object.__setattr__(self, "band", BandPath.default(lattice))
+            assign("band", BandPath.default(lattice))
         if self.load.array.ndim > 1:
-            raise InputError(
-                f"the load has the shape {self.load.shape}",
-                mend="Give one number, or a list of them",
-            )
+            problem = f"the load has the shape {self.load.shape}"
+            raise InputError(problem, mend="Give one number, or a list of them")
         self._require_consistency()
 
     @property
@@ -289,9 +302,15 @@ class Plan:
             return None
         spectrum = self.observed_settings("spectrum")
         pulse = self.observed_settings("pulse")
-        path = ((), ()) if spectrum is None else (self.path.paths, self.path.names)
-        direction = None if pulse is None else self.direction
-        return WaveSettings("dos" in self.observe, spectrum, *path, pulse, direction, networks)
+        return WaveSettings(
+            dos="dos" in self.observe,
+            spectrum=spectrum,
+            path=() if spectrum is None else self.path.paths,
+            labels=() if spectrum is None else self.path.names,
+            pulse=pulse,
+            direction=None if pulse is None else self.direction,
+            of_networks=networks,
+        )
 
     @property
     def is_single(self) -> bool:
@@ -307,10 +326,12 @@ class Plan:
         lattice, or the text is too long.
         """
         text = dump_yaml(write_blocks(self, Context(self.packing.structure)))
-        if len(text.encode()) > MOST_SCENE_BYTES:
-            size = len(text.encode()) // 1000
-            most = MOST_SCENE_BYTES // 1000
-            problem = f"the scene takes {size} kB as a text; a scene file holds {most} kB"
+        n_bytes = len(text.encode())
+        if n_bytes > MOST_SCENE_BYTES:
+            problem = (
+                f"the scene takes {n_bytes // 1000} kB as a text; a scene file holds"
+                f" {MOST_SCENE_BYTES // 1000} kB"
+            )
             raise InputError(problem, mend="Give long lists as a range, or call granphon.sweep")
         return text
 
@@ -328,6 +349,13 @@ class Plan:
         if len(media) > 1 and not self.balls_differ:
             media.append("the same for equal balls")
         load_unit = find_load_unit(load.kind, structure.periods, structure.pressed_axes)
+        sweeps = [
+            (f"sweep of {spell(name)}", values, find_unit(name) or "")
+            for name, values in self.parameters
+        ]
+        directions = [
+            ("direction", direction, "") for direction in self.directions[:_MOST_DESCRIBED]
+        ]
         rows: list[tuple[str, Any, str]] = [
             *self.packing.describe(),
             (load.kind.replace("_", " "), load.array, load_unit),
@@ -335,16 +363,13 @@ class Plan:
             ("balls per side", load.balls_per_side, ""),
             ("gravity", load.gravity, "m/s^2"),
             ("medium", media, ""),
-            *(
-                (f"sweep of {spell(name)}", values, find_unit(name) or "")
-                for name, values in self.parameters
-            ),
+            *sweeps,
             ("finite overlap", self.finite_overlap, ""),
             ("observe", self.observe, ""),
-            *(("direction", direction, "") for direction in self.directions[:4]),
+            *directions,
             *self._describe_observed(),
         ]
-        return [row for row in rows if row[1] is not None]
+        return [(name, value, unit) for name, value, unit in rows if value is not None]
 
     def _describe_observed(self) -> list[tuple[str, Any, str]]:
         """Return names, values and SI units of the settings of the observables."""
@@ -407,25 +432,24 @@ class Plan:
         for name, values in self.parameters:
             motions = set[Any]()
             if name in ("motions", "torsion", "bending"):
+                # a value that the packing cannot have is refused later, with its place
                 with suppress(InputError):
-                    # a value that the packing cannot have is told with its place later
-                    motions = {
-                        change_packing(self.packing, {name: value}).ball_motions for value in values
-                    }
+                    packings = [change_packing(self.packing, {name: value}) for value in values]
+                    motions = {packing.ball_motions for packing in packings}
             if name in ("friction", "lattice") or len(motions) > 1:
                 changing.append(name)
         return changing
 
     @contextmanager
     def place_errors(self) -> Iterator[None]:
-        """Place an error of the block in the file, if the error names an option of a medium or a
-        load.
+        """Place an error of the with-block in the file, if the error names an option of a medium, a
+        block or a load.
         """
         try:
             yield
         except GranphonError as error:
             if error.option is not None or error.block is not None:
-                # an error that knows its block is placed there instead
+                # such an error knows its own place, which goes before the medium
                 placing: AbstractContextManager[None] = self.origin.at("medium")
             elif error.load_index is None:
                 raise
@@ -452,20 +476,22 @@ class Plan:
     @cached_property
     def case_grid(self) -> Grid:
         """The cases without their places in the file, which a sweep carries out."""
-        sound = "velocities" in self.observe
+        has_velocities = "velocities" in self.observe
+        # a mechanism has other observables, but no velocities
+        of_mechanisms = {"bands", "dos", "surface", *NETWORK_BLOCKS}
         path = None
         if "bands" in self.observe:
             path = (self.path.arrays, self.band_points, self.path.labels)
         request = Request(
-            self.finite_overlap,
+            finite_overlap=self.finite_overlap,
             path=path,
             direction=self.direction,
             waves=self.waves,
-            exponents=sound,
+            exponents=has_velocities,
             surface=self.observed_settings("surface"),
             bands=self.observed_settings("bands"),
             observe=self.observe,
-            sound=sound or not {"bands", "dos", "surface", *NETWORK_BLOCKS} & set(self.observe),
+            sound=has_velocities or of_mechanisms.isdisjoint(self.observe),
             alone=self.is_single,
         )
         return Grid(self.packing, self.axes, self.media, self.load.applied.flat, request)
@@ -485,9 +511,8 @@ class Plan:
         scene is a sweep.
         """
         if not self.is_single:
-            raise InputError(
-                "the scene is a sweep", "It has many states", "Use states(), or run it"
-            )
+            mend = "Use states(), or run it"
+            raise InputError("the scene is a sweep", "It has many states", mend)
         return self.cases[0]
 
     @property
@@ -521,8 +546,8 @@ class Plan:
     # -- what can be carried out -------------------------------------------------------------------
 
     def require(self) -> None:
-        """Raise if a packing is not rigid or has no such medium, or if a quickly solved medium
-        cannot carry a load.
+        """Raise GranphonError if a packing is not rigid or has no such medium, or if a quickly
+        solved medium cannot carry a load.
         """
         self._require_parameters()
         with self.origin.at("sweep"):
@@ -534,15 +559,18 @@ class Plan:
         self.require_waves(QUICK_BALLS)
 
     def _require_parameters(self) -> None:
-        """Raise for the first value of a parameter that the packing cannot have."""
+        """Raise InputError, placed in the file, for the first value of a parameter that the packing
+        cannot have.
+        """
         for axis in self.axes:
-            with suppress(GranphonError, ArithmeticError):
+            try:
+                # between values that a packing can have are no others
                 for value in axis.ends.values:
                     change_packing(self.packing, {axis.name: value})
-                continue
-            for index, value in enumerate(axis.values):
-                with self.origin.at_index("sweep", axis.name, index):
-                    change_packing(self.packing, {axis.name: value})
+            except (GranphonError, ArithmeticError):
+                for index, value in enumerate(axis.values):
+                    with self.origin.at_index("sweep", axis.name, index):
+                        change_packing(self.packing, {axis.name: value})
 
     @property
     def _path_of_lattice(self) -> tuple[str, ...]:
@@ -552,40 +580,39 @@ class Plan:
         return ("crystal",) if self.packing.kind_names else ("packing", "lattice")
 
     def _require_case(self, planned: PlannedCase, most_balls: float) -> float:
-        """Raise if a case cannot be carried out; return, of the ``most_balls`` whose start may be
-        found, the number that remains.
+        """Raise GranphonError, placed in the file, if a case cannot be carried out; return, of the
+        ``most_balls`` whose start may be found, the number that remains.
         """
         path = self._path_of_lattice
         case = planned.case
         lattice = case.packing.structure.name
-        refusal = (
-            f"found {lattice!r}; allowed: a lattice that is rigid;"
-            f" {case.where and f'{case.where}: '}"
-        )
+        has_velocities = "velocities" in self.observe
+        refusal = f"found {lattice!r}; allowed: a lattice that is rigid; "
+        if case.where:
+            refusal += f"{case.where}: "
         allowed_medium = f"a medium for the {lattice} lattice"
         with self.origin.at_medium(case.medium.label, allowed_medium):
             medium = case.medium.of(case.packing)
-        with self.origin.at(*path, prefix=refusal):
-            if "velocities" in self.observe:
+        if has_velocities:
+            with self.origin.at(*path, prefix=refusal):
                 try:
                     medium.require_sound()
                 except MechanismError as error:
                     raise MechanismError(str(error), mend=self._mend_mechanism()) from None
-        # the processes of a sweep solve one law after the other by themselves
+        # where a medium is solved anew for each packing, the processes of a sweep solve it
         is_solved_later = not self.is_single and medium.is_solved_anew
         if not is_solved_later:
             with self.origin.at_medium(case.medium.label, allowed_medium):
                 medium.prepare()
             _ = planned.is_possible
-            if "velocities" in self.observe and all(
-                serving.is_quick for serving in planned.serving_media
-            ):
+            is_quick = all(serving.is_quick for serving in planned.serving_media)
+            if has_velocities and is_quick:
                 with self.origin.at(*path, prefix=refusal):
                     planned.state.reference_lattice.require_rigid()
         return planned.require_start(most_balls)
 
     def _mend_mechanism(self) -> str:
-        """Return how a scene is mended whose lattice has no velocities."""
+        """Return a sentence on how a scene is mended whose lattice has no velocities."""
         if self.parameters_of_branches:
             return (
                 "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
@@ -598,15 +625,17 @@ class Plan:
         )
 
     def require_waves(self, most: float = math.inf) -> None:
-        """Raise if arrays are known not to have the waves that are observed.
+        """Raise GranphonError, placed in the file, if arrays are known not to have the waves that
+        are observed.
 
         Arrays of up to ``most`` balls, a number without a unit, are looked at, and nothing is
         simulated; arrays of more than a hundred thousand balls take seconds.
         """
         waves = self.waves
-        if waves is None or (
-            waves.spectrum is None and waves.pulse is None and not waves.of_networks
-        ):
+        if waves is None:
+            return
+        has_only_dos = waves.spectrum is None and waves.pulse is None and not waves.of_networks
+        if has_only_dos:  # which any array has
             return
         # imported here: not all scenes need waves
         from granphon.runs.wave_records import require_network, require_waves
@@ -648,6 +677,9 @@ class Plan:
     def _solve(
         self, cases: Iterable[PlannedCase], quick: bool
     ) -> Iterator[tuple[str, ContactState]]:
+        """Yield label and state of each medium of the ``cases``, or with ``quick`` of those alone
+        whose states are quick to find.
+        """
         for planned in cases:
             _ = planned.is_possible
             yield from planned.states(quick)
@@ -661,39 +693,41 @@ class Plan:
         least and the greatest load and value of each numeric parameter.
         """
         left_out = list[str]()
-        cases = self.cases if self.n_cases <= MOST_CASES and self.n_states <= MOST_STATES else None
-        if cases is None:
-            ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
+        if self.n_cases <= MOST_CASES and self.n_states <= MOST_STATES:
+            cases = self.cases
+        else:
+            load_ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
             grid = replace(
                 self.case_grid,
                 axes=[axis.ends for axis in self.axes],
-                load=replace(self.load, array=ends).applied.flat,
+                load=replace(self.load, array=load_ends).applied.flat,
             )
             cases = self._plan_cases(grid)
             left_out.append(f"all but the ends of {self.n_states:,} states")
-        slow = {
+        slow_names = {
             serving.medium.name
             for planned in cases
             for serving in planned.serving_media
             if not serving.is_quick
         }
-        left_out += [
-            medium.slow_part for name, medium in MEDIA.items() if name in slow and medium.slow_part
-        ]
-        return self._solve(cases, True), " and ".join(left_out)
+        for name, medium in MEDIA.items():
+            if name in slow_names and medium.slow_part:
+                left_out.append(medium.slow_part)
+        return self._solve(cases, quick=True), " and ".join(left_out)
 
     def expect_warnings(self) -> list[tuple[str, str]]:
-        """Return the warnings that are known before simulations are run, each after the label of
-        its medium.
+        """Return the warnings that are known before simulations are run, as pairs of the label of a
+        case and a sentence.
         """
-        return [
-            (planned.case.label, warning)
-            for planned in self.checked_cases
-            for serving in planned.serving_media
-            if not serving.chosen_automatically
-            for medium in serving.arrays
-            for warning in expect_warnings(medium, serving.load)
-        ]
+        labelled = list[tuple[str, str]]()
+        for planned in self.checked_cases:
+            for serving in planned.serving_media:
+                if serving.chosen_automatically:
+                    continue
+                for medium in serving.arrays:
+                    sentences = expect_warnings(medium, serving.load)
+                    labelled += [(planned.case.label, sentence) for sentence in sentences]
+        return labelled
 
     def sweep(
         self, progress: Progress = silent, executor: Executor | None = None, **options: Any
@@ -720,19 +754,21 @@ class Plan:
         :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this
         machine now, or more than 10,000 days on one processor.
         """
-        parts = [part for part in self.parts if part[2].tells]
+        parts = [(path, mend, cost) for path, mend, cost in self.parts if cost.tells]
         total = sum((cost for _, _, cost in parts), Cost())
-        free = memory.available_memory()
-        most = costs.MOST_SECONDS
-        if total.memory > free:
-            limit = f"this machine has {free / 1e9:.3g} GB of memory available"
-            quantity = "memory"
-        elif total.takes_longer(most):
-            limit = f"no run may take more than {costs.write_duration(most)} on one processor"
-            quantity = "seconds"
+        free_memory = memory.available_memory()  # bytes
+        most_seconds = costs.MOST_SECONDS
+        if total.memory > free_memory:
+            limit = f"this machine has {free_memory / 1e9:.3g} GB of memory available"
+            sizes = [cost.memory for _, _, cost in parts]
+        elif total.takes_longer(most_seconds):
+            duration = costs.write_duration(most_seconds)
+            limit = f"no run may take more than {duration} on one processor"
+            sizes = [cost.seconds for _, _, cost in parts]
         else:
             return total if parts else None
-        path, mend, _ = max(parts, key=lambda part: float(getattr(part[2], quantity)))
+        # the error stands at the key of the largest part
+        path, mend, _ = parts[sizes.index(max(sizes))]
         with self.origin.at(*path):
             raise InputError(f"{total.text}, and {limit}", mend=mend)
 
@@ -760,14 +796,15 @@ class Plan:
         ]
 
     def _add_costs(self, works: list[Cost]) -> Cost:
-        """Return the cost of all works of a kind, one after the other; if the works are those of
-        the ends of axes alone, every work of all cases counts as the largest.
+        """Return the cost of the ``works`` of the checked cases, one after the other; if only cases
+        at the ends of axes are checked, the cost of as many works in all cases as large as the
+        largest.
         """
         n_checked = len(self.checked_cases)
-        if n_checked < self.n_cases and works:
-            largest = max(works, key=lambda work: sum(number for number, _ in work.units))
-            return largest.times(len(works) * self.n_cases / n_checked)
-        return sum(works, Cost())
+        if n_checked == self.n_cases or not works:
+            return sum(works, Cost())
+        largest = max(works, key=lambda work: sum(number for number, _ in work.units))
+        return largest.times(len(works) * self.n_cases / n_checked)
 
     def _cost_simulations(self) -> CostPart:
         """Return the part of the work that finds arrays at rest, whose cost may be zero."""
@@ -800,7 +837,7 @@ class Plan:
         observes them.
         """
         parts: list[CostPart] = []
-        for block, estimate, mend in (
+        for block, estimate, fewer in (
             ("motion", _estimate_motion, "a shorter motion.duration or fewer motion.frames"),
             ("response", _estimate_response, "fewer response.frequencies, or give more damping"),
         ):
@@ -814,7 +851,8 @@ class Plan:
                     for serving in case.serving_media
                 ]
             total = self._add_costs([work for work in works if work is not None])
-            mend = f"Take fewer balls ({block}.repeat, {block}.cut), {mend}"
+            mend = f"Take fewer balls ({block}.repeat, {block}.cut), {fewer}"
+            # the words for one of the works serve for all
             parts.append(((block,), mend, replace(total, parts=total.parts[:1])))
         return parts
 
@@ -999,7 +1037,8 @@ class Plan:
             waves = [name for name in waves if name != "dos"]
         kinds = "one state, or of arrays" if waves == ["dos"] else "arrays"
         allowed_waves = f"{', '.join(waves)} of {kinds} that a medium: simulation makes"
-        with rules.refusing("".join(waves[:1]), allowed_waves, "observe"):
+        first_waves = waves[0] if waves else ""
+        with rules.refusing(first_waves, allowed_waves, "observe"):
             require_arrays(self.media, dict(self.parameters), waves)
         for conflict in self._list_conflicts():
             if conflict.name in self.observe and conflict.holds:
@@ -1013,8 +1052,9 @@ class Plan:
         if "pulse" in waves and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))
         if self.band is not None:
-            path = partial(read_paths, periods=structure.periods)
-            read_inside("phonopy", partial(read_inside, "band", path), str(self.band))
+            # a path of another dimension is refused, with its key in the block
+            rule = partial(read_paths, periods=structure.periods)
+            read_inside("phonopy", partial(read_inside, "band", rule), str(self.band))
         if self.load.kind == "side_force" and structure != TRIANGULAR:
             allowed = "on the triangular lattice only, whose frame is a hexagon"
             raise Refused("a side_force", allowed, path=("load", "side_force"))
@@ -1027,71 +1067,92 @@ class Plan:
         touch_once = partial(touch_once_at_most, structure.vectors, contact=structure.reach)
         if self.dim is None or touch_once(self.dim):
             return
-        sizes = ((n,) * structure.periods for n in range(1, 100))
-        least = next(size for size in sizes if touch_once(size))
-        allowed = f"{rules.write_grid(least)} or more"
+        supercells = ((n_cells,) * structure.periods for n_cells in range(1, _MOST_CELLS))
+        smallest = next(supercell for supercell in supercells if touch_once(supercell))
+        allowed = f"{rules.write_grid(smallest)} or more"
         raise Refused(rules.write_grid(self.dim), allowed, path=("phonopy", "dim"))
 
 
 def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings) -> Iterator[Cost]:
-    """Estimate memory and time of the density of states, spectral functions and pulses of a
-    simulation at each load.
+    """Yield, for each ``load``, the estimated memory and time of the density of states, spectral
+    functions and pulses of a simulation, all samples together.
     """
     packing = medium.packing
     structure = medium.packing.structure
-    contacts = len(structure.contacts) / structure.n_balls
-    rows = contacts * (1 + bool(packing.friction) * (structure.periods - 1))
+    n_contacts = len(structure.contacts) / structure.n_balls  # per ball
+    n_directions = structure.periods if packing.friction else 1  # in which a contact deforms
     spectrum = settings.spectrum
     pulse = settings.pulse
-    # each point of the path becomes the nearest wave vector that the array has, of which there are
-    # so many along a leg
-    points = 0 if spectrum is None else min(spectrum.points - 1, max(medium.cells))
-    waves = points * sum(len(piece) - 1 for piece in settings.path)
     for force in costs.find_typical_force(packing, load).tolist():
         ideal = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
         # Hz, a bound for differing balls too
         top = 1.5 * ideal.contact_lattice().top_frequency * ideal.scales.frequency
-        half = 0.5 * MOMENTS  # each product gives two moments
-        products = 20.0 * half * medium.samples * settings.dos
+        n_products = 0.0  # of the dynamical matrix with a vector, in one sample
+        if settings.dos:
+            n_products += _DOS_VECTORS * 0.5 * MOMENTS  # each product gives two moments
+        if spectrum is not None:
+            n_products += _count_spectrum_products(medium, spectrum, settings.path, top)
         n_heard = 0.0
         n_readings = 0.0
-        if spectrum is not None:
-            if spectrum.resolution is not None:
-                half = max(half, 0.25 * math.pi * top / spectrum.resolution)
-            products += 2.0 * half * medium.samples * waves * len(spectrum.polarisation)
         if pulse is not None:
             length = pulse.distance or 0.5 * max(medium.cells) * packing.diameter  # m
+            # the burst, and the pulse on three times its way
             duration = pulse.cycles / pulse.frequency + 3.0 * length / ideal.scales.velocity  # s
-            steps = math.pi * top * duration  # a product for each half period of the top frequency
-            products += steps * medium.samples
-            n_heard = steps * medium.balls / min(medium.cells)
+            n_steps = math.pi * top * duration  # a product for each half period of the top
+            n_products += n_steps
+            n_heard = n_steps * medium.balls / min(medium.cells)
             n_readings = READINGS * pulse.frequency * duration * n_heard * medium.samples
-        measure = partial(_measure_product, ideal.network, medium.balls)
         yield costs.array_waves(
-            measure, products, medium.balls, contacts, rows, n_heard, n_readings
+            partial(_measure_product, ideal.network, medium.balls),
+            products=n_products * medium.samples,
+            balls=medium.balls,
+            contacts=n_contacts,
+            rows=n_contacts * n_directions,
+            heard=n_heard,
+            readings=n_readings,
         )
 
 
-def _measure_product(network: ContactNetwork, balls: int) -> float:
-    """Return the time per ball, s, of a product of the dynamical matrix with a vector, for a
-    network of at most so many ``balls`` that is periodic like this one.
+def _count_spectrum_products(
+    medium: DirectSimulation, spectrum: SpectrumSettings, path: Any, top: float
+) -> float:
+    """Return the number of products of the dynamical matrix with a vector for the spectral
+    functions of one sample along the pieces of a ``path``; ``top`` is the greatest frequency, Hz.
     """
-    from granphon.waves.operator import make_operator  # imported here: other scenes do not need it
+    # each point of the path becomes the nearest wave vector that the array has, of which there are
+    # as many along a leg as cells
+    points_of_leg = min(spectrum.points - 1, max(medium.cells))
+    n_vectors = points_of_leg * sum(len(piece) - 1 for piece in path)
+    n_products = 0.5 * MOMENTS  # each product gives two moments
+    if spectrum.resolution is not None:
+        n_products = max(n_products, 0.25 * math.pi * top / spectrum.resolution)
+    # a wave is complex, so that each moment takes two products
+    return 2.0 * n_products * n_vectors * len(spectrum.polarisation)
 
-    periods = sum(bool(periodic) for periodic in network.pbc)
+
+def _measure_product(network: ContactNetwork, balls: int) -> float:
+    """Return the measured time per ball, s, of a product of the dynamical matrix with a vector, for
+    a repetition of ``network`` to about ``balls`` balls, or to :data:`_PRODUCT_BALLS` if these are
+    fewer.
+    """
+    # imported here: other scenes do not need it
+    from granphon.waves.operator import make_operator
+
+    n_periods = sum(bool(is_periodic) for is_periodic in network.pbc)
     most_cells = min(balls, _PRODUCT_BALLS) / network.n_balls
-    cells = max(round(most_cells ** (1.0 / max(periods, 1))), 1)  # along each period
-    if cells > 1 and periods:
-        network = network.repeat((cells,) * periods)
+    n_cells = max(round(most_cells ** (1.0 / max(n_periods, 1))), 1)  # along each period
+    if n_cells > 1 and n_periods:
+        network = network.repeat((n_cells,) * n_periods)
     operator = make_operator(network)
-    displaced = np.linspace(0.0, 1.0, operator.size)
-    still = np.zeros(operator.size)
-    return costs.time_once(lambda: operator.advance(displaced, still)) / network.n_balls
+    displacements = np.linspace(0.0, 1.0, operator.size)
+    velocities = np.zeros(operator.size)
+    seconds = costs.time_once(lambda: operator.advance(displacements, velocities))
+    return seconds / network.n_balls
 
 
 def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Cost | None:
-    """Estimate memory and time of the responses of a medium at all its loads; None if no network is
-    quickly found.
+    """Return the estimated memory and time of the responses of a medium at all its loads, in all
+    samples; None if no network is quickly found.
 
     Raises :class:`~granphon.base.errors.ConvergenceError` for a response that would be refused.
     """
@@ -1104,31 +1165,33 @@ def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Co
     state = find_typical_state(serving)
     if state is None:
         return None
-    network = state.network
     array = next(iter(serving.arrays), None)
-    if settings.count(network.n_balls if array is None else array.balls) > QUICK_BALLS:
+    n_balls = state.network.n_balls if array is None else array.balls
+    if settings.count(n_balls) > QUICK_BALLS:
         return None
-    network = settings.shape(network if array is None else network.repeat(array.cells))
+    whole_network = state.network if array is None else state.network.repeat(array.cells)
+    network = settings.shape(whole_network)
     damping = ContactDamping.of(network, settings.damping, settings.loss_factor)
     omega = 2.0 * math.pi * np.array(settings.frequencies)  # rad/s
     work = ResponseWork(make_operator(network), damping, omega)
     is_factorised, seconds = work.choose(None)
     cost_of_network = costs.response(
         partial(_measure_product, state.network, network.n_balls),
-        seconds / work.step,
-        network.n_balls,
-        network.n_contacts,
-        len(settings.frequencies),
-        work.factor_bytes if np.any(is_factorised) else 0.0,
+        products=seconds / work.step,
+        balls=network.n_balls,
+        contacts=network.n_contacts,
+        frequencies=len(settings.frequencies),
+        factors=work.factor_bytes if np.any(is_factorised) else 0.0,
     )
-    return cost_of_network.times(serving.load.size * (1 if array is None else array.samples))
+    n_samples = 1 if array is None else array.samples
+    return cost_of_network.times(serving.load.size * n_samples)
 
 
 def _estimate_motion(serving: ServingMedium, settings: MotionSettings) -> Cost | None:
-    """Estimate memory and time of the motions of a medium at all its loads; None if no state of it
-    is quickly found.
+    """Return the estimated memory and time of the motions of a medium at all its loads, in all
+    samples; None if no state of the medium is quickly found.
 
-    Raises :class:`~granphon.base.errors.InputError` for more steps than are made.
+    Raises :class:`~granphon.base.errors.InputError` for more steps than any motion may have.
     """
     # imported here: other scenes do not need it
     from granphon.runs.wave_records import find_typical_state, make_waves
@@ -1142,20 +1205,24 @@ def _estimate_motion(serving: ServingMedium, settings: MotionSettings) -> Cost |
     n_cells = settings.count(1 if array is None else math.prod(array.cells))
     step = settings.step  # s
     if not step:
-        # the contacts of a few cells are those of the whole array, but for its edges
-        few_cells = network.repeat((3,) * sum(network.pbc)) if any(network.pbc) else network
+        # a few cells have the contacts of the whole array, but for its edges, and so its step
+        few_cells = network
+        if any(network.pbc):
+            few_cells = network.repeat((3,) * sum(network.pbc))
         impact = max(drive.impact or 0.0 for drive in settings.drive)
         step = make_waves(state, few_cells, settings).find_step(impact)
     steps_of_frame = math.ceil(settings.duration / (settings.frames - 1) / step)
     n_steps = steps_of_frame * (settings.frames - 1)
     require_steps(n_steps)
+    n_balls = n_cells * network.n_balls
     cost_of_motion = costs.motion(
-        partial(_measure_product, network, n_cells * network.n_balls),
-        n_steps,
-        n_cells * network.n_balls,
-        n_cells * network.n_contacts,
-        settings.frames,
-        bool(np.any(settings.damping)),
-        settings.scheme == "midpoint",
+        partial(_measure_product, network, n_balls),
+        steps=n_steps,
+        balls=n_balls,
+        contacts=n_cells * network.n_contacts,
+        frames=settings.frames,
+        damped=bool(np.any(settings.damping)),
+        implicit=settings.scheme == "midpoint",
     )
-    return cost_of_motion.times(serving.load.size * (1 if array is None else array.samples))
+    n_samples = 1 if array is None else array.samples
+    return cost_of_motion.times(serving.load.size * n_samples)

@@ -63,36 +63,52 @@ def redraw(
     is_fit = "fit.yaml" in choice.files
     is_sweep = "sweep.nc" in choice.files
     if (is_sweep or is_fit) and asymptotes:
-        problem = f"{source} holds a {'sweep' if is_sweep else 'fit'}"
+        result = "sweep" if is_sweep else "fit"
+        problem = f"{source} holds a {result}"
         raise InputError(problem, "Long waves are drawn beside bands only", "Leave asymptotes out")
     if variable is not None and not is_sweep:
-        raise InputError(
-            f"{source} holds no sweep", "Only a sweep has variables to draw", "Leave variable out"
-        )
+        why = "Only a sweep has variables to draw"
+        raise InputError(f"{source} holds no sweep", why, "Leave variable out")
     target = source / f"{choice.name}.png" if out is None else Path(out)
+    # a figure of the sweep is that which the name of its file says
+    figure_name = target.name if choice.name == "sweep" else choice.name
 
     def draw() -> Any:
-        if choice.wave_file is not None:
-            from granphon.figures.plot import plot
-            from granphon.runs.wave_records import read_waves
-
-            return plot(read_waves(choice.wave_file))
-        if is_fit and not is_sweep:
-            from granphon.figures.plot import plot
-            from granphon.fits.transfer import read_fit
-
-            return plot(read_fit(read_yaml(choice.files["fit.yaml"])))
-        from granphon.figures.bands import bands_figure
-
-        run = _read_files(str(source), choice.files)
-        if run.dataset is not None:
-            name = target.name if choice.name == "sweep" else choice.name
-            return draw_sweep(run.dataset, name, variable)
-        lattice = _find_lattice(source) if asymptotes and run.bands is not None else None
-        gaps = read_summary(source).get("gaps") if (source / "summary.yaml").is_file() else None
-        return bands_figure(run.bands, run.dos, asymptotes=lattice, gaps=gaps or None)
+        return _draw_results(source, choice, figure_name, asymptotes, variable)
 
     return _draw(target, force, draw, [source], backend)
+
+
+def _draw_results(
+    source: Path, choice: _Choice, figure_name: str, asymptotes: bool, variable: str | None
+) -> Any:
+    """Return the figure of the results ``choice`` in the folder ``source``.
+
+    Of a sweep the figure is that of the ``variable``, or else the one that ``figure_name`` names;
+    with ``asymptotes`` the long waves are drawn beside bands.
+    """
+    if choice.wave_file is not None:
+        from granphon.figures.plot import plot
+        from granphon.runs.wave_records import read_waves
+
+        return plot(read_waves(choice.wave_file))
+    if "fit.yaml" in choice.files and "sweep.nc" not in choice.files:
+        from granphon.figures.plot import plot
+        from granphon.fits.transfer import read_fit
+
+        return plot(read_fit(read_yaml(choice.files["fit.yaml"])))
+    from granphon.figures.bands import bands_figure
+
+    run = _read_files(str(source), choice.files)
+    if run.dataset is not None:
+        return draw_sweep(run.dataset, figure_name, variable)
+    lattice = None
+    if asymptotes and run.bands is not None:
+        lattice = _find_lattice(source)
+    gaps = None
+    if (source / "summary.yaml").is_file():
+        gaps = read_summary(source).get("gaps") or None
+    return bands_figure(run.bands, run.dos, asymptotes=lattice, gaps=gaps)
 
 
 class _Choice(NamedTuple):
@@ -111,30 +127,26 @@ class _Choice(NamedTuple):
 
 
 def _choose_results(source: Path, stem: str | None, variable: str | None) -> _Choice:
-    """Choose the results in a folder that are drawn, by the ``stem`` of the figure's file, None if
-    the user names no file, and the ``variable`` of a sweep.
+    """Return the results in the folder ``source`` that are drawn, by the ``stem`` of the figure's
+    file, None if the user names no file, and the ``variable`` of a sweep; InputError if the folder
+    has no result, or not that of the name.
     """
     files = _find_results(source)
     wave_files = {name: source / f"{name}.json" for name in KEPT}
     wave_files["motion"] = source / MOTION_FILES[0]
     waves = [name for name, path in wave_files.items() if path.exists()]
     tables = [name for name in _SWEEP_STEMS if (source / f"{name}.csv").exists()]
-    if stem in {*wave_files, *_SWEEP_STEMS} - {*waves, *tables}:
+    missing_names = {*wave_files, *_SWEEP_STEMS} - {*waves, *tables}
+    if stem in missing_names:
         raise InputError(f"{source} holds no {stem} to draw", mend="Give the figure another name")
-    if not (files or waves):
-        why = ""
-        if (source / "forces.png").is_file():
-            why = "forces.png is drawn by 'granphon run' alone"
-        raise InputError(
-            f"{source} holds no result that can be drawn",
-            why,
-            "Give a folder of 'granphon run' with bands, a density of states or a sweep",
-        )
+    if not files and not waves:
+        raise _explain_no_result(source)
     if stem in waves:
         return _Choice(stem, {}, wave_files[stem])
     # the waves of an edge or a motion of one state are the figure of their run
     is_wave_run = waves in (["surface"], ["motion"]) and set(files) == {"sweep.nc"}
-    if not files or (is_wave_run and stem != "sweep" and variable is None):
+    asks_for_sweep = stem == "sweep" or variable is not None
+    if not files or (is_wave_run and not asks_for_sweep):
         return _Choice(waves[0], {}, wave_files[waves[0]])
     spectra = {name: path for name, path in files.items() if name in ("band.yaml", "dos.csv")}
     if spectra and variable is None and stem not in _SWEEP_STEMS:
@@ -142,12 +154,23 @@ def _choose_results(source: Path, stem: str | None, variable: str | None) -> _Ch
         return _Choice("bands" if "band.yaml" in spectra else "dos", spectra)
     if "sweep.nc" not in files:
         names = {"fit.yaml": "fit", "band.yaml": "bands", "dos.csv": "dos"}
-        return _Choice(next(name for file, name in names.items() if file in files), files)
+        name = next(name for file, name in names.items() if file in files)
+        return _Choice(name, files)
     blocks = [name for name in NETWORK_BLOCKS if name in {*waves, *tables}]
-    if not blocks or variable is not None or stem in ("sweep", *_SWEEP_STEMS):
+    if not blocks or asks_for_sweep or stem in _SWEEP_STEMS:
         return _Choice("sweep", files)
     # a sweep of one state has no line over the load
-    return _Choice("sweep" if "states" in read_summary(source) else blocks[0], files)
+    has_several_states = "states" in read_summary(source)
+    return _Choice("sweep" if has_several_states else blocks[0], files)
+
+
+def _explain_no_result(source: Path) -> InputError:
+    """Return the error of a folder without a result that can be drawn."""
+    why = ""
+    if (source / "forces.png").is_file():
+        why = "forces.png is drawn by 'granphon run' alone"
+    mend = "Give a folder of 'granphon run' with bands, a density of states or a sweep"
+    return InputError(f"{source} holds no result that can be drawn", why, mend)
 
 
 def draw_together(
@@ -188,18 +211,8 @@ def draw_together(
         from granphon.figures.curves import comparison_figure
 
         runs = [read_run(name) for name in names]
-        balls = set[Any]()
-        if data:
-            # measured loads may be side forces on a hexagonal frame, whose size the scenes tell
-            from granphon.scene.scene import Scene
-
-            scenes = [
-                (path if path.is_dir() else path.parent) / "scene.yaml" for path in map(Path, names)
-            ]
-            balls = {
-                Scene.from_yaml(scene).load.balls_per_side for scene in scenes if scene.is_file()
-            } - {None}
-        balls_per_side = balls.pop() if len(balls) == 1 else None
+        # measured loads may be side forces on a hexagonal frame
+        balls_per_side = _find_balls_per_side(names) if data else None
         return comparison_figure(runs, x=x, y=y, data=data, balls_per_side=balls_per_side)
 
     paths = [Path(name) for name in (*names, *map(str, data))]
@@ -207,6 +220,22 @@ def draw_together(
     files = [path for path in paths if path.is_file()]
     target = Path("comparison.png" if out is None else out)
     return _draw(target, force, draw, folders, backend, files)
+
+
+def _find_balls_per_side(names: Sequence[str]) -> int | None:
+    """Return the number of balls on a side of the hexagonal frame, in which the scenes of the runs
+    ``names``, folders or files in them, agree; None for no such number, or several.
+    """
+    from granphon.scene.scene import Scene
+
+    numbers = set[Any]()
+    for path in map(Path, names):
+        folder = path if path.is_dir() else path.parent
+        scene_file = folder / "scene.yaml"
+        if scene_file.is_file():
+            numbers.add(Scene.from_yaml(scene_file).load.balls_per_side)
+    numbers.discard(None)
+    return numbers.pop() if len(numbers) == 1 else None
 
 
 def _draw(
@@ -217,13 +246,15 @@ def _draw(
     backend: str | None,
     inputs: Collection[Path] = (),
 ) -> Path:
-    """Write the figure that ``draw`` draws of the results in ``folders`` into the file ``target``,
-    and return its path.
+    """Write the figure that ``draw`` returns of the results in ``folders`` and of the files
+    ``inputs`` into the file ``target``, which ``force`` may overwrite, and return its path.
+
+    InputError if the results change while they are drawn.
     """
     if target.suffix not in _FORMATS:
         problem = f"{target.name} has an ending that names no figure format"
         raise InputError(problem, mend="Use " + ", ".join(_FORMATS))
-    # lock before anything is read, so that no run can replace the results while they are drawn
+    # the folder is locked before anything is read, so that no run replaces the results meanwhile
     with ResultFiles(target.parent, [target.name], force, inputs=inputs).open() as locked:
         records = [read_written_files(folder) for folder in folders]
         figure = draw()
@@ -239,7 +270,7 @@ def _draw(
 
 
 def read_run(source: str | os.PathLike[str]) -> Run:
-    """Read the results in the folder of a run, or in one of its files.
+    """Return the results in ``source``, the folder of a run or one of its files.
 
     Raises :class:`~granphon.base.errors.MissingFileError` if no folder or file has the name, and
     :class:`~granphon.base.errors.InputError` if ``source`` holds no results, or damaged ones.
@@ -251,22 +282,24 @@ def read_run(source: str | os.PathLike[str]) -> Run:
         path = path.with_name("sweep.nc")  # the summary tells numbers of this file
     files = {_name_kind(path): path} if path.is_file() else _find_results(path)
     if not files:
-        raise InputError(
-            f"{name} holds no results to draw with others",
-            mend="Give the folder of a run or of a fit, or one of its files, such as sweep.nc",
-        )
+        mend = "Give the folder of a run or of a fit, or one of its files, such as sweep.nc"
+        raise InputError(f"{name} holds no results to draw with others", mend=mend)
     return _read_files(name, files)
 
 
 def _read_files(name: str, files: dict[str, Path]) -> Run:
-    """Read the files of a run or of a fit; beside a fit nothing else is read."""
+    """Return the results in the ``files``, by their kind, of the run or fit ``name``; a fit is read
+    alone, unless it stands beside a sweep.
+    """
     from granphon.figures.curves import Run
 
     if "fit.yaml" in files and "sweep.nc" not in files:
         from granphon.fits.transfer import read_fit
 
         return Run.of(name, read_fit(read_yaml(files["fit.yaml"])))
-    dataset = bands = dos = None
+    dataset = None
+    bands = None
+    dos = None
     if "sweep.nc" in files:
         from granphon.runs.dataset import load_sweep
 
@@ -289,38 +322,41 @@ def _find_results(source: Path) -> dict[str, Path]:
     missing that a run wrote.
     """
     if not source.is_dir():
-        is_file = os.path.lexists(source)
-        problem_of_folder = f"{source} is no folder" if is_file else f"there is no folder {source}"
-        raise MissingFileError(problem_of_folder, mend="Give the folder of a run")
-    # whatever has the name is read, and a folder or a link to nothing is then an error
+        problem = f"there is no folder {source}"
+        if os.path.lexists(source):
+            problem = f"{source} is no folder"
+        raise MissingFileError(problem, mend="Give the folder of a run")
+    # A folder, or a link to nothing, with the name of a result is an error when it is read.
     files = {name: source / name for name in DRAWN if os.path.lexists(source / name)}
-    written = set(read_written_files(source))
+    written_names = set(read_written_files(source))
+    # without a summary that can be read, the hidden list of written files alone counts
     with suppress(InputError, AttributeError, TypeError):
-        # without a summary that can be read, the hidden list alone counts
-        written |= set(read_yaml(source / "summary.yaml").get("files", ()))
-    missing = [name for name in DRAWN if name not in files and name in written]
-    if missing:
-        problem = f"{source} holds no {' and no '.join(missing)}, though a run wrote it there"
+        written_names |= set(read_yaml(source / "summary.yaml").get("files", ()))
+    missing_names = [name for name in DRAWN if name not in files and name in written_names]
+    if missing_names:
+        names = " and no ".join(missing_names)
+        problem = f"{source} holds no {names}, though a run wrote it there"
         mend = "Run the scene again, or copy what is to be drawn into a folder of its own"
         raise MissingFileError(problem, "The figure would leave it out", mend)
     return files
 
 
 def _name_kind(path: Path) -> str:
-    """Return the name under which a file of results is known, by its ending where it was
-    renamed.
+    """Return the one of :data:`DRAWN` that says what a file of results holds: its own name, or, if
+    it was renamed, by its ending and content. InputError for any other file.
     """
     if path.name in DRAWN:
         return path.name
-    head = read_bytes(path) if path.suffix in (".csv", ".yaml") else b""
+    content = read_bytes(path) if path.suffix in (".csv", ".yaml") else b""
     if path.suffix == ".nc":
         return "sweep.nc"
-    if path.suffix == ".csv" and head.startswith(b"frequency_Hz"):
+    if path.suffix == ".csv" and content.startswith(b"frequency_Hz"):
         # other tables are for spreadsheets
         return "dos.csv"
-    if path.suffix == ".yaml" and (b"class: WidthFit" in head or b"class: DampingFit" in head):
+    is_fit = b"class: WidthFit" in content or b"class: DampingFit" in content
+    if path.suffix == ".yaml" and is_fit:
         return "fit.yaml"
-    if path.suffix == ".yaml" and b"\nphonon:" in head:
+    if path.suffix == ".yaml" and b"\nphonon:" in content:
         return "band.yaml"
     mend = (
         "Give the folder of a run or of a fit, or sweep.nc, fit.yaml, band.yaml or dos.csv of one"
@@ -344,5 +380,5 @@ def _find_lattice(source: Path) -> ContactLattice:
     summary = read_summary(source)
     numbers = {name: summary[name] for name in ("force", "overlap", "normal_stiffness")}
     medium = scene.media[0].name
-    law = packing.law
-    return ContactState(packing, medium, law, **numbers, finite_overlap=True).contact_lattice()
+    state = ContactState(packing, medium, packing.law, **numbers, finite_overlap=True)
+    return state.contact_lattice()

@@ -150,7 +150,7 @@ def quantity(kind: Quantity) -> Kind:
 
 @contextmanager
 def refusing(value: Any, allowed: str, *path: str) -> Iterator[None]:
-    """Turn an error of the block into the refusal of the value at ``path``."""
+    """Turn an InputError of the with-block into the refusal of the ``value`` at ``path``."""
     try:
         yield
     except InputError as error:
@@ -161,8 +161,8 @@ def refusing(value: Any, allowed: str, *path: str) -> Iterator[None]:
 
 
 def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
-    """Read a number or quantity, a list of them, or a range {from, to, points, scale}, evenly
-    spaced on that scale.
+    """Return the numbers, in SI units, of a value: one that the ``rule`` reads, a list of such
+    values, or a range {from, to, points, scale}, evenly spaced on that scale.
     """
     if isinstance(value, list | tuple):
         return each(value, rule, "values")
@@ -178,15 +178,16 @@ def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
     settings = block(value, rules, ("from", "to", "points"))
     first = settings["from"]
     last = settings["to"]
-    count = settings["points"]
+    n_points = settings["points"]
     scale = settings.get("scale", SCALES[0])
     words = f"range from {value['from']} to {value['to']}"
-    if (first == last) != (count == 1):
+    is_one_value = first == last
+    if is_one_value != (n_points == 1):
         allowed = "1 if both ends are the same, 2 or more if they are not"
-        raise Refused(f"{count} for the {words}", allowed, path=("points",))
+        raise Refused(f"{n_points} for the {words}", allowed, path=("points",))
     if scale == "log" and min(first, last) <= 0.0:
         raise Refused(f"a log {words}", "values above zero", "Write scale: linear.")
-    return space_evenly(first, last, count, scale)
+    return space_evenly(first, last, n_points, scale)
 
 
 def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[float, ...]:
@@ -200,15 +201,19 @@ def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[flo
 
 
 def write_values(values: Sequence[float], write: Callable[[float], Any]) -> Any:
-    """Write values as one number, as a range if that gives the same values, or else as a list."""
+    """Return plain data for ``values``, each of which ``write`` writes: one value, a range if the
+    range gives the same values to the last bit, or else a list.
+    """
     first = values[0]
     last = values[-1]
     count = len(values)
     if count == 1:
         return write(first)
-    for scale in SCALES if count > 2 and first != last else ():
-        positive = scale == "linear" or min(first, last) > 0.0
-        if positive and space_evenly(first, last, count, scale) == tuple(values):
+    scales = list[str]()
+    if count > 2 and first != last:
+        scales += [scale for scale in SCALES if scale == "linear" or min(first, last) > 0.0]
+    for scale in scales:
+        if space_evenly(first, last, count, scale) == tuple(values):
             return {"from": write(first), "to": write(last), "points": count, "scale": scale}
     return [write(value) for value in values]
 
@@ -239,7 +244,9 @@ def _read_normal(value: Any) -> Normal:
 
 
 def _read_discrete(value: Any) -> Discrete:
-    """Read a block {diameters, fractions} of two lists of the same length."""
+    """Return the spread of a block {diameters, fractions} of two lists of the same length; Refused
+    for fractions that do not add up to 1.
+    """
     read_fractions = partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions")
     rules: dict[str, Rule] = {"diameters": _read_diameters, "fractions": read_fractions}
     lists = block(value, rules, ("diameters", "fractions"))
@@ -249,8 +256,8 @@ def _read_discrete(value: Any) -> Discrete:
 
 
 def _read_measured(value: Any, folder: Path) -> Measured:
-    """Read the name of a table, a block {file, column}, or a block {diameters}; tables are sought
-    in ``folder``.
+    """Return the spread of measured diameters of a value: the name of a table, a block {file,
+    column}, or a block {diameters}. Tables are sought in ``folder``.
     """
     if isinstance(value, dict) and "diameters" in value:
         return Measured(block(value, {"diameters": _read_diameters})["diameters"])
@@ -266,7 +273,7 @@ def _read_measured(value: Any, folder: Path) -> Measured:
 
 
 def _read_spread(value: Any, context: Context) -> Any:
-    """Read a spread of diameters: a block of one key, the name of the distribution."""
+    """Return the spread of diameters of a block of one key, which names the distribution."""
     rules: dict[str, Rule] = {
         "uniform": lambda value: Uniform(WIDTH.read(value)),
         "normal": _read_normal,
@@ -280,12 +287,14 @@ def _read_spread(value: Any, context: Context) -> Any:
             mend = f"Did you mean {{uniform: {value}}}?"
         raise Refused(show(value), allowed, mend)
     if len(value) != 1:
-        raise Refused(" and ".join(map(str, value)) or "no spread", allowed)
+        names = " and ".join(map(str, value))
+        raise Refused(names or "no spread", allowed)
     (spread,) = block(value, rules).values()
     return spread
 
 
 def _write_spread(spread: Any, context: Context) -> dict[str, Any]:
+    """Return the block of a spread of diameters, whose key names the distribution."""
     if isinstance(spread, Uniform):
         return {"uniform": WIDTH.write(spread.width)}
     if isinstance(spread, Normal):
@@ -313,13 +322,15 @@ def is_long(spread: Any) -> bool:
 
 
 def read_lattice(value: Any) -> str | Lattice:
-    """Read the name of a built-in lattice, or the block of another; "hexagonal" is refused, as
-    several are called so.
+    """Return the name of a built-in lattice, or the lattice of a block; "hexagonal" is refused, as
+    several lattices are called so.
     """
-    if isinstance(value, dict):  # one ball at the origin if the sites are left out
-        row = partial(each, rule=partial(fraction, largest=1e3), what="numbers")
-        rows = partial(each, rule=row, what="lists of numbers")
-        settings = block(value, {"name": label, "cell": rows, "sites": rows}, ("name", "cell"))
+    if isinstance(value, dict):
+        read_row = partial(each, rule=partial(fraction, largest=1e3), what="numbers")
+        read_rows = partial(each, rule=read_row, what="lists of numbers")
+        rules: dict[str, Rule] = {"name": label, "cell": read_rows, "sites": read_rows}
+        # without sites the lattice has one ball, at the origin
+        settings = block(value, rules, ("name", "cell"))
         with refusing(settings["name"], "a lattice of balls that touch and do not overlap"):
             return Lattice(**settings)
     keys = "a block of name, cell (vectors, in spacings of touching balls) and sites (fractions)"
@@ -354,28 +365,33 @@ def read_lattices(value: Any) -> tuple[str | Lattice, ...]:
 
 def choose_lattice(lattice: Lattice, swept: Sequence[str | Lattice]) -> Lattice:
     """Return the lattice to which the keys of a scene refer: the ``lattice`` of the packing, or the
-    first of a sweep in another dimension.
+    first of the ``swept`` lattices if these have another number of periods or dimension.
     """
-    first = find_lattice(swept[0]) if swept else lattice
-    is_alike = (first.periods, first.dimension) == (lattice.periods, lattice.dimension)
-    return lattice if is_alike else first
+    if not swept:
+        return lattice
+    first_swept = find_lattice(swept[0])
+    has_same_periods = first_swept.periods == lattice.periods
+    has_same_dimension = first_swept.dimension == lattice.dimension
+    return lattice if has_same_periods and has_same_dimension else first_swept
 
 
 def _read_motions(value: Any, context: Context) -> str:
+    """Return the name of the motions of balls, which every lattice of the scene must allow."""
     for lattice in context.swept or (context.lattice,):
         options = tuple(allowed_motions(lattice.dimension))
         if not is_one_of(value, options):
-            allowed = (
-                f"{', '.join(options)}; the {lattice.name} lattice lies"
-                f" {_POSITIONS[lattice.dimension - 1]}"
-            )
-            meant = closest(value.replace(" ", "_"), options) if isinstance(value, str) else None
-            raise Refused(show(value), allowed, f"Did you mean {meant!r}?" if meant else "")
+            position = _POSITIONS[lattice.dimension - 1]
+            allowed = f"{', '.join(options)}; the {lattice.name} lattice lies {position}"
+            closest_option = None
+            if isinstance(value, str):
+                closest_option = closest(value.replace(" ", "_"), options)
+            mend = f"Did you mean {closest_option!r}?" if closest_option else ""
+            raise Refused(show(value), allowed, mend)
     return str(value)
 
 
 def _read_torsion(value: Any) -> float | str:
-    """Read a torsional stiffness over k d^2, zero or above, or the word for the stiffness of a
+    """Return a torsional stiffness over k d^2, zero or above, or the word for the stiffness of a
     contact that does not slip.
     """
     if value == MINDLIN:
@@ -383,11 +399,11 @@ def _read_torsion(value: Any) -> float | str:
     try:
         return zero_or_above(value)
     except Refused as refused:
-        meant = closest(value, (MINDLIN,)) if isinstance(value, str) else None
         allowed = f"{refused.allowed}, or {MINDLIN}"
-        raise Refused(
-            refused.found, allowed, f"Did you mean {meant!r}?" if meant else refused.mend
-        ) from None
+        mend = refused.mend
+        if isinstance(value, str) and closest(value, (MINDLIN,)):
+            mend = f"Did you mean {MINDLIN!r}?"
+        raise Refused(refused.found, allowed, mend) from None
 
 
 #: the kind of each key of the blocks "material" and "packing", and of each parameter of a sweep
@@ -420,11 +436,16 @@ OWN_SPREAD = Kind(_read_spread, _write_own_spread)
 
 
 def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any, ...]], ...]:
+    """Return the parameters of a sweep, in the order of their block, each as its name and its
+    values; those of a crystal have the name of a kind and a point in front.
+    """
     names = list(PARAMETERS)
     if context.kinds:
         names = [f"{kind}.{name}" for kind in context.kinds for name in KIND_PARAMETERS]
     elif isinstance(value, Mapping) and "lattice" in value:
-        context = replace(context, swept=tuple(map(find_lattice, read_lattices(value["lattice"]))))
+        # motions must be allowed on each of the lattices
+        lattices = tuple(map(find_lattice, read_lattices(value["lattice"])))
+        context = replace(context, swept=lattices)
     rules: dict[str, Rule] = {
         name: partial(_read_axis, name=name, context=context) for name in names
     }
@@ -432,6 +453,9 @@ def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any
 
 
 def _read_axis(value: Any, name: str, context: Context) -> tuple[Any, ...]:
+    """Return the values of the parameter ``name`` of a sweep, numbers in SI units; Refused for a
+    value that is given twice.
+    """
     rule = PARTS[name.rpartition(".")[2]].rule(context)
     values: tuple[Any, ...]
     if find_unit(name):
@@ -451,11 +475,15 @@ def _read_axis(value: Any, name: str, context: Context) -> tuple[Any, ...]:
 def _write_parameters(
     parameters: Sequence[tuple[str, tuple[Any, ...]]], context: Context
 ) -> dict[str, Any] | None:
+    """Return the block of the parameters of a sweep; None without parameters."""
+
     def write(name: str, values: tuple[Any, ...]) -> Any:
-        if find_unit(name) and not any(isinstance(value, str) for value in values):
-            kind = PARTS[name.rpartition(".")[2]]
+        """Return plain data for the values of a parameter."""
+        kind = PARTS[name.rpartition(".")[2]]
+        has_words = any(isinstance(value, str) for value in values)
+        if find_unit(name) and not has_words:
             return write_values(values, lambda value: kind.write(value, context))
-        return [PARTS[name].write(value, context) for value in values]
+        return [kind.write(value, context) for value in values]
 
     return {name: write(name, values) for name, values in parameters} or None
 
@@ -467,43 +495,50 @@ PARAMETERS_SWEPT = Kind(_read_parameters, _write_parameters)
 
 
 def load_kind(name: str) -> Kind:
-    """Return the kind of the values of a load; the unit of a pressure depends on the lattice."""
-
-    def has_unit_of_other_lattices(value: Any) -> bool:
-        """Whether a value is such a load of a lattice of one, two or three periods."""
-        for periods in (1, 2, 3):
-            with suppress(Refused):
-                load_quantities(periods)[name].read(value)
-                return True
-        return False
-
-    def read_load(value: Any, context: Context) -> float:
-        """Read one number with its unit, N, N/m, Pa or m."""
-        quantity = load_quantities(context.lattice.pressed_axes)[name]
-        try:
-            return quantity.read(value)
-        except Refused as refused:
-            if not has_unit_of_other_lattices(value):
-                raise
-            mend = (
-                f"The pressure of the {context.lattice.name} lattice is in {quantity.unit}."
-                f" {refused.mend}"
-            )
-            raise Refused(refused.found, refused.allowed, mend.rstrip()) from None
+    """Return the kind of the values of a load, "force", "pressure", "overlap" or "side_force"; the
+    unit of a pressure depends on the lattice.
+    """
 
     def read(value: Any, context: Context) -> tuple[float, ...]:
-        return read_values(value, lambda number: read_load(number, context))
+        return read_values(value, partial(_read_load, name=name, lattice=context.lattice))
 
     def write(load: Any, context: Context) -> Any:
         # gravity alone is a pressure of zero
         if load.kind != name or not any(load.values):
             return None
-        return write_values(load.values, load_quantities(context.lattice.pressed_axes)[name].write)
+        quantity = load_quantities(context.lattice.pressed_axes)[name]
+        return write_values(load.values, quantity.write)
 
     return Kind(read, write)
 
 
+def _read_load(value: Any, name: str, lattice: Lattice) -> float:
+    """Return the number, N, N/m, Pa or m, of a load of the kind ``name`` from one number with its
+    unit; a refusal says which unit the pressure of the ``lattice`` has.
+    """
+    quantity = load_quantities(lattice.pressed_axes)[name]
+    try:
+        return quantity.read(value)
+    except Refused as refused:
+        if not _has_unit_of_other_lattices(value, name):
+            raise
+        mend = f"The pressure of the {lattice.name} lattice is in {quantity.unit}. {refused.mend}"
+        raise Refused(refused.found, refused.allowed, mend.rstrip()) from None
+
+
+def _has_unit_of_other_lattices(value: Any, name: str) -> bool:
+    """Whether a value is a load of the kind ``name`` of a lattice of one, two or three periods."""
+    for periods in (1, 2, 3):
+        with suppress(Refused):
+            load_quantities(periods)[name].read(value)
+            return True
+    return False
+
+
 def _read_media(value: Any, context: Context) -> tuple[MediumChoice, ...]:
+    """Return the choices of media of a value, one medium or a list of media; Refused for a medium
+    that is given twice.
+    """
     rule = partial(read_medium, lattice=context.lattice, written=context.written)
     if not isinstance(value, list | tuple):
         return (rule(value),)
@@ -530,12 +565,10 @@ def read_schema(value: Any) -> int:
     """
     if value == SCENE_SCHEMA and is_whole(value):
         return SCENE_SCHEMA
-    newer = isinstance(value, int) and value > SCENE_SCHEMA
-    raise Refused(
-        show(value),
-        str(SCENE_SCHEMA),
-        "The scene was written for a newer granphon." if newer else "",
-    )
+    mend = ""
+    if isinstance(value, int) and value > SCENE_SCHEMA:
+        mend = "The scene was written for a newer granphon."
+    raise Refused(show(value), str(SCENE_SCHEMA), mend)
 
 
 def read_observables(value: Any) -> tuple[str, ...]:
@@ -551,11 +584,13 @@ def read_observables(value: Any) -> tuple[str, ...]:
     if not isinstance(value, list | tuple) or not value:
         is_name = isinstance(value, str) and value in observables
         mend = f"Did you mean [{value}]?" if is_name else ""
-        raise Refused(show(value) if value != [] else "an empty list", allowed, mend)
+        words = "an empty list" if value == [] else show(value)
+        raise Refused(words, allowed, mend)
     for name in value:
         try:
             choice(name, observables)
         except Refused as refused:
+            # a plugin that failed to load may be why a name is not known
             mend = refused.mend or CATALOGUE.failures
             raise Refused(refused.found, refused.allowed, mend) from None
     names = list(value)
@@ -563,19 +598,23 @@ def read_observables(value: Any) -> tuple[str, ...]:
         if names.count(name) > 1:
             raise Refused(f"{name!r} twice", allowed + ", each once")
     if any(added.get(name, "state") != "state" for name in names):
-        names.append(OBSERVABLES[0])
+        names.append("velocities")
     return tuple(name for name in observables if name in names)
 
 
 def grid_kind(examples: Sequence[str], low: int, high: int, low_in_space: int) -> Kind:
-    """Return the kind of whole numbers for each period, written as phonopy writes them: three
-    words, of which those beyond the periods are 1.
+    """Return the kind of whole numbers for each period, from ``low``, or ``low_in_space`` on
+    lattices of three periods, to ``high``; ``examples`` are those of one, two and three periods.
+
+    The numbers are written as phonopy writes them: three words, of which those beyond the periods
+    are 1.
     """
 
     def read(value: Any, context: Context) -> tuple[int, ...]:
-        p = context.lattice.periods
-        numbers = [value] if p == 1 and is_whole(value) else value
-        return grid(numbers, low_in_space if p == 3 else low, high, examples[p - 1], p)
+        periods = context.lattice.periods
+        numbers = [value] if periods == 1 and is_whole(value) else value
+        least = low_in_space if periods == 3 else low
+        return grid(numbers, least, high, examples[periods - 1], periods)
 
     return Kind(read, lambda numbers, _: write_grid(numbers))
 
@@ -592,34 +631,42 @@ def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
     ``value`` is a text such as "1 1", a list, an array, or a list of these. Raises
     :class:`~granphon.base.errors.Refused` for anything else, and for a direction of zeros.
     """
-    p = lattice.periods
-    example = ("[1]", "[1, 1]", "[1, 1, 0]")[p - 1]
-    allowed = (
-        f"{('one number', 'two numbers', 'three numbers')[p - 1]}, not all zero, such as"
-        f" {example}; or a list of these"
-    )
     plain = value.tolist() if isinstance(value, np.ndarray) else value
     is_list = isinstance(plain, list | tuple) and any(map(_has_numbers, plain))
+    written_directions = plain if is_list else [plain]
     directions: list[tuple[float, ...]] = []
     unit_vectors: list[list[float]] = []
-    for index, direction in enumerate(plain if is_list else [plain]):
+    for index, written in enumerate(written_directions):
         path = (index,) if is_list else ()
-        words = [direction]
-        if isinstance(direction, str):
-            words = direction.split()
-        elif isinstance(direction, list | tuple):
-            words = list(direction)
-        try:
-            numbers = tuple(fraction(word, 1e3) for word in words)
-            unit_vector = as_direction(numbers, p).tolist()
-        except InputError:
-            mend = f"The {lattice.name} lattice lies {_POSITIONS[p - 1]}."
-            raise Refused(show(direction), allowed, mend, path) from None
+        components = _read_direction(written, lattice, path)
+        # directions of different lengths may be the same
+        unit_vector = as_direction(components, lattice.periods).tolist()
         if unit_vector in unit_vectors:
-            raise Refused(f"{show(direction)} twice", "each direction once", path=path)
-        directions.append(numbers)
+            raise Refused(f"{show(written)} twice", "each direction once", path=path)
+        directions.append(components)
         unit_vectors.append(unit_vector)
     return tuple(directions) if is_list else directions[0]
+
+
+def _read_direction(value: Any, lattice: Lattice, path: tuple[int, ...]) -> tuple[float, ...]:
+    """Return the Cartesian components of one direction, (p,), from a text, a list or a number; a
+    refusal is placed at ``path``.
+    """
+    words = [value]
+    if isinstance(value, str):
+        words = value.split()
+    elif isinstance(value, list | tuple):
+        words = list(value)
+    try:
+        components = tuple(fraction(word, 1e3) for word in words)
+        as_direction(components, lattice.periods)
+    except InputError:
+        count = ("one number", "two numbers", "three numbers")[lattice.periods - 1]
+        example = ("[1]", "[1, 1]", "[1, 1, 0]")[lattice.periods - 1]
+        allowed = f"{count}, not all zero, such as {example}; or a list of these"
+        mend = f"The {lattice.name} lattice lies {_POSITIONS[lattice.periods - 1]}."
+        raise Refused(show(value), allowed, mend, path) from None
+    return components
 
 
 def _has_numbers(value: Any) -> bool:
@@ -635,89 +682,102 @@ MATERIAL_KEYS = ("young_modulus", "poisson_ratio", "density", "yield_strength")
 
 
 def _law_numbers(name: str) -> dict[str, Kind]:
-    """Return the kind of each number of a contact law: a quantity, a list of values of a quantity,
-    or a number without a unit, for which the law has a rule.
+    """Return the kind of each number of the contact law ``name``, by its key."""
+    return {key: _make_number_kind(entry) for key, entry in LAWS[name].numbers.items()}
+
+
+def _make_number_kind(entry: Any) -> Kind:
+    """Return the kind of a number of a contact law from its entry in the law: a quantity, a tuple
+    of the quantity of whose values there is a list, or the rule of a number without a unit.
     """
-
-    def make_kind(number_kind: Any) -> Kind:
-        if isinstance(number_kind, Quantity):
-            return quantity(number_kind)
-        if isinstance(number_kind, tuple):
-            (listed,) = number_kind
-            return Kind.plain(
-                partial(each, rule=listed.read, what="values"),
-                lambda values: [listed.write(value) for value in values],
-            )
-        return Kind.plain(number_kind, float)
-
-    return {key: make_kind(number_kind) for key, number_kind in LAWS[name].numbers.items()}
+    if isinstance(entry, Quantity):
+        return quantity(entry)
+    if isinstance(entry, tuple):
+        (listed,) = entry
+        return Kind.plain(
+            partial(each, rule=listed.read, what="values"),
+            lambda values: [listed.write(value) for value in values],
+        )
+    return Kind.plain(entry, float)
 
 
 def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
-    """Read kinds of balls: a block of names, each with a material, a diameter, and a mass and
-    inertia if these differ.
+    """Return the kinds of balls, each as its name and a ball, of a block of names, each with a
+    material, a diameter, and a mass and inertia if these are not those of a solid ball.
     """
     if not isinstance(value, dict) or not value:
-        raise Refused(
-            show(value), "a block of kinds of balls by name, each with its material and diameter"
-        )
-    material = partial(
+        allowed = "a block of kinds of balls by name, each with its material and diameter"
+        raise Refused(show(value), allowed)
+    read_material = partial(
         block,
         rules={name: PARTS[name].rule(context) for name in MATERIAL_KEYS},
         needed=MATERIAL_KEYS[:3],
     )
     rules: dict[str, Rule] = {
-        "material": material,
+        "material": read_material,
         "diameter": LENGTH.read,
         "mass": MASS.read,
         "inertia": INERTIA.read,
         "spread": PARTS["spread"].rule(context),
     }
-    out = []
-    read_kind = partial(block, rules=rules, needed=("material", "diameter"))
+    read_settings = partial(block, rules=rules, needed=("material", "diameter"))
+    kinds = list[tuple[str, Ball]]()
     for name, written in value.items():
         kind = label(name)
+        # names of parameters have points, pairs of kinds have spaces, and a floor has contacts too
         if "." in kind or " " in kind or kind == "floor":
             allowed = "a name without a point or a space, and not 'floor'"
             raise Refused(show(name), allowed, path=(name,))
-        settings = read_inside(name, read_kind, written)
-        material_numbers = settings.pop("material")
-        try:
-            out.append((kind, Ball(Material(**material_numbers), **settings)))
-        except InputError as error:
-            # the message begins with the name of the quantity at fault
-            key = "diameter"
-            for quantity_name in ("mass", "inertia"):
-                if quantity_name in written and str(error).startswith(quantity_name):
-                    key = quantity_name
-            allowed = "a ball that double precision can hold"
-            raise Refused(show(written[key]), allowed, str(error), (name, key)) from None
-    return tuple(out)
+        settings = read_inside(name, read_settings, written)
+        kinds.append((kind, _make_ball(name, settings, written)))
+    return tuple(kinds)
+
+
+def _make_ball(name: Any, settings: Mapping[str, Any], written: Mapping[str, Any]) -> Ball:
+    """Return the ball of the ``settings`` of a kind, which are ``written`` under ``name``; Refused
+    if double precision does not hold the ball.
+    """
+    arguments = dict(settings)
+    material_numbers = arguments.pop("material")
+    try:
+        return Ball(Material(**material_numbers), **arguments)
+    except InputError as error:
+        # the message begins with the name of the quantity at fault
+        key = "diameter"
+        for quantity_name in ("mass", "inertia"):
+            if quantity_name in written and str(error).startswith(quantity_name):
+                key = quantity_name
+        allowed = "a ball that double precision can hold"
+        raise Refused(show(written[key]), allowed, str(error), (name, key)) from None
 
 
 def _write_balls(kinds: Any, context: Context) -> dict[str, Any]:
-    out = {}
+    """Return the block of kinds of balls by name, in which mass and inertia are written out."""
+    blocks = dict[str, Any]()
     for name, ball in kinds:
-        material = {key: getattr(ball.material, key) for key in MATERIAL_KEYS}
-        out[name] = {
-            "material": {
-                key: PARTS[key].write(number, context)
-                for key, number in material.items()
-                if number is not None
-            },
+        material = {}
+        for key in MATERIAL_KEYS:
+            number_of_material = getattr(ball.material, key)
+            if number_of_material is not None:
+                material[key] = PARTS[key].write(number_of_material, context)
+        blocks[name] = {
+            "material": material,
             "diameter": LENGTH.write(ball.diameter),
             "mass": MASS.write(ball.mass),
             "inertia": INERTIA.write(ball.inertia),
         }
         if ball.spread:
-            out[name]["spread"] = PARTS["spread"].write(ball.spread, context)
-    return out
+            blocks[name]["spread"] = PARTS["spread"].write(ball.spread, context)
+    return blocks
 
 
 BALLS = Kind(_read_balls, _write_balls)
 
 
 def _read_structure(value: Any) -> Any:
+    """Return the name of a structure such as NaCl, the name of a lattice, or the lattice of a
+    block.
+    """
     structure = name_structure(value)
     if structure is not None:
         return structure
@@ -729,12 +789,18 @@ def _read_structure(value: Any) -> Any:
 
 
 def _read_vectors(value: Any) -> tuple[tuple[float, ...], ...]:
-    def length(component: Any) -> float:
-        return 0.0 if is_whole(component) and component == 0 else WAY.read(component)
+    """Return the vectors of a list of vectors, each a list of lengths, in m; no vectors of an empty
+    list.
+    """
+
+    def read_length(component: Any) -> float:
+        if is_whole(component) and component == 0:
+            return 0.0  # zero needs no unit
+        return WAY.read(component)
 
     if value == []:
         return ()
-    return each(value, partial(each, rule=length, what="lengths"), "vectors")
+    return each(value, partial(each, rule=read_length, what="lengths"), "vectors")
 
 
 def _read_site(value: Any) -> tuple[tuple[float, ...], str]:
@@ -759,6 +825,9 @@ def _read_removed(value: Any) -> tuple[int, ...]:
 
 
 def _read_cut(value: Any) -> tuple[Any, int, tuple[str, str]]:
+    """Return the axis, the number of layers, and the two edges of a block of a cut; edges are free
+    by default.
+    """
     rules: dict[str, Rule] = {
         "axis": read_axis,
         "layers": partial(whole, low=1, high=1_000_000),
@@ -769,7 +838,8 @@ def _read_cut(value: Any) -> tuple[Any, int, tuple[str, str]]:
 
 
 def _write_cuts(cuts: Any) -> Any:
-    out = [
+    """Return the block of one cut, a list of the blocks of several; None without cuts."""
+    blocks = [
         {
             "axis": list(axis) if isinstance(axis, tuple) else axis,
             "layers": layers,
@@ -777,27 +847,30 @@ def _write_cuts(cuts: Any) -> Any:
         }
         for axis, layers, edges in cuts
     ]
-    if not out:
+    if not blocks:
         return None
-    return out if len(out) > 1 else out[0]
+    return blocks if len(blocks) > 1 else blocks[0]
 
 
 def _read_replaced(value: Any) -> tuple[tuple[int, str], ...]:
+    """Return the numbers of the balls that are replaced, each with the kind that takes its place,
+    of a block of kinds by number.
+    """
     if not isinstance(value, dict) or not value:
-        raise Refused(
-            show(value),
-            "a block of numbers of balls and the kinds that take their places, as {12: S}",
-        )
-    numbers = [
-        int(index) if isinstance(index, str) and index.isdecimal() else index for index in value
-    ]
-    kinds = [read_inside(index, label, kind) for index, kind in value.items()]
-    return tuple(zip([whole(number, 0) for number in numbers], kinds, strict=True))
+        allowed = "a block of numbers of balls and the kinds that take their places, as {12: S}"
+        raise Refused(show(value), allowed)
+    balls = list[int]()
+    kinds = [read_inside(key, label, kind) for key, kind in value.items()]
+    for key in value:
+        # a file may hold the number as a text
+        is_text = isinstance(key, str) and key.isdecimal()
+        balls.append(whole(int(key) if is_text else key, 0))
+    return tuple(zip(balls, kinds, strict=True))
 
 
 def _read_law(value: Any) -> Any:
-    """Read a law, or a block of pairs of kinds with a law for each; returns the law, or items of
-    pairs.
+    """Return the law of a value, or the items of a block of pairs of kinds, each as the two names
+    and the law of the pair.
     """
     name = value
     numbers: Any = {}
@@ -829,16 +902,19 @@ def _read_single_law(name: str, numbers: Any) -> Any:
 
 
 def _write_law(law: Any) -> Any:
+    """Return the name of a law, or the block of its numbers under its name; for laws of pairs, the
+    block of the pairs. InputError for a law without a name.
+    """
     if isinstance(law, tuple):
         return {" ".join(pair): _write_law(law_of_pair) for pair, law_of_pair in law}
     for name, entry in LAWS.items():
         if law is entry.law:
             return name
         if type(law) is entry.law:
+            # the keys of a table are singular, and its attributes plural
             plural = "s" if entry.law is TabulatedLaw else ""
-            attributes = {key: key + plural for key in entry.numbers}
             numbers = {
-                key: kind.write(getattr(law, attributes[key]), Context())
+                key: kind.write(getattr(law, key + plural), Context())
                 for key, kind in _law_numbers(name).items()
             }
             return {name: numbers} if numbers else name
@@ -891,45 +967,12 @@ _VOIGT_PAIRS = {
 
 
 def tensor_kind(name: str) -> Kind:
-    """Return the kind of a stress or strain: a list in Voigt order, or a symmetric matrix, along
-    the periods.
+    """Return the kind of a tensor along the periods, "stress" or "strain": a list in Voigt order,
+    or a symmetric matrix.
     """
 
-    def read_component(value: Any, unit: Quantity) -> float:
-        if name == "strain":
-            return number(value, -1e300, 1e300)
-        return 0.0 if is_whole(value) and value == 0 else unit.read(value)
-
-    def read_matrix(rows_of_file: Sequence[Any], component: Rule) -> tuple[float, ...]:
-        """Read rows (p, p) of a symmetric matrix; return its components in Voigt order."""
-        p = len(rows_of_file)
-        read_row = partial(each, rule=component, what="numbers")
-        rows = np.array(each(list(rows_of_file), read_row, "rows"))
-        if not np.array_equal(rows, rows.T):
-            raise Refused(show(rows_of_file), "a symmetric matrix")
-        # in Voigt order a shear strain is that of the angle, xy + yx
-        shear = 2.0 if name == "strain" else 1.0
-        return tuple(float(rows[a, b]) * (shear if a != b else 1.0) for a, b in _VOIGT_PAIRS[p])
-
     def read(value: Any, context: Context) -> tuple[float, ...]:
-        p = context.lattice.periods
-        component = partial(read_component, unit=tensor_quantities(p)[name])
-        size = {1: 1, 2: 3, 3: 6}.get(p, 0)
-        listed = list(value) if isinstance(value, list | tuple) else [value]
-        has_rows = all(isinstance(row, list | tuple) and len(row) == p for row in listed)
-        if p > 1 and len(listed) == p and has_rows:
-            tensor = read_matrix(value, component)
-        elif len(listed) == size:
-            tensor = tuple(each(listed, component, "numbers"))
-        else:
-            tensor = ()
-        if any(tensor):
-            return tensor
-        unit = "numbers" if name == "strain" else "quantities"
-        allowed = (
-            f"{size} {unit} in Voigt order, or {p} rows of {p}; tension and extension are positive"
-        )
-        raise Refused(f"{show(value)}, which is zero" if tensor else show(value), allowed)
+        return _read_tensor(value, name, context.lattice.periods)
 
     def write(load: Any, context: Context) -> Any:
         if load.kind != name:
@@ -943,13 +986,61 @@ def tensor_kind(name: str) -> Kind:
     return Kind(read, write)
 
 
+def _read_tensor(value: Any, name: str, periods: int) -> tuple[float, ...]:
+    """Return the components, in Voigt order, of a "stress", N, N/m or Pa, or a "strain", along the
+    ``periods``, from a list in Voigt order or a symmetric matrix; Refused for a tensor of zeros.
+    """
+    unit = tensor_quantities(periods)[name]
+
+    def read_component(component: Any) -> float:
+        if name == "strain":
+            return number(component, -1e300, 1e300)
+        if is_whole(component) and component == 0:
+            return 0.0  # zero needs no unit
+        return unit.read(component)
+
+    n_components = {1: 1, 2: 3, 3: 6}.get(periods, 0)
+    rows = list(value) if isinstance(value, list | tuple) else [value]
+    are_rows = all(isinstance(row, list | tuple) and len(row) == periods for row in rows)
+    if periods > 1 and len(rows) == periods and are_rows:
+        tensor = _read_matrix(value, name, read_component)
+    elif len(rows) == n_components:
+        tensor = tuple(each(rows, read_component, "numbers"))
+    else:
+        tensor = ()
+    if any(tensor):
+        return tensor
+    sort = "numbers" if name == "strain" else "quantities"
+    allowed = (
+        f"{n_components} {sort} in Voigt order, or {periods} rows of {periods}; tension and"
+        " extension are positive"
+    )
+    problem = f"{show(value)}, which is zero" if tensor else show(value)
+    raise Refused(problem, allowed)
+
+
+def _read_matrix(value: Sequence[Any], name: str, read_component: Rule) -> tuple[float, ...]:
+    """Return the components, in Voigt order, of a "stress" or "strain" from the rows (p, p) of a
+    matrix; Refused for a matrix that is not symmetric.
+    """
+    read_row = partial(each, rule=read_component, what="numbers")
+    matrix = np.array(each(list(value), read_row, "rows"))
+    if not np.array_equal(matrix, matrix.T):
+        raise Refused(show(value), "a symmetric matrix")
+    # in Voigt order a shear strain is that of the angle, xy + yx
+    shear = 2.0 if name == "strain" else 1.0
+    return tuple(
+        float(matrix[a, b]) * (shear if a != b else 1.0) for a, b in _VOIGT_PAIRS[len(matrix)]
+    )
+
+
 def _join_tensor(load: Any) -> tuple[float, ...] | None:
-    """Return the tensor of a single load; None for several, and where the tensor would not be split
-    again to the last bit.
+    """Return the components of the tensor of a single load, in SI units and Voigt order; None for
+    several loads, and where :func:`split_tensor` would not give the load again to the last bit.
     """
     tensor = tuple(component * load.values[0] for component in load.tensor)
-    most = max(map(abs, tensor))
-    is_split_again = tuple(component / most for component in tensor) == load.tensor
+    greatest = max(map(abs, tensor))
+    is_split_again = tuple(component / greatest for component in tensor) == load.tensor
     return tensor if load.size == 1 and is_split_again else None
 
 
@@ -964,12 +1055,12 @@ TIMES = Kind.plain(lambda value: read_values(value, above_zero), _write_times)
 
 def split_tensor(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments of a :class:`~granphon.Load` from the values of a block with a stress or
-    strain.
+    strain: a tensor whose greatest component is 1, and the factors of this tensor.
     """
     name = "stress" if "stress" in values else "strain"
-    size = max(map(abs, values[name]))
+    greatest = max(map(abs, values[name]))
     return {
         "kind": name,
-        "array": tuple(size * factor for factor in values.get("times", (1.0,))),
-        "tensor": tuple(component / size for component in values[name]),
+        "array": tuple(greatest * factor for factor in values.get("times", (1.0,))),
+        "tensor": tuple(component / greatest for component in values[name]),
     }

@@ -228,14 +228,16 @@ class Scene(Plan):
 
     @classmethod
     def from_text(cls, text: str, name: str = "<scene>") -> Self:
-        """Read a scene from a text, which messages call ``name``; raises as :meth:`from_yaml`.
+        """Return the scene of a ``text``, which messages call ``name``; raises as
+        :meth:`from_yaml`.
 
-        Files that it names are looked for in the working folder.
+        Files that the text names are looked for in the working folder.
         """
         return cls._read(SceneSource(parse_yaml(text, name)))
 
     @classmethod
     def _read(cls, origin: SceneSource) -> Self:
+        """Return the scene of a document, checked; SceneError names the first mistake."""
         arguments = origin.read()
         with origin.at():
             scene = cls(**arguments)
@@ -297,13 +299,11 @@ class Scene(Plan):
         # a state that is found at once keeps no parts, but the parts of another run are not to
         # stand beside its result
         has_store = self.has_tasks or os.path.lexists(work_file)
+        opened_store = open_store(work_file, force) if has_store else nullcontext()
         result_files = ResultFiles(
             target, names, force, earlier=RESULT_FILES, inputs=self.origin.inputs
         )
-        with (
-            result_files.open() as locked,
-            open_store(work_file, force) if has_store else nullcontext() as store,
-        ):
+        with result_files.open() as locked, opened_store as store:
             with self.place_errors():
                 try:
                     result = self._compute(target, executor, progress, store)
@@ -316,7 +316,9 @@ class Scene(Plan):
     def _compute(
         self, target: Path, executor: Executor | None, progress: Progress, store: Store | None
     ) -> RunResult:
-        """Return the result of the scene, of which no file is written yet."""
+        """Return the result of the scene for the folder ``target``, into which nothing is written
+        yet; the ``store`` keeps finished tasks, if the scene has any.
+        """
         work = SweepRun.of(self.case_grid)
         results = list[TaskResult]()
         if self.has_tasks:
@@ -348,17 +350,17 @@ def _write_result(
         libraries = ("ase", "phonopy", "spglib")
     elif result.waves is not None:
         libraries = ("ase",)
-    used = versions("numpy", "scipy", "xarray", "h5netcdf", *libraries)
+    package_versions = versions("numpy", "scipy", "xarray", "h5netcdf", *libraries)
     names = tuple(name for name in names if name not in result.left_out)
     figure_files = tuple(name for name in figure_files if name not in result.left_out)
     with (
         locked.staging((*figure_files, *result.left_out)) as stage,
         progress.step("writing", len(names)) as step,
     ):
-        head = "".join(f"# {package} {number}\n" for package, number in used.items())
-        (stage / "scene.yaml").write_text(
-            f"# The scene as it was run, in SI units.\n{head}{text}", encoding="utf-8"
-        )
+        head = "# The scene as it was run, in SI units.\n"
+        for package, version in package_versions.items():
+            head += f"# {package} {version}\n"
+        (stage / "scene.yaml").write_text(head + text, encoding="utf-8")
         if scene.diameters is not None:
             (stage / DIAMETERS_FILE).write_text(scene.diameters, encoding="utf-8")
         write_numbers(result, stage, step.advance)
@@ -369,13 +371,17 @@ def _write_result(
             failures = draw(result.figure, figure_files, stage)
             step.advance(len(figure_files))
         files = tuple(result.folder / name for name in names if name not in failures)
-        result = replace(result, files=files, failures=tuple(failures.values()))
-        (stage / "summary.yaml").write_text(_write_summary(result, used), encoding="utf-8")
-    return result
+        written_result = replace(result, files=files, failures=tuple(failures.values()))
+        # the last file, as the summary names the files and the failures
+        summary = _write_summary(written_result, package_versions)
+        (stage / "summary.yaml").write_text(summary, encoding="utf-8")
+    return written_result
 
 
 def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of the files of numbers, and names of the figures, that a run writes."""
+    """Return the names of the files of numbers, and the names of the figures, that a run of a
+    ``scene`` writes.
+    """
     observed = scene.observe
     names = ["scene.yaml", "summary.yaml"]
     if scene.diameters is not None:
@@ -387,9 +393,9 @@ def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
         names.append("damped_bands.csv")
     figures = [f"{name}.png" for name in blocks]
     if not scene.is_single:
-        waves = [name for name, subject in SWEEP_FIGURES.items() if subject in observed]
-        names += [Path(name).with_suffix(".csv").name for name in waves]
-        figures += ["sweep.png", *waves]
+        wave_figures = [name for name, subject in SWEEP_FIGURES.items() if subject in observed]
+        names += [Path(name).with_suffix(".csv").name for name in wave_figures]
+        figures += ["sweep.png", *wave_figures]
         return tuple(names), tuple(figures)
     names_alone, figures_alone = _list_files_alone(scene)
     return (*names, *names_alone), (*figures, *figures_alone)
@@ -419,10 +425,11 @@ def _list_files_alone(scene: Scene) -> tuple[list[str], list[str]]:
         names.append("sample.extxyz")
         if medium.friction_history:
             names += ["sample_balls.csv", "sample_contacts.csv"]
-        waves = [stem for stem, subject in SAMPLE_WAVES.items() if subject in observed]
-        for stem in waves:
-            names += [f"{stem}.json", f"{stem}.csv"]
-        figures += ["forces.png", *(f"{stem}.png" for stem in waves)]
+        figures.append("forces.png")
+        for stem, subject in SAMPLE_WAVES.items():
+            if subject in observed:
+                names += [f"{stem}.json", f"{stem}.csv"]
+                figures.append(f"{stem}.png")
     return names, figures
 
 
@@ -480,10 +487,12 @@ class RunResult:
 
     @cached_property
     def _analysis(self) -> Analysis:
+        """The analysis of the only state, which is solved again after reading the result from its
+        folder; InputError if there are several states.
+        """
         if not self.scene.is_single:
-            raise InputError(
-                "the result is that of a sweep", "It has no single state", "Take its dataset"
-            )
+            problem = "the result is that of a sweep"
+            raise InputError(problem, "It has no single state", "Take its dataset")
         if self.given is not None:
             return self.given
         return Analysis(self.scene.state(), self.scene.direction)
@@ -514,10 +523,11 @@ class RunResult:
         """One sentence for each limit of validity exceeded, each number unknown or left out, and
         each figure that failed.
         """
-        texts = json.loads(self.dataset.attrs["warnings"])
+        sentences = json.loads(self.dataset.attrs["warnings"])
         for spectrum in (self.bands, self.dos):
-            texts += [] if spectrum is None else spectrum.warnings
-        return tuple(dict.fromkeys((*texts, *self.failures)))
+            if spectrum is not None:
+                sentences += spectrum.warnings
+        return tuple(dict.fromkeys((*sentences, *self.failures)))
 
     @property
     def finite_overlap(self) -> bool | list[bool]:
@@ -546,46 +556,47 @@ class RunResult:
         observed = self.scene.observe
         analysis = self._analysis
         serving = self.scene.serving
-        out: dict[str, Any] = {"medium": self.scene.media[0].label}
+        numbers: dict[str, Any] = {"medium": self.scene.media[0].label}
         if serving.chosen_automatically:
-            out |= {
+            numbers |= {
                 "choice": serving.medium.label,
                 "expected_error": float(serving.errors[0]),
                 "truth": str(serving.truth),
             }
-        out |= find_all(analysis, ("state",))
+        numbers |= find_all(analysis, ("state",))
         if "exponent" in self.dataset:
-            out |= find_all(analysis, ("exponent",))
-        out |= find_all(analysis, ("packing",))
+            numbers |= find_all(analysis, ("exponent",))
+        numbers |= find_all(analysis, ("packing",))
         local_field = self.local_field
         if local_field is not None:
-            out["local_field"] = {
+            numbers["local_field"] = {
                 name: getattr(local_field, name) for name in ("alpha", "beta", "xi")
             }
         if "velocities" in observed:
-            out |= find_all(analysis, ("velocities",))
+            numbers |= find_all(analysis, ("velocities",))
         if self.bands is not None:
-            out["top_frequency"] = float(self.bands.frequencies.max())
+            numbers["top_frequency"] = float(self.bands.frequencies.max())
         if self.gaps is not None:
-            out["gaps"] = self.gaps.tolist()
+            numbers["gaps"] = self.gaps.tolist()
         if self.waves is not None and self.waves.pulse is not None:
-            out["pulse_distance"] = self.waves.pulse.distance
+            numbers["pulse_distance"] = self.waves.pulse.distance
         if "response_phase" in self.dataset:
-            out["peaks"] = self._list_peaks()
-        return out | self._collect_wave_values()
+            numbers["peaks"] = self._list_peaks()
+        return numbers | self._collect_wave_values()
 
     def _collect_wave_values(self) -> dict[str, float]:
-        """Return the observables of waves that are one number, by name, in SI; those that are not
-        finite are left out.
+        """Return the observables of waves that are one number, by name, in SI units; those that are
+        not finite are left out.
         """
         costs = ("pulse", "spectrum", "surface", "network")
-        out: dict[str, float] = {}
+        values: dict[str, float] = {}
         for name, entry in CATALOGUE.items():
-            if entry.cost in costs and not entry.dims and name in self.dataset:
+            is_number_of_waves = entry.cost in costs and not entry.dims
+            if is_number_of_waves and name in self.dataset:
                 value = self.dataset[name].item()
                 if np.isfinite(value):
-                    out[name] = value
-        return out
+                    values[name] = value
+        return values
 
     def _list_peaks(self) -> dict[str, list[dict[str, float]]]:
         """Return the peaks of the response at each receiver: frequency, Hz, height and Q."""
@@ -615,27 +626,28 @@ class RunResult:
         if "direction" in data.dims:
             dims.append("direction")
         sizes = {str(name): data.sizes[name] for name in dims}
-        out: dict[str, Any] = {
+        numbers: dict[str, Any] = {
             "sizes": sizes,
             "states": data["valid"].size,
             "medium": data["medium"].values,
         }
         if "direction" in data.coords:
-            out["direction"] = json.loads(data["direction"].attrs["values"])
+            numbers["direction"] = json.loads(data["direction"].attrs["values"])
         elif "tensor" in data:  # some lattice is not isotropic, and its velocities are along x
-            in_plane = data.sizes["voigt_row"] == 3
-            out["direction"] = [1.0, 0.0] if in_plane else [1.0, 0.0, 0.0]
+            is_plane = data.sizes["voigt_row"] == 3
+            numbers["direction"] = [1.0, 0.0] if is_plane else [1.0, 0.0, 0.0]
         for name in _EXTENTS:
-            if name in data and data[name].notnull().any():
-                out[name] = [float(data[name].min()), float(data[name].max())]
-        return out | {"valid": bool(data["valid"].all())}
+            is_known = name in data and data[name].notnull().any()
+            if is_known:
+                numbers[name] = [float(data[name].min()), float(data[name].max())]
+        return numbers | {"valid": bool(data["valid"].all())}
 
     def _repr_html_(self) -> str:
-        numbers = self.summary()
-        entries = {name: self.entry(name) for name in numbers}
-        rows = (
-            (name, numbers[name], entry.unit if entry else "") for name, entry in entries.items()
-        )
+        """Return a table of the numbers of :meth:`summary` with their units."""
+        rows = list[tuple[str, Any, str]]()
+        for name, value in self.summary().items():
+            entry = self.entry(name)
+            rows.append((name, value, entry.unit if entry else ""))
         return write_html(type(self).__name__, rows)
 
     # -- files -------------------------------------------------------------------------------------
@@ -648,7 +660,7 @@ class RunResult:
         return ("pulse.json", "pulse.csv", "pulse.png")
 
     def figure(self, name: str) -> Any:
-        """Draw the matplotlib figure of the file ``name``."""
+        """Return the matplotlib figure of the file ``name``."""
         stem = name.removesuffix(".png")
         waves = {} if self.waves is None else self.waves.results
         if stem in ("forces", "surface", *waves):
@@ -672,10 +684,9 @@ def _describe_alone(
     results: Sequence[TaskResult],
     progress: Progress,
 ) -> RunResult:
-    """Return the result of a single ``state`` with all that its scene observes; ``results`` are
-    those of its samples, if it has any.
+    """Return the result, for the folder ``target``, of a single ``state`` with all that its scene
+    observes; ``results`` are those of its samples, if it has any.
     """
-    waves = bands = dos = gaps = surface = None
     analysis = Analysis(state, scene.direction)
     records = [SampleRecord.from_result(result, 0) for result in results]
     if not records:
@@ -683,38 +694,50 @@ def _describe_alone(
         with progress.step("networks") if has_networks else nullcontext():
             (task,) = work.grid.cases[0].media
             records = task.record_networks(state, whole=True)
-    edge = scene.observed_settings("surface")
-    if edge is not None:
+    surface = None
+    surface_settings = scene.observed_settings("surface")
+    if surface_settings is not None:
         from granphon.phonons.surfaces import Surface
 
         with progress.step("surface"):
-            surface = state.cached(Surface, edge.axis, edge.edge).map(edge.points)
+            half_space = state.cached(Surface, surface_settings.axis, surface_settings.edge)
+            surface = half_space.map(surface_settings.points)
     dataset = work.join_alone(analysis, records)
+    waves = None
     if records:
         from granphon.runs.wave_records import SampleWaves
 
         waves = SampleWaves.of(scene.waves, state, [record.of_waves for record in records])
     result = RunResult(scene, target, dataset, analysis, waves=waves, surface=surface)
-    if not {"bands", "dos", "gaps"} & set(scene.observe):
+    if {"bands", "dos", "gaps"}.isdisjoint(scene.observe):
         return result
+    return _add_phonons(result, state, progress)
+
+
+def _add_phonons(result: RunResult, state: ContactState, progress: Progress) -> RunResult:
+    """Return the ``result`` of a single ``state`` with its phonons, and with the bands, the density
+    of states and the gaps that its scene observes.
+    """
     from granphon.phonons.phonons import Phonons
 
+    scene = result.scene
     with progress.step("force constants"):
         phonons = Phonons(state, dim=scene.dim)
         if "bands" in scene.observe:
             _ = phonons.phonopy  # found within this step, and kept
+    result = replace(result, phonons=phonons)
     if "bands" in scene.observe:
         with progress.step("bands"):
-            bands = phonons.bands(
-                scene.path.arrays, npoints=scene.band_points, labels=scene.path.labels
-            )
+            path = scene.path
+            bands = phonons.bands(path.arrays, npoints=scene.band_points, labels=path.labels)
+        result = replace(result, bands=bands)
     if "dos" in scene.observe:
         with progress.step("density of states"):
-            dos = phonons.dos(mesh=scene.mesh)
+            result = replace(result, dos=phonons.dos(mesh=scene.mesh))
     if "gaps" in scene.observe:
         with progress.step("gaps"):
-            gaps = phonons.gaps()
-    return replace(result, phonons=phonons, bands=bands, dos=dos, gaps=gaps)
+            result = replace(result, gaps=phonons.gaps())
+    return result
 
 
 def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
@@ -727,9 +750,10 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
     try:
         run_versions = read_yaml(target / "summary.yaml")["versions"]
         run_scene = type(scene)(**SceneSource.of_file(target / "scene.yaml").read())
-        if run_scene != scene or run_versions != run_versions | packages():
-            return False
+        has_same_versions = run_versions == run_versions | packages()
     except (InputError, KeyError, TypeError):
+        return False
+    if run_scene != scene or not has_same_versions:
         return False
     return is_whole(target, expected_files(scene, figures=False))
 
@@ -783,8 +807,8 @@ def write_numbers(result: Any, folder: Path, advance: Callable[[int], None]) -> 
 
 
 def _write_columns(waves: Any, stem: str, path: Path) -> None:
-    """Write a table of the fields of waves that :data:`_COLUMNS` lists for the ``stem`` of a
-    file.
+    """Write the table ``path`` of the fields of ``waves``, arrays (n,), that :data:`_COLUMNS` lists
+    for the ``stem`` of a file.
     """
     headings = [Heading(name, unit) for name, unit, _ in _COLUMNS[stem]]
     columns = [getattr(waves, field) for _, _, field in _COLUMNS[stem]]
@@ -797,8 +821,10 @@ def _write_json(result: Any, path: Path) -> None:
     path.write_text(json.dumps(result.to_dict()) + "\n", encoding="utf-8")
 
 
-def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
-    """Return the text of summary.yaml; ``used`` are the versions of packages by name."""
+def _write_summary(result: RunResult, package_versions: Mapping[str, str]) -> str:
+    """Return the text of summary.yaml, with the numbers, their units, and the
+    ``package_versions`` by name.
+    """
     scene = result.scene
     numbers = result.summary()
     limits = _describe_limits(result.validity) if scene.is_single else {}
@@ -810,7 +836,7 @@ def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
     return dump_yaml(
         {
             "schema": SUMMARY_SCHEMA,
-            "versions": used,
+            "versions": package_versions,
             "source": None if scene.source is None else scene.source.name,
             "observe": scene.observe,
             "finite_overlap": result.finite_overlap,
@@ -839,15 +865,14 @@ def _describe_limits(validity: Validity) -> dict[str, Any]:
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
-    """Read summary.yaml in the folder of a run; raises :class:`~granphon.base.errors.InputError` if
-    it is not one.
+    """Return the content of summary.yaml in the ``folder`` of a run; raises
+    :class:`~granphon.base.errors.InputError` if the file is no summary.
     """
     path = folder / "summary.yaml"
     summary = read_yaml(path)
     if not isinstance(summary, dict):
-        raise InputError(
-            f"{path} holds no keys", "Granphon did not write it so", "Run the scene again"
-        )
+        why = "Granphon did not write it so"
+        raise InputError(f"{path} holds no keys", why, "Run the scene again")
     require_schema(path, summary.get("schema"), SUMMARY_SCHEMA)
     return summary
 
@@ -856,8 +881,8 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 
 def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
-    """Draw the figure of a data set that the ``name`` of its file means, or that of one
-    ``variable``.
+    """Return the matplotlib figure of a data set that the ``name`` of its file means, or that of
+    one ``variable``.
     """
     stem = Path(name).stem
     if variable is None and stem in NETWORK_BLOCKS:
@@ -867,7 +892,9 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
     if variable is None and f"{stem}.png" in SWEEP_FIGURES:
         from granphon.figures.waves import sweep_dos_figure, sweep_spectra_figure
 
-        return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)
+        if stem == "sweep_dos":
+            return sweep_dos_figure(dataset)
+        return sweep_spectra_figure(dataset)
     from granphon.figures.curves import sweep_figure
 
     return sweep_figure(dataset, variable=variable)

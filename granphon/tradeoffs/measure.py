@@ -65,7 +65,13 @@ from granphon.runs.workers import packages
 #: quantities that are averaged, and whose errors are measured: velocities of long waves, and the
 #: scale of frequencies
 QUANTITIES = ("longitudinal", "transverse", "frequency")
+#: distance, in diameters, up to which pairs of balls count as near
 _REACH = 3.0
+#: number of shells of near pairs that are within that distance on every lattice
+_SHELLS = 3
+#: least number of samples for each coefficient of a regression: with fewer samples the regression
+#: adds more scatter than it removes
+_SAMPLES_PER_COEFFICIENT = 6
 #: first seed of the reference's samples, far from the seeds of the points
 _REFERENCE_SEED = 1_000_000
 #: least number of samples of the reference
@@ -88,6 +94,15 @@ BETTER = 100.0
 #: number of openings of a distribution up to which solving the effective medium takes no noticeable
 #: time
 _FEW_OPENINGS = 40
+#: power of the number of openings with which the time of solving the effective medium grows
+_OPENINGS_POWER = 1.1
+#: share of the time of a study in which points are measured; the rest is left to the reference
+_POINTS_SHARE = 0.4
+#: longest time of a run, over those before, that is allowed for
+_TIME_MARGIN = 1.5
+#: runs of a point that are not timed, in units of a timed run: one warms up, and one is slower
+#: because its memory is watched
+_UNTIMED_RUNS = 4.0
 #: least number of timed runs of a point
 LEAST_RUNS = 5
 #: local fields of the effective medium
@@ -102,15 +117,18 @@ def observe(state: ContactState) -> Array:
     In the plane the velocities are those along x. In space they are those of the moduli averaged
     over all directions (W. Voigt, 1889), rho v^2 = K + 4G/3 and G.
     """
-    scale = np.sqrt(state.normal_stiffness) / math.sqrt(state.packing.mass)
+    frequency_scale = np.sqrt(state.normal_stiffness) / math.sqrt(state.packing.mass)
     if state.packing.structure.periods == 3:
         tensor = state.elastic_tensor
         density = np.asarray(state.effective_density)
+        shear_modulus = bulk_and_shear(tensor)[..., 1]
         longitudinal = np.sqrt(longitudinal_modulus(tensor) / density)
-        transverse = np.sqrt(bulk_and_shear(tensor)[..., 1] / density)
-        return np.stack([longitudinal, transverse, scale], axis=-1)
-    velocities = sound_velocities(state, (1.0, 0.0))
-    return np.stack([velocities.longitudinal, velocities.transverse, scale], axis=-1)
+        transverse = np.sqrt(shear_modulus / density)
+    else:
+        velocities = sound_velocities(state, (1.0, 0.0))
+        longitudinal = velocities.longitudinal
+        transverse = velocities.transverse
+    return np.stack([longitudinal, transverse, frequency_scale], axis=-1)
 
 
 class Ensemble:
@@ -146,96 +164,103 @@ class Ensemble:
         return len(self.moduli)
 
     def add(self, count: int = 1) -> None:
-        """Simulate ``count`` more samples."""
+        """Simulate ``count`` more samples, and keep their moduli and controls for the means."""
+        first_seed = self.seed + self.samples
         simulation = DirectSimulation(
-            self.packing, self.shape, self.seed + self.samples, count, **self.truth.options
+            self.packing, self.shape, first_seed, count, **self.truth.options
         )
         state = simulation.at(self.load)
+        # (n_loads, samples, n, n) Pa, and (n_loads, samples) N/m
         tensors = state.over_samples(lambda sample: sample.elastic_tensor)
         k = state.over_samples(lambda sample: sample.normal_stiffness)
-        # moduli are averaged, and k or, where samples share the force, the compliance 1/k, as in
-        # the state
-        rows = (
-            longitudinal_modulus(tensors),
-            bulk_and_shear(tensors)[..., 1],
-            k if state.fixed_overlap else 1.0 / k,
-        )
-        self.moduli.extend(np.moveaxis(np.stack(rows, axis=-1), 1, 0))
+        longitudinal = longitudinal_modulus(tensors)
+        shear = bulk_and_shear(tensors)[..., 1]
+        # as in the state, k is averaged, or, where samples share the force, the compliance 1/k
+        averaged_k = k if state.fixed_overlap else 1.0 / k
+        moduli = np.stack([longitudinal, shear, averaged_k], axis=-1)
+        self.moduli.extend(np.moveaxis(moduli, 1, 0))
         self._densities = np.asarray(state.effective_density)
         self._excess.extend(np.array(list(measure_excess(simulation))))
 
     def means(self) -> tuple[Array, Array]:
-        """Return the :data:`QUANTITIES`, SI, and their relative standard errors, (n_loads, 3); of
-        two samples or more.
+        """Return the :data:`QUANTITIES` (n_loads, 3), SI, of the infinite array, and their relative
+        standard errors (n_loads, 3); of two samples or more.
         """
         moduli = np.array(self.moduli)  # (samples, n_loads, 3)
-        flat_means, flat_errors = regress(moduli.reshape(self.samples, -1), np.array(self._excess))
+        flat_moduli = moduli.reshape(self.samples, -1)
+        flat_means, flat_errors = regress(flat_moduli, np.array(self._excess))
         means = flat_means.reshape(moduli.shape[1:])
         errors = flat_errors.reshape(moduli.shape[1:])
+        # quantities are roots of moduli over densities, and of k over the mass of a ball
         masses = np.full(len(means), self.packing.mass)
         inertias = np.stack([self._densities, self._densities, masses], axis=1)
         squares = np.abs(means) / inertias
-        if self.load.kind != "overlap":
+        if self.load.kind != "overlap":  # samples share the force: the mean is one of 1/k
             squares[:, 2] = 1.0 / means[:, 2] / self.packing.mass
         return np.sqrt(squares), 0.5 * errors / np.abs(means)
 
 
 def measure_excess(simulation: DirectSimulation) -> Iterator[Array]:
-    """Yield the means of x^2 and of x x' over each shell of near pairs of each sample, minus those
-    of the infinite array.
+    """Yield for each sample an array (1 + shells,): the mean of x^2, and the means of x x' over
+    each shell of near pairs, minus those of the infinite array; x are the deviations of diameters
+    over the width.
     """
     structure = simulation.packing.structure
     shells = find_near_pairs(structure)
-    axes = tuple(range(structure.periods))
+    cell_axes = tuple(range(structure.periods))
     for index in range(simulation.samples):
         deviations = simulation.deviations(index)
         # (n, L1, ..., Lp), with the balls of the cell in front
         x = deviations if structure.n_balls > 1 else deviations[None]
         excess = [np.mean(x * x) - 1.0 / 12.0]  # the variance of every distribution
         for shell in shells:
-            products = [np.mean(x[j] * np.roll(x[i], shift, axes)) for i, j, shift in shell]
+            products = []
+            for i, j, shift in shell:
+                products.append(np.mean(x[j] * np.roll(x[i], shift, cell_axes)))
             excess.append(np.mean(products))
         yield np.array(excess)
 
 
 @lru_cache(maxsize=64)
 def find_near_pairs(structure: Lattice) -> list[list[tuple[int, int, tuple[int, ...]]]]:
-    """Find the pairs of near balls, shell after shell: ball i of a cell, and ball j of the cell
-    that is shifted from it.
+    """Return the pairs of near balls, shell after shell: the numbers in a cell of ball i and of
+    ball j, and the shift, in cells, from the cell of ball i to that of ball j.
 
-    Each pair counts once. Balls at the same distance are one shell.
+    Each pair counts once. Pairs at the same distance are one shell.
     """
     vectors = structure.positions[None] - structure.positions[:, None]
     reach = _REACH + float(np.max(np.linalg.norm(vectors, axis=-1)))
-    steps = steps_within(structure.vectors, reach)
-    distance = np.linalg.norm(vectors[:, :, None] + steps @ structure.vectors, axis=-1)
-    is_near = (distance > 0.5) & (distance < _REACH + TOUCH)
-    near = np.argwhere(is_near)  # (n, 3): ball i, ball j, number of the step
+    steps = steps_within(structure.vectors, reach)  # (steps, p) cells
+    distances = np.linalg.norm(vectors[:, :, None] + steps @ structure.vectors, axis=-1)
+    is_other_ball = distances > 0.5  # a ball is not near itself
+    near = np.argwhere(is_other_ball & (distances < _REACH + TOUCH))
+    # columns of ``near`` (n, 3): ball i, ball j, number of the step
     once = select_once(near[:, 0], near[:, 1], steps[near[:, 2]])
-    i, j, step_of = near[once].T
-    radii = np.round(distance[i, j, step_of], 5)
+    i, j, step_numbers = near[once].T
+    radii = np.round(distances[i, j, step_numbers], 5)
     shells = []
-    for radius in np.unique(radii)[:3]:  # within _REACH on every lattice
+    for radius in np.unique(radii)[:_SHELLS]:
         pairs = np.flatnonzero(radii == radius)
-        shifts = [tuple(shift) for shift in steps[step_of[pairs]].tolist()]
+        shifts = [tuple(shift) for shift in steps[step_numbers[pairs]].tolist()]
         shells.append(list(zip(i[pairs].tolist(), j[pairs].tolist(), shifts, strict=True)))
     return shells
 
 
 def regress(values: Array, excess: Array) -> tuple[Array, Array]:
-    """Return means of the columns of ``values`` (n, m) at zero ``excess`` (n, p), and their
-    standard errors, each (m,).
+    """Return means of the columns of ``values`` (n, m) over n samples at zero ``excess`` (n, p), by
+    linear regression, and their standard errors, each (m,); plain means for few samples.
     """
-    count, columns = excess.shape
-    design = np.ones((count, 1))
+    n_samples, n_controls = excess.shape
+    design = np.ones((n_samples, 1))
     scale = np.sqrt(np.mean(excess**2, axis=0))
-    # with fewer samples for each of its coefficients a regression adds more scatter than it removes
-    if count >= 6 * (columns + 1) and np.all(scale > 0.0):
+    are_many = n_samples >= _SAMPLES_PER_COEFFICIENT * (n_controls + 1)
+    if are_many and np.all(scale > 0.0):
         design = np.concatenate([design, excess / scale], axis=1)
     inverse = np.linalg.pinv(design)
-    coefficients = inverse @ values
+    coefficients = inverse @ values  # the first row is the mean at zero excess
     residuals = values - design @ coefficients
-    variance = np.sum(residuals**2, axis=0) / (count - design.shape[1])
+    n_free = n_samples - design.shape[1]
+    variance = np.sum(residuals**2, axis=0) / n_free
     return coefficients[0], np.sqrt(variance * np.sum(inverse[0] ** 2))
 
 
@@ -350,16 +375,17 @@ class MediaStudy:
         return [QUANTITIES.index(name) for name in self.quantities]
 
     def observe(self, medium: Any) -> Array:
-        """Return the observed quantities of a medium, (n_loads, n_observed), with finite overlap
-        at the loads where the truth has finite overlap.
+        """Return the observed quantities of a medium, (n_loads, n_observed), SI, with finite
+        overlap at the loads where the truth has finite overlap.
         """
-        values = np.empty((self.load.size, len(QUANTITIES)))
+        quantities = np.empty((self.load.size, len(QUANTITIES)))
         in_limit = [number for number in range(self.load.size) if number not in self._exact]
-        for numbers, finite in ((self._exact, True), (in_limit, None)):
-            if numbers:
-                state = medium.at(self.load[numbers], finite_overlap=finite)
-                values[numbers] = observe(state)
-        return values[:, self._columns]
+        # None is the default of a medium
+        for load_numbers, finite_overlap in ((self._exact, True), (in_limit, None)):
+            if load_numbers:
+                state = medium.at(self.load[load_numbers], finite_overlap=finite_overlap)
+                quantities[load_numbers] = observe(state)
+        return quantities[:, self._columns]
 
     @property
     def has_few_openings(self) -> bool:
@@ -374,15 +400,17 @@ class MediaStudy:
         """Predicted time of solving the effective medium, s; zero for few openings."""
         if self.has_few_openings:
             return 0.0
+        # only listed diameters have many openings; a short list is timed to predict the time of the
+        # long one
         shape: Any = cast("Spread", self.packing.spread).shape
-        # a short list is timed to predict the time of the long one
         even_steps = np.linspace(0, len(shape.positions) - 1, 20)
         x = np.array(shape.positions)[np.unique(even_steps.astype(int))]
-        few = PointShape(tuple(x.tolist()), (1.0 / x.size,) * x.size)
+        short_list = PointShape(tuple(x.tolist()), (1.0 / x.size,) * x.size)
         begun = self.stopwatch.now()
-        solve_curve(few, 1.0, 12, 1e-10)
+        solve_curve(short_list, 1.0, 12, 1e-10)
         seconds = self.stopwatch.now() - begun
-        return float(seconds * (shape.openings.size / few.openings.size) ** 1.1)
+        growth = shape.openings.size / short_list.openings.size
+        return float(seconds * growth**_OPENINGS_POWER)
 
     @cached_property
     def condition(self) -> float:
@@ -393,7 +421,7 @@ class MediaStudy:
         if self.has_few_openings:
             with suppress(GranphonError):  # the loads may be below those of the effective medium
                 state = EffectiveMedium(self.packing).at(self.load)
-        by_force = np.asarray(local_exponent(state))
+        by_force = np.asarray(local_exponent(state))  # d log v / d log f
         overlap = np.asarray(state.overlap)
         # v = f^(1/6) times a function of f/W^(3/2), or W^(1/4) times one of delta/W
         if self.load.kind == "overlap":
@@ -402,23 +430,31 @@ class MediaStudy:
         else:
             by_load = by_force
             by_width = EXPONENT * (FREQUENCY_EXPONENT - by_force)
-        # 1.0 is the factor of the rounding of the velocity itself
-        return float(1.0 + np.max(np.abs(by_load) + np.abs(by_width)))
+        factor_of_velocity = 1.0  # of the rounding of the velocity itself
+        return float(factor_of_velocity + np.max(np.abs(by_load) + np.abs(by_width)))
 
     def make_points(self) -> list[Point]:
         """Return the points, in the order of their predicted times."""
+
+        def make_averaged_lattice(run: int) -> AveragedLattice:
+            """Return the averaged lattice, the same for each run."""
+            return AveragedLattice(self.packing)
+
+        def make_averaged_force(run: int) -> AveragedForce:
+            """Return the averaged force, the same for each run."""
+            return AveragedForce(self.packing)
+
         points = [
-            Point(
-                "averaged lattice", "ala", lambda run: AveragedLattice(self.packing), self.observe
-            ),
-            Point("averaged force", "afa", lambda run: AveragedForce(self.packing), self.observe),
+            Point("averaged lattice", "ala", make_averaged_lattice, self.observe),
+            Point("averaged force", "afa", make_averaged_force, self.observe),
             *self._make_effective_points(),
         ]
         structure = self.packing.structure
         sides = self.sides or _SIDES[structure.periods]
         histories = dict.fromkeys((REST, self.truth))  # each once
         for history, samples, side in itertools.product(histories, self.counts, sides):
-            points.append(self._make_simulated_point(history, samples, even_shape(structure, side)))
+            shape = even_shape(structure, side)
+            points.append(self._make_simulated_point(history, samples, shape))
         return sorted(points, key=lambda point: point.seconds)
 
     def _make_effective_points(self) -> list[Point]:
@@ -434,7 +470,7 @@ class MediaStudy:
             """Return the medium with its curve solved anew."""
             effective_curve.cache_clear()
             medium = EffectiveMedium(packing, field_of_medium)
-            _ = cast("EffectiveLaw", medium.law).curve
+            _ = cast("EffectiveLaw", medium.law).curve  # solved when asked for
             return medium
 
         def make_point(method: str, knob: str, field_of_medium: _Field) -> Point:
@@ -465,40 +501,42 @@ class MediaStudy:
     def find_reference(
         self, deadline: Deadline, better: Callable[[Reference], bool], step: Step
     ) -> Reference:
-        """Simulate samples until ``better`` accepts the reference or the time is up.
+        """Return the reference of samples that are simulated until ``better`` accepts the reference
+        or the ``deadline`` is near; ``step`` is told of each sample.
 
         One smaller sample is solved in another way too, as a check: see :meth:`compare`. Raises
-        :class:`~granphon.base.errors.GranphonError` if there is no time for it.
+        :class:`~granphon.base.errors.GranphonError` if there is no time for enough samples.
         """
         now = deadline.stopwatch.now
         shape = self._reference_shape
-        samples = Ensemble(self.packing, self.load, shape, _REFERENCE_SEED, self.truth)
+        ensemble = Ensemble(self.packing, self.load, shape, _REFERENCE_SEED, self.truth)
         begun = now()
         simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
-        least = _LEAST_SAMPLES * deadline.stopwatch.predict(estimate(simulation, self.load))
-        if least > deadline.left:
+        sample_time = deadline.stopwatch.predict(estimate(simulation, self.load))
+        least_time = _LEAST_SAMPLES * sample_time
+        if least_time > deadline.left:
             raise GranphonError(
                 f"its samples do not fit into the budget: {_LEAST_SAMPLES} take about"
-                f" {write_duration(least)}."
+                f" {write_duration(least_time)}."
             )
-        checked, differences = self.compare(deadline)
+        check, differences = self.compare(deadline)
         longest = 0.0
-        while deadline.left > 1.5 * longest:
+        while deadline.left > _TIME_MARGIN * longest:
             start = now()
-            samples.add()
+            ensemble.add()
             step.advance()
             longest = max(longest, now() - start)
-            count = samples.samples
+            count = ensemble.samples
             is_looked_at = count >= _LEAST_SAMPLES and count % _SAMPLES_BETWEEN_LOOKS == 0
-            if is_looked_at and better(self._summarise(samples, checked, differences)):
+            if is_looked_at and better(self._summarise(ensemble, check, differences)):
                 break
-        if samples.samples < _LEAST_SAMPLES:
+        if ensemble.samples < _LEAST_SAMPLES:
             spent = write_duration(now() - begun)
             raise GranphonError(
-                f"the budget allows only {samples.samples} of its samples ({spent}), which"
+                f"the budget allows only {ensemble.samples} of its samples ({spent}), which"
                 f" are too few."
             )
-        return self._summarise(samples, checked, differences)
+        return self._summarise(ensemble, check, differences)
 
     @property
     def _reference_shape(self) -> tuple[int, ...]:
@@ -507,25 +545,26 @@ class MediaStudy:
         sides = _LOADED_SIDES if self.truth.is_loaded else _REFERENCE_SIDES
         return even_shape(structure, self.reference_side or sides[structure.periods])
 
-    def _summarise(self, samples: Ensemble, checked: str, differences: Array) -> Reference:
-        """Return the reference from the ``samples`` so far.
+    def _summarise(self, ensemble: Ensemble, check: str, differences: Array) -> Reference:
+        """Return the reference from the samples of the ``ensemble`` so far.
 
-        ``checked`` and ``differences`` (n_loads,) are those of :meth:`compare`; the differences add
+        ``check`` and ``differences`` (n_loads,) are those of :meth:`compare`; the differences add
         to the errors in quadrature.
         """
-        means, mean_errors = samples.means()
-        values = means[:, self._columns]
+        means, mean_errors = ensemble.means()
+        observed_means = means[:, self._columns]
         errors = np.hypot(mean_errors[:, self._columns], differences[:, None])
         unit = "balls" if self.packing.structure.n_balls == 1 else "cells"
-        made = (
-            f"{samples.samples} samples of {_write_shape(samples.shape)} {unit}"
+        samples = (
+            f"{ensemble.samples} samples of {_write_shape(ensemble.shape)} {unit}"
             f" {self.truth.words}, with control variates"
         )
-        return Reference(values, errors, f"{made}; {checked} by {np.max(differences):.0e}")
+        made = f"{samples}; {check} by {np.max(differences):.0e}"
+        return Reference(observed_means, errors, made)
 
     def compare(self, deadline: Deadline) -> tuple[str, Array]:
-        """Solve a small sample of the truth by another method: return a text that says what
-        differs, and the differences (n_loads,).
+        """Return a text that says what differs where a small sample of the truth is solved by
+        another method too, and the largest relative differences (n_loads,).
 
         A sample that is loaded with friction is loaded once more, in shorter steps. For a sample at
         rest, equilibrium and response are found by another algorithm, a sparse LU; both have the
@@ -542,8 +581,8 @@ class MediaStudy:
         return f"of one of {_write_shape(shape)}, {words} differ", differences
 
     def _compare_steps(self, shape: tuple[int, ...]) -> Array:
-        """Load a sample in steps of the tolerance, and of a tenth: return the relative differences
-        (n_loads,).
+        """Return the largest relative differences (n_loads,) of the observed quantities of a sample
+        that is loaded in steps of the tolerance, and in steps of a tenth of it.
         """
         simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
         finer = replace(simulation, step_tolerance=0.1 * simulation.step_tolerance)
@@ -551,8 +590,8 @@ class MediaStudy:
         return np.asarray(np.max(np.abs(ratio - 1.0), axis=-1))
 
     def _compare_factors(self, shape: tuple[int, ...], deadline: Deadline) -> Array:
-        """Solve a sample at rest by a sparse LU as well: return the relative differences
-        (n_loads,).
+        """Return the relative differences (n_loads,) of a sample at rest that is solved by a sparse
+        LU as well: the larger of those of the mean force and of velocities.
         """
         from granphon.array.sparse import SparseArray
 
@@ -560,15 +599,17 @@ class MediaStudy:
         simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, geometry=LATTICE)
         state = simulation.at(self.load)
         differences = np.empty(self.load.size)
-        for load_index, sample in enumerate(state.samples):
+        for load_number, sample in enumerate(state.samples):
             equilibrium = sample.equilibrium
             by_factors = SparseArray(equilibrium.deviations, equilibrium.lattice)
             forces = by_factors.forces(equilibrium.overlap, check=deadline.check)
             tensor = by_factors.elastic_tensor(forces, eta)
-            expected = equilibrium.find_elasticity(eta)
-            of_force = abs(np.mean(forces) / equilibrium.force - 1.0)
-            of_tensor = np.max(np.abs(tensor - expected)) / np.max(expected)
-            differences[load_index] = max(of_force, 0.5 * of_tensor)
+            expected_tensor = equilibrium.find_elasticity(eta)
+            force_difference = abs(np.mean(forces) / equilibrium.force - 1.0)
+            largest_modulus = np.max(expected_tensor)
+            tensor_difference = np.max(np.abs(tensor - expected_tensor)) / largest_modulus
+            velocity_difference = 0.5 * tensor_difference  # velocities are roots of moduli
+            differences[load_number] = max(force_difference, velocity_difference)
         return differences
 
 
@@ -719,23 +760,27 @@ class TradeOff(Result):
         )
         rows: list[list[Any]] = []
         for point in self.points:
-            head = [point.method, point.knob]
-            cost = [point.seconds, point.spread, point.setup, point.memory, point.floor]
-            if point.failure:
-                # no load, quantity, error, its error, draws, error of the reference, resolved
-                empty = ["", "", "", "", "", "", ""]
-                known_cost = cost if point.ran else ["" for _ in cost]
-                rows.append([*head, *empty, *known_cost, point.failure])
-                continue
-            pairs = itertools.product(enumerate(self.loads), enumerate(self.observed))
-            for (row, load), (column, name) in pairs:
-                error = float(point.errors[row, column])
-                stderr = float(point.stderrs[row, column])
-                limit = float(point.reference_errors[row, column])
-                resolved = error >= BETTER * limit
-                errors = [error, stderr, point.draws, limit, resolved]
-                rows.append([*head, load, name, *errors, *cost, ""])
+            rows.extend(self._list_rows(point))
         return table_text(headings, rows)
+
+    def _list_rows(self, point: MeasuredPoint) -> Iterator[list[Any]]:
+        """Yield the rows of a point in the table of :meth:`csv`."""
+        name_entries = [point.method, point.knob]
+        cost_entries = [point.seconds, point.spread, point.setup, point.memory, point.floor]
+        if point.failure:
+            # no load, quantity, error, its error, draws, error of the reference, resolved
+            empty = ["", "", "", "", "", "", ""]
+            known_costs = cost_entries if point.ran else ["" for _ in cost_entries]
+            yield [*name_entries, *empty, *known_costs, point.failure]
+            return
+        pairs = itertools.product(enumerate(self.loads), enumerate(self.observed))
+        for (row, load), (column, quantity) in pairs:
+            error = float(point.errors[row, column])
+            stderr = float(point.stderrs[row, column])
+            reference_error = float(point.reference_errors[row, column])
+            resolved = error >= BETTER * reference_error
+            error_entries = [error, stderr, point.draws, reference_error, resolved]
+            yield [*name_entries, load, quantity, *error_entries, *cost_entries, ""]
 
 
 def tradeoff(
@@ -796,19 +841,16 @@ def tradeoff(
     """
     applied = Load.only(force=force, pressure=pressure, overlap=overlap)
     given_packing(packing)
-    for name, value, low in (("runs", runs, LEAST_RUNS), ("most_loads", most_loads, 1)):
-        require(name, partial(whole, low=low, high=1000), value)
+    require("runs", partial(whole, low=LEAST_RUNS, high=1000), runs)
+    require("most_loads", partial(whole, low=1, high=1000), most_loads)
     budget = require("budget", partial(number, low=1e-3, high=1e9), budget)
     word = partial(choice, options=("velocities", "bands", "dos"))
     observe = require("observe", partial(each, rule=word, what="words"), observe)
     require("finite_overlap", truth, finite_overlap)
-    values = (friction_history, friction_coefficient, shear_response)
-    options = dict(zip(REFERENCE_OPTIONS, values, strict=True))
+    history_values = (friction_history, friction_coefficient, shear_response)
+    options = dict(zip(REFERENCE_OPTIONS, history_values, strict=True))
     against = require("tradeoff", FrictionHistory.read, options)
-    loads = np.unique(applied.array)
-    if loads.size > most_loads:
-        even_steps = np.linspace(0, loads.size - 1, most_loads)
-        loads = loads[np.unique(np.rint(even_steps).astype(int))]
+    loads = _thin_out(np.unique(applied.array), most_loads)
     _require_comparable(packing, finite_overlap, against)
     quantities: tuple[str, ...] = ()
     if "velocities" in observe:
@@ -827,6 +869,17 @@ def tradeoff(
         "versions": packages(),
     }
     return carry_out(study, budget, runs, progress, executor, store, json.loads(to_json(identity)))
+
+
+def _thin_out(loads: Array, most: int) -> Array:
+    """Return at most so many of the ascending ``loads`` (n,): the smallest, the largest and some
+    between, at even steps of their number.
+    """
+    if loads.size <= most:
+        return loads
+    even_steps = np.linspace(0, loads.size - 1, most)
+    chosen = np.unique(np.rint(even_steps).astype(int))
+    return np.asarray(loads[chosen])
 
 
 def _require_comparable(packing: Packing, finite_overlap: bool, against: FrictionHistory) -> None:
@@ -864,24 +917,31 @@ def carry_out(
     store: Store | None = None,
     identity: Mapping[str, Any] | None = None,
 ) -> TradeOff:
-    """Carry out a study within a ``budget``, s on the study's stopwatch, by an ``executor``.
+    """Return the results of a study that is carried out within a ``budget``, s on the study's
+    stopwatch, by an ``executor``; each point is timed ``runs`` times.
 
     A finished study is kept in a ``store``, which is claimed for the ``identity`` of the trade-off,
     plain data.
     """
-    shown_progress = progress if executor is None else silent
-    task = _StudyTask(study, f"study-{digest(identity)}", budget, runs, shown_progress)
+    # in this process the study tells its steps; in another it cannot, and its end alone is told
+    is_in_process = executor is None
+    progress_of_study = progress if is_in_process else silent
+    progress_of_tasks = silent if is_in_process else progress
+    task = _StudyTask(study, f"study-{digest(identity)}", budget, runs, progress_of_study)
     if store is not None:
         store.claim(identity, lambda: [task.name])
-    (result,) = solve_all(
-        "trade-off", [task], executor, silent if executor is None else progress, store
-    )
-    points = tuple(MeasuredPoint.from_dict(json.loads(text)) for text in result["points"].tolist())
+    (result,) = solve_all("trade-off", [task], executor, progress_of_tasks, store)
+    points = [MeasuredPoint.from_dict(json.loads(text)) for text in result["points"].tolist()]
     reference = result["made"].item() if result["made"].size else ""
-    seconds = float(result["seconds"].item())
-    load = study.load
     return TradeOff(
-        points, load.kind, load.values, study.quantities, reference, runs, seconds, float(budget)
+        points=tuple(points),
+        kind=study.load.kind,
+        loads=study.load.values,
+        observed=study.quantities,
+        reference=reference,
+        runs=runs,
+        seconds=float(result["seconds"].item()),
+        budget=float(budget),
     )
 
 
@@ -915,22 +975,25 @@ class _StudyTask(Task):
     kind: str = where
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Measure the points of the study in a part of its time, from now on, and find its
-        reference in the rest.
+        """Return the measured points, JSON texts, how the reference was made, and the time of the
+        study, s.
+
+        Points are measured in a part of the time, from now on, and the reference is found in the
+        rest. A study is one step, so that nothing is ``begun`` before it.
         """
         study = self.study
         now = study.stopwatch.now
         start = now()
         deadline = Deadline(study.stopwatch, start + self.seconds)
-        halfway = Deadline(study.stopwatch, now() + 0.4 * deadline.left)
+        points_deadline = Deadline(study.stopwatch, now() + _POINTS_SHARE * deadline.left)
         points = study.make_points()
-        runs_of_point, failures = self._run_points(points, halfway)
+        runs_of_point, failures = self._run_points(points, points_deadline)
         reference = None
         problem = "no point was run"
         if runs_of_point:
             with self.progress.step("media: reference") as step:
+                judges_all = partial(_judges_all, list(runs_of_point.values()))
                 try:
-                    judges_all = partial(_judges_all, list(runs_of_point.values()))
                     reference = study.find_reference(deadline, judges_all, step)
                 except GranphonError as error:
                     problem = f"there is no reference: {error}"
@@ -952,10 +1015,10 @@ class _StudyTask(Task):
         }
 
     def _run_points(
-        self, points: Sequence[Point], halfway: Deadline
+        self, points: Sequence[Point], deadline: Deadline
     ) -> tuple[dict[Point, _Runs], dict[Point, str]]:
-        """Run points one after the other until ``halfway``; return the runs of each, and why the
-        others were not run.
+        """Return the runs of each point, as many as end before the ``deadline``, and why the others
+        were not run.
         """
         runs_of_point = dict[Point, _Runs]()
         failures = dict[Point, str]()
@@ -963,9 +1026,9 @@ class _StudyTask(Task):
         with self.progress.step("media", len(points)) as step:
             for point in points:
                 # a knob that is turned further takes longer
-                least = max(point.seconds, times_of_method.get(point.method, 0.0))
+                least_time = max(point.seconds, times_of_method.get(point.method, 0.0))
                 try:
-                    runs = self._run(point, least, halfway)
+                    runs = self._run(point, least_time, deadline)
                     runs_of_point[point] = runs
                     times_of_method[point.method] = statistics.median(runs.seconds)
                 except _BudgetError as error:
@@ -975,37 +1038,36 @@ class _StudyTask(Task):
                     failures[point] = str(error)
                 step.advance()
             # few runs do not tell the rms error of a random point
-            random = {point: runs for point, runs in runs_of_point.items() if point.random}
-            _repeat(random, halfway)
+            random_points = {point: runs for point, runs in runs_of_point.items() if point.random}
+            _repeat(random_points, deadline)
         return runs_of_point, failures
 
-    def _run(self, point: Point, least: float, halfway: Deadline) -> _Runs:
-        """Run a point that takes ``least`` s or more: once to warm up, then timed, then with its
-        memory watched.
+    def _run(self, point: Point, least_time: float, deadline: Deadline) -> _Runs:
+        """Return the runs of a point that takes ``least_time``, s, or more: it is run once to warm
+        up, then timed, then once with its memory watched.
 
-        Raises :class:`_BudgetError` if there is no time for that until ``halfway``.
+        Raises :class:`_BudgetError` if there is no time for these runs until the ``deadline``.
         """
         now = self.study.stopwatch.now
-        self._require_time(least, halfway)
-        begin = now()
+        self._require_time(least_time, deadline)
+        start = now()
         point.solve(point.prepare(0))
-        self._require_time(now() - begin, halfway)
+        self._require_time(now() - start, deadline)
         runs = _Runs([], [], [])
         for run in range(1, self.runs + 1):
-            begin = now()
-            ready = point.prepare(run)
-            between = now()
-            runs.outcomes.append(point.solve(ready))
-            runs.seconds.append(now() - between)
-            runs.setups.append(between - begin)
+            start = now()
+            prepared = point.prepare(run)
+            solve_start = now()
+            runs.outcomes.append(point.solve(prepared))
+            runs.seconds.append(now() - solve_start)
+            runs.setups.append(solve_start - start)
         return runs._replace(memory=_watch_memory(point))
 
-    def _require_time(self, seconds: float, halfway: Deadline) -> None:
+    def _require_time(self, seconds: float, deadline: Deadline) -> None:
         """Raise :class:`_BudgetError` if the runs of a point, of so many ``seconds`` each, would
-        not end by the deadline ``halfway``.
+        not end by the ``deadline``.
         """
-        # four more are not timed: one warms up, and one is slower because its memory is watched
-        if (self.runs + 4.0) * seconds <= halfway.left:
+        if (self.runs + _UNTIMED_RUNS) * seconds <= deadline.left:
             return
         problem = "not run, beyond the budget"
         if 1e-3 < seconds < math.inf:
@@ -1018,14 +1080,14 @@ class _StudyTask(Task):
         """Return the errors and times of a point; without a ``reference`` the ``problem`` says
         why there is none.
         """
-        low, middle, high = statistics.quantiles(runs.seconds, n=4)
+        lower_quartile, median, upper_quartile = statistics.quantiles(runs.seconds, n=4)
         measured = MeasuredPoint(
             point.method,
             point.knob,
-            np.zeros(0),
-            np.zeros(0),
-            seconds=middle,
-            spread=0.5 * (high - low),
+            errors=np.zeros(0),
+            reference_errors=np.zeros(0),
+            seconds=median,
+            spread=0.5 * (upper_quartile - lower_quartile),
             setup=statistics.median(runs.setups),
             memory=runs.memory,
             random=point.random,
@@ -1039,10 +1101,11 @@ class _StudyTask(Task):
         stderrs = np.zeros_like(errors)
         floor = float(np.finfo(float).eps) * self.study.condition
         if point.random:
-            scatter = np.std(squares, axis=0, ddof=1)
-            stderrs = scatter / math.sqrt(len(squares)) / (2.0 * errors)
-            relative = np.std(runs.outcomes, axis=0, ddof=1) / np.mean(runs.outcomes, axis=0)
-            floor = float(np.max(relative))
+            # the error is the root of a mean of squares
+            square_errors = np.std(squares, axis=0, ddof=1) / math.sqrt(len(squares))
+            stderrs = square_errors / (2.0 * errors)
+            scatter = np.std(runs.outcomes, axis=0, ddof=1) / np.mean(runs.outcomes, axis=0)
+            floor = float(np.max(scatter))
         return replace(
             measured,
             errors=errors,
@@ -1068,13 +1131,15 @@ def _repeat(runs_of_point: Mapping[Point, _Runs], deadline: Deadline) -> None:
     their outcomes.
     """
     now = deadline.stopwatch.now
-    until = now() + 0.5 * deadline.left
+    last_end = now() + 0.5 * deadline.left
     for index, (point, runs) in enumerate(runs_of_point.items()):
         time_of_run = statistics.median(runs.seconds) + statistics.median(runs.setups)
-        end = now() + (until - now()) / (len(runs_of_point) - index)
+        n_left = len(runs_of_point) - index
+        end = now() + (last_end - now()) / n_left  # points share the time that is left
         # a run may take longer than the median
-        while len(runs.outcomes) < _MOST_DRAWS and now() + 1.5 * time_of_run < end:
-            runs.outcomes.append(point.solve(point.prepare(len(runs.outcomes) + 1)))
+        while len(runs.outcomes) < _MOST_DRAWS and now() + _TIME_MARGIN * time_of_run < end:
+            run = len(runs.outcomes) + 1
+            runs.outcomes.append(point.solve(point.prepare(run)))
 
 
 def _square_errors(runs: _Runs, reference: Reference) -> Array:
@@ -1088,7 +1153,8 @@ def _judges_all(runs_of_points: Sequence[_Runs], reference: Reference) -> bool:
     """Return whether the reference is good enough for the largest error of every point."""
     for runs in runs_of_points:
         errors = np.sqrt(np.mean(_square_errors(runs, reference), axis=0))
-        error_of_reference = reference.errors.flat[int(np.argmax(errors))]
-        if not np.max(errors) >= BETTER * error_of_reference:
+        largest = int(np.argmax(errors))
+        is_judged = errors.flat[largest] >= BETTER * reference.errors.flat[largest]
+        if not is_judged:  # also of nan
             return False
     return True

@@ -47,29 +47,40 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     operator = WaveOperator(network)
     wavevector = _read_wavevector(network, q)
     number = whole_number("branch", branch, 0, operator.size - 1)
-    first_matrix, first_rows = _find_harmonic(operator, wavevector, 1)
-    squares, vectors = np.linalg.eigh(first_matrix)
-    top = operator.top**2
-    n_equal = np.count_nonzero(np.abs(squares - squares[number]) < _ALONE * top)
-    if squares[number] < _ALONE * top or n_equal > 1:
-        fault = f"branch {number} costs nothing at this wave vector, or touches another"
-        raise InputError(fault, "Its wave is not known", "Take another wave vector or branch")
-    vector = vectors[:, number]
-    square = float(squares[number])
+    matrix, rows = _find_harmonic(operator, wavevector, 1)
+    square, vector = _take_single_branch(matrix, number, operator.top**2)
     amplitude = _find_amplitude(operator, vector, number)
-    # the tension of a contact is k e + second e^2 + third e^3
+    # the tension of a contact is k e + second e^2 + third e^3 of its elongation e
     a = waves.normal.exponent
     k = network.normal_stiffness
     delta = waves.overlap
     second = -0.5 * k * (a - 1.0) / delta
     third = k * (a - 1.0) * (a - 2.0) / (6.0 * delta**2)
-    e = first_rows @ vector
-    double = _follow_double(operator, wavevector, square, second * e * e)
-    mean = _follow_mean(operator, wavevector, second * np.abs(e) ** 2)
-    tension = 2.0 * second * e * mean + second * e.conj() * double
+    # the wave makes elongations of order two: at twice its frequency, and constant ones
+    e = rows @ vector
+    e_double = _follow_double(operator, wavevector, square, second * e * e)
+    e_mean = _follow_mean(operator, wavevector, second * np.abs(e) ** 2)
+    # the tension of order three at the frequency of the wave, which shifts the frequency
+    tension = 2.0 * second * e * e_mean + second * e.conj() * e_double
     tension += 0.75 * third * np.abs(e) ** 2 * e
     shift = float((e.conj() @ tension).real) / (2.0 * square)
     return shift * (float(np.mean(delta)) / amplitude) ** 2
+
+
+def _take_single_branch(matrix: Complex, number: int, top_square: float) -> tuple[float, Complex]:
+    """Return omega^2, (rad/s)^2, and the vector (size,) of the branch of this ``number`` of D,
+    ``matrix`` (size, size).
+
+    Raises :class:`InputError` if omega^2 is zero, or that of another branch, but for rounding;
+    ``top_square`` is the highest omega^2.
+    """
+    squares, vectors = np.linalg.eigh(matrix)
+    rounding = _ALONE * top_square
+    n_equal = np.count_nonzero(np.abs(squares - squares[number]) < rounding)
+    if squares[number] < rounding or n_equal > 1:
+        fault = f"branch {number} costs nothing at this wave vector, or touches another"
+        raise InputError(fault, "Its wave is not known", "Take another wave vector or branch")
+    return float(squares[number]), vectors[:, number]
 
 
 def _read_wavevector(network: ContactNetwork, q: ArrayLike) -> Array:
@@ -90,13 +101,13 @@ def _read_wavevector(network: ContactNetwork, q: ArrayLike) -> Array:
 def _find_harmonic(
     operator: WaveOperator, wavevector: Array, harmonic: int
 ) -> tuple[Complex, Complex]:
-    """Return D (size, size), and the elongations (n_c, size) of contacts, for waves of ``harmonic``
-    times the wave vector (p,), in fractions.
+    """Return D (size, size), (rad/s)^2, and the rows (n_c, size) that make elongations of contacts
+    of a vector, for waves of ``harmonic`` times the wave vector (p,), in fractions.
     """
     network = operator.network
     periods = np.flatnonzero(network.pbc)
     angle = 2.0j * np.pi * (network.shift[:, periods] @ wavevector)
-    phase = np.exp(harmonic * angle)
+    phase = np.exp(harmonic * angle)  # (n_c,) of the second ball of each contact
     deformations = operator.compose(operator.law_rows, phase).toarray()
     return operator.weigh(phase=phase).toarray(), deformations[: network.n_contacts]
 
@@ -105,10 +116,13 @@ def _find_amplitude(operator: WaveOperator, vector: Complex, number: int) -> flo
     """Return the largest displacement of a ball in a mode ``vector`` (size,), the branch of this
     ``number``: half the long axis of its ellipse.
     """
-    moves = operator.values(vector)[:, operator.motions.translating]
+    # (n_free, displacements), times the root of the mass of each ball
+    translations = operator.values(vector)[:, operator.motions.translating]
     # the square of half the long axis of the ellipse of each ball, times its mass
-    half_axes = 0.5 * (np.sum(np.abs(moves) ** 2, axis=1) + np.abs(np.sum(moves**2, axis=1)))
-    amplitude = float(np.sqrt(np.max(half_axes / operator.network.masses[operator.balls])))
+    norm_squares = np.sum(np.abs(translations) ** 2, axis=1)
+    half_axes = 0.5 * (norm_squares + np.abs(np.sum(translations**2, axis=1)))
+    masses = operator.network.masses[operator.balls]
+    amplitude = float(np.sqrt(np.max(half_axes / masses)))
     if np.sum(half_axes) < _ALONE:
         raise InputError(
             f"balls only turn in branch {number}",
@@ -121,23 +135,27 @@ def _find_amplitude(operator: WaveOperator, vector: Complex, number: int) -> flo
 def _follow_double(
     operator: WaveOperator, wavevector: Array, square: float, tension: Complex
 ) -> Complex:
-    """Return the elongations (n_c,) at twice the frequency that the second order of the tensions
-    (n_c,) makes; ``square`` is omega^2 of the wave.
+    """Return the elongations (n_c,) at twice the frequency of a wave that its ``tension`` (n_c,) of
+    second order makes; ``square`` is omega^2 of the wave, (rad/s)^2.
     """
     matrix, rows = _find_harmonic(operator, wavevector, 2)
-    least_distance = np.min(np.abs(np.linalg.eigvalsh(matrix) - 4.0 * square))
-    if least_distance < _ALONE * operator.top**2:
+    double_square = 4.0 * square
+    distances = np.abs(np.linalg.eigvalsh(matrix) - double_square)
+    if np.min(distances) < _ALONE * operator.top**2:
         raise InputError(
             "twice the frequency is that of a wave of 2 q", "The two exchange energy", "Change q"
         )
     force = -0.5 * rows.conj().T @ tension
-    motion = np.linalg.solve(matrix - 4.0 * square * np.eye(len(matrix)), force)
+    motion = np.linalg.solve(matrix - double_square * np.eye(len(matrix)), force)
     return np.asarray(rows @ motion)
 
 
 def _follow_mean(operator: WaveOperator, wavevector: Array, tension: Complex) -> Complex:
-    """Return the mean elongations (n_c,) that the second order of the tensions (n_c,) makes."""
+    """Return the constant elongations (n_c,) of a wave that its ``tension`` (n_c,) of second order
+    makes, while the cell keeps its size.
+    """
     matrix, rows = _find_harmonic(operator, wavevector, 0)
     force = -0.5 * rows.conj().T @ tension
-    motion = np.linalg.pinv(matrix, rcond=_ALONE, hermitian=True) @ force
-    return np.asarray(rows @ motion)
+    # D is singular: motions that deform no contact, such as translations, are left out
+    flexibility = np.linalg.pinv(matrix, rcond=_ALONE, hermitian=True)
+    return np.asarray(rows @ (flexibility @ force))

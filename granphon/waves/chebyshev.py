@@ -77,6 +77,7 @@ class Kernel:
             raise InputError(
                 "a resolution and a number of moments are given", "Each follows from the other"
             )
+        # the resolution of M moments is pi top / 2M
         least_count = math.pi * top / (2.0 * positive("resolution", resolution, "Hz"))
         if least_count > _MOST:
             fault = (
@@ -101,13 +102,13 @@ class Kernel:
 
     @cached_property
     def weights(self) -> Array:
-        """(M,) factors g_n of the moments."""
-        count = 2.0 * self.moments
-        angle = math.pi / count
+        """(M,) factors g_n of the moments: the Jackson kernel of the even orders 2n below 2M."""
+        n_orders = 2.0 * self.moments
+        angle = math.pi / n_orders
         order = 2.0 * np.arange(self.moments)
-        cosines = (count - order) * np.cos(order * angle)
+        cosines = (n_orders - order) * np.cos(order * angle)
         sines = np.sin(order * angle) / math.tan(angle)
-        return np.asarray((cosines + sines) / count)
+        return np.asarray((cosines + sines) / n_orders)
 
     @property
     def count(self) -> int:
@@ -133,11 +134,13 @@ class Kernel:
         from scipy.fft import dct
 
         moments = np.asarray(moments, float)
-        series = np.zeros((*moments.shape[:-1], 2 * self.count - 1))
-        series[..., : 2 * self.moments : 2] = self.weights * moments
-        sums = dct(series, type=3, axis=-1)[..., : self.count]
-        densities_of_angle = sums[..., ::-1]
-        return np.asarray(densities_of_angle * (2.0 / (math.pi * self.top * np.sin(self.angles))))
+        # orders 0 to 2 n_f - 2 of a series over the nodes from -top to top: the odd ones are zero
+        coefficients = np.zeros((*moments.shape[:-1], 2 * self.count - 1))
+        coefficients[..., : 2 * self.moments : 2] = self.weights * moments
+        sums = dct(coefficients, type=3, axis=-1)[..., : self.count]
+        densities_of_angle = sums[..., ::-1]  # in the order of ascending frequencies
+        density_of_angle_to_frequency = 2.0 / (math.pi * self.top * np.sin(self.angles))
+        return np.asarray(densities_of_angle * density_of_angle_to_frequency)
 
     def line(self, frequency: ArrayLike) -> Array:
         """Return the densities (..., n_f), 1/Hz, of single lines at frequencies (...), Hz: the
@@ -156,27 +159,27 @@ class Kernel:
         """Return the integrals (...) of ``densities`` (..., n_f): by Gauss and Chebyshev's rule,
         exact to rounding.
         """
-        weights = np.sin(self.angles) * (math.pi * self.top / (2 * self.count - 1))
-        weights[0] *= 0.5  # the point at zero stands for both sides
+        weights = np.sin(self.angles) * (math.pi * self.top / (2 * self.count - 1))  # Hz
+        weights[0] *= 0.5  # half of the interval around the point at zero lies below zero
         return np.asarray(densities @ weights)
 
     def check_points(self, frequencies: Array) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if ``frequencies`` are not the points of
         a density.
         """
-        is_same = frequencies.size == self.count and np.allclose(
-            frequencies, self.frequencies, rtol=_ROUNDING, atol=0.0
-        )
+        is_same = frequencies.size == self.count
+        if is_same:
+            is_same = np.allclose(frequencies, self.frequencies, rtol=_ROUNDING, atol=0.0)
         if not is_same:
             fault = f"the frequencies are not those of {self.moments} moments up to {self.top:g} Hz"
             raise InputError(fault, mend="Compute the spectrum again")
 
 
 def polynomials(operator: WaveOperator, start: Array) -> Iterator[Array]:
-    """Yield T_n(2 D / top^2 - 1) x for n = 0, 1, 2, ... without end; x is the vector, or the
-    vectors (size, m), ``start``.
+    """Yield T_n(2 D / top^2 - 1) x for n = 0, 1, 2, ... without end; x is ``start``, a vector
+    (size,) or several (size, m).
 
-    An array that was yielded is overwritten once the next array has been yielded.
+    An array that was yielded is overwritten when the array after the next one is requested.
     """
     previous = np.array(start, float)
     yield previous
@@ -196,8 +199,8 @@ def keeps_vectors(operator: WaveOperator, starts: int) -> bool:
 class Moments:
     """The moments mu_n = <x| T_n(2 D / top^2 - 1) |x> of one vector x, as many as were requested.
 
-    Two moments cost one product: mu_2n = 2 <x_n|x_n> - mu_0 and mu_2n+1 = 2 <x_n+1|x_n> - mu_1 with
-    x_n = T_n x.
+    Two moments cost one product of D with a vector: mu_2n = 2 <x_n|x_n> - mu_0 and mu_2n+1 =
+    2 <x_n+1|x_n> - mu_1 with x_n = T_n x.
 
     Parameters
     ----------
@@ -228,27 +231,35 @@ class Moments:
             self._last = next(self._vectors)
             moments.append(float(np.vdot(self._last, self._last)))
         while len(moments) < count:
-            assert self._vectors is not None
-            assert self._last is not None
-            # the recursion does not overwrite the last vector when it makes this one
-            vector = next(self._vectors)
-            product = float(np.vdot(vector, self._last))
-            moments.append(product if len(moments) == 1 else 2.0 * product - moments[1])
-            moments.append(2.0 * float(np.vdot(vector, vector)) - moments[0])
-            self._last = vector
-            if not abs(moments[-1]) <= (1.0 + _GROWTH) * moments[0]:
-                raise explain_instability(self._operator.network)
+            self._add_two()
         if not self._keep:
             self._vectors = None
             self._last = None
         return np.array(moments[:count])
+
+    def _add_two(self) -> None:
+        """Find the next two moments, of an odd and of an even order, by one more vector."""
+        assert self._vectors is not None
+        assert self._last is not None
+        moments = self._moments
+        vector = next(self._vectors)  # the recursion still keeps the last vector
+        product = float(np.vdot(vector, self._last))
+        is_first_order = len(moments) == 1
+        moments.append(product if is_first_order else 2.0 * product - moments[1])
+        moments.append(2.0 * float(np.vdot(vector, vector)) - moments[0])
+        self._last = vector
+        # written so that nan is unstable, too
+        is_bounded = abs(moments[-1]) <= (1.0 + _GROWTH) * moments[0]
+        if not is_bounded:
+            raise explain_instability(self._operator.network)
 
 
 class Refinable(Result):
     """A frozen spectrum at the points of the kernel of ``moments``, which finds a spectrum with
     more moments.
 
-    Plain data and pickles do not keep the network that this takes.
+    The spectrum with more moments is found from the network, which plain data and pickles do not
+    keep.
     """
 
     frequencies: Array

@@ -79,24 +79,46 @@ def find_local_density(
     ball = whole_number("ball", ball, 0, network.n_balls - 1)
     if not network.moving[ball]:
         raise InputError(f"ball {ball} does not move", "Its mass is infinite", "Give another ball")
-    # one vector for each motion of the ball: (motions, n_free, motions)
-    starts = np.zeros((operator.motions.count, operator.balls.size, operator.motions.count))
-    starts[:, np.searchsorted(operator.balls, ball)] = np.eye(operator.motions.count)
-    expansions = []
-    for start in starts:
-        moments_of_start = Moments(operator, partial(operator.vector, start), keep=False)
-        expansions.append(moments_of_start.first(kernel.moments))
-    inside = hertz < kernel.top
-    angle = np.arccos(hertz[inside] / kernel.top)
-    counts = np.full(kernel.moments, 2.0)
-    counts[0] = 1.0
-    series = kernel.weights * np.array(expansions) * counts
-    values = np.zeros((hertz.size, len(expansions)))
-    values[inside] = np.polynomial.chebyshev.chebval(np.cos(2.0 * angle), series.T).T
-    values[inside] *= (2.0 / (math.pi * kernel.top * np.sin(angle)))[:, None]
+    moments_of_motions = _find_ball_moments(operator, ball, kernel.moments)
+    densities = _sum_series(kernel, moments_of_motions, hertz)
     return LocalDensity(
-        hertz, values, operator.motions.letters, ball, kernel.resolution, kernel.moments
+        frequencies=hertz,
+        values=densities,
+        letters=operator.motions.letters,
+        ball=ball,
+        resolution=kernel.resolution,
+        moments=kernel.moments,
     )
+
+
+def _find_ball_moments(operator: WaveOperator, ball: int, count: int) -> Array:
+    """Return the first ``count`` moments of each motion of a ball, (motions, count)."""
+    n_motions = operator.motions.count
+    # one vector for each motion of the ball: (motions, n_free, motions)
+    starts = np.zeros((n_motions, operator.balls.size, n_motions))
+    starts[:, np.searchsorted(operator.balls, ball)] = np.eye(n_motions)
+    rows = []
+    for start in starts:
+        moments = Moments(operator, partial(operator.vector, start), keep=False)
+        rows.append(moments.first(count))
+    return np.array(rows)
+
+
+def _sum_series(kernel: Kernel, moments: Array, hertz: Array) -> Array:
+    """Return the densities (n_f, motions), 1/Hz, of ``moments`` (motions, M) at the frequencies
+    ``hertz`` (n_f,), Hz; zero from the top of the kernel on.
+    """
+    is_below_top = hertz < kernel.top
+    theta = np.arccos(hertz[is_below_top] / kernel.top)
+    # mu_0 + 2 sum_n g_n mu_n T_n(cos 2 theta): orders above zero count twice
+    multiplicity = np.full(kernel.moments, 2.0)
+    multiplicity[0] = 1.0
+    coefficients = kernel.weights * moments * multiplicity
+    densities = np.zeros((hertz.size, len(moments)))
+    series = np.polynomial.chebyshev.chebval(np.cos(2.0 * theta), coefficients.T).T
+    densities[is_below_top] = series
+    densities[is_below_top] *= (2.0 / (math.pi * kernel.top * np.sin(theta)))[:, None]
+    return densities
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -164,38 +186,45 @@ class AllModes:
     """
 
     def __init__(self, operator: WaveOperator, seed: int) -> None:
-        squares, modes = np.linalg.eigh(operator.matrix.toarray())
+        squared_frequencies, modes = np.linalg.eigh(operator.matrix.toarray())
         self._top = operator.top / (2.0 * math.pi)
         self._seed = seed
-        self._balls = operator.balls.size
-        self._frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi)
+        self._n_balls = operator.balls.size
+        # rounding may leave zeros below zero
+        omega = np.sqrt(np.maximum(squared_frequencies, 0.0))
+        self._frequencies = omega / (2.0 * math.pi)
         self._warnings = network_warnings(operator.network)
-        squares = modes**2
-        translations = np.sum(squares[~operator.is_rotation], axis=0)
-        rotations = np.sum(squares[operator.is_rotation], axis=0)
-        self._weights = np.stack([translations, rotations])
+        energies = modes**2
+        translations = np.sum(energies[~operator.is_rotation], axis=0)
+        rotations = np.sum(energies[operator.is_rotation], axis=0)
+        # (2, modes): the parts of translations and rotations in the energy of each mode
+        self._energy_parts = np.stack([translations, rotations])
 
     def find(self, moments: int, vectors: int) -> SpectralDensity:
-        """Return the density by a number of moments; ``vectors`` are none."""
+        """Return the density by a number of moments.
+
+        ``vectors`` is not used: it is there because :class:`RandomVectors` has the same method.
+        """
         kernel = Kernel(self._top, moments)
         traces = np.zeros((2, moments))
         n_modes = self._frequencies.size
-        for modes in np.array_split(np.arange(n_modes), 1 + n_modes * moments // _BLOCK):
-            traces += self._weights[:, modes] @ kernel.moments_of(self._frequencies[modes])
-        translational, rotational = kernel.densities(traces / self._balls)
+        n_blocks = 1 + n_modes * moments // _BLOCK
+        for modes in np.array_split(np.arange(n_modes), n_blocks):
+            traces += self._energy_parts[:, modes] @ kernel.moments_of(self._frequencies[modes])
+        translational, rotational = kernel.densities(traces / self._n_balls)
         no_error = np.zeros(kernel.count)
         return SpectralDensity(
-            kernel.frequencies,
-            translational,
-            rotational,
-            no_error,
-            no_error,
-            no_error,
-            kernel.top,
-            moments,
-            0,
-            self._seed,
-            self._warnings,
+            frequencies=kernel.frequencies,
+            translational=translational,
+            rotational=rotational,
+            error=no_error,
+            translational_error=no_error,
+            rotational_error=no_error,
+            top=kernel.top,
+            moments=moments,
+            vectors=0,
+            seed=self._seed,
+            warnings=self._warnings,
         )._with_work(partial(self.find, vectors=0))
 
 
@@ -210,19 +239,24 @@ class RandomVectors:
     def __init__(self, operator: WaveOperator, seed: int, vectors: int) -> None:
         self._operator = operator
         self._seed = seed
-        self._parts = (False, True) if operator.motions.rotate else (False,)
-        self._keep = keeps_vectors(operator, vectors * len(self._parts))
+        # whether a part of a vector is that of the rotations
+        self._rotations_of_parts = (False, True) if operator.motions.rotate else (False,)
+        self._keep = keeps_vectors(operator, vectors * len(self._rotations_of_parts))
+        # the moments of the parts of each vector
         self._vectors: list[tuple[Moments, ...]] = []
 
     def _draw(self, number: int, rotations: bool) -> Array:
-        """Return a vector of +1 and -1 by chance in the rotations, or in the translations, and of
-        zeros elsewhere.
+        """Return the vector (size,) of this ``number``: +1 or -1 by chance in the rotations, or
+        else in the translations, and zero in the others.
         """
         operator = self._operator
-        # each vector has its own seed, and numbers that are the same on every machine
+        # a seed of its own makes a vector independent of how many others are drawn; 2^52 makes
+        # whole numbers of the digits of a random number between 0 and 1
         seed = int(uniform_numbers(number + 1, self._seed)[number] * 2.0**52)
-        signs = np.sign(uniform_numbers((operator.balls.size, operator.motions.count), seed) - 0.5)
-        signs[:, operator.motions.is_rotation != rotations] = 0.0
+        shape = (operator.balls.size, operator.motions.count)
+        signs = np.sign(uniform_numbers(shape, seed) - 0.5)
+        is_in_other_part = operator.motions.is_rotation != rotations
+        signs[:, is_in_other_part] = 0.0
         return np.asarray(operator.vector(signs))
 
     def find(self, moments: int, vectors: int) -> SpectralDensity:
@@ -230,33 +264,36 @@ class RandomVectors:
         vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS // moments)
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
         for number in range(len(self._vectors), vectors):
-            draws = [partial(self._draw, number, turns) for turns in self._parts]
+            draws = [partial(self._draw, number, turns) for turns in self._rotations_of_parts]
             moments_of_parts = [Moments(self._operator, draw, keep=self._keep) for draw in draws]
             self._vectors.append(tuple(moments_of_parts))
         rows = []
         for parts in self._vectors[:vectors]:
             rows.append([part.first(moments) for part in parts])
         traces = np.array(rows)  # (vectors, parts, moments)
+        # (vectors, 2, n_f) 1/Hz; zero in rotations where balls do not turn
         densities = np.zeros((vectors, 2, kernel.count))
         densities[:, : traces.shape[1]] = kernel.densities(traces / self._operator.balls.size)
-        mean = densities.mean(axis=0)
+        translational, rotational = densities.mean(axis=0)
         return SpectralDensity(
-            kernel.frequencies,
-            mean[0],
-            mean[1],
-            _error(densities.sum(axis=1)),
-            _error(densities[:, 0]),
-            _error(densities[:, 1]),
-            kernel.top,
-            moments,
-            vectors,
-            self._seed,
-            network_warnings(self._operator.network),
+            frequencies=kernel.frequencies,
+            translational=translational,
+            rotational=rotational,
+            error=_find_error(densities.sum(axis=1)),
+            translational_error=_find_error(densities[:, 0]),
+            rotational_error=_find_error(densities[:, 1]),
+            top=kernel.top,
+            moments=moments,
+            vectors=vectors,
+            seed=self._seed,
+            warnings=network_warnings(self._operator.network),
         )._with_work(partial(self.find, vectors=vectors))
 
 
-def _error(values: Array) -> Array:
-    """Return the standard error of the mean over the first axis; nan if it has one entry."""
-    if len(values) == 1:
-        return np.full(values.shape[1:], math.nan)
-    return standard_error(values, axis=0)
+def _find_error(densities: Array) -> Array:
+    """Return the standard error (n_f,) of the mean of ``densities`` (vectors, n_f); nan for one
+    vector.
+    """
+    if len(densities) == 1:
+        return np.full(densities.shape[1:], math.nan)
+    return standard_error(densities, axis=0)

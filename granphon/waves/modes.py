@@ -112,6 +112,18 @@ _RITZ_ERROR = 1e-5
 _BALANCED = 1e-4
 #: vectors of a Krylov space beyond those that are requested
 _SPARE = 8
+#: shifts, over top^2, that are tried where a matrix is exactly singular, as its shift is an
+#: eigenvalue
+_NUDGES = (0.0, 1e-9, -1e-7)
+#: factor by which a shift is lowered until it is below all eigenvalues
+_LOWER = 100.0
+#: relative distance by which a mode at the end of an interval is left out of a count of the modes
+#: within it
+_INSIDE = 1e-9
+#: points in phi at which the weight of filters between two ends is sampled
+_PHI_POINTS = 33
+#: weight of the filters of a window that show a missing mode, over the weight of all its filters
+_WEIGHT_SHARE = 0.5
 
 
 class Eigenpairs(NamedTuple):
@@ -129,7 +141,15 @@ class Eigenpairs(NamedTuple):
 
 
 class Problem:
-    """D on the motions ``live`` that some spring holds."""
+    """D on the motions that some spring holds.
+
+    Attributes
+    ----------
+    operator : D on all motions.
+    live : (n_live,) indices of the motions that some spring holds. Axes "live" have this length.
+    top : bound of all angular frequencies, rad/s.
+    loose : number of the other motions.
+    """
 
     def __init__(self, operator: WaveOperator, live: NDArray[np.intp]) -> None:
         self.operator = operator
@@ -144,16 +164,20 @@ class Problem:
 
     @cached_property
     def _entries(self) -> list[Any]:
-        """A matrix (live, live) with the places of D and of its diagonal, and the entries of D and
-        of 1 there.
+        """A sparse matrix (live, live) with an entry wherever D or the unit matrix has one, and the
+        entries of D and of the unit matrix in these places.
         """
         from scipy.sparse import eye_array
 
-        held = self.operator.matrix[self.live][:, self.live] if self.loose else self.operator.matrix
-        return share_places([held, eye_array(self.live.size)])
+        matrix = self.operator.matrix
+        if self.loose:
+            matrix = matrix[self.live][:, self.live]
+        return share_places([matrix, eye_array(self.live.size)])
 
     def shifted(self, value: float) -> Any:
-        """Return D - ``value``, sparse; the places of its entries are those of any other value."""
+        """Return D - ``value``, (rad/s)^2, a sparse matrix (live, live) that has its entries in the
+        same places for every value.
+        """
         places, elastic, ones = self._entries
         matrix = places.copy()
         matrix.data = elastic - value * ones
@@ -165,11 +189,12 @@ class Problem:
         return Elimination(self._entries[0])
 
     def factors(self, value: float) -> Factors:
-        """Return the factors of D - ``value``."""
-        for nudge in (0.0, 1e-9, -1e-7):
+        """Return the factors of D - ``value``, (rad/s)^2."""
+        for nudge in _NUDGES:
+            matrix = self.shifted(value + nudge * self.top**2)
             try:
-                return self._elimination.factorise(self.shifted(value + nudge * self.top**2))
-            except RuntimeError:  # exactly singular: the value is an eigenvalue
+                return self._elimination.factorise(matrix)
+            except RuntimeError:  # exactly singular: the shift is an eigenvalue
                 continue
         raise ConvergenceError("the matrix of the network cannot be factorised")
 
@@ -178,53 +203,54 @@ class Problem:
         return self.factors(value).n_below
 
     def refine(self, vectors: Array) -> tuple[Array, Array, Array]:
-        """Return the frequencies, modes and residuals over top^2 within the space of ``vectors``
-        (live, m).
+        """Return angular frequencies (m,), rad/s, modes (size, m) and residuals (m,) over top^2
+        within the space of ``vectors`` (live, m).
 
         Without static forces the modes are singular vectors of A, so that low frequencies lose no
         digits.
         """
         operator = self.operator
-        whole = np.zeros((operator.size, vectors.shape[1]))
-        whole[self.live] = np.linalg.qr(vectors)[0]
-        pressed = operator.matrix @ whole
+        basis = np.zeros((operator.size, vectors.shape[1]))
+        basis[self.live], _ = np.linalg.qr(vectors)
+        forces = operator.matrix @ basis
         if operator.network.prestress:
-            squares, turned = np.linalg.eigh(whole.T @ pressed)
+            squares, coefficients = np.linalg.eigh(basis.T @ forces)
             omega = find_roots(operator, squares)
         else:
-            omega, turned = _find_singular(operator.root @ whole)
-        whole = whole @ turned
-        pressed = pressed @ turned
-        residual = np.linalg.norm(pressed - omega**2 * whole, axis=0) / self.top**2
-        return omega, whole, residual
+            omega, coefficients = _find_singular(operator.root @ basis)
+        modes = basis @ coefficients
+        forces_of_modes = forces @ coefficients
+        differences = forces_of_modes - omega**2 * modes
+        residuals = np.linalg.norm(differences, axis=0) / self.top**2
+        return omega, modes, residuals
 
     def choose(self, omega: Array, count: int, target: float) -> NDArray[np.intp]:
-        """Return the indices of the ``count`` frequencies nearest to ``target`` that cost energy,
-        ascending.
+        """Return the indices, ascending, of the ``count`` frequencies nearest to ``target``, rad/s,
+        among those of ``omega`` (m,), rad/s, that cost energy.
         """
         elastic = np.flatnonzero(omega > ZERO * self.top)
-        order = np.argsort(np.abs(omega[elastic] - target), kind="stable")
-        return np.sort(elastic[order[:count]])
+        from_nearest = np.argsort(np.abs(omega[elastic] - target), kind="stable")
+        return np.sort(elastic[from_nearest[:count]])
 
 
 def _find_singular(deformations: Array) -> tuple[Array, Array]:
     """Return singular values (m,), ascending, and right singular vectors (m, m) of a matrix (rows,
     m); values are zero where there are fewer rows than m.
     """
-    # the squares of R are those of the matrix, whose rows are many more
+    # the triangle R of A = QR has the singular values and right vectors of A, and far fewer rows
     triangle = np.asarray(np.linalg.qr(deformations, mode="r"))
     try:
-        _, sizes, rows = np.linalg.svd(triangle)
+        _, singular_values, right_rows = np.linalg.svd(triangle)
     except np.linalg.LinAlgError:
         # LAPACK's fast method fails on some matrices with hundreds of singular values near zero;
         # gesvd does not
         from scipy.linalg import svd
 
-        _, sizes, rows = svd(triangle, lapack_driver="gesvd")
-    values = np.zeros(len(rows))
-    values[: sizes.size] = sizes
-    order = np.argsort(values, kind="stable")
-    return values[order], rows.T[:, order]
+        _, singular_values, right_rows = svd(triangle, lapack_driver="gesvd")
+    padded = np.zeros(len(right_rows))
+    padded[: singular_values.size] = singular_values
+    ascending = np.argsort(padded, kind="stable")
+    return padded[ascending], right_rows.T[:, ascending]
 
 
 def find_fall(operator: WaveOperator) -> float:
@@ -246,12 +272,14 @@ def find_fall(operator: WaveOperator) -> float:
     torque = np.linalg.norm(torques[balls], axis=1)
     falls = force / (network.masses[balls] * network.radii[balls])
     falls = falls + torque / network.inertias[balls]
-    return rounding + min(float(np.max(falls)), (_BALANCED * operator.top) ** 2)
+    # a larger fall is no imbalance that a program leaves, but an instability
+    greatest = (_BALANCED * operator.top) ** 2
+    return rounding + min(float(np.max(falls)), greatest)
 
 
 def find_roots(operator: WaveOperator, squares: Array) -> Array:
-    """Return angular frequencies, rad/s, of their squares, which ascend; squares below zero count
-    as zero.
+    """Return angular frequencies (m,), rad/s, from their ``squares`` (m,), which ascend; squares
+    below zero count as zero.
 
     Raises :class:`~granphon.base.errors.InstabilityError` if a square is below zero by more than
     :func:`find_fall`. With static tangential forces there is no limit: D lacks a part of these
@@ -271,8 +299,8 @@ def make_too_few(available: int, count: int) -> InputError:
 
 @dataclass(frozen=True)
 class _Window:
-    """The window |phi - centre| < half of modes; ``centre`` is 0 or pi for one at an end of the
-    spectrum.
+    """The window |phi - centre| < half of modes, and its number of ``filters``; ``centre`` is 0 or
+    pi for a window at an end of the spectrum.
     """
 
     centre: float
@@ -286,32 +314,43 @@ class _Window:
 
     @property
     def order(self) -> int:
-        """M, the products of D with a vector that the filters take."""
+        """M, the number of products of D with a vector that the filters take: 2 M H/pi filters are
+        in a window of the half width H, and half of these at an end of the spectrum.
+        """
         order = math.ceil(math.pi * self.filters / (2.0 * self.half))
         return 2 * order if self.at_end else order
 
     @cached_property
     def coefficients(self) -> Array:
-        """(filters, M + 1) of the polynomials, for each filter; filters that lie within the window
-        most come first.
+        """(filters, M + 1) coefficients of the polynomials of each filter, whose values are
+        cos(n phi); filters that lie within the window most come first.
+
+        Slepian's sequences s_n, n = -M to M, are even or odd in turn. The filter sum_n s_n
+        exp(i n (phi - centre)), with its image at -phi, is a series of cos(n phi), whose
+        coefficients are 2 s_n cos(n centre) of an even sequence, and 2 s_n sin(n centre) of an odd
+        one; that of order zero is not doubled.
         """
         from scipy.signal.windows import dpss
 
-        # functions of phi are even: at an end, only the even half of the sequences makes filters
+        # at an end of the spectrum a filter is its own image: only even sequences make filters
         stride = 2 if self.at_end else 1
         count = stride * self.filters
-        sequences = dpss(2 * self.order + 1, count / 2, count)[::stride, self.order :]
-        n = np.arange(self.order + 1)
+        all_orders = dpss(2 * self.order + 1, count / 2, count)  # (count, 2 M + 1)
+        sequences = all_orders[::stride, self.order :]
+        angles = np.arange(self.order + 1) * self.centre
         is_even = np.arange(0, count, stride) % 2 == 0
-        sequences *= np.where(is_even[:, None], np.cos(n * self.centre), np.sin(n * self.centre))
+        sequences *= np.where(is_even[:, None], np.cos(angles), np.sin(angles))
         sequences[:, 1:] *= 2.0
         return np.asarray(sequences)
 
     def weights(self, phi: Array) -> Array:
-        """Return (filters, n) the sums of the squares of the first filters, at ``phi`` (n,)."""
+        """Return weights (filters, n) at ``phi`` (n,): in row m, the sum of the squares of the
+        first m + 1 filters.
+        """
         amplitudes = np.empty((self.filters, phi.size))
+        orders = np.arange(self.order + 1)
         for column, angle in enumerate(phi.tolist()):
-            amplitudes[:, column] = self.coefficients @ np.cos(angle * np.arange(self.order + 1))
+            amplitudes[:, column] = self.coefficients @ np.cos(angle * orders)
         return np.asarray(np.cumsum(amplitudes**2, axis=0))
 
     def middle(self, share: float) -> tuple[float, float]:
@@ -321,21 +360,26 @@ class _Window:
         return low, high
 
     def apply(self, operator: WaveOperator, starts: Array) -> Array:
-        """Return (size, filters x m) all filters of the vectors ``starts`` (size, m)."""
+        """Return the vectors (size, filters x m) that all filters make of the vectors ``starts``
+        (size, m).
+
+        Some polynomials are kept for a product with their coefficients, in blocks of rows that fit
+        into a cache of the processor.
+        """
         size, m = starts.shape
         filtered = np.zeros((size, self.filters, m))
-        vectors = polynomials(operator, starts)
+        recursion = polynomials(operator, starts)
         kept = np.empty((_KEPT, size, m))
         for first in range(0, self.order + 1, _KEPT):
-            factors = self.coefficients[:, first : first + _KEPT]
-            count = factors.shape[1]
+            coefficients = self.coefficients[:, first : first + _KEPT]
+            count = coefficients.shape[1]
             for offset in range(count):
-                kept[offset] = next(vectors)
+                kept[offset] = next(recursion)
             for row in range(0, size, _ROWS):
-                rows = slice(row, row + _ROWS)
-                chunk = kept[:count, rows]
-                summed = factors @ chunk.reshape(count, -1)  # (filters, rows x m)
-                filtered[rows] += summed.reshape(self.filters, -1, m).swapaxes(0, 1)
+                block = slice(row, row + _ROWS)
+                polynomials_of_block = kept[:count, block].reshape(count, -1)
+                sums = coefficients @ polynomials_of_block  # (filters, rows x m)
+                filtered[block] += sums.reshape(self.filters, -1, m).swapaxes(0, 1)
         return filtered.reshape(size, -1)
 
 
@@ -361,17 +405,20 @@ class _Density:
         the moments tell.
         """
         density = copy(self)
-        sign = (-1.0) ** np.arange(_MOMENTS)
-        density._moments = self._moments - self.zeros * sign * Kernel(1.0, _MOMENTS).weights
+        moments_at_pi = (-1.0) ** np.arange(_MOMENTS)  # cos(n pi)
+        weights = Kernel(1.0, _MOMENTS).weights
+        density._moments = self._moments - self.zeros * moments_at_pi * weights
         return density
 
     def within(self, centre: float, half: float) -> float:
         """Return the number of modes at |phi - centre| < half; modes at phi count again at -phi, or
         2 pi - phi.
         """
+        # the integral over the window of (mu_0 + 2 sum_n mu_n cos(n phi))/pi
         n = np.arange(1, _MOMENTS)
-        waves = 2.0 * np.sin(n * half) * np.cos(n * centre) / n
-        return float(2.0 * half * self._moments[0] + 2.0 * self._moments[1:] @ waves) / math.pi
+        cosine_integrals = 2.0 * np.sin(n * half) * np.cos(n * centre) / n
+        integral = 2.0 * half * self._moments[0] + 2.0 * self._moments[1:] @ cosine_integrals
+        return float(integral) / math.pi
 
     def reach(self, centre: float, count: float) -> float:
         """Return the half width about ``centre`` within which there are ``count`` modes; pi if all
@@ -394,33 +441,43 @@ class _Density:
         """Return the window for the ``requested`` modes nearest to phi = ``target``, and how many
         random vectors it takes.
 
-        Its part without the ends holds :data:`_SPARE_MODES` times these modes, and has the half
-        width ``least``. Of such windows it is the one that takes the fewest filtered vectors, with
-        ``starts`` random vectors or so.
+        The window without its ends holds :data:`_SPARE_MODES` times these modes, and has at least
+        the half width ``least``. Of such windows it is the one that takes the fewest filtered
+        vectors, with ``starts`` random vectors or so.
         """
         n_held = _SPARE_MODES * requested
-        middle = max(self.reach(target, n_held), least)
+        least_middle = max(self.reach(target, n_held), least)
         candidates = []
         for filters in _FILTERS:
             vectors = max(_STARTS[-1], starts * _FILTERS[0] // filters)
-            margin = middle / (1.0 - _EDGE / filters)
-            spanned = vectors * filters / _VECTORS_PER_MODE
-            centre = target
-            half = max(self.reach(target, spanned), margin)
-            count = self.within(centre, half)
-            for end in (math.pi, 0.0):
-                distance = abs(end - target)
-                if distance < half:
-                    # from the end of the spectrum on, through the target: both images count
-                    count = 0.5 * self.within(end, distance) + max(n_held, spanned)
-                    centre = end
-                    half = max(self.reach(end, 2.0 * count), distance + margin)
-                    count = 0.5 * self.within(end, half)
+            n_spanned = vectors * filters / _VECTORS_PER_MODE  # modes that the vectors can hold
+            least_half = least_middle / (1.0 - _EDGE / filters)
+            window, count = self._place_window(target, filters, n_held, n_spanned, least_half)
             vectors = max(vectors, math.ceil(_VECTORS_PER_MODE * count / filters))
-            window = _Window(centre, min(half, math.pi), filters)
             candidates.append((filters * vectors, window, vectors))
         _, window, vectors = min(candidates, key=lambda candidate: candidate[0])
         return window, vectors
+
+    def _place_window(
+        self, target: float, filters: int, n_held: int, n_spanned: float, least_half: float
+    ) -> tuple[_Window, float]:
+        """Return the window about phi = ``target``, or about an end of the spectrum that is near,
+        and the number of modes in it: ``n_spanned``, or more if the half width would be below
+        ``least_half``.
+        """
+        centre = target
+        half = max(self.reach(target, n_spanned), least_half)
+        count = self.within(centre, half)
+        for end in (math.pi, 0.0):
+            distance = abs(end - target)
+            if distance < half:
+                # the window begins at the end of the spectrum, and holds as many modes beyond the
+                # target; about an end each mode counts twice, with its image
+                count = 0.5 * self.within(end, distance) + max(n_held, n_spanned)
+                centre = end
+                half = max(self.reach(end, 2.0 * count), distance + least_half)
+                count = 0.5 * self.within(end, half)
+        return _Window(centre, min(half, math.pi), filters), count
 
 
 class _FoundModes(NamedTuple):
@@ -478,6 +535,7 @@ class _FilterSearch:
         # from the beginning
         if self._is_lowest and self.density.zeros > _ZEROS:
             self.density = self.density.without_zeros()
+            # D x with static forces, else A^T y: see _draw_vectors
             self.power = 4 if problem.operator.network.prestress else 2
 
     @property
@@ -486,9 +544,11 @@ class _FilterSearch:
         return self.target <= ZERO * self.problem.top
 
     def choose_window(self) -> tuple[_Window, int]:
-        """Return a window, and the number of random vectors, fewer where memory is short."""
+        """Return a window, and the number of random vectors to begin with: the largest of
+        :data:`_STARTS` whose filtered vectors fit into memory, or the least.
+        """
         size = self.problem.operator.size
-        phi = _phi(self.problem.top, self.target)
+        phi = _find_phi(self.problem.top, self.target)
         for most_starts in _STARTS:
             window, starts = self.density.choose(phi, self.count, most_starts, self.least)
             if _count_bytes(window, size, starts) <= _BYTES:
@@ -504,59 +564,60 @@ class _FilterSearch:
         problem = self.problem
         basis = np.zeros((problem.operator.size, 0))
         modes = None
-        is_complete = False
-        vectors = starts
+        n_drawn = starts
         while True:
-            if window.filters * (starts + _fresh(starts)) > problem.live.size:
+            n_vectors = window.filters * (starts + _count_fresh(starts))
+            if n_vectors > problem.live.size:
                 return None
             _require_affordable(problem, window, starts, self.count, self._error)
             self._error = ConvergenceError
-            drawn = _draw(problem, self.random, vectors, self.power)
-            fresh = window.apply(problem.operator, drawn)
+            random_vectors = _draw_vectors(problem, self.random, n_drawn, self.power)
+            filtered = window.apply(problem.operator, random_vectors)
             if modes is not None:
                 # fresh vectors, freed of the modes that are known, show whether one is missing
                 ends = self._find_ends(window, modes)
-                is_complete = ends is not None
                 searched = window.middle(_CORE) if ends is None else ends
-                missing = _missing(window, fresh, modes.vectors, searched, self.power)
-                if missing < _LEAST_RESIDUAL:
-                    return modes, is_complete
-                starts += vectors
-            basis = _join(basis, fresh)
+                n_missing = _estimate_missing(window, filtered, modes.vectors, searched, self.power)
+                if n_missing < _LEAST_RESIDUAL:
+                    return modes, ends is not None
+                starts += n_drawn
+            basis = _extend_basis(basis, filtered)
             modes = _find_ritz_modes(problem, window, basis)
-            vectors = _fresh(starts)
+            n_drawn = _count_fresh(starts)
 
     def _find_ends(self, window: _Window, modes: _FoundModes) -> tuple[float, float] | None:
-        """Return the ends in phi between which the requested modes lie; None unless all of these
-        are found, within the part of the window where modes are.
+        """Return the ends in phi, ascending, between which the requested modes lie; None unless all
+        of these are found, and within the window without its ends, where no mode is missed.
         """
         top = self.problem.top
         chosen = self.problem.choose(modes.omega, self.count, self.target)
+        if chosen.size < self.count:
+            return None
         reach = np.max(np.abs(modes.omega[chosen] - self.target), initial=0.0)
-        lowest = max(self.target - reach, _SOFT * reach if self.power else 0.0)
-        first = _phi(top, self.target + reach)
-        last = _phi(top, lowest)
+        # random vectors without modes of zero energy have hardly any share of the softest modes
+        softest = _SOFT * reach if self.power else 0.0
+        first = _find_phi(top, self.target + reach)
+        last = _find_phi(top, max(self.target - reach, softest))
         low, high = window.middle(1.0 - _EDGE / window.filters)
-        is_inside = low <= first and last <= high
-        return (first, last) if chosen.size == self.count and is_inside else None
+        return (first, last) if low <= first and last <= high else None
 
     def finish(self, modes: _FoundModes) -> Eigenpairs:
-        """Return the requested modes, refined."""
+        """Return the requested modes of a window's ``modes``, refined."""
         problem = self.problem
         chosen = problem.choose(modes.omega, self.count, self.target)
-        zeros = int(np.sum(modes.omega <= ZERO * problem.top))
         omega, vectors, residuals = problem.refine(modes.vectors[problem.live][:, chosen])
-        are_counted = self._is_lowest and not self.power
-        all_zeros = problem.loose + zeros if are_counted else None
-        return Eigenpairs(omega, vectors, float(residuals.max()), all_zeros)
+        n_zeros = None
+        if self._is_lowest and not self.power:  # the window holds all modes that cost no energy
+            n_zeros = problem.loose + int(np.sum(modes.omega <= ZERO * problem.top))
+        return Eigenpairs(omega, vectors, float(residuals.max()), n_zeros)
 
 
-def _phi(top: float, omega: float) -> float:
+def _find_phi(top: float, omega: float) -> float:
     """Return phi of an angular frequency: omega = top cos(phi/2)."""
     return 2.0 * math.acos(min(max(omega / top, 0.0), 1.0))
 
 
-def _fresh(starts: int) -> int:
+def _count_fresh(starts: int) -> int:
     """Return the number of fresh random vectors after ``starts`` random vectors."""
     return max(_FRESH, starts // _GROWTH)
 
@@ -565,7 +626,9 @@ def _count_bytes(window: _Window, size: int, starts: int) -> int:
     """Return the memory of the filtered vectors (size,) of ``starts`` random vectors, and of the
     fresh vectors after these, bytes.
     """
-    return 8 * _COPIES * size * window.filters * (starts + _fresh(starts))
+    bytes_per_number = 8
+    n_vectors = window.filters * (starts + _count_fresh(starts))
+    return bytes_per_number * _COPIES * size * n_vectors
 
 
 def _require_affordable(
@@ -575,8 +638,10 @@ def _require_affordable(
     count: int,
     error: type[InputError | ConvergenceError],
 ) -> None:
-    """Raise the ``error`` if the filters of a window take too much memory or too many products."""
-    products = window.order * (starts + _fresh(starts))
+    """Raise the ``error`` if the filters of a window take too much memory or too many products,
+    with ``starts`` random vectors and the fresh vectors after these; ``count`` modes are requested.
+    """
+    products = window.order * (starts + _count_fresh(starts))
     memory = _count_bytes(window, problem.operator.size, starts)
     if memory <= _BYTES and products <= _PRODUCTS:
         return
@@ -589,22 +654,24 @@ def _require_affordable(
     raise error(message(fault, why, mend))
 
 
-def _join(basis: Array, fresh: Array) -> Array:
-    """Return an orthonormal basis (size, m + n) of a ``basis`` (size, m) and vectors (size, n).
+def _extend_basis(basis: Array, vectors: Array) -> Array:
+    """Return an orthonormal basis (size, m + n) of the space of a ``basis`` (size, m) and of
+    ``vectors`` (size, n).
 
     No direction is left out, however small: filters that reach out of the window a little add
     directions that modes lack at 1e-8.
     """
     from scipy.linalg import qr
 
-    first = basis.shape[1]
-    joined = np.empty((len(basis), first + fresh.shape[1]), order="F")
-    joined[:, :first] = basis
-    joined[:, first:] = fresh
-    return np.asarray(qr(joined, overwrite_a=True, mode="economic", check_finite=False)[0])
+    m = basis.shape[1]
+    joined = np.empty((len(basis), m + vectors.shape[1]), order="F")  # overwritten by LAPACK
+    joined[:, :m] = basis
+    joined[:, m:] = vectors
+    orthonormal, _ = qr(joined, overwrite_a=True, mode="economic", check_finite=False)
+    return np.asarray(orthonormal)
 
 
-def _draw(problem: Problem, random: np.random.Generator, count: int, power: int) -> Array:
+def _draw_vectors(problem: Problem, random: np.random.Generator, count: int, power: int) -> Array:
     """Return ``count`` random vectors, (size, count), in which the square of a mode has the mean
     (omega / top)^``power``.
 
@@ -663,24 +730,29 @@ def _keep_converged(
     return _FoundModes(omega[is_mode], np.hstack(vectors), residuals[is_mode])
 
 
-def _missing(
+def _estimate_missing(
     window: _Window, fresh: Array, known: Array, ends: tuple[float, float], power: int
 ) -> float:
-    """Return an estimate of the number of modes between the ``ends`` in phi that are not ``known``;
-    the estimate is too low by chance only.
+    """Return an estimate of the number of modes between the ``ends`` in phi that are not ``known``
+    (size, m); the estimate is too low by chance only.
 
-    ``fresh`` are filtered random vectors from which the known modes have not been made. The share
-    of a mode in the squares of these vectors is the sum of the squares of the filters at its
-    frequency, times (omega / top)^``power``. Modes outside of the ends add to the estimate.
+    ``fresh`` (size, filters x n) are filtered random vectors from which the known modes have not
+    been made. The share of a mode in the squares of these vectors is the sum of the squares of the
+    filters at its frequency, times (omega / top)^``power``. Modes outside of the ends add to the
+    estimate.
     """
-    phi = np.linspace(*ends, 33)
-    weights = np.min(window.weights(phi) * np.cos(0.5 * phi) ** power, axis=1)
-    first = int(np.argmax(weights >= 0.5 * weights[-1])) + 1
-    filtered = fresh.reshape(len(fresh), window.filters, -1)[:, :first]
-    vectors = filtered.shape[2]
-    filtered = filtered.reshape(len(fresh), -1)
-    residuals = filtered - known @ (known.T @ filtered)
-    return float(np.sum(residuals**2) / (vectors * weights[first - 1]))
+    phi = np.linspace(*ends, _PHI_POINTS)
+    omega_over_top = np.cos(0.5 * phi)
+    # (filters,) the least share of a mode between the ends, by the first filters
+    least_weights = np.min(window.weights(phi) * omega_over_top**power, axis=1)
+    # the last filters reach out of the window: they add modes that are outside of the ends
+    is_enough = least_weights >= _WEIGHT_SHARE * least_weights[-1]
+    n_filters = int(np.argmax(is_enough)) + 1
+    by_filter = fresh.reshape(len(fresh), window.filters, -1)[:, :n_filters]
+    n_vectors = by_filter.shape[2]
+    vectors = by_filter.reshape(len(fresh), -1)
+    residuals = vectors - known @ (known.T @ vectors)
+    return float(np.sum(residuals**2) / (n_vectors * least_weights[n_filters - 1]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -724,9 +796,9 @@ class NetworkModes(Result):
         """(m, n_balls, 2) share of each ball in the kinetic energy of a mode: of displacements, and
         of rotations.
         """
-        squares = self.vectors**2
-        translation = squares[..., : self.displacements].sum(axis=2)
-        rotation = squares[..., self.displacements :].sum(axis=2)
+        energies = self.vectors**2  # of each motion: vectors are weighted with masses
+        translation = energies[..., : self.displacements].sum(axis=2)
+        rotation = energies[..., self.displacements :].sum(axis=2)
         return np.stack([translation, rotation], axis=-1)
 
     @property
@@ -745,11 +817,13 @@ class NetworkModes(Result):
 
 
 def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> NetworkModes:
-    """Return modes of a network that is stable, see :func:`require_stable`; for the rest see
-    ``Waves.modes``.
+    """Return ``count`` modes of a network that is stable (:func:`require_stable`), the lowest or
+    those nearest to the frequency ``nearest``, Hz.
+
+    Raises what :meth:`granphon.waves.waves.Waves.modes` raises.
     """
     count = whole_number("count", count, 1)
-    target = 0.0 if nearest is None else 2.0 * math.pi * not_negative("nearest", nearest, "Hz")
+    target = _read_target(nearest)
     if target > operator.top:
         top = operator.top / (2.0 * math.pi)
         raise InputError(
@@ -770,17 +844,24 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
     motions = operator.motions
     vectors = np.zeros((count, network.n_balls, motions.count))
     vectors[:, operator.balls] = np.moveaxis(operator.values(pairs.vectors), -1, 0)
+    # the sign of a mode is free: the largest number is above zero
     largest = np.argmax(np.abs(pairs.vectors), axis=0)
-    vectors *= np.sign(pairs.vectors[largest, np.arange(count)])[:, None, None]
+    signs = np.sign(pairs.vectors[largest, np.arange(count)])
+    vectors *= signs[:, None, None]
     return NetworkModes(
-        pairs.omega / (2.0 * math.pi),
-        vectors,
-        len(motions.translations),
-        operator.balls.size,
-        pairs.zeros,
-        pairs.residual,
-        network,
+        frequencies=pairs.omega / (2.0 * math.pi),
+        vectors=vectors,
+        displacements=len(motions.translations),
+        moving=operator.balls.size,
+        zero_modes=pairs.zeros,
+        residual=pairs.residual,
+        network=network,
     )
+
+
+def _read_target(nearest: float | None) -> float:
+    """Return the angular frequency, rad/s, of the frequency ``nearest``, Hz; zero for None."""
+    return 0.0 if nearest is None else 2.0 * math.pi * not_negative("nearest", nearest, "Hz")
 
 
 def find_damped(
@@ -790,29 +871,35 @@ def find_damped(
     damping: Any = 0.0,
     loss_factor: Any = 0.0,
 ) -> DampedModes:
-    """Return damped modes of a network that is stable; see
-    :meth:`granphon.waves.waves.Waves.damped_modes`.
+    """Return ``count`` damped modes of a network that is stable, the lowest or those nearest to the
+    frequency ``nearest``, Hz; see :meth:`granphon.waves.waves.Waves.damped_modes`.
     """
     damped = ContactDamping.of(operator.network, damping, loss_factor)
-    even = damped.find_even(operator.network)
-    if even is not None:
+    even_damping = damped.find_even(operator.network)
+    if even_damping is not None:
         modes = find_modes(operator, count, nearest)
-        omega = damp_evenly(2.0 * math.pi * modes.frequencies, *even)
+        omega = damp_evenly(2.0 * math.pi * modes.frequencies, *even_damping)
         order = np.argsort(omega)  # by real parts: the highest modes are the first to creep
-        warnings = damped.find_warnings(float(modes.frequencies[-1]))
+        vectors = modes.vectors[order].astype(complex)
+        highest = float(modes.frequencies[-1])
         return DampedModes(
-            omega[order] / (2.0 * math.pi), modes.vectors[order].astype(complex), None, warnings
+            frequencies=omega[order] / (2.0 * math.pi),
+            vectors=vectors,
+            warnings=damped.find_warnings(highest),
         )
     count = whole_number("count", count, 1)
-    target = 0.0 if nearest is None else 2.0 * math.pi * not_negative("nearest", nearest, "Hz")
-    omega, shapes = _find_unevenly_damped(operator, damped, count, target)
-    values = np.zeros((count, operator.network.n_balls, operator.motions.count), complex)
-    values[:, operator.balls] = np.moveaxis(operator.values(shapes), -1, 0)
+    omega, shapes = _find_unevenly_damped(operator, damped, count, _read_target(nearest))
+    vectors = np.zeros((count, operator.network.n_balls, operator.motions.count), complex)
+    vectors[:, operator.balls] = np.moveaxis(operator.values(shapes), -1, 0)
     # without losses, a motion of this shape has the frequency of Rayleigh's quotient
-    pressed = np.asarray(operator.matrix @ shapes)
-    squares = np.sum(shapes.conj() * pressed, axis=0).real
+    forces = np.asarray(operator.matrix @ shapes)
+    squares = np.sum(shapes.conj() * forces, axis=0).real
     highest = math.sqrt(max(float(np.max(squares)), 0.0)) / (2.0 * math.pi)
-    return DampedModes(omega / (2.0 * math.pi), values, None, damped.find_warnings(highest))
+    return DampedModes(
+        frequencies=omega / (2.0 * math.pi),
+        vectors=vectors,
+        warnings=damped.find_warnings(highest),
+    )
 
 
 def _find_unevenly_damped(
@@ -827,28 +914,33 @@ def _find_unevenly_damped(
     if live.size > LARGEST_FACTORS[operator.network.dimension]:
         mend = "Damp all contacts alike, or take a smaller network"
         raise InputError(f"{live.size:,} motions that are damped unevenly are too many", mend=mend)
-    stiffness = (operator.matrix + 1j * operator.weigh(damped.losses)) / top**2
-    stiffness = stiffness.tocsr()[live][:, live]
+    # in units of the top frequency: x'' + viscous x' + stiffness x = 0
+    lossy = (operator.matrix + 1j * operator.weigh(damped.losses)) / top**2
+    stiffness = lossy.tocsr()[live][:, live]
     viscous = (operator.weigh(damped.times) / top).tocsr()[live][:, live]
     # the matrix of first order has twice the size of D
     is_small = 2 * live.size <= DENSE
     are_many = _SHARE * (2 * count + _SPARE) > 2 * live.size
     is_dense = is_small or (are_many and live.size <= DENSE)
     find = _find_damped_dense if is_dense else _find_damped_near
-    omega, vectors = find(problem, stiffness, viscous, count, target / top)
+    omega_over_top, vectors = find(problem, stiffness, viscous, count, target / top)
     shapes = np.zeros((operator.size, count), complex)
     shapes[live] = vectors
-    return omega * top, shapes
+    return omega_over_top * top, shapes
 
 
 def _find_damped_dense(
     problem: Problem, stiffness: Any, viscous: Any, count: int, target: float
 ) -> tuple[Complex, Complex]:
-    """Return the ``count`` modes nearest to ``target`` among all: omega over top (count,), and
-    vectors (live, count).
+    """Return the ``count`` modes nearest to ``target``, over top, among all: omega over top
+    (count,), and vectors (live, count).
+
+    ``stiffness`` and ``viscous`` (live, live) are the matrices of x and x', in units of the top
+    frequency.
     """
     squares, shapes = _diagonalise(problem, count)
-    elastic = shapes[:, find_roots(problem.operator, squares) > ZERO * problem.top]
+    costs_energy = find_roots(problem.operator, squares) > ZERO * problem.top
+    elastic = shapes[:, costs_energy]
     if elastic.shape[1] < count:
         raise make_too_few(elastic.shape[1], count)
     reduced_stiffness = elastic.T @ np.asarray(stiffness @ elastic)
@@ -891,37 +983,41 @@ def _choose_damped(omega: Complex, count: int, target: float) -> NDArray[np.intp
 
 
 def _find_still(problem: Problem, count: int) -> Array:
-    """Return motions (live, z) that cost no energy, orthonormal; ``count`` modes that cost energy
-    are requested.
+    """Return the motions (live, z) that cost no energy, orthonormal: by factors, and by a dense
+    matrix where factors do not find them all.
+
+    ``count``, the number of modes that are requested, is for the message of a matrix too large.
     """
-    zeros = problem.count_below((ZERO * problem.top) ** 2)
-    if not zeros:
+    n_zeros = problem.count_below((ZERO * problem.top) ** 2)
+    if not n_zeros:
         return np.zeros((problem.live.size, 0))
     shift = -_SHIFT * problem.top**2
-    searched = zeros + _SPARE
+    n_searched = n_zeros + _SPARE
     solve = problem.factors(shift).solve
-    while searched * _SHARE <= problem.live.size:
-        _, vectors = find_nearest(problem.shifted(0.0), searched, shift, solve)
-        omega, vectors, _ = problem.refine(vectors)
-        still = omega <= ZERO * problem.top
-        if np.count_nonzero(still) == zeros:
-            return vectors[problem.live][:, still]
-        searched *= 2
+    while n_searched * _SHARE <= problem.live.size:
+        _, vectors = find_nearest(problem.shifted(0.0), n_searched, shift, solve)
+        omega, modes, _ = problem.refine(vectors)
+        is_still = omega <= ZERO * problem.top
+        if np.count_nonzero(is_still) == n_zeros:
+            return modes[problem.live][:, is_still]
+        n_searched *= 2
     squares, vectors = _diagonalise(problem, count)
-    return np.asarray(vectors[:, find_roots(problem.operator, squares) <= ZERO * problem.top])
+    is_still = find_roots(problem.operator, squares) <= ZERO * problem.top
+    return np.asarray(vectors[:, is_still])
 
 
 @single_products()
 def _follow_damped(
     stiffness: Any, viscous: Any, still: Array, rate_count: int, target: float
 ) -> tuple[Complex, Complex]:
-    """Return modes of x'' + G x' + D x = 0, omega (m,) of the ``rate_count`` rates nearest to
-    ``target``, and vectors (n, m).
+    """Return modes of x'' + G x' + D x = 0, with D the ``stiffness`` and G the ``viscous`` matrix
+    (n, n): omega (m,) of the ``rate_count`` rates nearest to ``target``, and vectors (n, m), in
+    units of the top frequency.
 
     With y = x', ((0, 1), (-D, -G)) - s is solved by the factors of D + s G + s^2. Arnoldi's vectors
-    are kept free of the motions ``still`` (n, z), which cost no energy: each has the rate zero
-    twice, nearer than all other rates. A motion that creeps has two rates, the roots of
-    r^2 + (x.Gx) r + x.Dx; the slower of the two is above their mean.
+    z = (x, y) are kept free of the motions ``still`` (n, z), which cost no energy: each has the
+    rate zero twice, nearer than all other rates. A motion that creeps has two rates, the roots of
+    r^2 + (x.Gx) r + x.Dx; the slower of the two, above their mean, is kept.
     """
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import LinearOperator, eigs
@@ -934,9 +1030,12 @@ def _follow_damped(
 
     def free(z: Any) -> Any:
         """Return z (2 n,) without the motions that cost no energy."""
-        parts = np.stack([z[:n].real, z[:n].imag, z[n:].real, z[n:].imag], axis=1)
-        parts -= still @ (still.T @ parts)
-        return np.concatenate([parts[:, 0] + 1j * parts[:, 1], parts[:, 2] + 1j * parts[:, 3]])
+        # real columns (n, 4): a product of the real ``still`` with complex numbers would copy it
+        columns = np.stack([z[:n].real, z[:n].imag, z[n:].real, z[n:].imag], axis=1)
+        columns -= still @ (still.T @ columns)
+        x = columns[:, 0] + 1j * columns[:, 1]
+        y = columns[:, 2] + 1j * columns[:, 3]
+        return np.concatenate([x, y])
 
     def apply(z: Any) -> Any:
         """Return the matrix of first order times z (2 n,)."""
@@ -953,12 +1052,13 @@ def _follow_damped(
     with lanczos_converges():
         rates, vectors = eigs(whole, k=rate_count, sigma=shift, OPinv=inverse, v0=start)
     omega = -1j * rates
-    vectors = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
+    shapes = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
     creeps = np.abs(omega.real) <= ZERO
     omega = np.where(creeps, 1j * omega.imag, omega)
-    slower = 2.0 * omega.imag < np.sum(vectors.conj() * (viscous @ vectors), axis=0).real
-    kept = np.where(creeps, slower, omega.real > 0.0)
-    return omega[kept], vectors[:, kept]
+    sums_of_rates = np.sum(shapes.conj() * (viscous @ shapes), axis=0).real  # x.Gx
+    is_slower = 2.0 * omega.imag < sums_of_rates
+    is_kept = np.where(creeps, is_slower, omega.real > 0.0)  # one of each pair of rates
+    return omega[is_kept], shapes[:, is_kept]
 
 
 def require_stable(operator: WaveOperator) -> None:
@@ -970,24 +1070,28 @@ def require_stable(operator: WaveOperator) -> None:
 
 
 def is_stable(operator: WaveOperator, fall: float | None = None) -> bool:
-    """Whether no squared frequency is below zero by more than ``fall``, (rad/s)^2, by default
-    :func:`find_fall`.
+    """Return whether no squared frequency is below zero by more than ``fall``, (rad/s)^2, by
+    default :func:`find_fall`.
 
     Only static forces make a square below zero. Where static tangential forces act, and D has a
-    square below zero, the lowest eigenvalue of the whole that is not symmetric decides: its real
-    part is not below the lowest of D. For networks too large to be factorised the lowest Ritz value
-    of a Krylov space of D decides.
+    square below zero, the lowest eigenvalue of the whole matrix that is not symmetric decides: its
+    real part is not below the lowest of D. For networks too large to be factorised the lowest Ritz
+    value of a Krylov space of D decides.
     """
     if not operator.network.prestress:
         return True
     whole = operator.whole
-    least = -(find_fall(operator) if fall is None else fall)
+    least_square = -(find_fall(operator) if fall is None else fall)
     if not _has_factors(operator):
-        least_ritz_value = least if whole is None else -_RITZ_ERROR * operator.top**2
+        least_ritz_value = least_square if whole is None else -_RITZ_ERROR * operator.top**2
         return _search_lowest(operator) >= least_ritz_value
-    if not Problem(operator, np.arange(operator.size)).count_below(least):
+    problem = Problem(operator, np.arange(operator.size))
+    if not problem.count_below(least_square):
         return True
-    return whole is not None and _find_lowest_of_whole(operator, whole, least)[0] >= least
+    if whole is None:
+        return False
+    lowest, _ = _find_lowest_of_whole(operator, whole, least_square)
+    return lowest >= least_square
 
 
 def find_falls(operator: WaveOperator, fall: float) -> Array:
@@ -1001,42 +1105,47 @@ def find_falls(operator: WaveOperator, fall: float) -> Array:
         raise explain_instability(operator.network)
     whole = operator.whole
     if whole is not None:
-        return _find_lowest_of_whole(operator, whole, -fall)[1][:, None]
+        _, sizes = _find_lowest_of_whole(operator, whole, -fall)
+        return sizes[:, None]
     network = operator.network
     problem = Problem(operator, np.arange(operator.size))
     # no square is lower than twice that of a single ball which static forces alone move
-    stiffness = np.maximum(network.normal_force, 0.0) / network.distance
-    of_balls = np.bincount(network.i, stiffness, network.n_balls)
-    of_balls = of_balls + np.bincount(network.j, stiffness, network.n_balls)
+    static_stiffness = np.maximum(network.normal_force, 0.0) / network.distance
+    of_balls = np.bincount(network.i, static_stiffness, network.n_balls)
+    of_balls = of_balls + np.bincount(network.j, static_stiffness, network.n_balls)
     shift = -2.0 * float(np.max(of_balls / network.masses))
     count = problem.count_below(-fall)
     solve = problem.factors(shift).solve
-    return np.asarray(find_nearest(problem.shifted(0.0), count, shift, solve)[1])
+    _, vectors = find_nearest(problem.shifted(0.0), count, shift, solve)
+    return np.asarray(vectors)
 
 
 def _has_factors(operator: WaveOperator) -> bool:
-    """Whether the matrix of the network is not too large to be factorised."""
+    """Return whether the matrix of the network is small enough to be factorised."""
     return operator.size <= LARGEST_FACTORS[operator.network.dimension]
 
 
 def _find_lowest_of_whole(operator: WaveOperator, whole: Any, low: float) -> tuple[float, Array]:
-    """Return the lowest real part of an eigenvalue of the ``whole``, (rad/s)^2, and the sizes
-    (size,) of its motions.
+    """Return the lowest real part of an eigenvalue of the ``whole`` matrix (size, size), (rad/s)^2,
+    and the sizes (size,) of the motions of its eigenvector.
+
+    The search begins at ``low``, (rad/s)^2, below zero, and lower if D has eigenvalues below it.
     """
     from scipy.sparse.linalg import eigs
 
     problem = Problem(operator, np.arange(operator.size))
-    while problem.count_below(low):
-        low *= 100.0
+    shift = low
+    while problem.count_below(shift):
+        shift *= _LOWER
     start = np.random.default_rng(0).normal(size=operator.size)
     with lanczos_converges():
-        values, vectors = eigs(whole.tocsc(), k=1, sigma=low, v0=start, tol=1e-8)
-    return float(values[0].real), np.abs(vectors[:, 0])
+        eigenvalues, vectors = eigs(whole.tocsc(), k=1, sigma=shift, v0=start, tol=1e-8)
+    return float(eigenvalues[0].real), np.abs(vectors[:, 0])
 
 
 def _search_lowest(operator: WaveOperator) -> float:
-    """Return the lowest Ritz value of the Krylov space of a random vector, (rad/s)^2: above the
-    lowest eigenvalue of D.
+    """Return the lowest Ritz value of the Krylov space of a random vector, (rad/s)^2, by Lanczos's
+    recursion: above the lowest eigenvalue of D.
     """
     from scipy.linalg import eigvalsh_tridiagonal
 
@@ -1054,10 +1163,10 @@ def _search_lowest(operator: WaveOperator) -> float:
         couplings.append(coupling)
         previous = x
         x = y / coupling
-    values = eigvalsh_tridiagonal(
+    ritz_values = eigvalsh_tridiagonal(
         np.array(diagonal), np.array(couplings[:-1]), select="i", select_range=(0, 0)
     )
-    return float(values[0])
+    return float(ritz_values[0])
 
 
 def _diagonalise(problem: Problem, count: int) -> tuple[Array, Array]:
@@ -1083,9 +1192,9 @@ def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
     chosen = problem.choose(omega, count, target)
     if chosen.size < count:
         raise make_too_few(chosen.size, count)
-    zeros = int(np.sum(omega <= ZERO * problem.top))
-    omega, vectors, residual = problem.refine(vectors[:, chosen])
-    return Eigenpairs(omega, vectors, float(residual.max()), problem.loose + zeros)
+    n_zeros = int(np.sum(omega <= ZERO * problem.top))
+    refined_omega, modes, residuals = problem.refine(vectors[:, chosen])
+    return Eigenpairs(refined_omega, modes, float(residuals.max()), problem.loose + n_zeros)
 
 
 def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
@@ -1094,39 +1203,39 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
     """
     size = problem.live.size
     top = problem.top
-    zeros = problem.count_below((ZERO * top) ** 2)
-    if count > size - zeros:
-        raise make_too_few(size - zeros, count)
+    n_zeros = problem.count_below((ZERO * top) ** 2)
+    if count > size - n_zeros:
+        raise make_too_few(size - n_zeros, count)
     is_lowest = target <= ZERO * top
     shift = -_SHIFT * top**2 if is_lowest else target**2
     solve = problem.factors(shift).solve
-    searched = count + _SPARE + (zeros if is_lowest else 0)
-    while searched * _SHARE <= size:
-        _, vectors = find_nearest(problem.shifted(0.0), searched, shift, solve)
-        omega, vectors, residual = problem.refine(vectors)
+    n_searched = count + _SPARE
+    if is_lowest:
+        n_searched += n_zeros
+    while n_searched * _SHARE <= size:
+        _, vectors = find_nearest(problem.shifted(0.0), n_searched, shift, solve)
+        omega, modes, residuals = problem.refine(vectors)
         chosen = problem.choose(omega, count, target)
-        are_precise = chosen.size == count and np.max(residual[chosen]) <= RESIDUAL
-        if are_precise and _has_all(problem, omega, chosen, target, zeros):
+        are_precise = chosen.size == count and np.max(residuals[chosen]) <= RESIDUAL
+        if are_precise and _has_all(problem, omega, chosen, target, n_zeros):
+            largest_residual = float(residuals[chosen].max())
             return Eigenpairs(
-                omega[chosen],
-                vectors[:, chosen],
-                float(residual[chosen].max()),
-                problem.loose + zeros,
+                omega[chosen], modes[:, chosen], largest_residual, problem.loose + n_zeros
             )
-        searched *= 2
+        n_searched *= 2
     return _find_dense(problem, count, target)
 
 
 def _has_all(
-    problem: Problem, omega: Array, chosen: NDArray[np.intp], target: float, zeros: int
+    problem: Problem, omega: Array, chosen: NDArray[np.intp], target: float, n_zeros: int
 ) -> bool:
-    """Whether all modes nearer to ``target`` than the farthest of the ``chosen`` ones are among
-    ``omega`` (m,), rad/s; ``zeros`` modes cost no energy.
+    """Return whether all modes nearer to ``target``, rad/s, than the farthest of the ``chosen``
+    ones are among ``omega`` (m,), rad/s; ``n_zeros`` modes cost no energy.
     """
     zero = ZERO * problem.top
-    reach = np.max(np.abs(omega[chosen] - target)) * (1.0 - 1e-9)
+    reach = np.max(np.abs(omega[chosen] - target)) * (1.0 - _INSIDE)
     low = max(target - reach, zero)
     high = target + reach
-    below = zeros if low == zero else problem.count_below(low**2)
-    within = problem.count_below(high**2) - below
-    return bool(within == np.sum((omega > low) & (omega < high)))
+    n_below = n_zeros if low == zero else problem.count_below(low**2)
+    n_within = problem.count_below(high**2) - n_below
+    return bool(n_within == np.sum((omega > low) & (omega < high)))

@@ -41,6 +41,8 @@ _STRAIGHT = 0.9
 _BENT = 0.25
 #: least number of frames in a period of the highest harmonic
 _PER_PERIOD = 2.5
+#: relative rounding of times: a run of ten periods has ten periods
+_TIME_ROUNDING = 1e-9
 #: least height of the frames beside a maximum, over the maximum: then three frames lie within the
 #: width of the pulse at half of its height. Frames about a shorter pulse show any motions that
 #: follow, and not when the pulse passes
@@ -116,20 +118,20 @@ class Motion(Result):
                 f"the file of a motion is {brief(path)}", mend="Give a path, or an open binary file"
             )
         _require_forward(frames)
-        values, about = read_records(path, _ABOUT, frames)
-        # a file that lacks times is damaged, which is found below
-        if not len(values.get("times", [0])):
+        arrays, about = read_records(path, _ABOUT, frames)
+        # a file that lacks times is damaged: the field that is missing is an error below
+        if "times" in arrays and not len(arrays["times"]):
             raise InputError(
                 f"frames is {brief(frames)}, and the file has none of them", mend="Give others"
             )
         try:
-            network = _read_network(values, about)
-            values = {
-                name: array for name, array in values.items() if not name.startswith(_OF_NETWORK)
+            network = _read_network(arrays, about)
+            fields_of_motion = {
+                name: array for name, array in arrays.items() if not name.startswith(_OF_NETWORK)
             }
             # a file of a motion without contacts that came about has no such array
-            met: Any = values.pop("met", np.zeros((0, 2))).astype(np.intp)
-            motion = cls(**values, network=network, met=met, step=float(about["step"]))
+            met: Any = fields_of_motion.pop("met", np.zeros((0, 2))).astype(np.intp)
+            motion = cls(**fields_of_motion, network=network, met=met, step=float(about["step"]))
             motion._check()
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
@@ -138,8 +140,8 @@ class Motion(Result):
         return motion
 
     def write(self, path: str | os.PathLike[str] | BinaryIO) -> None:
-        """Write a netCDF file, or to an open binary file, for :meth:`read`. A motion at the path is
-        replaced.
+        """Write the motion into a netCDF file at the path, or into an open binary file, for
+        :meth:`read`. A motion that is at the path is replaced.
 
         Raises :class:`~granphon.base.errors.InputError` for what is no path, and
         :class:`~granphon.base.errors.OutputError` where something else than a motion is there, or
@@ -155,7 +157,7 @@ class Motion(Result):
             file.append(self._take_frame(frame))
 
     def _take_frame(self, frame: int) -> dict[str, Any]:
-        """Return the values of all fields over frames in one of these."""
+        """Return the values in one frame, by name, of all fields whose first axis is the frames."""
         names = [name for name, layout in self._shapes.items() if layout[0] == "f"]
         return {name: getattr(self, name)[frame] for name in names}
 
@@ -171,22 +173,23 @@ class Motion(Result):
 
     @property
     def middles(self) -> Array:
-        """(n_c + n_met, 3) where the contacts are at rest, m: those of the network, then those that
-        were met. Body j of a contact may be a wall.
+        """(n_c + n_met, 3) positions of the contacts at rest, m: those of the network, then those
+        that were met. Body j of a contact may be a wall.
         """
         network = self.network
         i, j = self.met.T
-        start = network.positions[i]
+        centres = network.positions[i]
         periods = network.cell[list(network.pbc)]
-        vectors = network.positions[j] - start
+        vectors = network.positions[j] - centres
         cells = np.rint(vectors @ np.linalg.pinv(periods))
-        met_places = start + 0.5 * (vectors - cells @ periods)  # to the nearest image
+        to_nearest_image = vectors - cells @ periods
+        met_positions = centres + 0.5 * to_nearest_image
         for wall, (point, inward) in network.walls.items():
             # a ball touches a flat wall at the foot of the perpendicular from its centre
             touches = j == wall
-            heights = (point - start[touches]) @ inward
-            met_places[touches] = start[touches] + np.outer(heights, inward)
-        return np.concatenate([network.contact_places, met_places])
+            distances = (point - centres[touches]) @ inward
+            met_positions[touches] = centres[touches] + np.outer(distances, inward)
+        return np.concatenate([network.contact_places, met_positions])
 
     def peaks(self) -> tuple[Array, Array]:
         """Return the times, s, and the heights, N, of the greatest normal force of each contact,
@@ -198,39 +201,43 @@ class Motion(Result):
         return self._find_tops(np.argmax(self.forces, axis=0))
 
     def _find_tops(self, frames: Index) -> tuple[Array, Array]:
-        """Return times and heights of parabolas through the forces of contacts at ``frames`` (n_c,)
-        and beside them.
+        """Return the times (n_c,), s, and heights (n_c,), N, of the tops of parabolas through the
+        forces of contacts at ``frames`` (n_c,) and at the frames beside these.
         """
         last = len(self.times) - 1
         contacts = np.arange(self.forces.shape[1])
         previous = np.maximum(frames - 1, 0)
         following = np.minimum(frames + 1, last)
-        low = self.forces[previous, contacts]
-        most = self.forces[frames, contacts]
-        high = self.forces[following, contacts]
+        force_before = self.forces[previous, contacts]
+        force = self.forces[frames, contacts]
+        force_after = self.forces[following, contacts]
         # differences first: a change by rounding then makes neither of the two zero
-        bend = (low - most) + (high - most)
-        tilt = low - high
-        is_inside = following == previous + 2
-        shift = np.divide(0.5 * tilt, bend, out=np.zeros_like(bend), where=is_inside)
-        steps = self.times[following] - self.times[previous]
-        return self.times[frames] + 0.5 * shift * steps, most - 0.25 * tilt * shift
+        curvature = (force_before - force) + (force_after - force)
+        fall = force_before - force_after
+        is_inside = following == previous + 2  # a frame is on both sides
+        # the top is this part of a step after the frame
+        shift = np.divide(0.5 * fall, curvature, out=np.zeros_like(curvature), where=is_inside)
+        two_steps = self.times[following] - self.times[previous]
+        return self.times[frames] + 0.5 * shift * two_steps, force - 0.25 * fall * shift
 
     def arrivals(self, share: float = 0.5) -> Array:
         """Return the times, (n_c,), s, at which each force has changed by the part ``share`` of its
         first great change.
 
-        That is the first maximum of the change with at least half of the greatest, so that a later
-        echo does not count; or the greatest change, if it has no such maximum. Times between frames
-        are interpolated linearly; the time is infinite where a force does not change.
+        The first great change is the first maximum of the change with at least half of the
+        greatest, so that a later echo does not count; or the greatest change, if the change has no
+        such maximum. Times between frames are interpolated linearly; the time is infinite where a
+        force does not change.
         """
         share = require("share", lambda value: number(value, 1e-9, 1.0), share)
         change = np.abs(self.forces - self.forces[0])
-        first = _find_first_maxima(change)
-        top = np.where(first > 0, first, np.argmax(change, axis=0))
+        first_maximum = _find_first_maxima(change)
+        great_change = np.where(first_maximum > 0, first_maximum, np.argmax(change, axis=0))
         contacts = np.arange(change.shape[1])
-        level = share * change[top, contacts]
-        following = np.clip(np.argmax(change >= level, axis=0), min(1, len(change) - 1), None)
+        level = share * change[great_change, contacts]
+        # the frame that reaches the level first, and the one before it
+        reaches_level = np.argmax(change >= level, axis=0)
+        following = np.clip(reaches_level, min(1, len(change) - 1), None)
         low = change[following - 1, contacts]
         high = change[following, contacts]
         fraction = np.divide(level - low, high - low, out=np.zeros_like(level), where=high > low)
@@ -254,26 +261,30 @@ class Motion(Result):
     def _find_passages(
         self, of: Literal["peak", "front"], share: float
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return times (n_c,) as of :meth:`passages`, however few the frames, and whether these
-        resolve the pulse.
+        """Return times (n_c,), s, as of :meth:`passages`, however few the frames, and whether the
+        frames resolve the pulse at each contact (n_c,).
         """
         rise = self.forces - self.forces[0]
         change = np.abs(rise)
-        least = max(
+        least_change = max(
             _STILL * float(change.max(initial=0.0)),
             _ROUNDING * float(self.forces[0].max(initial=0.0)),
             _NO_CHANGE,
         )
         height = rise if one_of("of", of, _PASSAGES) == "peak" else change
-        first = _find_first_maxima(height)
-        is_known = (change.max(axis=0, initial=0.0) > least) & (first > 0)
-        times = self._find_tops(first)[0] if of == "peak" else self.arrivals(share)
+        maximum = _find_first_maxima(height)  # its frame; 0 without one
+        is_known = (change.max(axis=0, initial=0.0) > least_change) & (maximum > 0)
+        if of == "peak":
+            times, _ = self._find_tops(maximum)
+        else:
+            times = self.arrivals(share)
         # contacts without a maximum have the frames of the start, and their times are not known
-        previous = np.maximum(first - 1, 0)
-        following = np.minimum(first + 1, len(height) - 1)
-        contacts = np.arange(first.size)
+        previous = np.maximum(maximum - 1, 0)
+        following = np.minimum(maximum + 1, len(height) - 1)
+        contacts = np.arange(maximum.size)
         flank = np.minimum(height[previous, contacts], height[following, contacts])
-        return np.where(is_known, times, np.nan), flank >= _FLANK * height[first, contacts]
+        is_resolved = flank >= _FLANK * height[maximum, contacts]
+        return np.where(is_known, times, np.nan), is_resolved
 
     def pulse_velocity(
         self,
@@ -300,17 +311,19 @@ class Motion(Result):
             raise InputError(
                 f"share is {brief(share)}, and a peak has none", mend='Give of="front" too'
             )
-        places = self.middles[chosen] - self.middles[chosen[0]]
-        if direction is None and not np.any(places[-1]):
-            raise InputError(
-                f"contacts {brief(contacts)} begin and end at one place",
-                mend="Give contacts along a way",
-            )
-        along = one_direction(places[-1] if direction is None else direction, 3)
+        vectors = self.middles[chosen] - self.middles[chosen[0]]  # from the first contact, m
+        if direction is None:
+            direction = vectors[-1]
+            if not np.any(direction):
+                raise InputError(
+                    f"contacts {brief(contacts)} begin and end at one place",
+                    mend="Give contacts along a way",
+                )
+        unit_vector = one_direction(direction, 3)
         times, is_resolved = self._find_passages(of, 0.5 if share is None else share)
-        times = times[chosen]
-        self._require_passed(chosen, times, is_resolved[chosen])
-        velocity, reason = fit_velocity(places @ along, times)
+        times_of_chosen = times[chosen]
+        self._require_passed(chosen, times_of_chosen, is_resolved[chosen])
+        velocity, reason = fit_velocity(vectors @ unit_vector, times_of_chosen)
         if reason:
             mend = (
                 "Give contacts in the order in which it comes to them, on one side of where it"
@@ -352,14 +365,18 @@ class Motion(Result):
         """
         ball = whole_number("ball", ball, 0, self.network.n_balls - 1)
         axis = whole_number("axis", axis, 0, 2)
-        values = self.displacements[:, ball, axis]
-        if len(values) < 4:
-            raise InputError(f"{len(values)} frames have no spectrum", mend="Keep more frames")
-        window = np.hanning(len(values))
-        weighed = window * (values - np.average(values, weights=window))
+        displacements = self.displacements[:, ball, axis]
+        n_frames = len(displacements)
+        if n_frames < 4:
+            raise InputError(f"{n_frames} frames have no spectrum", mend="Keep more frames")
+        window = np.hanning(n_frames)
+        mean = np.average(displacements, weights=window)
+        windowed = window * (displacements - mean)
         interval = float(self.times[1] - self.times[0])
-        frequencies = np.asarray(np.fft.rfftfreq(len(values), interval), float)
-        return frequencies, 2.0 / np.sum(window) * np.abs(np.fft.rfft(weighed))
+        frequencies = np.asarray(np.fft.rfftfreq(n_frames, interval), float)
+        # half of the amplitude is at the negative frequency
+        amplitudes = 2.0 / np.sum(window) * np.abs(np.fft.rfft(windowed))
+        return frequencies, amplitudes
 
     def harmonics(
         self, frequency: float, count: int = 3, axis: int = 0, periods: int = 10
@@ -372,61 +389,81 @@ class Motion(Result):
         periods, or if a period of the highest multiple has fewer than 2.5 frames.
         """
         f = positive("frequency", frequency, "Hz")
-        frames = len(self.times)
-        most = whole_number("count", count, 1, _MOST_MULTIPLES)
-        fitted_to = whole_number("periods", periods, 1, _MOST_MULTIPLES)
-        along = whole_number("axis", axis, 0, 2)
-        run_periods = float(self.times[-1] - self.times[0]) * f
-        frames_per_period = (frames - 1) / (run_periods * most) if run_periods > 0.0 else 0.0
-        if fitted_to > run_periods * (1.0 + 1e-9) or frames_per_period < _PER_PERIOD:
+        n_multiples = whole_number("count", count, 1, _MOST_MULTIPLES)
+        n_periods = whole_number("periods", periods, 1, _MOST_MULTIPLES)
+        axis = whole_number("axis", axis, 0, 2)
+        self._require_periods(f, n_multiples, n_periods)
+        is_fitted = self.times > self.times[-1] - n_periods / f * (1.0 + _TIME_ROUNDING)
+        multiples = np.arange(1, n_multiples + 1)
+        angles = 2.0 * np.pi * f * self.times[is_fitted, None] * multiples
+        # (frames, 1 + 2 count): a mean, cosines and sines
+        terms = np.hstack([np.ones((len(angles), 1)), np.cos(angles), np.sin(angles)])
+        coefficients: Any
+        coefficients, *_ = np.linalg.lstsq(
+            terms, self.displacements[is_fitted, :, axis], rcond=None
+        )
+        cosines = coefficients[1 : n_multiples + 1]
+        sines = coefficients[n_multiples + 1 :]
+        return np.asarray(cosines + 1j * sines)
+
+    def _require_periods(self, frequency: float, n_multiples: int, n_periods: int) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless the run has ``n_periods`` of the
+        ``frequency``, Hz, and enough frames in a period of its highest multiple.
+        """
+        run_periods = float(self.times[-1] - self.times[0]) * frequency
+        frames_per_period = 0.0
+        if run_periods > 0.0:
+            frames_per_period = (len(self.times) - 1) / (run_periods * n_multiples)
+        is_too_short = n_periods > run_periods * (1.0 + _TIME_ROUNDING)
+        if is_too_short or frames_per_period < _PER_PERIOD:
             fault = (
-                f"{frames_per_period:.3g} frames are in a period of multiple {most}, and"
+                f"{frames_per_period:.3g} frames are in a period of multiple {n_multiples}, and"
                 f" {run_periods:.3g} periods in the run"
             )
             raise InputError(
                 fault, mend="Run for longer, keep more frames, or ask for fewer multiples"
             )
-        last = self.times > self.times[-1] - fitted_to / f * (1.0 + 1e-9)
-        angle = 2.0 * np.pi * f * self.times[last, None] * np.arange(1, most + 1)
-        terms = np.hstack([np.ones((len(angle), 1)), np.cos(angle), np.sin(angle)])
-        fitted: Any = np.linalg.lstsq(terms, self.displacements[last, :, along], rcond=None)[0]
-        return np.asarray(fitted[1 : most + 1] + 1j * fitted[most + 1 :])
 
 
-def _find_first_maxima(values: Array) -> Index:
-    """Return the frames (n_c,) of the first maxima of ``values`` (n_f, n_c) with half of the
-    greatest; 0 without one.
+def _find_first_maxima(heights: Array) -> Index:
+    """Return the frame (n_c,) of the first maximum of the ``heights`` (n_f, n_c) of each contact
+    that is at least half as high as the greatest height; 0 without such a maximum.
     """
-    if len(values) < 3:
-        return np.zeros(values.shape[1], np.intp)
-    inner = values[1:-1]
-    is_top = (inner > values[:-2]) & (inner >= values[2:])
-    is_top &= (inner >= 0.5 * values.max(axis=0, initial=0.0)) & (inner > 0.0)
-    return np.where(np.any(is_top, axis=0), 1 + np.argmax(is_top, axis=0), 0)
+    if len(heights) < 3:
+        return np.zeros(heights.shape[1], np.intp)
+    inner = heights[1:-1]
+    is_maximum = (inner > heights[:-2]) & (inner >= heights[2:])
+    is_high = (inner >= 0.5 * heights.max(axis=0, initial=0.0)) & (inner > 0.0)
+    is_high_maximum = is_maximum & is_high
+    first = 1 + np.argmax(is_high_maximum, axis=0)  # inner frames begin with frame 1
+    return np.where(np.any(is_high_maximum, axis=0), first, 0)
 
 
 def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
-    """Return the slope of the line of least squares of distances, m, over times, s, and an empty
-    text.
+    """Return the slope, m/s, of the line of least squares of distances (n,), m, over times (n,), s,
+    and an empty text.
 
     Without a straight line that rises the slope is nan, and the text says why: times do not grow
     with the distance, scatter about the line (correlation of :data:`_STRAIGHT` or less), or lie on
     a line that bends, as those of a signal that diffuses.
     """
+    # conditions are written so that nan fails them
     covariances = np.cov(times, distances)
-    of_times = covariances[0, 0]
-    of_distances = covariances[1, 1]
-    of_both = covariances[0, 1]
-    if not of_both > 0.0:
+    time_variance = covariances[0, 0]
+    distance_variance = covariances[1, 1]
+    covariance = covariances[0, 1]
+    if not covariance > 0.0:
         return math.nan, "it comes no later to those that are farther away"
-    if not of_both > _STRAIGHT * math.sqrt(of_times * of_distances):
+    if not covariance > _STRAIGHT * math.sqrt(time_variance * distance_variance):
         return math.nan, "times scatter about a straight line"
-    far = float(np.max(np.abs(distances)))
-    if len(np.unique(np.round(distances / far, 9))) > 3:
-        curve, slope, _ = np.polyfit((distances - np.mean(distances)) / far, times, 2)
-        if not abs(curve) * np.ptp(distances) / far <= _BENT * abs(slope):
+    farthest = float(np.max(np.abs(distances)))
+    n_distances = len(np.unique(np.round(distances / farthest, 9)))
+    if n_distances > 3:  # a parabola goes through three points, whatever their scatter
+        relative = (distances - np.mean(distances)) / farthest
+        curve, slope, _ = np.polyfit(relative, times, 2)
+        if not abs(curve) * np.ptp(distances) / farthest <= _BENT * abs(slope):
             return math.nan, "distances over times are no straight line"
-    return float(of_both / of_times), ""
+    return float(covariance / time_variance), ""
 
 
 def _require_forward(frames: Any) -> None:
@@ -438,18 +475,20 @@ def _require_forward(frames: Any) -> None:
         raise InputError(f"frames is {brief(frames)}", mend="Give a slice, such as slice(0, 10)")
 
 
-def _read_network(values: Mapping[str, Any], about: Mapping[str, str]) -> ContactNetwork:
-    """Return the network of a motion, of the arrays and the plain values of its file."""
-    arrays: dict[str, Any] = {
+def _read_network(arrays: Mapping[str, Any], about: Mapping[str, str]) -> ContactNetwork:
+    """Return the network of a motion from the ``arrays`` of its file, by name, and from the texts
+    ``about`` the file, whose "network" has the plain values of the network.
+    """
+    network_arrays: dict[str, Any] = {
         name.removeprefix(_OF_NETWORK): array
-        for name, array in values.items()
+        for name, array in arrays.items()
         if name.startswith(_OF_NETWORK)
     }
-    for name in ("i", "j", "shift", "labels"):
-        if name in arrays:
-            arrays[name] = arrays[name].astype(np.intp)
+    for name in ("i", "j", "shift", "labels"):  # whole numbers, of a type that the file chose
+        if name in network_arrays:
+            network_arrays[name] = network_arrays[name].astype(np.intp)
     plain_values = json.loads(about["network"])
-    data = {"class": "ContactNetwork", **plain_values, **arrays}
+    data = {"class": "ContactNetwork", **plain_values, **network_arrays}
     network: ContactNetwork = restore(data, ContactNetwork)
     return network
 
@@ -460,8 +499,8 @@ class Frames:
     Parameters
     ----------
     network : the balls at rest.
-    step : s.
-    path : of the file, or None.
+    step : of the integration, s.
+    path : of the file; None to keep the frames in memory.
     """
 
     def __init__(self, network: ContactNetwork, step: float, path: Any) -> None:
@@ -470,6 +509,7 @@ class Frames:
         self._network = network
         self._step = step
         self._path = None if path is None else Path(path)
+        # the column of each contact beside those of the network, by (i, j, shift)
         self._columns: dict[tuple[int, ...], int] = {}
         self._frames: list[dict[str, Any]] = []
         self._file: RecordFile | None = None
@@ -490,37 +530,40 @@ class Frames:
     def keep(
         self, frame: Mapping[str, Any], forces: Array, shears: Array, met: Sequence[tuple[int, ...]]
     ) -> None:
-        """Keep a frame. Contacts beyond those of the network, ``met`` (i, j, shift), get a column
-        when they first push.
+        """Keep a ``frame``: the values of its fields by name, and the normal ``forces`` and the
+        ``shears`` of contacts (n_c + n_m,), N: those of the network, then those of the contacts
+        ``met`` (i, j, shift).
+
+        A contact that was met gets a column when it first pushes.
         """
-        base = self._network.n_contacts
-        has_new = False
-        for pair, force in zip(met, forces[base:], strict=True):
+        n_contacts = self._network.n_contacts
+        has_new_column = False
+        for pair, force in zip(met, forces[n_contacts:], strict=True):
             if force and pair not in self._columns:
-                self._columns[pair] = base + len(self._columns)
-                has_new = True
-        whole: dict[str, Any] = dict(frame)
-        whole["forces"] = self._lay_out(forces, met)
-        whole["shears"] = self._lay_out(shears, met)
+                self._columns[pair] = n_contacts + len(self._columns)
+                has_new_column = True
+        full_frame: dict[str, Any] = dict(frame)
+        full_frame["forces"] = self._lay_out(forces, met)
+        full_frame["shears"] = self._lay_out(shears, met)
         if self._path is None:
-            self._frames.append(whole)
-        elif self._file is not None and not has_new:
-            with explaining(self._path, _KEPT):
-                self._file.append(whole)
+            self._frames.append(full_frame)
+        elif self._file is None or has_new_column:
+            self._begin_again(self._path, full_frame)
         else:
-            self._begin_again(self._path, whole)
+            with explaining(self._path, _KEPT):
+                self._file.append(full_frame)
         self._count = self._count + 1
         self.last_time = float(frame["times"])  # last, as Ctrl-C may come before a frame is kept
 
-    def _lay_out(self, values: Array, met: Sequence[tuple[int, ...]]) -> Array:
-        """Return ``values`` of the contacts of the network, and then of ``met`` ones, in the
-        columns of contacts.
+    def _lay_out(self, forces: Array, met: Sequence[tuple[int, ...]]) -> Array:
+        """Return the ``forces`` (n_c + n_m,) of the contacts of the network, and then of ``met``
+        ones, in the order of the columns of a frame.
         """
-        base = self._network.n_contacts
-        row = np.append(values[:base], np.zeros(len(self._columns)))
-        for pair, value in zip(met, values[base:], strict=True):
+        n_contacts = self._network.n_contacts
+        row = np.append(forces[:n_contacts], np.zeros(len(self._columns)))
+        for pair, force in zip(met, forces[n_contacts:], strict=True):
             if pair in self._columns:
-                row[self._columns[pair]] = value
+                row[self._columns[pair]] = force
         return row
 
     def _begin_again(self, path: Path, frame: Mapping[str, Any]) -> None:
@@ -529,18 +572,20 @@ class Frames:
 
         The new file is written beside the earlier one, and then replaces it.
         """
-        earlier = dict[str, Any]()
-        shapes = {name: np.shape(values) for name, values in frame.items()}
+        earlier_arrays = dict[str, Any]()
+        shapes = {name: np.shape(field_values) for name, field_values in frame.items()}
         if self._file is not None:
             self._file.close()
-            earlier = read_records(path, _ABOUT)[0]
+            earlier_arrays, _ = read_records(path, _ABOUT)
         with put_beside(path) as beside:
             self._file = _begin_file(beside, self._network, self._step, self._met, frame)
-            for row in range(self._count):
-                padded = {name: _pad(earlier[name][row], shapes[name]) for name in frame}
-                self._file.append(padded)
+            for number in range(self._count):
+                earlier_frame = {
+                    name: _pad(earlier_arrays[name][number], shapes[name]) for name in frame
+                }
+                self._file.append(earlier_frame)
             self._file.append(frame)
-            del earlier  # some systems do not replace a file that is in use
+            del earlier_arrays  # some systems do not replace a file that is in use
 
     @property
     def _met(self) -> Index:
@@ -548,22 +593,28 @@ class Frames:
         return np.array([pair[:2] for pair in self._columns], np.intp).reshape(-1, 2)
 
     def join(self) -> Motion:
-        """Return all frames."""
+        """Return all frames as one motion; frames from before a contact came about have zeros for
+        the contact.
+        """
         if self._path is not None:
             return Motion.read(self._path)
         last = self._frames[-1]
-        stacked: dict[str, Any] = {}
+        arrays: dict[str, Any] = {}
         for name in last:
             shape = np.shape(last[name])
-            stacked[name] = np.array([_pad(frame[name], shape) for frame in self._frames])
-        return Motion(**stacked, network=self._network, met=self._met, step=self._step)
+            arrays[name] = np.array([_pad(frame[name], shape) for frame in self._frames])
+        return Motion(**arrays, network=self._network, met=self._met, step=self._step)
 
 
 def _require_writable(path: Any) -> None:
-    """Raise unless a motion may be written to a path: no file exists, or a motion that nobody is
+    """Raise unless a motion may be written to a path: no file is there, or a motion that nobody is
     writing.
+
+    Raises :class:`~granphon.base.errors.InputError` for what is no path, and
+    :class:`~granphon.base.errors.OutputError` for a file that is no motion.
     """
-    if not isinstance(path, str | os.PathLike) or not os.fspath(path) or "\0" in str(path):
+    is_path = isinstance(path, str | os.PathLike)
+    if not is_path or not os.fspath(path) or "\0" in str(path):
         raise InputError(f"the file of a motion is {brief(path)}", mend="Give a path")
     if os.path.exists(path):
         try:
@@ -579,15 +630,18 @@ def _require_writable(path: Any) -> None:
 def _begin_file(
     path: Any, network: ContactNetwork, step: float, met: Index, frame: Mapping[str, Any]
 ) -> RecordFile:
-    """Return a file of a motion, without frames, for frames like ``frame``."""
+    """Return a new file of a motion at ``path``, without frames, for frames with the fields and
+    shapes of ``frame``; ``met`` (n_m, 2) are the balls of contacts beside those of the network.
+    """
     network = network.storable()
-    values = {entry.name: getattr(network, entry.name) for entry in fields(network)}
-    arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
-    plain_values = {name: plain(value) for name, value in values.items() if name not in arrays}
-    fixed = {
-        _OF_NETWORK + name: (value, _name_axes(name, ContactNetwork))
-        for name, value in arrays.items()
-    }
+    network_fields = {entry.name: getattr(network, entry.name) for entry in fields(network)}
+    fixed = {}  # arrays that do not grow with the frames, each with the names of its axes
+    plain_values = {}
+    for name, value in network_fields.items():
+        if isinstance(value, np.ndarray):
+            fixed[_OF_NETWORK + name] = (value, _name_axes(name, ContactNetwork))
+        else:
+            plain_values[name] = plain(value)
     if len(met):  # a dimension of no length would be the one that grows
         fixed["met"] = (met, _name_axes("met", Motion))
     growing = {
@@ -595,17 +649,12 @@ def _begin_file(
     }
     network_units = {_OF_NETWORK + name: unit for name, unit in ContactNetwork.units.items()}
     units = Motion.units | network_units
-    return RecordFile(
-        path,
-        fixed,
-        growing,
-        units,
-        _ABOUT | {"network": json.dumps(plain_values), "step": repr(step)},
-    )
+    about = _ABOUT | {"network": json.dumps(plain_values), "step": repr(step)}
+    return RecordFile(path, fixed, growing, units, about)
 
 
 def _name_axes(name: str, owner: type[Result]) -> tuple[str, ...]:
-    """Return names of the axes of a field in a file."""
+    """Return the names, in a file, of the axes of the field ``name`` of the class ``owner``."""
     names = {"f": "time", "n": "ball", "c": "contact", "3": "axis", "m": "met", "2": "end"}
     if owner is ContactNetwork:
         names["c"] = "network_contact"
@@ -614,9 +663,12 @@ def _name_axes(name: str, owner: type[Result]) -> tuple[str, ...]:
 
 
 def _pad(values: Any, shape: tuple[int, ...]) -> Array:
-    """Return an array of a ``shape``, with zeros behind the ``values``."""
+    """Return an array of the ``shape`` that has the ``values``, and zeros behind these along each
+    axis.
+    """
     if np.shape(values) == shape:
         return np.asarray(values, float)
-    out = np.zeros(shape)
-    out[tuple(slice(size) for size in np.shape(values))] = values
-    return out
+    padded = np.zeros(shape)
+    region = tuple(slice(size) for size in np.shape(values))
+    padded[region] = values
+    return padded

@@ -70,11 +70,11 @@ def explain_instability(network: ContactNetwork) -> InstabilityError:
 
 
 class Parts(NamedTuple):
-    """D = C^T K C in parts: deformations C of a vector (size,), and the forces C^T on balls of the
-    tensions of these deformations.
+    """D = C^T K C as three functions.
 
-    ``weigh`` returns the diagonal of K, with signs, or the weighted diagonal of
-    :meth:`WaveOperator.of_rows`.
+    ``deform`` returns the deformations (rows,) of a vector (size,), ``pull`` the forces (size,) on
+    balls of the tensions (rows,) of these deformations. ``weigh`` returns the diagonal of K,
+    (rows,), with signs, or the weighted diagonal of :meth:`WaveOperator.of_rows`.
     """
 
     deform: Callable[[NDArray[Any]], NDArray[Any]]
@@ -139,16 +139,17 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def in_balls(self) -> tuple[NDArray[np.uintp], Array]:
-        """(size,) the index of each motion among the six (n, 6) of all balls, and the scale of that
-        motion over the mass-weighted one.
+        """(size,) the index of each motion in the flattened array (n, 6) of all balls, three
+        displacements and three rotations, and (size,) the motion over the mass-weighted one.
         """
         network = self.network
-        turns = [3 + axis for axis in self.motions.rotations]
-        axes = np.array([*self.motions.translations, *turns])
+        rotation_columns = [3 + axis for axis in self.motions.rotations]
+        columns = np.array([*self.motions.translations, *rotation_columns])
         masses = network.masses[self.balls, None]
         inertias = network.inertias[self.balls, None]
-        scale = 1.0 / np.sqrt(np.where(axes < 3, masses, inertias))
-        indices = self.vector(6 * self.balls[:, None] + axes).astype(np.uintp)
+        is_displacement = columns < 3
+        scale = 1.0 / np.sqrt(np.where(is_displacement, masses, inertias))
+        indices = self.vector(6 * self.balls[:, None] + columns).astype(np.uintp)
         return indices, self.vector(scale)
 
     def to_balls(self, vector: Array) -> Array:
@@ -161,8 +162,8 @@ class WaveOperator(LinearOperator):
         return motions
 
     def push(self, balls: Index, along: Array, weights: Array) -> Array:
-        """Return the vector (size,) of translations ``along`` (3,) of some balls, times their
-        ``weights`` (k,).
+        """Return the vector (size,) in which each of the ``balls`` (k,) has the translation
+        ``along`` (3,) times its weight, of ``weights`` (k,).
         """
         vector = np.zeros(self.size)
         axes = list(self.motions.translations)
@@ -174,8 +175,9 @@ class WaveOperator(LinearOperator):
     def _make_matrix(
         self, rows: list[Row], root: Sequence[Any], phase: Any = 1.0
     ) -> csr_array[Any]:
-        """Return the rows, each times its ``root`` (n_c,), over the root of the masses: (kinds x
-        n_c, size).
+        """Return a matrix (kinds x n_c, size): for each of the ``rows``, a kind of deformation, the
+        coefficients of n_c contacts, times the factors (n_c,) of that kind in ``root``, over the
+        root of the masses.
 
         Balls j of contacts move with the ``phase`` (n_c,).
         """
@@ -184,13 +186,17 @@ class WaveOperator(LinearOperator):
         network = self.network
         m = self.motions.count
         scale = np.where(network.moving, 1.0 / np.sqrt(network.masses), 0.0)
+        scale_i = scale[network.i]
+        scale_j = scale[network.j]
         # the motions of balls i, then those of balls j, of each contact
         columns = np.hstack([self.indices[network.i], self.indices[network.j]]).astype(np.int32)
         columns[columns < 0] = 0  # of balls that are held: their entries are zero
         entries = np.empty((len(rows), *columns.shape), np.result_type(phase, *root))
-        for out, row, weight in zip(entries, rows, root, strict=True):
-            np.multiply((-weight * scale[network.i])[:, None], row.tail, out=out[:, :m])
-            np.multiply((phase * weight * scale[network.j])[:, None], row.head, out=out[:, m:])
+        for kind_entries, row, factors in zip(entries, rows, root, strict=True):
+            tail_factors = (-factors * scale_i)[:, None]
+            head_factors = (phase * factors * scale_j)[:, None]
+            np.multiply(tail_factors, row.tail, out=kind_entries[:, :m])
+            np.multiply(head_factors, row.head, out=kind_entries[:, m:])
         n_rows = len(rows) * network.n_contacts
         all_columns = np.tile(columns, (len(rows), 1)).ravel()
         starts = np.arange(n_rows + 1, dtype=np.int32) * np.int32(2 * m)
@@ -208,8 +214,8 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def law_rows(self) -> list[Row]:
-        """Elongation and the other :attr:`rows`; the elongation has zeros where no motion makes it,
-        as out of the plane.
+        """The elongation of contacts, and the other :attr:`rows`; the elongation is of zeros where
+        no motion stretches contacts, as where balls move out of the plane.
         """
         rows = self.rows
         if rows[0].kind == "elongation":
@@ -236,11 +242,12 @@ class WaveOperator(LinearOperator):
         """The rows of :attr:`full_root`, and the factor (n_c,) of each."""
         network = self.network
         roots = [np.sqrt(row.stiffness) for row in self.rows]
-        static = self._static_rows
-        if static:
-            tension = np.sqrt(np.abs(network.static_forces[0]) / network.distance)
-            roots += [tension for _ in static]
-        return self.rows + static, roots
+        static_rows = self._static_rows
+        if static_rows:
+            normal_force, _ = network.static_forces
+            static_root = np.sqrt(np.abs(normal_force) / network.distance)
+            roots += [static_root for _ in static_rows]
+        return self.rows + static_rows, roots
 
     @cached_property
     def _static_rows(self) -> list[Row]:
@@ -255,25 +262,27 @@ class WaveOperator(LinearOperator):
     def of_rows(self, weights: Array | None = None) -> Array:
         """Return the weights (rows,) of the rows of :attr:`full_root` in D.
 
-        Static forces have -1 where they press, and 1 where they pull, as tension holds contacts
-        straight. Given ``weights`` (2, n_c) of elongation, and of other deformations of contacts,
-        return these, where static forces have 0.
+        Rows of springs have the weight 1. Rows of static forces have -1 where these press, and 1
+        where they pull, as tension holds contacts straight. With ``weights`` (2, n_c) of the
+        elongation and of the other deformations of contacts, rows of springs have these weights,
+        and rows of static forces have 0.
         """
         network = self.network
         if weights is None:
-            springs = np.ones((2, network.n_contacts))
-            static = -np.sign(network.static_forces[0])
+            spring_weights = np.ones((2, network.n_contacts))
+            static_weight = -np.sign(network.static_forces[0])
         else:
-            springs = weights
-            static = np.zeros(network.n_contacts)
-        of_static_rows = [static for _ in self._static_rows]
-        return np.concatenate([*weigh_rows(self.rows, springs), *of_static_rows])
+            spring_weights = weights
+            static_weight = np.zeros(network.n_contacts)
+        static_weights = [static_weight for _ in self._static_rows]
+        return np.concatenate([*weigh_rows(self.rows, spring_weights), *static_weights])
 
     def weigh(self, weights: Array | None = None, phase: Any = None) -> csr_array[Any]:
         """Return A^H W A, (size, size), (rad/s)^2, with ``weights`` as for :meth:`of_rows`; without
-        any, D.
+        weights this is D, but for static tangential forces.
 
-        With a ``phase`` (n_c,) it is that of waves, in which balls j of contacts move with it.
+        With a ``phase`` (n_c,) the matrix is that of waves in which the balls j of contacts move
+        with that phase.
         """
         root = self.full_root if phase is None else self._make_matrix(*self._weighed_rows, phase)
         weighed = root.multiply(self.of_rows(weights)[:, None]).tocsr()
@@ -286,8 +295,9 @@ class WaveOperator(LinearOperator):
         springs = self.weigh()
         if self._carried is None:
             return springs
-        whole: csr_array[Any] = (springs + 0.5 * (self._carried + self._carried.T)).tocsr()
-        return whole
+        symmetric_part = 0.5 * (self._carried + self._carried.T)
+        matrix: csr_array[Any] = (springs + symmetric_part).tocsr()
+        return matrix
 
     def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
         """Return the product of D + i A^T eta A with a vector (size,), eta being ``losses`` as for
@@ -298,35 +308,40 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def parts(self) -> Parts:
-        """D in parts."""
+        """D as three functions: the rows are those of :attr:`full_root`."""
         root = self.full_root
         transposed = root.T.tocsr()
         return Parts(
-            lambda x: np.asarray(root @ x),
-            lambda tension: np.asarray(transposed @ tension),
-            self.of_rows,
+            deform=lambda x: np.asarray(root @ x),
+            pull=lambda tension: np.asarray(transposed @ tension),
+            weigh=self.of_rows,
         )
 
     def store(self, x: Array) -> float:
-        """Return the energy x D x / 2 of a vector, J, by its deformations: a drift of all balls
-        takes no digits from the energy.
+        """Return the energy x D x / 2 of a vector x (size,), J, by its deformations: a drift of all
+        balls takes no digits from the energy.
         """
-        energy = self.parts.weigh() @ self.parts.deform(x) ** 2
+        double_energy = self.parts.weigh() @ self.parts.deform(x) ** 2
         if self._pairs:
             pull, move = self._pairs
-            energy = energy + (self._make_matrix(*pull) @ x) @ (self._make_matrix(*move) @ x)
-        return 0.5 * float(energy)
+            pull_deformations = self._make_matrix(*pull) @ x
+            move_deformations = self._make_matrix(*move) @ x
+            double_energy = double_energy + pull_deformations @ move_deformations
+        return 0.5 * float(double_energy)
 
     def stretch(self, moved: Array, weighed: tuple[list[Row], list[Array]] | None = None) -> Array:
-        """Return the values of rows, of those of :attr:`full_root` by default, for displacements
-        (n, motions), m, of bodies that are held.
+        """Return the deformations (kinds x n_c,) that displacements ``moved`` (n, motions), m, of
+        bodies that are held make, times the factors of the rows.
+
+        ``weighed`` are rows and their factors, by default those of :attr:`full_root`.
         """
-        i = moved[self.network.i]
-        j = moved[self.network.j]
-        rows, roots = weighed or self._weighed_rows
+        moved_i = moved[self.network.i]
+        moved_j = moved[self.network.j]
+        rows, factors = weighed or self._weighed_rows
         deformations = []
-        for row, root in zip(rows, roots, strict=True):
-            deformations.append(root * np.sum(row.head * j - row.tail * i, axis=1))
+        for row, factor in zip(rows, factors, strict=True):
+            deformation = np.sum(row.head * moved_j - row.tail * moved_i, axis=1)
+            deformations.append(factor * deformation)
         return np.concatenate(deformations)
 
     def pull(self, moved: Array, weights: Array | None = None) -> Array:
@@ -336,32 +351,34 @@ class WaveOperator(LinearOperator):
         ``moved`` (n, motions) are displacements, m. Springs and static forces act; with
         ``weights``, as for :meth:`of_rows`, springs alone, each times its weight.
         """
-        forces = -(self.full_root.T @ (self.of_rows(weights) * self.stretch(moved)))
+        tensions = self.of_rows(weights) * self.stretch(moved)
+        forces = -(self.full_root.T @ tensions)
         if self._pairs and weights is None:
+            # half of G and half of its transpose, as in D
             pull, move = self._pairs
             forces -= 0.5 * (self._make_matrix(*pull).T @ self.stretch(moved, move))
             forces -= 0.5 * (self._make_matrix(*move).T @ self.stretch(moved, pull))
         return np.asarray(forces)
 
     def compose(self, rows: list[Row], phase: Any = 1.0) -> csr_array[Any]:
-        """Return C M^-1/2, (kinds x n_c, size): deformations from mass-weighted motions, as for
-        :meth:`weigh`.
+        """Return C M^-1/2, (kinds x n_c, size), which makes the deformations of ``rows`` of
+        mass-weighted motions; ``phase`` is that of :meth:`weigh`.
         """
         return self._make_matrix(rows, [1.0 for _ in rows], phase)
 
     @cached_property
     def _pairs(self) -> tuple[tuple[list[Row], list[Array]], ...]:
-        """The two sets of rows of which static tangential forces make G; none if no such forces
-        act.
+        """The two sets of rows, each with its factors, whose product is G of static tangential
+        forces: "pull" and "move"; none if no such forces act.
         """
         network = self.network
-        force = self.network.static_forces[1]
-        if not network.prestress or not np.any(force):
+        _, tangential_force = self.network.static_forces
+        if not network.prestress or not np.any(tangential_force):
             return ()
         gyration = find_gyration(network)
         pairs = carry_rows(
             network.normal,
-            force,
+            tangential_force,
             network.distance,
             network.arm_i,
             network.arm_j,
@@ -387,12 +404,13 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def whole(self) -> csr_array[Any] | None:
-        """D with the part of G that is not symmetric, (size, size), (rad/s)^2; None if no static
-        tangential forces act.
+        """D and the antisymmetric part of G, (size, size), (rad/s)^2; None if no static tangential
+        forces act.
         """
         if self._carried is None:
             return None
-        whole: csr_array[Any] = (self.matrix + 0.5 * (self._carried - self._carried.T)).tocsr()
+        antisymmetric_part = 0.5 * (self._carried - self._carried.T)
+        whole: csr_array[Any] = (self.matrix + antisymmetric_part).tocsr()
         return whole
 
     @cached_property
@@ -403,9 +421,11 @@ class WaveOperator(LinearOperator):
         network = self.network
         m = self.motions.count
         blocks = np.zeros((m, m, network.n_balls))
-        tension = np.maximum(-network.static_forces[0], 0.0) / network.distance
+        normal_force, _ = network.static_forces
+        pull = np.maximum(-normal_force, 0.0)
+        static_stiffness = pull / network.distance
         stiffness_of_rows = [(row, row.stiffness) for row in self.rows]
-        stiffness_of_rows += [(row, tension) for row in self._static_rows]
+        stiffness_of_rows += [(row, static_stiffness) for row in self._static_rows]
         for row, stiffness in stiffness_of_rows:
             for ball, coefficients in ((network.j, row.head), (network.i, row.tail)):
                 for a, b in np.ndindex(m, m):
@@ -424,11 +444,13 @@ class WaveOperator(LinearOperator):
         time. Contacts that are pressed lower D, and tangential forces add at most the largest sum
         of a row.
         """
-        bound = 2.0 * float(np.max(np.linalg.eigvalsh(self._blocks)))
+        highest_alone = float(np.max(np.linalg.eigvalsh(self._blocks)))
+        square_bound = 2.0 * highest_alone
         if self._carried is not None:
-            doubled = abs(self._carried + self._carried.T)
-            bound += 0.5 * float(np.max(doubled.sum(axis=1)))
-        return _MARGIN * math.sqrt(bound)
+            double_symmetric_part = self._carried + self._carried.T
+            row_sums = abs(double_symmetric_part).sum(axis=1)
+            square_bound += 0.5 * float(np.max(row_sums))
+        return _MARGIN * math.sqrt(square_bound)
 
     @cached_property
     def _step(self) -> csr_array[Any]:
@@ -440,8 +462,8 @@ class WaveOperator(LinearOperator):
         return (4.0 / self.top**2 * self.matrix - 2.0 * eye_array(self.size)).tocsr()
 
     def advance(self, current: Array, previous: Array) -> Array:
-        """Return T_n+1 x from T_n x and T_n-1 x, Chebyshev polynomials of 2 D / top^2 - 1;
-        ``previous`` may be overwritten.
+        """Return T_n+1 x from ``current``, T_n x, and ``previous``, T_n-1 x, with the Chebyshev
+        polynomials of 2 D / top^2 - 1; x is (size,) or (size, m). ``previous`` may be overwritten.
 
         In terms of the angular frequency omega these are the even polynomials T_2n(omega / top).
         """
@@ -462,61 +484,76 @@ class WaveOperator(LinearOperator):
 
 
 def make_operator(network: ContactNetwork) -> WaveOperator:
-    """Return D of a network: by stencils if it is a large enough array of equal masses, else by a
+    """Return D of a network: by stencils if the network is a large array of equal masses, else by a
     sparse matrix.
     """
-    kinds = find_kinds(network) if network.n_balls >= _LEAST_BALLS else None
-    return WaveOperator(network) if kinds is None else ArrayOperator(network, kinds)
+    is_large = network.n_balls >= _LEAST_BALLS
+    kinds = find_kinds(network) if is_large else None
+    if kinds is None:
+        return WaveOperator(network)
+    return ArrayOperator(network, kinds)
 
 
 def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
-    """Return (n_c,) the row of each contact in the table of the lattice; None if the network is not
-    such an array.
+    """Return (n_c,) the row of each contact in the table of contacts of the lattice; None if the
+    network is no array that stencils describe.
 
     Contacts must have the directions and arms of the lattice, each from ball i to ball j of the
     table; masses must be equal, and there must be no prestress. An array so short that a ball
-    touches another twice is not treated as one.
+    touches another twice is not described by stencils.
     """
     lattice = network.lattice
     shape = network.shape
-    if lattice is None or shape is None or network.prestress or min(shape) < 3:
+    if lattice is None or shape is None:
         return None
-    table = lattice.contacts
-    if network.n_balls != lattice.n_balls * math.prod(shape):
+    is_short = min(shape) < 3  # along an axis of two cells a ball meets its neighbour twice
+    is_full = network.n_balls == lattice.n_balls * math.prod(shape)
+    if network.prestress or is_short or not is_full:
         return None
     if not _are_equal(network.masses) or not _are_equal(network.inertias):
         return None
     kinds = _find_table_rows(network, lattice, shape)
     if np.any(kinds < 0):
         return None
-    # a ball has one contact of each kind, unless it touches another twice
-    if len(set((kinds * network.n_balls + network.i).tolist())) < kinds.size:
+    # a ball i has one contact of each kind, unless it touches another twice
+    ball_and_kind = kinds * network.n_balls + network.i
+    if len(np.unique(ball_and_kind)) < kinds.size:
         return None
-    normal = np.zeros((len(table), 3))
-    normal[:, : table.normal.shape[1]] = table.normal
-    if np.max(np.abs(network.normal - normal[kinds]), initial=0.0) > _ALIKE:
-        return None
-    have_arms = _are_equal(network.arm_i / table.arm_i[kinds])
-    have_arms = have_arms and _are_equal(network.arm_j / table.arm_j[kinds])
-    return kinds if have_arms else None
+    return kinds if _have_geometry(network, lattice, kinds) else None
+
+
+def _have_geometry(network: ContactNetwork, lattice: Lattice, kinds: NDArray[np.intp]) -> bool:
+    """Return whether contacts have the directions of their ``kinds`` (n_c,) in the table of the
+    ``lattice``, and arms in proportion to those of the table.
+    """
+    table = lattice.contacts
+    normals = np.zeros((len(table), 3))
+    normals[:, : table.normal.shape[1]] = table.normal
+    if np.max(np.abs(network.normal - normals[kinds]), initial=0.0) > _ALIKE:
+        return False
+    if not _are_equal(network.arm_i / table.arm_i[kinds]):
+        return False
+    return _are_equal(network.arm_j / table.arm_j[kinds])
 
 
 def _find_table_rows(
     network: ContactNetwork, lattice: Lattice, shape: tuple[int, ...]
 ) -> NDArray[np.intp]:
-    """Return (n_c,) the row of the table of the ``lattice`` that joins the same balls of a cell by
-    the same step of cells as each contact of an array of ``shape`` (p,); -1 without one.
+    """Return, for each contact (n_c,) of an array of ``shape`` (p,) cells, the row of the table of
+    the ``lattice`` that joins the same balls of a cell by the same step of cells; -1 without one.
     """
     table = lattice.contacts
     n = lattice.n_balls
     tail_cells = np.stack(np.unravel_index(network.i // n, shape), axis=-1)
     head_cells = np.stack(np.unravel_index(network.j // n, shape), axis=-1)
-    step = head_cells + network.shift[:, : lattice.periods] * np.array(shape) - tail_cells
+    periods_crossed = network.shift[:, : lattice.periods]
+    steps = head_cells + periods_crossed * np.array(shape) - tail_cells  # (n_c, p) cells
     kinds = np.full(network.n_contacts, -1)
     table_rows = zip(table.i.tolist(), table.j.tolist(), table.shift, strict=True)
     for kind, (i, j, shift) in enumerate(table_rows):
-        joins = (network.i % n == i) & (network.j % n == j)
-        kinds[joins & np.all(step == shift, axis=1)] = kind
+        joins_balls = (network.i % n == i) & (network.j % n == j)
+        has_step = np.all(steps == shift, axis=1)
+        kinds[joins_balls & has_step] = kind
     return kinds
 
 
@@ -528,8 +565,8 @@ def _are_equal(values: Array) -> bool:
 
 
 class ArrayOperator(WaveOperator):
-    """D of an array of equal masses; vectors run over the motions of the balls of a cell, and for
-    each motion over all cells.
+    """D of an array of equal masses by stencils. A vector runs over the fields, which are the
+    motions of the balls of a cell, and for each field over all cells.
     """
 
     product_time: ClassVar = {1: 4e-9, 2: 1.2e-8, 3: 4e-8}
@@ -541,7 +578,7 @@ class ArrayOperator(WaveOperator):
         self.lattice = network.lattice
         self.cells = network.shape
         self._kinds = kinds
-        self._fields = self.lattice.n_balls * self.motions.count
+        self._fields = self.lattice.n_balls * self.motions.count  # number of fields
 
     def vector(self, values: ArrayLike) -> NDArray[Any]:
         """Return the vector (size, ...) of values (n, motions, ...) of balls."""
@@ -558,7 +595,7 @@ class ArrayOperator(WaveOperator):
 
     @cached_property
     def _product(self) -> ContactHessian:
-        """4 D / top^2."""
+        """4 D / top^2, by stencils."""
         return self._make_product(np.ones((len(self.rows), self.network.n_contacts)))
 
     def _make_product(self, weights: NDArray[Any]) -> ContactHessian:
@@ -573,29 +610,30 @@ class ArrayOperator(WaveOperator):
 
     @cached_property
     def _contacts(self) -> ContactOperator:
-        """C as stencils."""
+        """C as stencils: one for each row of deformations and each kind of contact."""
         table = self.lattice.contacts
         m = self.motions.count
         n_kinds = len(table)
-        # coefficients of the motions of a cell: those of balls j, and those of balls i
+        # coefficients of the fields (stencils, fields): those of balls j, and those of balls i
         head = np.zeros((len(self.rows) * n_kinds, self._fields))
         tail = np.zeros((len(self.rows) * n_kinds, self._fields))
         for number, row in enumerate(self.rows):
             kinds = zip(table.i.tolist(), table.j.tolist(), self._contacts_of_kind, strict=True)
-            for kind, (i, j, contacts) in enumerate(kinds, start=number * n_kinds):
-                if contacts.size:
-                    head[kind, m * j : m * (j + 1)] = row.head[contacts[0]]
-                    tail[kind, m * i : m * (i + 1)] = row.tail[contacts[0]]
+            for stencil, (i, j, contacts) in enumerate(kinds, start=number * n_kinds):
+                if contacts.size:  # all contacts of a kind have the coefficients of the first
+                    fields_j = slice(m * j, m * (j + 1))
+                    fields_i = slice(m * i, m * (i + 1))
+                    head[stencil, fields_j] = row.head[contacts[0]]
+                    tail[stencil, fields_i] = row.tail[contacts[0]]
         shifts = [tuple(steps) for steps in table.shift.tolist()]
         return ContactOperator(self.cells, shifts, head, tail)
 
     def _lay(self, weights: NDArray[Any]) -> NDArray[Any]:
-        """Return stiffnesses times ``weights`` (rows, n_c) over the mass, at the cells of the balls
-        i of contacts; zero where two balls have no contact.
+        """Return stiffnesses times ``weights`` (rows, n_c) over the mass, (rad/s)^2, at the cells
+        of the balls i of contacts: (rows, kinds, *cells); zero where two balls have no contact.
         """
-        springs = np.zeros(
-            (len(self.rows), len(self._contacts_of_kind), *self.cells), weights.dtype
-        )
+        shape = (len(self.rows), len(self._contacts_of_kind), *self.cells)
+        springs = np.zeros(shape, weights.dtype)
         cells = self.network.i // self.lattice.n_balls
         mass = float(self.network.masses[0])
         for number, row in enumerate(self.rows):
@@ -606,9 +644,7 @@ class ArrayOperator(WaveOperator):
 
     @cached_property
     def parts(self) -> Parts:
-        """D in parts, see :attr:`WaveOperator.parts`; deformations (rows x cells,) have the order
-        of the stencils.
-        """
+        """D as three functions; deformations (stencils x cells,) have the order of the stencils."""
         contacts = self._contacts
 
         def deform(x: NDArray[Any]) -> NDArray[Any]:
@@ -628,8 +664,9 @@ class ArrayOperator(WaveOperator):
 
     def advance(self, current: Array, previous: Array) -> Array:
         """Return the next Chebyshev polynomial, see :meth:`WaveOperator.advance`."""
-        if current.ndim > 1:
+        if current.ndim > 1:  # the matrix is read once for all vectors
             return super().advance(current, previous)
+        # (4 D / top^2 - 2) x less the previous polynomial
         product, _ = self._product(current.reshape(self._fields, *self.cells))
         following = product.ravel()
         following -= 2.0 * current
@@ -646,5 +683,11 @@ class ArrayOperator(WaveOperator):
     def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
         """Return the product of D + i A^T eta A, see :meth:`WaveOperator.make_lossy_product`."""
         weights = 1.0 + 1j * weigh_rows(self.rows, losses)
-        product = self._make_product(0.25 * self.top**2 * weights)
-        return lambda x: np.asarray(product(x.reshape(self._fields, *self.cells))[0].ravel())
+        lossy_hessian = self._make_product(0.25 * self.top**2 * weights)
+
+        def multiply(x: Complex) -> Complex:
+            """Return the product with a vector x (size,)."""
+            product, _ = lossy_hessian(x.reshape(self._fields, *self.cells))
+            return np.asarray(product.ravel())
+
+        return multiply

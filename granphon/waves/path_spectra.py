@@ -66,18 +66,20 @@ class PathSpectra(Result):
         path: Sequence[ArrayLike],
         labels: Sequence[str],
     ) -> Self:
-        """Put spectral functions beside the bands of a lattice along the path; see
-        :func:`find_path_spectra`.
+        """Return the ``spectra`` with the bands of the lattice along the path; see
+        :func:`find_path_spectra`. ``corners`` (m,) and ``distances`` (n,) are in 1/m.
         """
-        steps = np.linspace(0.0, 1.0, _BAND_POINTS)[:, None]
-        fine = corners[:-1] + steps * np.diff(corners)
+        steps = np.linspace(0.0, 1.0, _BAND_POINTS)[:, None]  # parts of a leg
+        band_distances = corners[:-1] + steps * np.diff(corners)  # (points of a leg, legs)
         bands = []
         for piece in path:
             for start, end in pairwise(lattice.wavevectors(piece)):
                 bands.append(lattice.frequencies(start + steps * (end - start)))
         hertz = scales.frequency * np.concatenate(bands)
-        names = join_labels(path, labels)
-        return cls(corners, names, distances, tuple(spectra), fine.T.ravel(), hertz)
+        corner_labels = join_labels(path, labels)
+        return cls(
+            corners, corner_labels, distances, tuple(spectra), band_distances.T.ravel(), hertz
+        )
 
     def write_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a table of peaks: a row for each wave vector and polarisation.
@@ -160,6 +162,32 @@ class PathPoints(NamedTuple):
     q: Array
 
 
+class _Leg(NamedTuple):
+    """A straight leg of a path from ``start`` (p,) to ``end`` (p,), 1/m, with its ``length`` and
+    the ``distance`` of its start along the path, 1/m.
+    """
+
+    start: Array
+    end: Array
+    length: float
+    distance: float
+
+    def place_points(self, count: int) -> Array:
+        """Return ``count`` even points (count, p) of the leg, its ends among them, 1/m."""
+        shares = np.linspace(0.0, 1.0, count)[:, None]
+        return np.asarray(self.start + shares * (self.end - self.start))
+
+    def measure(self, q: Array) -> tuple[float, float]:
+        """Return the distance along the path of the point of the leg that is nearest to ``q`` (p,),
+        and the distance of q from that point, 1/m.
+        """
+        unit_vector = (self.end - self.start) / self.length
+        distance_on_leg = float(np.clip((q - self.start) @ unit_vector, 0.0, self.length))
+        distance = self.distance + distance_on_leg
+        offset = q - self.start - (distance - self.distance) * unit_vector
+        return distance, float(np.linalg.norm(offset))
+
+
 def find_path_points(
     network: ContactNetwork | PeriodicCell,
     lattice: ContactLattice,
@@ -175,30 +203,29 @@ def find_path_points(
     :func:`find_path_spectra` raises.
     """
     count = whole_number("points", points, 2)
-    ends = [lattice.wavevectors(piece) / spacing for piece in path]  # 1/m
-    legs = list(chain.from_iterable(pairwise(piece) for piece in ends))
+    pieces = [lattice.wavevectors(piece) / spacing for piece in path]  # (corners, p), 1/m
+    legs = list(chain.from_iterable(pairwise(piece) for piece in pieces))
     lengths = np.array([np.linalg.norm(end - start) for start, end in legs])
-    starts = np.concatenate([[0.0], np.cumsum(lengths)])
+    corners = np.concatenate([[0.0], np.cumsum(lengths)])
+    p = len(pieces[0][0])
+    d = network.dimension
+    periods = network.cell[list(network.pbc)][:, :d]
+    # multiplied by this matrix, a wave vector is in fractions of the reciprocal cell
+    to_fractions = np.linalg.inv(lattice.wavevectors(np.eye(p)) / spacing)
     # distances and wave vectors, by the whole numbers of waves along the periods
     wavevectors: dict[tuple[int, ...], tuple[float, Array]] = {}
-    d = network.dimension
-    periods = network.cell[list(network.pbc)]
-    reciprocal = np.linalg.inv(lattice.wavevectors(np.eye(len(ends[0][0]))) / spacing)
-    for (start, end), length, begin in zip(legs, lengths, starts[:-1], strict=True):
-        p = len(start)
-        along = (end - start) / length
+    for (start, end), length, first_distance in zip(legs, lengths, corners[:-1], strict=True):
+        leg = _Leg(start, end, length, first_distance)
         half_step = 0.5 * length / (count - 1)
         targets = np.zeros((count, d))
-        targets[:, :p] = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
+        targets[:, :p] = leg.place_points(count)
         for q in nearest_wavevectors(network, targets):
-            on_leg = float(np.clip((q[:p] - start) @ along, 0.0, length))
-            distance = begin + on_leg
-            deviation = np.linalg.norm(q[:p] - start - (distance - begin) * along)
-            reduced = q[:p] @ reciprocal
-            is_gamma = np.all(np.abs(reduced - np.rint(reduced)) <= _SAME)
+            distance, deviation = leg.measure(q[:p])
+            fractions = q[:p] @ to_fractions
+            is_gamma = np.all(np.abs(fractions - np.rint(fractions)) <= _SAME)
             if not is_gamma and deviation <= half_step:
-                turns = periods[:, :d] @ q / (2.0 * np.pi)
-                numbers = tuple(np.rint(turns).astype(int).tolist())
+                waves_along_periods = np.rint(periods @ q / (2.0 * np.pi))
+                numbers = tuple(waves_along_periods.astype(int).tolist())
                 wavevectors.setdefault(numbers, (distance, q))
     if not wavevectors:
         fault = "the array has no wave vector on the path but Gamma"
@@ -206,19 +233,22 @@ def find_path_points(
             fault, mend="Take a larger array, or a path through the middle of the zone"
         )
     distances = np.array([distance for distance, _ in wavevectors.values()])
-    return PathPoints(starts, distances, np.array([q for _, q in wavevectors.values()]))
+    q_of_points = np.array([q for _, q in wavevectors.values()])
+    return PathPoints(corners, distances, q_of_points)
 
 
 def join_labels(path: Sequence[Any], labels: Sequence[str]) -> tuple[str, ...]:
-    """Return one label for each end of a leg: where the path jumps from K to M, "K|M"."""
+    """Return one label for each end of a leg of the path, of ``labels``, one for each corner of its
+    pieces: where the path jumps from K to M, "K|M".
+    """
     joined = list[str]()
     first = 0
     for piece in path:
-        names = labels[first : first + len(piece)]
+        piece_labels = labels[first : first + len(piece)]
         first += len(piece)
         if joined:
-            joined[-1] = f"{joined[-1]}|{names[0]}"
+            joined[-1] = f"{joined[-1]}|{piece_labels[0]}"
         else:
-            joined.append(names[0])
-        joined += names[1:]
+            joined.append(piece_labels[0])
+        joined += piece_labels[1:]
     return tuple(joined)

@@ -58,6 +58,8 @@ _DECAY = 6.0
 _PHASE = 400.0
 #: size of the terms that are left out
 _LEAST = 1e-17
+#: distance between the growth of an exponential and the largest number, in logarithms
+_LARGEST_LOG = 700.0
 #: size of the source in z: large against the force, so that it couples little
 _LARGE = 10.0
 
@@ -84,44 +86,50 @@ class ToneBurst:
         return self.cycles / self.frequency
 
     def __call__(self, times: Array) -> Array:
-        """The burst at times, s."""
+        """Return the burst (...) at ``times`` (...), s."""
         amplitudes, omegas = self.waves
-        inside = (times > 0.0) & (times < self.duration)
-        phases = np.multiply.outer(np.where(inside, times, 0.0), omegas)
-        return np.where(inside, np.imag(np.exp(1j * phases) @ amplitudes), 0.0)
+        is_inside = (times > 0.0) & (times < self.duration)
+        phases = np.multiply.outer(np.where(is_inside, times, 0.0), omegas)
+        burst = np.imag(np.exp(1j * phases) @ amplitudes)
+        return np.where(is_inside, burst, 0.0)
 
     @property
     def waves(self) -> tuple[Complex, Array]:
-        """Amplitudes and angular frequencies of the waves exp(i omega t) whose imaginary parts add
-        up to the burst.
+        """Amplitudes (3,) and angular frequencies (3,), rad/s, of the waves exp(i omega t) whose
+        imaginary parts add up to the burst: the tone, and the tone at the sum and the difference of
+        its frequency and that of the Hann window.
         """
         omega = 2.0 * np.pi * self.frequency
-        side = 2.0 * np.pi / self.duration
-        start = np.exp(-0.5j * omega * self.duration)
-        return start * np.array([0.5, -0.25, -0.25]), np.array([omega, omega + side, omega - side])
+        window_omega = 2.0 * np.pi / self.duration
+        start_phase = np.exp(-0.5j * omega * self.duration)
+        amplitudes = start_phase * np.array([0.5, -0.25, -0.25])
+        return amplitudes, np.array([omega, omega + window_omega, omega - window_omega])
 
     def drive(self, rates: Complex, times: Array) -> Complex:
-        """Return the integral of exp(rate (t - t')) s(t') over t' from 0 to t, (n_t, n); no time is
-        above P.
+        """Return the integrals (n_t, n) of exp(rate (t - t')) s(t') over t' from 0 to t, s, for
+        ``times`` t (n_t,), s, none of which is above P, and ``rates`` (n,), 1/s.
         """
         amplitudes, omegas = self.waves
+        # the burst is the sum of weight exp(wave_rate t): three waves, and their conjugates
         weights = np.concatenate([amplitudes, -np.conj(amplitudes)]) / 2j
-        waves = 1j * np.concatenate([omegas, -omegas])
-        gaps = rates[:, None] - waves
-        # each wave adds (exp(rate t) - exp(wave t))/(rate - wave); where the two rates are near,
-        # expm1 keeps the digits of the difference
-        near = np.min(np.abs(gaps), axis=1) * self.duration < _NEAR
-        quotients = weights / gaps[~near]
-        turned = np.exp(np.multiply.outer(times, waves))
-        grown = np.exp(np.multiply.outer(times, rates[~near]))
+        wave_rates = 1j * np.concatenate([omegas, -omegas])
+        differences = rates[:, None] - wave_rates
+        # each wave adds (exp(rate t) - exp(wave_rate t))/(rate - wave_rate); where the two rates
+        # are near, expm1 keeps the digits of the difference
+        is_near = np.min(np.abs(differences), axis=1) * self.duration < _NEAR
+        quotients = weights / differences[~is_near]
+        waves_at_times = np.exp(np.multiply.outer(times, wave_rates))
+        exponentials = np.exp(np.multiply.outer(times, rates[~is_near]))
         integrals = np.empty((times.size, rates.size), complex)
-        integrals[:, ~near] = grown * np.sum(quotients, axis=1) - turned @ quotients.T
-        for column in np.flatnonzero(near):
-            gap = gaps[column]
-            is_equal = gap == 0.0
-            rise = np.expm1(np.multiply.outer(times, gap)) / np.where(is_equal, 1.0, gap)
-            differences = turned * np.where(is_equal, times[:, None], rise)
-            integrals[:, column] = differences @ weights
+        of_exponentials = exponentials * np.sum(quotients, axis=1)
+        integrals[:, ~is_near] = of_exponentials - waves_at_times @ quotients.T
+        for column in np.flatnonzero(is_near):
+            difference = differences[column]
+            is_equal = difference == 0.0
+            divisor = np.where(is_equal, 1.0, difference)
+            rises = np.expm1(np.multiply.outer(times, difference)) / divisor
+            rises = np.where(is_equal, times[:, None], rises)  # the limit of equal rates
+            integrals[:, column] = (waves_at_times * rises) @ weights
         return integrals
 
 
@@ -141,24 +149,32 @@ class _Exponentials:
 
     @classmethod
     def of(cls, omega: Array, damping: float) -> _Exponentials:
-        """For angular frequencies ``omega`` (count,) and the time tau of the damping, s."""
+        """Return the response of oscillators of the angular frequencies ``omega`` (count,), rad/s,
+        and the time tau of the ``damping``, s.
+
+        An oscillator that swings has one rate, whose real part is taken; one that creeps has two.
+        """
         # the rates s of exp(s t) are the roots of s^2 + damping omega^2 s + omega^2 = 0
         decay = 0.5 * damping * omega**2
-        squared = omega**2 - decay**2
-        squared = np.where(np.abs(squared) < _CRITICAL * omega**2, _CRITICAL * omega**2, squared)
-        swings = np.flatnonzero(squared > 0.0)
-        creeps = np.flatnonzero(squared < 0.0)
-        frequency = np.sqrt(squared[swings])
-        split = np.sqrt(-squared[creeps])
+        least_square = _CRITICAL * omega**2
+        difference = omega**2 - decay**2
+        damped_square = np.where(np.abs(difference) < least_square, least_square, difference)
+        swings = np.flatnonzero(damped_square > 0.0)
+        creeps = np.flatnonzero(damped_square < 0.0)
+        damped_omega = np.sqrt(damped_square[swings])
+        half_split = np.sqrt(-damped_square[creeps])  # half of the difference of the two rates
         # the slow rate by the product of the two, without a difference of near numbers
-        slow = -(omega[creeps] ** 2) / (decay[creeps] + split)
-        fast = -(decay[creeps] + split)
-        swing = -decay[swings] + 1j * frequency
+        slow = -(omega[creeps] ** 2) / (decay[creeps] + half_split)
+        fast = -(decay[creeps] + half_split)
+        swing = -decay[swings] + 1j * damped_omega
+        split = 2.0 * half_split
+        velocities = [-1j * swing / damped_omega, slow / split, -fast / split]
+        displacements = [-1j / damped_omega, 0.5 / half_split, -0.5 / half_split]
         return cls(
             np.concatenate([swings, creeps, creeps]),
             np.concatenate([swing, slow, fast]),
-            np.concatenate([-1j * swing / frequency, slow / (2.0 * split), -fast / (2.0 * split)]),
-            np.concatenate([-1j / frequency, 0.5 / split, -0.5 / split]),
+            np.concatenate(velocities),
+            np.concatenate(displacements),
         )
 
 
@@ -192,7 +208,9 @@ class Propagation:
     # -- the response of one oscillator ------------------------------------------------------------
 
     def _find_nodes(self, count: int) -> _Exponentials:
-        """Return the response at the Gauss nodes y = cos(angle) = 2 (Omega / top)^2 - 1."""
+        """Return the responses at the ``count`` Gauss nodes y = cos(angle) = 2 (Omega / top)^2 -
+        1.
+        """
         angle = np.pi * (np.arange(count) + 0.5) / count
         return _Exponentials.of(self.operator.top * np.cos(0.5 * angle), self.damping)
 
@@ -200,22 +218,28 @@ class Propagation:
     def order(self) -> int:
         """Number of polynomials; the coefficients of higher ones add up to :data:`TOLERANCE`, or to
         the rounding of phases.
+
+        The latest response needs the most polynomials: its coefficients are found with more nodes
+        than that, until they end well before the last node.
         """
-        reach = 0.5 * self.operator.top * self.duration
-        margin = 12.0 * reach ** (1.0 / 3.0) + 40.0
-        count = math.ceil(reach + margin)
+        # coefficients J_2n(top t) fall off beyond 2n = top t, within a width of (top t)^1/3
+        phase = 0.5 * self.operator.top * self.duration
+        margin = 12.0 * phase ** (1.0 / 3.0) + 40.0
+        count = math.ceil(phase + margin)
         while True:
-            waves = self._find_nodes(count)
-            velocities = np.real(waves.velocity * np.exp(waves.rate * self.duration))
-            late = np.zeros(count)
-            np.add.at(late, waves.node, velocities)
-            size = np.abs(dct(late, type=2)) / count
+            responses = self._find_nodes(count)
+            velocities = np.real(responses.velocity * np.exp(responses.rate * self.duration))
+            last_velocities = np.zeros(count)
+            np.add.at(last_velocities, responses.node, velocities)
+            sizes = np.abs(dct(last_velocities, type=2)) / count
             # rounding of the phases is spread over all coefficients
-            size[size < _ROUNDING * (1.0 + reach) / math.sqrt(count)] = 0.0
-            remainders = np.cumsum(size[::-1])[::-1]
-            short = np.flatnonzero(remainders <= TOLERANCE)
-            if short.size and short[0] < count - 0.25 * margin:
-                return max(int(short[0]), 2)  # all is still at the end where damping is large
+            rounding = _ROUNDING * (1.0 + phase) / math.sqrt(count)
+            sizes[sizes < rounding] = 0.0
+            remainders = np.cumsum(sizes[::-1])[::-1]  # sums of all sizes from an order on
+            is_negligible = remainders <= TOLERANCE
+            order = int(np.argmax(is_negligible)) if np.any(is_negligible) else count
+            if order < count - 0.25 * margin:
+                return max(order, 2)  # all is still at the end where damping is large
             count *= 2
 
     # -- recursion ---------------------------------------------------------------------------------
@@ -238,82 +262,99 @@ class Propagation:
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
-        waves = self._find_nodes(self.order)
-        forms = self._expand_frames(waves, frames)
-        moments, states = self._recurse(listen, forms)
-        # sum of (2 - delta_n0) mu_n T_n(y_k): the spectral weight at the nodes, and from it the
-        # velocities at all times
-        spectrum = dct(moments, type=3, axis=0)[waves.node] / self.order
-        signals = self._evaluate(waves, spectrum * waves.velocity[:, None], times)
-        return signals.T, states[: frames.size], states[frames.size :]
+        responses = self._find_nodes(self.order)
+        coefficients = self._expand_frames(responses, frames)
+        moments, states = self._recurse(listen, coefficients)
+        # sum of (2 - delta_n0) mu_n T_n(y_k): the spectral weight at the nodes (n, n_r), and from
+        # it the velocities at all times
+        spectrum = dct(moments, type=3, axis=0)[responses.node] / self.order
+        signals = self._evaluate(responses, spectrum * responses.velocity[:, None], times)
+        displacements = states[: frames.size]
+        velocities = states[frames.size :]
+        return signals.T, displacements, velocities
 
-    def _expand_frames(self, waves: _Exponentials, frames: Array) -> Array:
+    def _expand_frames(self, responses: _Exponentials, frames: Array) -> Array:
         """Return the coefficients (2 n_f, order) of the polynomials in the displacements, then in
         the velocities, at the times ``frames`` (n_f,), s.
         """
+        rates = responses.rate
         end = self.burst.duration
-        early = frames < end
-        grown = np.empty((frames.size, waves.rate.size), complex)
-        grown[early] = self.burst.drive(waves.rate, frames[early])
-        after_burst = self.burst.drive(waves.rate, np.array([end]))[0]
-        grown[~early] = np.exp(np.multiply.outer(frames[~early] - end, waves.rate)) * after_burst
-        responses = [np.real(grown * weights).T for weights in (waves.displacement, waves.velocity)]
-        values = np.zeros((self.order, 2 * frames.size))
-        np.add.at(values, waves.node, np.hstack(responses))
-        forms = dct(values.T, type=2, axis=1) / self.order
-        forms[:, 0] *= 0.5
-        return np.asarray(forms)
+        is_early = frames < end
+        # (n_f, n) sizes of the exponentials that the burst has driven
+        sizes = np.empty((frames.size, rates.size), complex)
+        sizes[is_early] = self.burst.drive(rates, frames[is_early])
+        sizes_at_end = self.burst.drive(rates, np.array([end]))[0]
+        times_after = frames[~is_early] - end
+        sizes[~is_early] = np.exp(np.multiply.outer(times_after, rates)) * sizes_at_end
+        displacements = np.real(sizes * responses.displacement).T  # (n, n_f)
+        velocities = np.real(sizes * responses.velocity).T
+        at_nodes = np.zeros((self.order, 2 * frames.size))
+        np.add.at(at_nodes, responses.node, np.hstack([displacements, velocities]))
+        coefficients = dct(at_nodes.T, type=2, axis=1) / self.order
+        coefficients[:, 0] *= 0.5
+        return np.asarray(coefficients)
 
-    def _recurse(self, listen: Callable[[Array], Array], forms: Array) -> tuple[Array, Array]:
+    def _recurse(
+        self, listen: Callable[[Array], Array], coefficients: Array
+    ) -> tuple[Array, Array]:
         """Return the moments (order, n_r) at receivers of the polynomials T_n b of the push b, and
-        the sums (2 n_f, size) of T_n b with the coefficients ``forms``.
+        the sums (2 n_f, size) of T_n b with the ``coefficients`` (2 n_f, order).
         """
         size = self.push.size
         order = self.order
-        states = np.zeros((len(forms), size))
+        states = np.zeros((len(coefficients), size))
         moments = []
-        most = np.linalg.norm(self.push) * (1.0 + _GROWTH)
+        largest_norm = np.linalg.norm(self.push) * (1.0 + _GROWTH)
+        # polynomials are kept for one product of a block of them
         block = np.empty((max(1, min(order, _BLOCK // size)), size))
         for n, vector in zip(range(order), polynomials(self.operator, self.push), strict=False):
             moments.append(listen(vector))
             row = n % len(block)
             block[row] = vector
-            if row == len(block) - 1 or n == order - 1:
+            is_block_full = row == len(block) - 1
+            if is_block_full or n == order - 1:
                 first = n - row
-                states += forms[:, first : n + 1] @ block[: row + 1]
-                if not np.linalg.norm(vector) <= most:
+                states += coefficients[:, first : n + 1] @ block[: row + 1]
+                # written so that nan is unstable, too
+                is_bounded = np.linalg.norm(vector) <= largest_norm
+                if not is_bounded:
                     raise explain_instability(self.operator.network)
         return np.array(moments), states
 
-    def _evaluate(self, waves: _Exponentials, weight: Complex, times: Array) -> Array:
-        """Return the velocities (n_t, n_r) at even ``times`` (n_t,), s, of which ``weight`` (n,
-        n_r) are the weights of the exponentials.
+    def _evaluate(self, responses: _Exponentials, weights: Complex, times: Array) -> Array:
+        """Return the velocities (n_t, n_r), m/s, of receivers at even ``times`` (n_t,), s;
+        ``weights`` (n, n_r) are those of the exponentials at receivers.
         """
+        rates = responses.rate
         end = self.burst.duration
-        signals = np.empty((times.size, weight.shape[1]))
-        during = int(np.count_nonzero(times < end))
-        rows = max(1, _BLOCK // waves.rate.size)
-        for first in range(0, during, rows):
-            chunk = slice(first, min(first + rows, during))
-            signals[chunk] = np.real(self.burst.drive(waves.rate, times[chunk]) @ weight)
-        if during == times.size:
+        signals = np.empty((times.size, weights.shape[1]))
+        n_during = int(np.count_nonzero(times < end))
+        n_rows = max(1, _BLOCK // rates.size)
+        for first in range(0, n_during, n_rows):
+            chunk = slice(first, min(first + n_rows, n_during))
+            signals[chunk] = np.real(self.burst.drive(rates, times[chunk]) @ weights)
+        if n_during == times.size:
             return signals
         # the size of each exponential when the burst ends, from where it goes on by itself
-        after_burst = self.burst.drive(waves.rate, np.array([end]))[0]
-        weight = weight * after_burst[:, None]
-        since_first = times[during : during + rows] - times[during]
-        later = np.exp(np.multiply.outer(since_first, waves.rate))  # the same for each chunk
-        for first in range(during, times.size, rows):
-            chunk = slice(first, min(first + rows, times.size))
+        sizes_at_end = self.burst.drive(rates, np.array([end]))[0]
+        weights_at_end = weights * sizes_at_end[:, None]
+        since_first = times[n_during : n_during + n_rows] - times[n_during]
+        within_chunk = np.exp(np.multiply.outer(since_first, rates))  # the same for each chunk
+        for first in range(n_during, times.size, n_rows):
+            chunk = slice(first, min(first + n_rows, times.size))
             count = chunk.stop - chunk.start
-            begin = np.exp(waves.rate * (times[first] - end))
-            signals[chunk] = np.real(later[:count] @ (begin[:, None] * weight))
+            to_chunk = np.exp(rates * (times[first] - end))
+            weights_at_chunk = to_chunk[:, None] * weights_at_end
+            signals[chunk] = np.real(within_chunk[:count] @ weights_at_chunk)
         return signals
 
 
 class ViscousPropagation:
-    """Responses of a network to a burst that pushes ``push``, as in
-    :class:`granphon.waves.propagation.Propagation`.
+    """Responses of a network whose contacts are damped unevenly to a burst that pushes ``push``, as
+    :class:`Propagation`.
+
+    A state z (2 size + 6,) holds top times the displacements, the velocities, and the cosines and
+    sines of the three waves of the source.
 
     Parameters
     ----------
@@ -329,30 +370,30 @@ class ViscousPropagation:
         self.operator = operator
         self.burst = burst
         self._viscous = operator.weigh(damping.times)
+        # c/2 and R of the polynomials, and alpha of the source; see the head of this module
         self._shift = float(0.5 * np.max(damping.times) * operator.top**2)
         amplitudes, self._omegas = burst.waves
         self._radius = max(operator.top, float(np.max(self._omegas)))
         self._alpha = _LARGE * float(np.linalg.norm(push)) / self._radius
         # the burst is the imaginary part of the sum of amplitude (cos + i sin)
-        parts = np.concatenate([np.imag(amplitudes), np.real(amplitudes)])
+        factors = np.concatenate([np.imag(amplitudes), np.real(amplitudes)])
         self._push = push
-        self._parts = parts / self._alpha
+        self._source_factors = factors / self._alpha
 
     def _apply(self, z: Array) -> Array:
-        """Return X z of a state: top times displacements (size,), velocities (size,), and the
-        cosines and sines of the source.
-        """
+        """Return X z = (L z + c/2 z)/R of a state z."""
         size = self._push.size
         top = self.operator.top
         product = np.empty_like(z)
-        x = z[:size]
+        scaled_x = z[:size]
         v = z[size : 2 * size]
         source = z[2 * size :]
         product[:size] = top * v
-        pushed = (self._parts @ source) * self._push
-        product[size : 2 * size] = pushed - self._viscous @ v - (self.operator @ x) / top
-        cosine, sine = np.split(source, 2)
-        product[2 * size :] = np.concatenate([-self._omegas * sine, self._omegas * cosine])
+        force = (self._source_factors @ source) * self._push
+        spring_force = (self.operator @ scaled_x) / top
+        product[size : 2 * size] = force - self._viscous @ v - spring_force
+        cosines, sines = np.split(source, 2)
+        product[2 * size :] = np.concatenate([-self._omegas * sines, self._omegas * cosines])
         product += self._shift * z
         product /= self._radius
         return product
@@ -364,11 +405,16 @@ class ViscousPropagation:
         The terms of the polynomials that are left out are below :data:`_LEAST`.
         """
         phase = self._radius * span
-        n = np.arange(math.ceil(2.0 * phase + 3.0 * self._shift * span) + 80)
-        growth = np.exp(np.minimum(n * math.asinh(self._shift / self._radius), 700.0))
-        count = int(np.flatnonzero(np.abs(jv(n, phase)) * growth > _LEAST)[-1]) + 2
-        n = np.arange(count)
-        bessel = np.where(n, 2.0, 1.0) * jv(n, self._radius * times[:, None])
+        # more orders than are needed: terms fall off beyond an order of about the phase
+        n_orders = math.ceil(2.0 * phase + 3.0 * self._shift * span) + 80
+        orders = np.arange(n_orders)
+        growth_rate = math.asinh(self._shift / self._radius)  # of the polynomials, for each order
+        growth = np.exp(np.minimum(orders * growth_rate, _LARGEST_LOG))
+        terms = np.abs(jv(orders, phase)) * growth
+        last = int(np.flatnonzero(terms > _LEAST)[-1])
+        kept = np.arange(last + 2)
+        multiplicity = np.where(kept, 2.0, 1.0)  # orders above zero count twice
+        bessel = multiplicity * jv(kept, self._radius * times[:, None])
         return np.asarray(bessel * np.exp(-self._shift * times)[:, None])
 
     def follow(
@@ -378,9 +424,11 @@ class ViscousPropagation:
         :meth:`Propagation.follow`.
         """
         size = self._push.size
+        n_waves = self._omegas.size
         end = max(float(times[-1]), float(np.max(frames, initial=0.0)))
-        z = np.zeros(2 * size + 2 * self._omegas.size)
-        z[2 * size : 2 * size + self._omegas.size] = self._alpha
+        # all is at rest, and the waves of the source begin with cosines of one and sines of zero
+        z = np.zeros(2 * size + 2 * n_waves)
+        z[2 * size : 2 * size + n_waves] = self._alpha
 
         def listen_to_state(state: Array) -> Array:
             """Return what receivers hear (n_r,) of displacements, velocities and the source."""
@@ -390,27 +438,31 @@ class ViscousPropagation:
         displacements = np.zeros((frames.size, size))
         velocities = np.zeros((frames.size, size))
         for first, last in self._list_spans(end):
-            times_within = (times > first) & (times <= last)
+            is_in_span = (times > first) & (times <= last)
             if first == 0.0:
-                times_within |= times == 0.0
-            frames_within = np.flatnonzero((frames > first) & (frames <= last))
+                is_in_span |= times == 0.0
+            frames_in_span = np.flatnonzero((frames > first) & (frames <= last))
             # states at the end of the span, and at its frames
-            state_times = np.concatenate([[last], frames[frames_within]]) - first
-            signal_times = times[times_within] - first
-            states, heard = self._cross(z, last - first, state_times, signal_times, listen_to_state)
+            state_times = np.concatenate([[last], frames[frames_in_span]]) - first
+            signal_times = times[is_in_span] - first
+            states, span_signals = self._cross(
+                z, last - first, state_times, signal_times, listen_to_state
+            )
             z = states[0]
-            signals[times_within] = heard
-            displacements[frames_within] = states[1:, :size] / self.operator.top
-            velocities[frames_within] = states[1:, size : 2 * size]
+            signals[is_in_span] = span_signals
+            displacements[frames_in_span] = states[1:, :size] / self.operator.top
+            velocities[frames_in_span] = states[1:, size : 2 * size]
             if last == self.burst.duration:
-                z[2 * size :] = 0.0
+                z[2 * size :] = 0.0  # the source is silent from here on
         return signals.T, displacements, velocities
 
     def _list_spans(self, end: float) -> Iterator[tuple[float, float]]:
-        """Yield the times, s, between which the state is propagated at once; the burst ends between
-        two of these spans.
+        """Yield the first and the last time, s, of each span in which the state is propagated at
+        once, up to the time ``end``; the burst ends between two of these spans.
         """
-        longest = min(_DECAY / max(self._shift, 1e-300), _PHASE / self._radius)
+        longest = _PHASE / self._radius
+        if self._shift > 0.0:
+            longest = min(_DECAY / self._shift, longest)
         first = 0.0
         has_burst_ended = False
         while first < end:
@@ -429,24 +481,25 @@ class ViscousPropagation:
         signal_times: Array,
         listen: Callable[[Array], Array],
     ) -> tuple[Array, Array]:
-        """Return the states at ``state_times`` after a state ``z``, and what receivers hear,
-        (n, n_r), at ``signal_times``, within a ``span``, all in s.
+        """Return the states (m, 2 size + 6) at ``state_times`` (m,) after a state ``z``, and what
+        receivers hear, (n, n_r), at ``signal_times`` (n,), within a ``span``, all in s.
         """
         coefficients = self._expand(span, np.concatenate([state_times, signal_times]))
         of_states = coefficients[: state_times.size]
         of_signals = coefficients[state_times.size :]
         states = np.zeros((state_times.size, z.size))
-        heard = np.zeros((signal_times.size, listen(z).size))
+        signals = np.zeros((signal_times.size, listen(z).size))
         previous = z
         current = self._apply(z)
         for order in range(coefficients.shape[1]):
             for state, factor in zip(states, of_states[:, order], strict=True):
                 if factor:
                     state += factor * previous
-            heard += of_signals[:, order, None] * listen(previous)
+            signals += of_signals[:, order, None] * listen(previous)
+            # P_n+1 = 2 X P_n + P_n-1, in place
             following = self._apply(current)
             following *= 2.0
             following += previous
             previous = current
             current = following
-        return states, heard
+        return states, signals

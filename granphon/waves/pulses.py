@@ -117,6 +117,14 @@ _MOST = 2**20
 _MOST_DAMPED = 1e12
 #: largest number of times at which a pulse is read
 _MOST_READINGS = 2**24
+#: least weight of a reading in the fit of a maximum: above zero, so that a fit has three readings
+_LEAST_WEIGHT = 1e-9
+#: greatest relative difference of the distances of pulses that are averaged
+_SAME_DISTANCE = 0.1
+#: relative difference of forces that are the same but for rounding
+_ROUNDING = 1e-12
+#: relative error of the highest squared frequency
+_TOP_ERROR = 1e-6
 #: reduction of the default distance, in diameters: balls of different samples of one array are not
 #: at the same places, and of two planes that are equally near the same one is to be taken
 _NEARER = 0.07
@@ -150,7 +158,9 @@ class Course:
 
     @classmethod
     def along(cls, network: ContactNetwork, direction: Array) -> Self:
-        """Follow ``direction`` (3,), a unit vector, through the network from its first plane on."""
+        """Return the course along ``direction`` (3,), a unit vector, through the network from its
+        first plane on.
+        """
         if np.any(np.abs(direction[network.dimension :]) > _FLAT):
             mend = f"Give {network.dimension} numbers"
             raise InputError(
@@ -169,13 +179,15 @@ class Course:
         A plane is less than a diameter thick; the widest gap among the balls within a diameter is
         that between two planes.
         """
-        wrapped = self._wrap(self.heights)
-        heights = np.sort(wrapped)
+        heights = np.sort(self._wrap(self.heights))
         n_near = int(np.searchsorted(heights, self.spacing)) + 1
-        heights = heights[: max(2, n_near)]
-        gaps = np.diff(heights, prepend=np.max(wrapped) - self.period)
-        first_wide = int(np.argmax(gaps > (1.0 - _THICK) * np.max(gaps)))
-        return float(heights[first_wide] - 0.5 * gaps[first_wide])
+        near_heights = heights[: max(2, n_near)]
+        # the gap before the first ball is that from the last ball, a period earlier
+        gaps = np.diff(near_heights, prepend=heights[-1] - self.period)
+        # of gaps that are equally wide but for the differences of balls the first
+        is_wide = gaps > (1.0 - _THICK) * np.max(gaps)
+        first_wide = int(np.argmax(is_wide))
+        return float(near_heights[first_wide] - 0.5 * gaps[first_wide])
 
     @cached_property
     def spacing(self) -> float:
@@ -198,7 +210,7 @@ class Course:
 
     def require_period(self, least: float, why: str) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if planes across the direction meet
-        themselves before ``least``, m.
+        themselves before ``least``, m; ``why`` says why that length is needed.
         """
         if self.period >= least * (1.0 - _FLAT):
             return
@@ -206,70 +218,88 @@ class Course:
         closes = "do not close"
         if self.period > self.spacing:
             closes = f"come back to themselves after {self.period:.6g} m"
-        heights = np.abs(self.network.cell[list(self.network.pbc)] @ self.direction)
-        shortest = _FLAT * float(np.max(heights))
-        sides = [f"{height:.6g}" for height in heights if height > shortest]
-        cell = ""
-        longer = "a longer array"
-        if len(sides) > 1:
-            cell = (
-                f". The cell is {' and '.join(sides)} m long along it, and the greatest common"
-                f" measure counts"
-            )
-            # lengths of the cell that are equal along the direction are the period
-            longer = "an array whose numbers of cells make these lengths equal"
+        cell, longer_array = self._describe_cell()
         offers = [
-            f"{_write_direction(offered)}, with {period:.6g} m"
-            for offered, period in self._find_directions(least)
+            f"{_write_direction(vector)}, with {period:.6g} m"
+            for vector, period in self._find_directions(least)
         ]
         fault = f"planes across {direction} {closes} in this periodic network"
-        mend = f"{longer}, or the direction {' or '.join(offers)}" if offers else f"or {longer}"
-        why = f"{why}: {least:.6g} m are needed{cell}"
-        raise InputError(fault, why, f"Take a shorter distance, {mend}")
+        remedy = f"or {longer_array}"
+        if offers:
+            remedy = f"{longer_array}, or the direction {' or '.join(offers)}"
+        reason = f"{why}: {least:.6g} m are needed{cell}"
+        raise InputError(fault, reason, f"Take a shorter distance, {remedy}")
+
+    def _describe_cell(self) -> tuple[str, str]:
+        """Return two parts of a message: a sentence with the lengths of the cell along the
+        direction, if there are several, and the array that would have a longer period.
+        """
+        heights = np.abs(self.network.cell[list(self.network.pbc)] @ self.direction)
+        rounding = _FLAT * float(np.max(heights))
+        sides = [f"{height:.6g}" for height in heights if height > rounding]
+        if len(sides) < 2:
+            return "", "a longer array"
+        cell = (
+            f". The cell is {' and '.join(sides)} m long along it, and the greatest common"
+            f" measure counts"
+        )
+        # lengths of the cell that are equal along the direction are the period
+        return cell, "an array whose numbers of cells make these lengths equal"
 
     def _find_directions(self, least: float) -> list[tuple[Array, float]]:
         """Return the two directions (d,) nearest to this one whose planes have a period of
         ``least``, m, or more; with the periods, m.
+
+        The candidates are the normals of planes whose Miller indices in the periodic cell have no
+        common divisor; the period of a plane is one over the length of its reciprocal vector.
         """
         periods = self.network.cell[list(self.network.pbc)]
-        dual = np.linalg.pinv(periods).T  # rows b with b_i . a_j = delta_ij
+        reciprocal = np.linalg.pinv(periods).T  # rows b with b_i . a_j = delta_ij
+        # higher indices have shorter periods; all indices are (2 n + 1)^p, at most _MANY
         highest = np.floor(np.linalg.norm(periods, axis=1) / least).astype(int)
-        highest = np.minimum(highest, int(0.5 * (_MANY ** (1.0 / len(periods)) - 1.0)))
+        affordable = int(0.5 * (_MANY ** (1.0 / len(periods)) - 1.0))
+        ranges = [range(-n, n + 1) for n in np.minimum(highest, affordable)]
         candidates = []
-        for indices in itertools.product(*(range(-n, n + 1) for n in highest)):
+        for indices in itertools.product(*ranges):
             if math.gcd(*indices) == 1:
-                vector = np.array(indices) @ dual
+                vector = np.array(indices) @ reciprocal
                 period = 1.0 / float(np.linalg.norm(vector))
                 if period >= least:
                     cosine = float(vector @ self.direction) * period
                     candidates.append((cosine, period * vector, period))
+        # by rounded cosines, so that directions that are equally near keep their order
         candidates.sort(key=lambda candidate: -round(candidate[0], 9))
         d = self.network.dimension
+        # the sum with zero makes 0 of -0
         return [(np.round(unit[:d], 12) + 0.0, period) for _, unit, period in candidates[:2]]
 
     @cached_property
     def crossings(self) -> NDArray[np.intp]:
-        """(n_c,) how often each contact, from ball i to ball j, passes the beginning: 1 from the
-        end, -1 towards it.
+        """(n_c,) how often each contact, from ball i to ball j, passes the beginning: 1 for a
+        contact that leads from the end of the course to its beginning, -1 for the other way.
         """
         if math.isinf(self.period):
             return np.zeros(self.network.n_contacts, int)
         network = self.network
-        step = self.places[network.j] - self.places[network.i]
-        # of balls, and not of lines of contacts: their true distance along the direction
-        return np.rint((network.vector @ self.direction - step) / self.period).astype(int)
+        place_step = self.places[network.j] - self.places[network.i]
+        # the vector leads between the centres, and not along the line of the contact
+        true_step = network.vector @ self.direction
+        return np.rint((true_step - place_step) / self.period).astype(int)
 
     def with_ends(self, ends: str) -> Course:
         """Return the course through the network with ``ends``, see
         :data:`~granphon.waves.settings.ENDS`.
         """
-        if ends == "periodic" or (ends == "free" and math.isinf(self.period)):
+        if ends == "periodic":
             return self
-        if math.isinf(self.period):
+        has_period = math.isfinite(self.period)
+        if ends == "free":
+            return self._cut_free() if has_period else self  # without a period it has free ends
+        if not has_period:
             fault = "there is no place for walls: the network has no period along this direction"
             mend = "Leave ends out: the network then has the ends that it has"
             raise InputError(fault, "Walls are made where a period is cut", mend)
-        return self._cut_free() if ends == "free" else self._hold_walls()
+        return self._hold_walls()
 
     def _cut_free(self) -> Course:
         """Return the course through the network without contacts across the beginning, and without
@@ -277,9 +307,9 @@ class Course:
         """
         network = self.network
         is_kept = self.crossings == 0
-        kept = {name: getattr(network, name)[is_kept] for name in network.contact_fields}
-        cut = drop_falling(replace(network, **kept), network)
-        return replace(self, network=cut, face=0.0, at_rest=True)
+        kept_fields = {name: getattr(network, name)[is_kept] for name in network.contact_fields}
+        stable_network = drop_falling(replace(network, **kept_fields), network)
+        return replace(self, network=stable_network, face=0.0, at_rest=True)
 
     def _hold_walls(self) -> Course:
         """Return the course through the network whose balls before the beginning are held."""
@@ -300,18 +330,20 @@ class Course:
         return replace(self, network=replace(network, masses=masses), face=face)
 
     def find_plane(self, place: float, role: str) -> Index:
-        """Return the balls that move within a quarter of a diameter of the ball nearest to
-        ``place``, along the direction.
+        """Return the balls (n,) that move within a quarter of a diameter of the ball nearest to
+        ``place``, m, along the direction; ``role`` says in the message what the plane is for.
 
-        In a network of no lattice, which has no planes, they are those within nine twentieths of a
-        diameter.
+        In a network of no lattice, which has no planes, the balls are those within nine twentieths
+        of a diameter.
 
         Raises :class:`~granphon.base.errors.InputError` if no ball is within a diameter of
         ``place``.
         """
         moving = np.flatnonzero(self.network.moving)
         offsets = self._find_offset(self.places[moving] - place)
-        nearest = int(np.argmin(np.round(np.abs(offsets) / self.spacing, 6)))
+        # rounded, so that of balls that are equally near the first is taken
+        distances = np.round(np.abs(offsets) / self.spacing, 6)
+        nearest = int(np.argmin(distances))
         if abs(offsets[nearest]) > self.spacing:
             low = float(np.min(self.places[moving]))
             high = float(np.max(self.places[moving]))
@@ -320,8 +352,9 @@ class Course:
             raise InputError(
                 f"there is no plane of balls for the {role} at {place:.6g} m", why, mend
             )
-        thick = (_THICKER if self.network.lattice is None else _THICK) * self.spacing
-        return moving[np.abs(self._find_offset(offsets - offsets[nearest])) <= thick]
+        half_thickness = (_THICKER if self.network.lattice is None else _THICK) * self.spacing
+        from_nearest = np.abs(self._find_offset(offsets - offsets[nearest]))
+        return moving[from_nearest <= half_thickness]
 
     @property
     def _is_closed(self) -> bool:
@@ -329,8 +362,8 @@ class Course:
         return math.isfinite(self.period) and math.isnan(self.face)
 
     def _find_offset(self, lengths: Array) -> Array:
-        """Return the shortest of the lengths that differ from ``lengths`` by whole periods; with
-        ends the lengths themselves.
+        """Return ``lengths`` (n,), m, less the whole periods that leave the shortest ones; on a
+        course with ends the lengths themselves.
         """
         if not self._is_closed:
             return lengths
@@ -359,12 +392,15 @@ class Course:
             first = 0.0
             last = self.period
         else:
-            moving = self.places[self.network.moving]
-            first = float(np.min(moving))
-            last = float(np.max(moving))
-        detours = (2.0 * (start - first), 2.0 * (last - self.find_place(balls)))
-        heard = [detour for detour in detours if detour > 2.0 * self.spacing]
-        return min(heard, default=2.0 * (last - first))
+            moving_places = self.places[self.network.moving]
+            first = float(np.min(moving_places))
+            last = float(np.max(moving_places))
+        detour_by_first = 2.0 * (start - first)
+        detour_by_last = 2.0 * (last - self.find_place(balls))
+        # a shorter detour is not heard by itself
+        least = 2.0 * self.spacing
+        detours = [detour for detour in (detour_by_first, detour_by_last) if detour > least]
+        return min(detours, default=2.0 * (last - first))
 
 
 def _write_direction(direction: Array) -> str:
@@ -377,15 +413,15 @@ def _find_period(network: ContactNetwork, direction: Array) -> float:
     greatest length that measures the heights of all periods; infinity if there is none.
     """
     periods = network.cell[list(network.pbc)]
-    sizes = np.linalg.norm(periods, axis=1)
-    period = math.inf
-    for height, size in zip(np.abs(periods @ direction), sizes, strict=True):
-        if height <= _FLAT * size:
-            continue
-        if math.isinf(period):
-            period = float(height)
-        else:
-            period = _find_common_measure(period, float(height), _FLAT * float(np.max(sizes)))
+    heights = np.abs(periods @ direction)  # lengths along the direction
+    lengths = np.linalg.norm(periods, axis=1)
+    rounding = _FLAT * float(np.max(lengths, initial=0.0))
+    periodic_heights = heights[heights > _FLAT * lengths].tolist()
+    if not periodic_heights:
+        return math.inf
+    period: float = periodic_heights[0]
+    for height in periodic_heights[1:]:
+        period = _find_common_measure(period, height, rounding)
     return period
 
 
@@ -417,49 +453,52 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
     """
     if not cut.prestress:
         return cut
-    uncut = make_operator(whole)
-    fall = find_fall(uncut)  # the loads of the contacts that are cut are no imbalance
+    uncut_operator = make_operator(whole)
+    fall = find_fall(uncut_operator)  # the loads of the contacts that are cut are no imbalance
     if is_stable(make_operator(cut), fall):
         return cut
-    require_stable(uncut)
-    remaining = _detach(cut, np.setdiff1d(_find_hanging(cut), _find_hanging(whole)))
+    require_stable(uncut_operator)
+    hanging_by_cut = np.setdiff1d(_find_hanging(cut), _find_hanging(whole))
+    remaining = _detach(cut, hanging_by_cut)
     while remaining.n_contacts:
         operator = make_operator(remaining)
         if is_stable(operator, fall):
             return remaining
-        moved = np.linalg.norm(operator.values(find_falls(operator, fall)), axis=1)
-        remaining = _detach(remaining, operator.balls[np.unique(np.argmax(moved, axis=0))])
+        falls = operator.values(find_falls(operator, fall))  # (n_free, motions, falls)
+        sizes = np.linalg.norm(falls, axis=1)
+        most_moved = np.unique(np.argmax(sizes, axis=0))
+        remaining = _detach(remaining, operator.balls[most_moved])
     raise InstabilityError(_NOTHING_HELD)
 
 
 def _find_hanging(network: ContactNetwork) -> Index:
-    """Return the balls that fewer contacts hold than there are dimensions, or do once such balls
-    are gone.
+    """Return the balls (n,) that fewer contacts hold than there are dimensions, or do once such
+    balls are gone.
     """
     i = network.i
     j = network.j
     n = network.n_balls
-    # a contact that pulls holds a ball alone, as a rope does
-    holds = np.where(network.normal_force < 0.0, network.dimension, 1)
-    hanging = np.zeros(n, bool)
-    count = -1
-    while np.count_nonzero(hanging) > count:
-        count = int(np.count_nonzero(hanging))
-        live = np.where(hanging[i] | hanging[j], 0, holds)
-        contacts = np.bincount(i, live, n) + np.bincount(j, live, n)
-        hanging = network.moving & (contacts < network.dimension)
-    return np.flatnonzero(hanging)
+    # a contact that pulls counts as many: it holds a ball alone, as a rope does
+    weights = np.where(network.normal_force < 0.0, network.dimension, 1)
+    is_hanging = np.zeros(n, bool)
+    count_before = -1
+    while np.count_nonzero(is_hanging) > count_before:
+        count_before = int(np.count_nonzero(is_hanging))
+        weights_left = np.where(is_hanging[i] | is_hanging[j], 0, weights)
+        n_holding = np.bincount(i, weights_left, n) + np.bincount(j, weights_left, n)
+        is_hanging = network.moving & (n_holding < network.dimension)
+    return np.flatnonzero(is_hanging)
 
 
 def _detach(network: ContactNetwork, balls: Index) -> ContactNetwork:
-    """Return the network whose ``balls`` do not move and have no contacts; those that are left keep
-    their numbers.
+    """Return the network in which ``balls`` do not move and have no contacts; all balls keep their
+    numbers.
     """
     masses = np.array(network.masses)
     masses[balls] = math.inf
-    is_kept = ~(np.isin(network.i, balls) | np.isin(network.j, balls))
-    kept = {name: getattr(network, name)[is_kept] for name in network.contact_fields}
-    return replace(network, masses=masses, **kept)
+    is_detached = np.isin(network.i, balls) | np.isin(network.j, balls)
+    kept_fields = {name: getattr(network, name)[~is_detached] for name in network.contact_fields}
+    return replace(network, masses=masses, **kept_fields)
 
 
 def find_envelope(signals: Array) -> Array:
@@ -476,8 +515,8 @@ def find_envelope(signals: Array) -> Array:
 def _explain_unknown_time(signal: Array, shift: float, is_held: bool) -> str:
     """Return why a ``signal`` (n_t,) has no time of flight; empty if it has one.
 
-    ``shift`` is the time in steps of the record, and ``is_held`` whether the record holds the whole
-    signal, which is not so of nan: the burst or the signal has no maximum.
+    ``shift`` is the time of flight in steps of the record; it is nan where the burst or the signal
+    has no maximum. ``is_held`` says whether the record holds the whole signal, False for nan.
     """
     if not np.any(signal):
         return "the signal is zero"
@@ -489,8 +528,8 @@ def _explain_unknown_time(signal: Array, shift: float, is_held: bool) -> str:
 def find_arrivals(
     times: Array, signals: Array, sent: Array, duration: float, method: str, threshold: float
 ) -> tuple[Array, list[str]]:
-    """Return the times (n,) by which ``signals`` (n, n_t) come after ``sent`` (n_t,), s; ``times``
-    (n_t,) are even.
+    """Return the times (n,), s, by which ``signals`` (n, n_t) come after ``sent`` (n_t,), and why
+    times are not known; ``times`` (n_t,), s, are even.
 
     Parameters
     ----------
@@ -514,34 +553,37 @@ def find_arrivals(
         shifts = np.array([_correlate(signal, sent) for signal in signals])
     else:
         envelopes = find_envelope(np.vstack([sent, signals]))
-        readings = np.array([_read(envelope, method, threshold) for envelope in envelopes])
-        shifts = readings[1:] - readings[0]
+        places = np.array([_find_place(envelope, method, threshold) for envelope in envelopes])
+        shifts = places[1:] - places[0]
+    are_held = step * shifts + duration <= times[-1] + step
     reasons = [
-        _explain_unknown_time(signal, shift, step * shift + duration <= times[-1] + step)
-        for signal, shift in zip(signals, shifts, strict=True)
+        _explain_unknown_time(signal, shift, is_held)
+        for signal, shift, is_held in zip(signals, shifts, are_held, strict=True)
     ]
     is_unknown = [bool(reason) for reason in reasons]
     return np.where(is_unknown, np.nan, step * shifts), reasons
 
 
 def _correlate(signal: Array, sent: Array) -> float:
-    """Return the shift at which the cross-correlation of two signals is greatest, in readings, or
-    nan.
+    """Return the shift, in readings, at which the cross-correlation of a ``signal`` (n_t,) and the
+    ``sent`` one (n_t,) is greatest; nan if that is the first or the last shift.
     """
     from scipy.signal import correlate
 
     correlation = correlate(signal, sent)[sent.size - 1 :]  # shifts from zero on
-    place = int(np.argmax(correlation))
-    if not 0 < place < correlation.size - 1:
+    greatest = int(np.argmax(correlation))
+    if not 0 < greatest < correlation.size - 1:
         return math.nan
     # the extreme of the parabola through the values around the greatest
-    low, middle, high = correlation[place - 1 : place + 2]
-    return place + 0.5 * float((low - high) / (low - 2.0 * middle + high))
+    low, middle, high = correlation[greatest - 1 : greatest + 2]
+    curvature = low - 2.0 * middle + high
+    return greatest + 0.5 * float((low - high) / curvature)
 
 
-def _read(envelope: Array, method: str, threshold: float) -> float:
-    """Return the reading at which an envelope (n_t,) is highest, or first has the share
-    ``threshold`` of its maximum; or nan.
+def _find_place(envelope: Array, method: str, threshold: float) -> float:
+    """Return the place of a pulse in its envelope (n_t,), in readings: its maximum, or for the
+    ``method`` "first" the place where the envelope first has the share ``threshold`` of that
+    maximum; nan without a maximum.
     """
     # the first maximum that has half the height of the greatest value
     inner = envelope[1:-1]
@@ -556,8 +598,8 @@ def _read(envelope: Array, method: str, threshold: float) -> float:
 
 
 def _find_begin(envelope: Array, level: float) -> float:
-    """Return the reading at which an envelope (n_t,), linear between readings, first has a
-    ``level``.
+    """Return the place, in readings, at which an envelope (n_t,), linear between readings, first
+    has a ``level``.
     """
     begin = int(np.argmax(envelope >= level))
     if begin == 0:
@@ -568,52 +610,61 @@ def _find_begin(envelope: Array, level: float) -> float:
 
 
 def _fit_top(envelope: Array, top: int) -> float:
-    """Return the reading of the maximum of the parabola that fits an envelope (n_t,) where it is
-    near its highest reading, ``top``.
+    """Return the place, in readings, of the maximum of the parabola that fits an envelope (n_t,)
+    about its highest reading, ``top``, where the envelope has the share :data:`_NEAR` of that.
     """
     low = np.flatnonzero(envelope < _NEAR * envelope[top])
-    split = int(np.searchsorted(low, top))
-    last_below = int(low[split - 1]) if split else -1
-    next_below = int(low[split]) if split < low.size else envelope.size
-    first = min(top - 1, last_below + 1)
-    last = max(top + 1, next_below - 1)
-    near = envelope[first : last + 1] / envelope[top]
+    n_before = int(np.searchsorted(low, top))
+    last_before = int(low[n_before - 1]) if n_before else -1
+    first_after = int(low[n_before]) if n_before < low.size else envelope.size
+    first = min(top - 1, last_before + 1)
+    last = max(top + 1, first_after - 1)
+    heights = envelope[first : last + 1] / envelope[top]
     # weights that vanish at the ends: no reading counts more or less when the next one is left out
-    weight = np.sqrt(np.maximum(near - _NEAR, 1e-9))
-    curve, slope, _ = np.polyfit(np.arange(first, last + 1) - top, near, 2, w=weight)
+    weights = np.sqrt(np.maximum(heights - _NEAR, _LEAST_WEIGHT))
+    from_top = np.arange(first, last + 1) - top
+    curve, slope, _ = np.polyfit(from_top, heights, 2, w=weights)
     return float(np.clip(top - 0.5 * slope / curve, first, last))
 
 
 def _find_delay(signal: Array, times: Array, frequency: float) -> float:
-    """Return the size of the group delay of a signal (n_t,) at a frequency, -d phase / d omega of
-    its Fourier integral, s.
+    """Return the size of the group delay of a ``signal`` (n_t,) at ``times`` (n_t,), s, at a
+    ``frequency``, Hz: -d phase / d omega of its Fourier integral, s.
 
-    Of a burst that is even about the time zero it is zero. It is nan for a signal without that
-    frequency.
+    The delay of a burst that is even about the time zero is zero. It is nan for a signal without
+    that frequency.
     """
-    turned = signal * np.exp(-2j * np.pi * frequency * times)
-    whole = np.sum(turned)
-    if not abs(whole) > 0.0:
+    integrand = signal * np.exp(-2j * np.pi * frequency * times)
+    integral = np.sum(integrand)
+    if not abs(integral) > 0.0:
         return math.nan
-    return abs(float(np.real(np.sum(times * turned) / whole)))
+    return abs(float(np.real(np.sum(times * integrand) / integral)))
 
 
 def _find_delay_error(signals: Array, times: Array, frequency: float) -> float:
     """Return the standard error of the group delay of the mean of ``signals`` (n, n_t) at a
-    frequency, s.
+    ``frequency``, Hz, in s; ``times`` (n_t,) are in s.
 
-    It is what each signal adds to the delay, to first order, as if those were independent; zero for
-    one signal.
+    The delay is a quotient of two means over signals. What each signal adds to the quotient, to
+    first order, scatters as if signals were independent. The error is zero for one signal.
     """
     wave = np.exp(-2j * np.pi * frequency * times)
-    parts = signals @ wave
-    first = signals @ (times * wave)
-    whole = np.mean(parts)
+    integrals = signals @ wave  # (n,)
+    first_moments = signals @ (times * wave)
+    mean_integral = np.mean(integrals)
     n = len(signals)
-    if n < 2 or not abs(whole) > 0.0:
+    if n < 2 or not abs(mean_integral) > 0.0:
         return 0.0
-    added = np.real((first - np.mean(first) / whole * parts) / whole)
-    return float(np.linalg.norm(added)) / math.sqrt(n * (n - 1))
+    delay = np.mean(first_moments) / mean_integral
+    additions = np.real((first_moments - delay * integrals) / mean_integral)
+    return float(np.linalg.norm(additions)) / math.sqrt(n * (n - 1))
+
+
+def _make_gate(times: Array, reach: float) -> Array:
+    """Return factors (n_t,) that are 1 around the time zero, and fall to 0 over the last third of
+    the ``reach``, s.
+    """
+    return np.clip(3.0 * (1.0 - np.abs(times) / reach), 0.0, 1.0)
 
 
 class _Flight(NamedTuple):
@@ -790,29 +841,38 @@ class Pulse(Result):
         why = self._find_echo() or reasons[0] or self._explain_too_fast(time)
         if why:
             return _Flight(math.nan, why_unknown=why)
-        # the time at which the pulse is at its height, and how far around it no echo comes
-        duration = self.cycles / self.frequency
-        middle = time + 0.5 * duration
-        clear = min(time + self.echo / float(self.fastest[0]), float(self.times[-1])) - middle
-        since_middle = self.times - middle
-        # the signal within each reach counts, and fades out over its last third: the pulse alone,
-        # and with all that follows, as waves near the top of a band are late. Either may agree with
-        # the envelope by chance
-        reaches = (min(_REACH * duration, clear), clear)
-        gates = [np.clip(3.0 * (1.0 - np.abs(since_middle) / reach), 0.0, 1.0) for reach in reaches]
-        delays = [_find_delay(self.coherent * gate, since_middle, self.frequency) for gate in gates]
-        error = max(delays)
-        scatter = _find_delay_error(self.signals * gates[0], since_middle, self.frequency)
-        share_received = self._find_share(self.coherent * gates[0])
-        share_sent = self._find_share(self.sent)
-        if share_received / share_sent < _LEAST_SHARE or not error < _UNKNOWN * time:
+        since_middle, pulse_gate, long_gate = self._make_gates(time)
+        # the delay of the pulse alone, and with all that follows, as waves near the top of a band
+        # are late: either may agree with the envelope by chance
+        pulse = self.coherent * pulse_gate
+        pulse_delay = _find_delay(pulse, since_middle, self.frequency)
+        long_delay = _find_delay(self.coherent * long_gate, since_middle, self.frequency)
+        shape_error = max(pulse_delay, long_delay)
+        scatter = _find_delay_error(self.signals * pulse_gate, since_middle, self.frequency)
+        share_kept = self._find_share(pulse) / self._find_share(self.sent)
+        is_error_small = shape_error < _UNKNOWN * time  # False for nan
+        if share_kept < _LEAST_SHARE or not is_error_small:
             why = (
                 f"what arrives are other waves of the burst than those of its frequency,"
                 f" {self.frequency:.6g} Hz, which are held back more than these: use another"
                 f" frequency, such as one of a band, more cycles, or a shorter distance"
             )
             return _Flight(math.nan, why_unknown=why)
-        return _Flight(time, error, scatter)
+        return _Flight(time, shape_error, scatter)
+
+    def _make_gates(self, time: float) -> tuple[Array, Array, Array]:
+        """Return the times (n_t,), s, since a pulse with the ``time`` of flight, s, is at its
+        height, and two gates (n_t,) about that moment: of the pulse alone, and of all that comes
+        before an echo or the end of the record.
+        """
+        duration = self.cycles / self.frequency
+        middle = time + 0.5 * duration
+        echo_time = time + self.echo / float(self.fastest[0])
+        reach_to_echo = min(echo_time, float(self.times[-1])) - middle
+        since_middle = self.times - middle
+        pulse_gate = _make_gate(since_middle, min(_REACH * duration, reach_to_echo))
+        long_gate = _make_gate(since_middle, reach_to_echo)
+        return since_middle, pulse_gate, long_gate
 
     def _explain_too_fast(self, time: float) -> str:
         """Return why no wave can have taken the ``time``, s, for the distance; empty if one
@@ -836,10 +896,10 @@ class Pulse(Result):
         return abs(complex(signal @ wave)) / highest
 
     def _find_echo(self) -> str:
-        """Return why an echo makes times of flight unknown, if one may come before the pulse is at
-        its height.
+        """Return why an echo makes times of flight unknown, if an echo may come before the pulse is
+        at its height; else an empty text.
         """
-        # the signal is read at its height with one reading before it
+        # the height is known from the next reading
         interval = float(self.times[1] - self.times[0])
         needed_time = 0.5 * self.cycles / self.frequency + interval
         least_detour = needed_time * float(self.fastest[0])
@@ -853,11 +913,12 @@ class Pulse(Result):
         )
 
     def judge(self) -> tuple[str, ...]:
-        """Return why the time of flight is not known, or how sure the velocity is if its error is
-        above 3 percent.
+        """Return sentences: that waves are damped too much for a velocity; and why the time of
+        flight is not known, or how sure the velocity is if its error is above 3 percent.
         """
-        damping = max(self.damping, self.tangential_damping)
-        remarks = [_DAMPED] if math.pi * self.frequency * damping > _MOST_DAMPING else []
+        greatest_damping = max(self.damping, self.tangential_damping)
+        damping_ratio = math.pi * self.frequency * greatest_damping
+        remarks = [_DAMPED] if damping_ratio > _MOST_DAMPING else []
         if self.why_unknown:
             remarks.append(f"the arrival of the pulse is not known: {self.why_unknown}")
             return tuple(remarks)
@@ -900,20 +961,21 @@ class Pulse(Result):
     def velocity_error(self) -> float:
         """How far the velocity may be from the group velocity at the frequency of the burst, m/s.
 
-        It has two parts, whose squares add up. The shape of the pulse changes: the difference from
-        the velocity by the group delay at that frequency, -d phase / d omega of the signal, the
-        larger of two, of the pulse alone and of all that comes before an echo or the end of the
-        record. And signals differ from ball to ball: the standard error of that delay, as if the
-        balls of the plane were independent. Where an echo comes soon only a part of the pulse
-        counts, and the error is a lower bound; it is one too where neighbours hear alike.
+        The error has two parts, whose squares add up. The shape of the pulse changes: the
+        difference from the velocity by the group delay at that frequency, -d phase / d omega of the
+        signal, the larger of two, of the pulse alone and of all that comes before an echo or the
+        end of the record. And signals differ from ball to ball: the standard error of that delay,
+        as if the balls of the plane were independent. The error is a lower bound where an echo
+        comes so soon that only a part of the pulse counts, and where neighbours hear alike.
         """
         flight = self._flight
-        return self.velocity * math.hypot(flight.shape_error, flight.scatter) / flight.time
+        time_error = math.hypot(flight.shape_error, flight.scatter)
+        return self.velocity * time_error / flight.time
 
 
 def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
-    """Return one pulse with the receivers of several, of as many samples: its coherent part is the
-    mean over all of them.
+    """Return one pulse with the receivers of all ``pulses``, each of other samples: its coherent
+    part is the mean over all receivers.
 
     Records of different lengths end with the shortest. Frames are left out, as they are of one
     sample.
@@ -932,9 +994,9 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     first_samples = np.cumsum([0, *n_samples[:-1]])
     samples = [pulse.samples + number for pulse, number in zip(pulses, first_samples, strict=True)]
 
-    def mean(values: list[Any]) -> Any:
-        """Return the mean of values of each pulse, weighted with its number of samples."""
-        return np.average(values, axis=0, weights=n_samples)
+    def mean(quantities: list[Any]) -> Any:
+        """Return the mean of a quantity of each pulse, weighted with its number of samples."""
+        return np.average(quantities, axis=0, weights=n_samples)
 
     mean_pulse = replace(
         first,
@@ -982,9 +1044,10 @@ def _require_alike(pulse: Pulse, first: Pulse, count: int) -> None:
     ]
     if len(pulse.planes) != len(first.planes):
         unlike.append("plane_distances")
-    if not unlike and abs(pulse.distance / first.distance - 1.0) > 0.1:
+    distance_change = abs(pulse.distance / first.distance - 1.0)
+    if not unlike and distance_change > _SAME_DISTANCE:
         unlike.append("distance")
-    rounding = 1e-12 * np.max(np.abs(first.sent))
+    rounding = _ROUNDING * np.max(np.abs(first.sent))
     if not unlike and not np.allclose(pulse.sent[:count], first.sent[:count], atol=rounding):
         unlike.append("sent")
     if unlike:
@@ -1016,25 +1079,26 @@ class PulseSource:
     def of(
         cls, settings: PulseSettings, network: ContactNetwork, direction: ArrayLike | None = None
     ) -> Self:
-        """Take the settings of a scene, with the ``direction``, Cartesian, (p,); None for x.
+        """Return the pulse of the ``settings`` of a scene, in a ``direction``, Cartesian, (p,);
+        None for x.
 
         Without a distance in the settings the receiving plane is half a period of the network away,
         and a quarter where ends are periodic; of two planes that are as near to that place it is
         the one nearer to the source, in all samples alike.
         """
         periods = sum(network.pbc)
-        along = np.eye(periods)[0] if direction is None else np.asarray(direction, float)
+        vector = np.eye(periods)[0] if direction is None else np.asarray(direction, float)
         distance = settings.distance
         if distance is None:
-            unit = np.zeros(3)
-            unit[:periods] = along / np.linalg.norm(along)
-            course = Course.along(network, unit)
+            unit_vector = np.zeros(3)
+            unit_vector[:periods] = vector / np.linalg.norm(vector)
+            course = Course.along(network, unit_vector)
             course.require_period(2.0 * course.spacing, "A pulse goes half of that way")
             share = 0.25 if settings.ends == "periodic" else 0.5
             distance = share * course.period - _NEARER * course.spacing
         return cls(
             settings.frequency,
-            along,
+            vector,
             distance,
             settings.cycles,
             settings.polarisation,
@@ -1074,24 +1138,25 @@ class Route:
 
     @classmethod
     def of(cls, network: ContactNetwork, request: PulseSource, margin: float = 1.0) -> Self:
-        """Find the route; raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, but for
-        the frequency.
+        """Return the route of the pulse that is requested.
 
-        Waves may be faster than in this network by the factor ``margin``.
+        In the network for which the pulse is meant, waves may be slower or faster than in this one
+        by the factor ``margin``. Raises what :meth:`~granphon.waves.waves.Waves.transmit` raises,
+        but for the frequency.
         """
         hertz = positive("frequency", request.frequency, "Hz")
-        length = positive("distance", request.distance, "m")
+        distance = positive("distance", request.distance, "m")
         burst = ToneBurst(hertz, positive("cycles", request.cycles))
         if burst.cycles < 1.0:
             raise InputError(f"cycles is {burst.cycles:g}", mend="Give 1 or more")
         ends = one_of("ends", request.ends, ENDS)
-        along = read_vector("direction", request.direction, network.dimension)
-        push = read_push(network, along, request.polarisation)
+        direction = read_vector("direction", request.direction, network.dimension)
+        push = read_push(network, direction, request.polarisation)
         plane_distances = _read_list("planes", request.planes, "m", "above zero")
         frames = _read_list("frames", request.frames, "s", "zero or above")
-        distances = [length, *plane_distances.tolist()]
+        distances = [distance, *plane_distances.tolist()]
         farthest = max(distances)
-        course = Course.along(network, along)
+        course = Course.along(network, direction)
         if ends == "periodic":
             why = "The pulse that runs the other way round would come first"
             course.require_period(2.0 * farthest, why)
@@ -1101,24 +1166,23 @@ class Route:
         is_plane = isinstance(request.source, str) and request.source == "plane"
         at_face = is_plane and not math.isnan(course.face)
         start = course.face if at_face else course.find_place(sources)
-        groups = [course.find_plane(start + distance, "receivers") for distance in distances]
-        if np.isin(groups[0], sources).any():
-            fault = f"the distance of {length:.6g} m leads to the plane of the source itself"
-            why = "The receiving plane is that of the balls nearest to it"
-            raise InputError(
-                fault, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide"
-            )
+        groups = [course.find_plane(start + length, "receivers") for length in distances]
+        receivers = groups[0]
+        _require_apart(course, distance, sources, receivers)
         may_have_fallen = ends == "free" and np.any(network.moving & ~course.network.moving)
-        fastest = _find_fastest(course, push, sources, groups[0], bool(may_have_fallen))
+        fastest = _find_fastest(
+            course, push, sources, receivers, may_have_fallen=bool(may_have_fallen)
+        )
         if request.duration is not None:
             duration = positive("duration", request.duration, "s")
         else:
             duration = burst.duration + _LATE * farthest / float(fastest[0])
             if ends == "periodic":
-                distance = course.find_distance(start, groups[0])
-                velocity = fastest[0] / margin
-                _require_room(course.period, distance, velocity, burst)
-                duration = min(duration, (course.period - distance) / float(fastest[0]))
+                # the record ends before the pulse that runs the other way round comes
+                flight_length = course.find_distance(start, receivers)
+                _require_room(course.period, flight_length, fastest[0] / margin, burst)
+                other_way = course.period - flight_length
+                duration = min(duration, other_way / float(fastest[0]))
         times = _list_readings(burst, duration)
         return cls(course, burst, push, start, sources, groups, fastest, times, frames)
 
@@ -1133,11 +1197,22 @@ class Route:
         return max(float(self.times[-1]), self.burst.duration)
 
 
+def _require_apart(course: Course, distance: float, sources: Index, receivers: Index) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if balls of the receiving plane, at a
+    ``distance``, m, are among the sources.
+    """
+    if not np.isin(receivers, sources).any():
+        return
+    fault = f"the distance of {distance:.6g} m leads to the plane of the source itself"
+    why = "The receiving plane is that of the balls nearest to it"
+    raise InputError(fault, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide")
+
+
 def _list_readings(burst: ToneBurst, duration: float) -> Array:
     """Return the times (n_t,) at which a pulse is read within a ``duration``, s."""
     step = 1.0 / (READINGS * burst.frequency)
-    count = duration / step if step else math.inf
-    if not count < _MOST_READINGS:
+    n_steps = duration / step if step else math.inf  # a step of zero is one that has underflowed
+    if not n_steps < _MOST_READINGS:
         fault = (
             f"a pulse of {burst.frequency:g} Hz and {burst.cycles:g} cycles is read more than"
             f" {_MOST_READINGS:,} times"
@@ -1145,7 +1220,8 @@ def _list_readings(burst: ToneBurst, duration: float) -> Array:
         raise InputError(
             fault, mend="Use a lower frequency, fewer cycles, or a shorter distance or duration"
         )
-    times: Array = step * np.arange(max(3, math.floor(count) + 1), dtype=np.float64)
+    n_readings = max(3, math.floor(n_steps) + 1)  # a parabola goes through three
+    times: Array = step * np.arange(n_readings, dtype=np.float64)
     return times
 
 
@@ -1196,10 +1272,10 @@ def _find_fastest(
         mend = "Use a higher load, or one of network.pieces()"
         raise InputError(fault, why, mend)
     tensors = _find_stiffnesses(course, piece_of_ball, shared_pieces)
-    along = push[list(network.ball_motions.translations)]
-    along_push = (along @ tensors @ along).max()
-    stiffest = np.linalg.eigvalsh(tensors).max()
-    fastest = np.sqrt(np.maximum([along_push, stiffest], 0.0))
+    push_of_axes = push[list(network.ball_motions.translations)]
+    square_along_push = (push_of_axes @ tensors @ push_of_axes).max()
+    greatest_square = np.linalg.eigvalsh(tensors).max()
+    fastest = np.sqrt(np.maximum([square_along_push, greatest_square], 0.0))
     if not fastest[0] > 0.0:
         fault = "no contact resists this polarisation in this direction"
         raise InputError(
@@ -1216,37 +1292,40 @@ def _find_stiffnesses(course: Course, piece_of_ball: Index, chosen: Index) -> Ar
     """
     network = course.network
     axes = list(network.ball_motions.translations)
-    end = np.where(network.moving[network.i], network.i, network.j)
-    n_pieces = int(np.max(piece_of_ball)) + 1
     moving = network.moving
-    mass = np.bincount(piece_of_ball[moving], network.masses[moving], n_pieces)
-    squares = (network.vector @ course.direction) ** 2
+    moving_end = np.where(moving[network.i], network.i, network.j)  # a ball of each contact
+    piece_of_contact = piece_of_ball[moving_end]
+    n_pieces = int(np.max(piece_of_ball)) + 1
+    masses = np.bincount(piece_of_ball[moving], network.masses[moving], n_pieces)
+    # the two balls of a contact differ in their motion by its length along the course
+    squared_lengths = (network.vector @ course.direction) ** 2
     shear = network.shear_stiffness
-    normal = network.normal.T
-    differences = (network.normal_stiffness - shear) * squares
+    normals = network.normal.T
+    excess = (network.normal_stiffness - shear) * squared_lengths
     stiffness = np.zeros((len(axes), len(axes), n_pieces))
     for row, a in enumerate(axes):
         for column, b in enumerate(axes):
-            of_contacts = differences * normal[a] * normal[b] + (a == b) * shear * squares
-            stiffness[row, column] = np.bincount(piece_of_ball[end], of_contacts, n_pieces)
+            of_contacts = excess * normals[a] * normals[b] + (a == b) * shear * squared_lengths
+            stiffness[row, column] = np.bincount(piece_of_contact, of_contacts, n_pieces)
     tensors = np.moveaxis(stiffness, -1, 0)[chosen]
-    return np.asarray(tensors / mass[chosen, None, None])
+    return np.asarray(tensors / masses[chosen, None, None])
 
 
 def _require_room(period: float, distance: float, velocity: float, burst: ToneBurst) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if in a ``period``, m, the pulse that runs
-    the other way round comes before the pulse at a ``distance``, m, is over.
+    the other way round comes before the pulse at a ``distance``, m, is over; ``velocity``, m/s, is
+    that of both.
     """
     least_period = 2.0 * distance + velocity * burst.duration
     if least_period <= period:
         return
     room = period - velocity * burst.duration
     nearer = f"a distance up to {0.5 * room:.3g} m, " if room > 0.0 else ""
-    end = write_quantity((period - distance) / velocity, "s", 3)
-    pushed = write_quantity(burst.duration, "s", 3)
+    record_end = write_quantity((period - distance) / velocity, "s", 3)
+    burst_duration = write_quantity(burst.duration, "s", 3)
     flight = write_quantity(distance / velocity, "s", 3)
     fault = (
-        f"the record ends at {end}, before the burst of {pushed} and the flight"
+        f"the record ends at {record_end}, before the burst of {burst_duration} and the flight"
         f" of {flight} are over"
     )
     why = (
@@ -1259,12 +1338,12 @@ def _require_room(period: float, distance: float, velocity: float, burst: ToneBu
 
 
 def require_sendable(network: ContactNetwork, request: PulseSource) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if it is known that a pulse cannot be sent,
-    or not be read.
+    """Raise :class:`~granphon.base.errors.InputError` if it is known beforehand that a pulse cannot
+    be sent, or not be read.
 
-    ``network`` is the array of equal balls that stands for one of differing balls before that one
-    is simulated. Requests that depend on the forces of contacts are refused only where no forces
-    could serve them.
+    ``network`` is the array of equal balls that stands for an array of differing balls before that
+    array is simulated. Requests that depend on the forces of contacts are refused only where no
+    forces could serve them.
     """
     route = Route.of(network, request, MARGIN)
     burst = route.burst
@@ -1282,59 +1361,65 @@ def transmit(
 
     ``operator`` is that of the network, if it is known, and known to be stable.
     """
-    tau = not_negative("damping", request.damping, "s")
-    tangential = tau
+    normal_damping = not_negative("damping", request.damping, "s")
+    tangential_damping = normal_damping
     if request.tangential_damping is not None:
-        tangential = not_negative("tangential_damping", request.tangential_damping, "s")
+        tangential_damping = not_negative("tangential_damping", request.tangential_damping, "s")
     route = Route.of(network, request)
     course = route.course
     burst = route.burst
-    groups = route.groups
+    receivers = route.groups[0]
     if operator is None or operator.network is not course.network:
         operator = make_operator(course.network)
         if not course.at_rest:
             require_stable(operator)
     _require_reached(operator, burst.frequency)
-    damped = ContactDamping.of(course.network, (tau, tangential))
-    is_even = damped.find_even(course.network) is not None
-    _require_short(operator, route.last, float(np.max(damped.times)), not is_even)
-    n_frames = len(route.frames)
-    memory = 8.0 * n_frames * (3.0 * network.n_balls + 2.0 * operator.size)
-    require_memory(f"{n_frames:,} frames of {network.n_balls:,} balls", memory, "Give fewer frames")
-    motions = _propagate(route, operator, damped if not is_even else None, tau)
-    distances = [course.find_distance(route.start, balls) for balls in groups]
+    damped = ContactDamping.of(course.network, (normal_damping, tangential_damping))
+    is_uneven = damped.find_even(course.network) is None
+    _require_short(operator, route.last, float(np.max(damped.times)), uneven=is_uneven)
+    _require_frames_memory(len(route.frames), network.n_balls, operator.size)
+    motions = _propagate(route, operator, damped if is_uneven else None, normal_damping)
+    distances = [course.find_distance(route.start, balls) for balls in route.groups]
     fallen = np.zeros(0, np.intp)
     if request.ends == "free":
         fallen = np.flatnonzero(network.moving & ~course.network.moving)
     pulse = Pulse(
-        burst.frequency,
-        burst.cycles,
-        course.direction,
-        route.push,
-        tau,
-        tangential,
-        distances[0],
-        route.times,
-        burst(route.times),
-        route.sources,
-        groups[0],
-        np.zeros(len(groups[0]), int),
-        motions.signals[0],
-        motions.energies,
-        np.array(distances[1:]),
-        np.array([np.mean(plane, axis=0) for plane in motions.signals[1:]]),
-        route.frames,
-        motions.velocities,
-        echo=course.find_echo(route.start, groups[0]),
+        frequency=burst.frequency,
+        cycles=burst.cycles,
+        direction=course.direction,
+        polarisation=route.push,
+        damping=normal_damping,
+        tangential_damping=tangential_damping,
+        distance=distances[0],
+        times=route.times,
+        sent=burst(route.times),
+        sources=route.sources,
+        receivers=receivers,
+        samples=np.zeros(len(receivers), int),
+        signals=motions.signals[0],
+        energies=motions.energies,
+        plane_distances=np.array(distances[1:]),
+        planes=np.array([np.mean(plane, axis=0) for plane in motions.signals[1:]]),
+        frames=route.frames,
+        velocities=motions.velocities,
+        echo=course.find_echo(route.start, receivers),
         fastest=route.fastest,
         left_out=fallen.size,
     )
-    remarks = _judge_fallen(course, fallen, groups[0])
+    remarks = _judge_fallen(course, fallen, receivers)
     return replace(pulse, warnings=(*remarks, *pulse.judge()))
 
 
+def _require_frames_memory(n_frames: int, n_balls: int, size: int) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if the frames do not fit into memory: the
+    velocities of all balls, and displacements and velocities as vectors (size,).
+    """
+    memory = 8.0 * n_frames * (3.0 * n_balls + 2.0 * size)  # 8 bytes for each number
+    require_memory(f"{n_frames:,} frames of {n_balls:,} balls", memory, "Give fewer frames")
+
+
 class _HeardMotions(NamedTuple):
-    """What is heard of a pulse.
+    """The motions of balls that a pulse has reached.
 
     Attributes
     ----------
@@ -1351,17 +1436,17 @@ class _HeardMotions(NamedTuple):
 def _propagate(
     route: Route, operator: WaveOperator, damped: ContactDamping | None, tau: float
 ) -> _HeardMotions:
-    """Propagate the pulse of a route, in contacts that are all damped alike, by the time ``tau``,
-    s, or else as ``damped`` says.
+    """Return the motions of the pulse of a route, in contacts that are all damped alike, by the
+    time ``tau``, s, or, unless ``damped`` is None, as ``damped`` says.
     """
     network = operator.network
     burst = route.burst
     axes = list(operator.motions.translations)
-    along = route.push[axes]
-    root = 1.0 / np.sqrt(network.masses)
-    forces = operator.push(route.sources, route.push, root[route.sources])
+    push = route.push[axes]
+    inverse_root = 1.0 / np.sqrt(network.masses)  # from mass-weighted motions to motions
+    forces = operator.push(route.sources, route.push, inverse_root[route.sources])
     receivers = np.concatenate(route.groups)
-    indices = operator.indices[receivers, : along.size]
+    indices = operator.indices[receivers, : push.size]
     propagation: Propagation | ViscousPropagation
     if damped is None:
         propagation = Propagation(operator, forces, burst, route.last, tau)
@@ -1369,29 +1454,46 @@ def _propagate(
         propagation = ViscousPropagation(operator, forces, burst, damped)
 
     def listen(vector: Array) -> Array:
-        """Return the velocities (n_r,) of receivers along the push, of weighted ones (size,)."""
-        return root[receivers] * (vector[indices] @ along)
+        """Return the velocities (n_r,) of receivers along the push, m/s, from a ``vector`` (size,)
+        of mass-weighted velocities.
+        """
+        return inverse_root[receivers] * (vector[indices] @ push)
 
-    ends = [burst.duration, route.end]
-    frames = np.concatenate([ends, route.frames])
-    signals, displaced, moving = propagation.follow(listen, route.times, frames)
+    # energies are found at the ends of the burst and of the record
+    energy_times = [burst.duration, route.end]
+    state_times = np.concatenate([energy_times, route.frames])
+    signals, state_x, state_v = propagation.follow(listen, route.times, state_times)
     energies = [
-        0.5 * (v @ v) + operator.store(x) for x, v in zip(displaced[:2], moving[:2], strict=True)
+        0.5 * (v @ v) + operator.store(x) for x, v in zip(state_x[:2], state_v[:2], strict=True)
     ]
-    velocities = np.zeros((len(route.frames), network.n_balls, 3))
-    for frame, vector in zip(velocities, moving[2:], strict=True):
-        values = operator.values(vector)[:, : along.size]
-        frame[operator.balls[:, None], axes] = root[operator.balls, None] * values
+    velocities = _find_ball_velocities(operator, state_v[2:])
     group_ends = np.cumsum([len(balls) for balls in route.groups[:-1]])
     return _HeardMotions(np.split(signals, group_ends), np.array(energies), velocities)
 
 
-def _judge_fallen(course: Course, fallen: Index, receivers: Index) -> list[str]:
-    """Return a warning if balls that have ``fallen`` behind cut ends lie as far inside as the
-    receivers.
+def _find_ball_velocities(operator: WaveOperator, vectors: Array) -> Array:
+    """Return the velocities (n_f, n, 3) of all balls, m/s, from ``vectors`` (n_f, size) of
+    mass-weighted velocities.
     """
-    depth = np.minimum(course.places, course.period - course.places)
-    if not fallen.size or np.max(depth[fallen]) < np.min(depth[receivers]):
+    network = operator.network
+    balls = operator.balls
+    axes = list(operator.motions.translations)
+    inverse_root = 1.0 / np.sqrt(network.masses[balls])
+    velocities = np.zeros((len(vectors), network.n_balls, 3))
+    for frame, vector in zip(velocities, vectors, strict=True):
+        translations = operator.values(vector)[:, : len(axes)]
+        frame[balls[:, None], axes] = inverse_root[:, None] * translations
+    return velocities
+
+
+def _judge_fallen(course: Course, fallen: Index, receivers: Index) -> list[str]:
+    """Return a warning if balls that have ``fallen`` (n,) behind cut ends lie as far inside as the
+    ``receivers``; else nothing.
+    """
+    if not fallen.size:
+        return []
+    depths = np.minimum(course.places, course.period - course.places)  # from the nearer end, m
+    if np.max(depths[fallen]) < np.min(depths[receivers]):
         return []
     return [
         f"static forces push {counted(fallen.size, 'ball')} over behind the ends that are cut,"
@@ -1410,61 +1512,70 @@ def _require_reached(operator: WaveOperator, hertz: float) -> None:
     if square <= _SURE * operator.top**2 and not operator.network.prestress:
         return
     if operator.size > 2:
-        begin = np.random.default_rng(0).normal(size=operator.size)
+        start = np.random.default_rng(0).normal(size=operator.size)
         with lanczos_converges():
-            values = eigsh(operator, k=1, which="LA", v0=begin, tol=1e-6, return_eigenvectors=False)
-    else:
-        values = np.linalg.eigvalsh(operator @ np.eye(operator.size))
-    top = np.max(values)
-    if square > top * (1.0 + 1e-6):
-        raise _explain_unreachable(hertz, f"{math.sqrt(top) / (2.0 * math.pi):.6g} Hz")
+            squares = eigsh(
+                operator, k=1, which="LA", v0=start, tol=_TOP_ERROR, return_eigenvectors=False
+            )
+    else:  # too small for Lanczos
+        squares = np.linalg.eigvalsh(operator @ np.eye(operator.size))
+    top_square = np.max(squares)
+    if square > top_square * (1.0 + _TOP_ERROR):
+        raise _explain_unreachable(hertz, f"{math.sqrt(top_square) / (2.0 * math.pi):.6g} Hz")
 
 
 def _read_list(name: str, value: ArrayLike, unit: str, low: Low) -> Array:
-    """Return numbers (n,), which may be none."""
+    """Return the numbers (n,) of an argument, in its ``unit``; the list may be empty."""
     if not real_array(name, value).size:
         return np.zeros(0)
     return finite_array(name, value, unit, low).ravel()
 
 
 def read_vector(name: str, value: Any, dimension: int) -> Array:
-    """Return a unit vector (3,) of one of 1 to 3 numbers; those that are left out are zero."""
-    vector = finite_array(name, value)
-    vector = np.atleast_1d(vector)
-    if vector.ndim != 1 or vector.size > 3 or not np.any(vector):
+    """Return the unit vector (3,) along a vector of 1 to 3 numbers; components that are not given
+    are zero. ``dimension`` is the number that the message asks for.
+    """
+    components = np.atleast_1d(finite_array(name, value))
+    is_vector = components.ndim == 1 and components.size <= 3
+    if not is_vector or not np.any(components):
         raise InputError(
             f"{name} is {brief(value)}", f"It is a vector of {dimension} numbers, not all zero"
         )
-    vector = np.pad(vector, (0, 3 - vector.size)) / np.max(np.abs(vector))
+    # over the largest component first: squares of very large or small numbers have no digits
+    vector = np.pad(components, (0, 3 - components.size)) / np.max(np.abs(components))
     return np.asarray(vector / np.linalg.norm(vector))
 
 
 def require_moves(name: str, along: Array, network: ContactNetwork, turns: bool = False) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` unless the balls of a network move, or turn,
-    along a vector (3,), or each ball along its own vector (n, 3).
+    """Raise :class:`~granphon.base.errors.InputError` unless the balls of a network move, or with
+    ``turns`` turn, along a vector (3,), or each ball along its own vector (n, 3).
     """
     motions = network.ball_motions
     vectors = np.atleast_2d(along)
     axes = motions.rotations if turns else motions.translations
-    stray = np.abs(np.delete(vectors, list(axes), axis=1)).max(axis=1, initial=0.0)
-    if stray.max(initial=0.0) <= 1e-9 * np.abs(vectors).max(initial=0.0):
+    forbidden = np.abs(np.delete(vectors, list(axes), axis=1))  # components off these axes
+    largest_forbidden = forbidden.max(axis=1, initial=0.0)
+    rounding = _FLAT * np.abs(vectors).max(initial=0.0)
+    if largest_forbidden.max(initial=0.0) <= rounding:
         return
-    ball = int(np.argmax(stray))
+    ball = int(np.argmax(largest_forbidden))
     verb, preposition = ("turn", "about") if turns else ("move", "along")
-    shown = _write_direction(vectors[ball])
-    fault = f"{name} of ball {ball} are {shown}"
-    if along.ndim == 1:
-        fault = f"the {name} is {preposition} {shown}"
+    vector = _write_direction(vectors[ball])
+    is_of_all_balls = along.ndim == 1
+    if is_of_all_balls:
+        fault = f"the {name} is {preposition} {vector}"
+    else:
+        fault = f"{name} of ball {ball} are {vector}"
     allowed = f"do not {verb}"
     if axes:
-        names = " and ".join("xyz"[axis] for axis in axes)
-        allowed = f"{verb} {preposition} {names} only"
+        axis_names = " and ".join("xyz"[axis] for axis in axes)
+        allowed = f"{verb} {preposition} {axis_names} only"
     raise InputError(fault, f"Balls {allowed}")
 
 
 def read_push(network: ContactNetwork, along: Array, polarisation: Any) -> Array:
-    """Return the unit vector (3,) along which a source pushes whose waves travel ``along``, from
-    its polarisation.
+    """Return the unit vector (3,) along which a source with a ``polarisation`` pushes; its waves
+    travel along the unit vector ``along`` (3,).
     """
     if not isinstance(polarisation, str):
         push = read_vector("polarisation", polarisation, network.dimension)
@@ -1482,15 +1593,16 @@ def read_push(network: ContactNetwork, along: Array, polarisation: Any) -> Array
 
 
 def _find_transverse(network: ContactNetwork, along: Array) -> Array:
-    """Return the unit vector (3,) across ``along`` in the plane of the balls; in space along the
-    axis farthest from it, made perpendicular to it.
+    """Return the unit vector (3,) across ``along`` (3,) in the plane of the balls; in space the
+    axis farthest from ``along``, made perpendicular to that vector.
     """
     axes = network.ball_motions.translations
     candidates = [axis for axis in range(max(network.dimension, 2)) if axis in axes]
     if len(candidates) < 2:
         fault = f"the motions {network.motions!r} have no transverse waves in this direction"
         raise InputError(fault, mend="Name another polarisation, or give a vector")
-    axis = candidates[int(np.argmin(np.round(np.abs(along[candidates]), 9)))]
+    cosines = np.round(np.abs(along[candidates]), 9)  # rounded: of equal ones the first is taken
+    axis = candidates[int(np.argmin(cosines))]
     push = np.eye(3)[axis] - along[axis] * along
     return np.asarray(push / np.linalg.norm(push))
 
@@ -1521,10 +1633,11 @@ def _require_short(
             f"with a damping of {tau} nothing moves at frequencies up to {top}",
             mend=f"Give {most} at most",
         )
-    viscous = ratio * operator.top * duration
-    if uneven and viscous > _MOST:
+    viscous_products = ratio * operator.top * duration
+    if uneven and viscous_products > _MOST:
+        fault = f"a damping of {tau} takes {viscous_products:.3g} products"
         raise InputError(
-            f"a damping of {tau} takes {viscous:.3g} products with the matrix of the network",
+            f"{fault} with the matrix of the network",
             "Different dampings are propagated in steps of the most damped motion",
             "Give less, or one for both",
         )

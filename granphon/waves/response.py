@@ -120,12 +120,19 @@ _UNKNOWN = 1e-2
 _ROUNDING = 1e-16
 #: residual over the source, from which on a frequency is never found
 _LOST = 1e100
+#: loss factors that are tried for an advice
+_ADVISED_LOSSES = (0.01, 0.02, 0.05, 0.1)
 #: most rounds in which a narrow line is approached: the distance from its pole falls as its square
 _ROUNDS = 12
 #: rounds after which the change of a pole must fall to a tenth from one to the next
 _FREE_ROUNDS = 3
 #: change of a pole, over its half width, at which the pole stands
 _STANDS = 1e-6
+#: greatest change of a pole, over that of the round before, with which the approach converges
+_CONVERGES = 0.1
+#: least half width of a line, Im p, over the step of the squares of frequencies, with which the
+#: frequencies resolve the line: its width is then a step
+_RESOLVED = 0.5
 #: difference of the poles of two receivers, over the half width, up to which they hear one line
 _SAME_LINE = 1e-2
 #: least half width of a line over the square of its frequency, 1/Q: losses of a narrower line are
@@ -225,13 +232,13 @@ class Response(Result, array="values"):
     @property
     def method(self) -> str:
         """How the response was found, in words."""
-        by_krylov = len(self.frequencies) - self.factorisations
+        n_by_krylov = len(self.frequencies) - self.factorisations
         methods = []
         if self.factorisations:
             frequencies = counted(self.factorisations, "frequency", "frequencies")
             methods.append(f"{frequencies} by factors of the matrix")
-        if by_krylov:
-            frequencies = counted(by_krylov, "frequency", "frequencies")
+        if n_by_krylov:
+            frequencies = counted(n_by_krylov, "frequency", "frequencies")
             methods.append(f"{frequencies} by a Krylov space of {counted(self.steps, 'step')}")
         return ", ".join(methods)
 
@@ -278,14 +285,15 @@ def find_peaks(
     """Return the peaks of the magnitude of each receiver, inside of the ascending frequencies
     (n_f,), Hz.
 
-    ``values`` are (n_f, n_r); ``solve`` returns those at other ascending frequencies. B + R/(p -
-    f^2), a mode over a constant background, passes through the highest value and its two
-    neighbours. Its pole p gives the frequency (Re p)^1/2, the height there, and Q = Re p / Im p.
-    Where the width of the line is below half the step of the frequencies, these lie too far from
-    it: the response is solved at the pole and half a width beside it, and the pole found anew,
-    until it stands. Without ``solve`` the height and Q of such a line are not known, and its
-    frequency is that of the highest value. Where the pole is farther away than its width, the peak
-    is not that of one mode: it is the highest value, and Q is not known.
+    ``values`` (n_f, n_r) are complex amplitudes; ``solve`` returns those at other ascending
+    frequencies. A mode over a constant background, B + R/(p - f^2), passes through the highest
+    value and its two neighbours. Its pole p gives the frequency (Re p)^1/2, the height there, and
+    Q = Re p / Im p. Where the line is narrower than the step of the frequencies, the three values
+    lie too far from the line: the response is solved at the pole and half a width beside it, and
+    the pole found anew, until it stands. Without ``solve`` the height and Q of such a line are not
+    known, and its frequency is that of the highest value. Where the pole is farther away than its
+    width, the peak is not that of one mode: its frequency and height are those of the highest
+    value, and Q is not known.
     """
     magnitude = np.abs(values)
     rows, is_top = _find_tops(magnitude)
@@ -305,9 +313,10 @@ def find_peaks(
         fits.quality[lines] = np.where(is_line, line_quality, fits.quality[lines])
     peaks = []
     for receiver, is_peak in enumerate(is_top.T):
-        chosen = (is_peak, receiver)
-        root = np.sqrt(fits.squares[chosen])
-        peaks.append(Peaks(root, fits.heights[chosen], fits.quality[chosen]))
+        peak_frequencies = np.sqrt(fits.squares[is_peak, receiver])
+        heights = fits.heights[is_peak, receiver]
+        quality = fits.quality[is_peak, receiver]
+        peaks.append(Peaks(peak_frequencies, heights, quality))
     return tuple(peaks)
 
 
@@ -329,7 +338,7 @@ class _PeakFits(NamedTuple):
     squares : of the frequencies, Hz^2.
     heights : of the magnitude; nan of a line that is too narrow.
     quality : Q factors; nan where none is known.
-    is_broad : whether the line is as wide as half the step of the frequencies.
+    is_broad : whether the line is as wide as the step of the frequencies.
     """
 
     squares: Array
@@ -339,24 +348,25 @@ class _PeakFits(NamedTuple):
 
 
 def _fit_peaks(x: Array, values: Complex, highest: Array) -> _PeakFits:
-    """Fit modes over a constant background, B + R/(p - x), to three ``values`` (3, n, n_r) each.
+    """Return the peaks of modes over a constant background, B + R/(p - x), each fitted to three
+    ``values`` (3, n, n_r) of a receiver.
 
     ``x`` (3, n, 1) are squares of frequencies, Hz^2, and ``highest`` (n, n_r) the magnitudes of the
     middle values.
     """
-    step = x[2] - x[0]
+    two_steps = x[2] - x[0]
     with np.errstate(divide="ignore", invalid="ignore"):  # two equal values have no pole
         pole = _fit_pole(x, values)
-        residue = (values[2] - values[0]) * (pole - x[0]) * (pole - x[2]) / step
+        residue = (values[2] - values[0]) * (pole - x[0]) * (pole - x[2]) / two_steps
         background = values[1] - residue / (pole - x[1])
-        top = np.abs(background + residue / (1j * pole.imag))
-        is_broad = np.abs(pole.imag) >= 0.25 * step
-        is_near = np.abs(pole.real - x[1]) <= np.maximum(pole.imag, 0.5 * step)
+        fitted_height = np.abs(background + residue / (1j * pole.imag))  # at x = Re p
+        is_broad = np.abs(pole.imag) >= 0.5 * _RESOLVED * two_steps
+        is_near = np.abs(pole.real - x[1]) <= np.maximum(pole.imag, 0.5 * two_steps)
         is_mode = is_broad & (pole.imag > 0.0) & is_near
-        sampled = np.where(is_broad, highest, np.nan)
+        height_of_value = np.where(is_broad, highest, np.nan)
         return _PeakFits(
             squares=np.where(is_mode, pole.real, x[1]),
-            heights=np.where(is_mode, np.maximum(top, highest), sampled),
+            heights=np.where(is_mode, np.maximum(fitted_height, highest), height_of_value),
             quality=np.where(is_mode, pole.real / pole.imag, np.nan),
             is_broad=is_broad,
         )
@@ -374,8 +384,8 @@ class _SolvedLines(NamedTuple):
 
 
 def _solve_lines(x: Array, values: Complex, is_narrow: Any, solve: Solve) -> _SolvedLines:
-    """Solve at lines that are narrower than the step of the frequencies; the arguments are those of
-    :func:`_approach_lines`.
+    """Return lines (n,) that are narrower than the step of the frequencies, as the response that is
+    solved there has them; the arguments are those of :func:`_approach_lines`.
     """
     pole, points, line_values = _approach_lines(x, values, is_narrow, solve)
     receiver_poles = _fit_pole(points[..., None], line_values)
@@ -390,10 +400,11 @@ def _solve_lines(x: Array, values: Complex, is_narrow: Any, solve: Solve) -> _So
 
 
 def _fit_pole(x: Array, values: Complex, weights: Any = None) -> Any:
-    """Return the pole p of B + R/(p - x) through three values, the first axis.
+    """Return the poles p (n, n_r) of B + R/(p - x) through three ``values`` (3, n, n_r) at ``x``
+    (3, n, 1).
 
-    With ``weights`` (n, n_r) it is that which the receivers, the last axis, have in common, by
-    least squares.
+    With ``weights`` (n, n_r), and ``x`` (3, n), the poles (n,) are those that the receivers have in
+    common, by least squares.
     """
     rise = values[1] - values[0]
     following = values[2] - values[1]
@@ -412,55 +423,59 @@ def _approach_lines(
 ) -> tuple[Complex, Array, Complex]:
     """Solve at lines (n,) between three points until their poles stand.
 
-    ``x`` (3, n) are squares of frequencies, ``values`` (3, n, n_r), and ``heard`` (n, n_r) says
-    which receivers hear a line. Returns the poles (n,), nan of lines that are not found, and the
-    last points and values about each.
+    ``x`` (3, n) are squares of frequencies, Hz^2, ``values`` (3, n, n_r), and ``heard`` (n, n_r)
+    says which receivers hear a line. Returns the poles (n,), Hz^2, nan of lines that are not found,
+    and the last three points (3, n), Hz^2, and values (3, n, n_r) about each.
     """
     low = x[0]
     high = x[2]
-    x = x.copy()
-    values = values.copy()
-    pole = np.full(len(low), np.nan + 0j)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        estimate = _fit_pole(x, values, heard)
-    active = np.arange(len(low))
+    last_points = x.copy()
+    last_values = values.copy()
+    poles = np.full(len(low), np.nan + 0j)
+    with np.errstate(divide="ignore", invalid="ignore"):  # equal values have no pole
+        estimates = _fit_pole(x, values, heard)
+    active = np.arange(len(low))  # numbers of the lines that are still approached
     last_change = np.full(len(low), np.inf)
     for number in range(_ROUNDS):
-        active = active[np.isfinite(estimate[active])]
+        active = active[np.isfinite(estimates[active])]
         if not active.size:
             break
-        points = _place_points(estimate[active], low[active], high[active])
-        x[:, active] = points
+        points = _place_points(estimates[active], low[active], high[active])
+        last_points[:, active] = points
         frequencies, index = np.unique(np.sqrt(points), return_inverse=True)
-        values[:, active] = solve(frequencies)[index.reshape(points.shape)]
+        last_values[:, active] = solve(frequencies)[index.reshape(points.shape)]
         with np.errstate(divide="ignore", invalid="ignore"):
-            renewed = _fit_pole(points, values[:, active], heard[active])
-        change = np.abs(renewed - estimate[active])
+            renewed = _fit_pole(points, last_values[:, active], heard[active])
+        change = np.abs(renewed - estimates[active])
         is_above_rounding = renewed.imag > _NARROWEST * points[1]
         stands = (change <= _STANDS * renewed.imag) & is_above_rounding
-        pole[active[stands]] = renewed[stands]
-        estimate[active] = renewed
+        poles[active[stands]] = renewed[stands]
+        estimates[active] = renewed
         # the pole of one mode converges faster than linearly; poles of several do not
-        converges = (change < 0.1 * last_change[active]) | (number < _FREE_ROUNDS)
+        converges = (change < _CONVERGES * last_change[active]) | (number < _FREE_ROUNDS)
         last_change[active] = change
         active = active[~stands & converges]
-    return pole, x, values
+    return poles, last_points, last_values
 
 
 def _place_points(pole: Complex, low: Array, high: Array) -> Array:
-    """Return three squares of frequencies, (3, n), about each ``pole`` (n,): that of the pole,
-    between ``low`` and ``high`` (n,), and half a width to either side.
+    """Return three squares of frequencies, (3, n), Hz^2, about each ``pole`` (n,): that of the
+    pole, between ``low`` and ``high`` (n,), and half a width to either side.
     """
     centre = np.clip(pole.real, low, high)
-    half_width = np.clip(np.abs(pole.imag), _NARROWEST * centre, 0.25 * (high - low))
+    widest = 0.5 * _RESOLVED * (high - low)
+    half_width = np.clip(np.abs(pole.imag), _NARROWEST * centre, widest)
     return np.asarray(centre + half_width * np.array([[-1.0], [0.0], [1.0]]))
 
 
 def require_places(
     network: ContactNetwork, name: str, value: Any, moved: bool, **options: Any
 ) -> None:
-    """Raise InputError unless a network has the places of a source or receiver, as arguments of
-    ``Waves.response``.
+    """Raise :class:`~granphon.base.errors.InputError` unless a network has the balls and directions
+    of a source or receiver, ``value``, whose ``name`` the message has.
+
+    ``moved`` says that the source is a body that is held; ``options`` are the fields of
+    :class:`Places`.
     """
     Places(network, **options).find(name, value, held=moved)
 
@@ -476,10 +491,11 @@ class ResponseOptions(NamedTuple):
 
     @classmethod
     def read(cls, quantity: str, method: str | None, tolerance: float) -> ResponseOptions:
-        """Check the options, which are arguments of ``Waves.response``."""
+        """Return the options, which are arguments of ``Waves.response``, checked."""
         quantity = one_of("quantity", quantity, QUANTITIES)
         tolerance = positive("tolerance", tolerance, "")
-        method = None if method is None else one_of("method", method, METHODS)
+        if method is not None:
+            method = one_of("method", method, METHODS)
         return cls(quantity, method, tolerance)
 
 
@@ -492,7 +508,8 @@ def find_response(
     damped: ContactDamping,
     places: Places,
 ) -> Response:
-    """Return the response of a network at frequencies ``hertz`` (n_f,).
+    """Return the response of a network, with the ``damped`` contacts, at frequencies ``hertz``
+    (n_f,).
 
     ``source`` and ``receiver`` are sought among the ``places`` of the network, as
     :meth:`granphon.waves.waves.Waves.response` describes them.
@@ -512,17 +529,17 @@ def find_response(
         unit = QUANTITIES[options.quantity]
         warnings = (*warnings, _explain_error(hertz, solution.values, solution.error, unit))
     response = Response(
-        hertz,
-        solution.values,
-        options.quantity,
-        sources,
-        pushes,
-        receivers,
-        directions,
-        solution.error,
-        solution.factorisations,
-        solution.steps,
-        warnings,
+        frequencies=hertz,
+        values=solution.values,
+        quantity=options.quantity,
+        sources=sources,
+        pushes=pushes,
+        receivers=receivers,
+        directions=directions,
+        error=solution.error,
+        factorisations=solution.factorisations,
+        steps=solution.steps,
+        warnings=warnings,
     )
     if not damped.is_none:  # without losses a peak has no height
 
@@ -537,37 +554,43 @@ def find_response(
 def _solve_for_quantity(
     problem: _Problem, frequencies: Array, options: ResponseOptions
 ) -> _Solution:
-    """Return the values (n_f, n_r) of the quantity at ``frequencies`` (n_f,), Hz."""
+    """Return the solution whose values (n_f, n_r) are those of the quantity of the ``options``, at
+    ``frequencies`` (n_f,), Hz.
+    """
     omega = 2.0 * math.pi * frequencies
     solution = problem.solve(omega, options.method, options.tolerance)
     if options.quantity != "velocity":
         return solution
-    rates = (2j * math.pi * frequencies)[:, None]
+    rates = (2j * math.pi * frequencies)[:, None]  # i omega: from displacements to velocities
     return solution._replace(values=solution.values * rates)
 
 
 def _explain_error(hertz: Array, values: Complex, error: Array, unit: str) -> str:
-    """Return the warning of the frequencies (n_f,), Hz, whose ``error`` (n_f,) is large."""
+    """Return the warning of the frequencies among ``hertz`` (n_f,) whose ``error`` (n_f,), over the
+    largest of the ``values`` (n_f, n_r) at each, is large; ``unit`` is that of the values.
+    """
     unsure = np.flatnonzero(error > _UNSURE)
     worst = unsure[np.argmax(error[unsure])]
-    where = (
+    frequencies = (
         f"{counted(unsure.size, 'frequency', 'frequencies')}, up to {error[worst]:.1e} at"
         f" {hertz[worst]:.6g} Hz"
     )
     why = "hardly anything reaches the receivers, or a mode hardly loses energy"
-    bounds = error * np.max(np.abs(values), axis=1)
-    most = np.max(bounds[error >= 1.0], initial=0.0)
-    if most > 0.0:
-        below = write_quantity(float(most), unit, 2)
-        why += f"; where it is above 1, all that is known is that they are below {below}"
-    return f"the error of the response is above {_UNSURE:g} at {where}: {why}."
+    absolute_errors = error * np.max(np.abs(values), axis=1)
+    largest_unknown = np.max(absolute_errors[error >= 1.0], initial=0.0)
+    if largest_unknown > 0.0:
+        bound = write_quantity(float(largest_unknown), unit, 2)
+        why += f"; where it is above 1, all that is known is that they are below {bound}"
+    return f"the error of the response is above {_UNSURE:g} at {frequencies}: {why}."
 
 
 # -- sources and receivers -------------------------------------------------------------------------
 
 
 class Places:
-    """Where a network is pushed and heard; the arguments are those of ``Waves.response``."""
+    """The balls and directions in which a network is pushed and heard; the arguments are those of
+    ``Waves.response``.
+    """
 
     def __init__(
         self, network: ContactNetwork, direction: Any, polarisation: Any, distance: float | None
@@ -580,26 +603,19 @@ class Places:
         self.distance = None if distance is None else positive("distance", distance, "m")
 
     def find(self, name: str, value: Any, held: bool = False) -> tuple[Index, Array]:
-        """Return balls (n,) and unit vectors (n, 3) of a source or receiver, or of a list of
-        these.
+        """Return balls (n,) and unit vectors (n, 3) of a source or receiver, or of a list of these.
+
+        ``value`` is the argument of ``Waves.response`` with this ``name``; ``held`` says that its
+        bodies must not move by themselves.
         """
-        network = self.network
-        several = value if isinstance(value, list) else [value]
+        items = value if isinstance(value, list) else [value]
         balls = [np.zeros(0, int)]
         vectors = [np.zeros((0, 3))]
-        for item in several:
-            if isinstance(item, str) and item == "plane":
-                chosen = self._find_plane(name, held)
-                vector = read_push(network, self.along, self.polarisation)
-            elif isinstance(item, tuple) and len(item) == 2:
-                chosen = index_array(name, item[0], network.n_balls)
-                vector = self._read_direction(item[1])
-            else:
-                mend = "Give (ball, direction), (balls, direction), 'plane', or a list of these"
-                raise InputError(f"the {name} is {brief(item)}", mend=mend)
-            require_moves(name, vector, network)
-            balls.append(chosen)
-            vectors.append(np.tile(vector, (len(chosen), 1)))
+        for item in items:
+            item_balls, vector = self._read_item(name, item, held)
+            require_moves(name, vector, self.network)
+            balls.append(item_balls)
+            vectors.append(np.tile(vector, (len(item_balls), 1)))
         all_balls = np.concatenate(balls)
         if not all_balls.size:
             raise InputError(
@@ -608,42 +624,60 @@ class Places:
         self._require_mobility(name, all_balls, held)
         return all_balls, np.concatenate(vectors)
 
+    def _read_item(self, name: str, item: Any, held: bool) -> tuple[Index, Array]:
+        """Return the balls (n,) and the unit vector (3,) of one ``item`` of a source or receiver:
+        "plane", or (ball, direction).
+        """
+        if isinstance(item, str) and item == "plane":
+            balls = self._find_plane(name, held)
+            return balls, read_push(self.network, self.along, self.polarisation)
+        if isinstance(item, tuple) and len(item) == 2:
+            numbers, direction = item
+            balls = index_array(name, numbers, self.network.n_balls)
+            return balls, self._read_direction(direction)
+        mend = "Give (ball, direction), (balls, direction), 'plane', or a list of these"
+        raise InputError(f"the {name} is {brief(item)}", mend=mend)
+
     def _require_mobility(self, name: str, balls: Index, held: bool) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` unless balls move; or are ``held``, and
-        touch balls that move.
+        """Raise :class:`~granphon.base.errors.InputError` unless the ``balls`` (n,) move; or, with
+        ``held``, unless they do not move and touch balls that move.
         """
         network = self.network
-        wrong = balls[network.moving[balls] == held]
-        if wrong.size and held:
+        unfit = balls[network.moving[balls] == held]
+        if unfit.size and held:
             raise InputError(
-                f"ball {wrong[0]} of the {name} moves",
+                f"ball {unfit[0]} of the {name} moves",
                 "A transmissibility is that of a wall or floor",
                 "Give a body of infinite mass",
             )
-        if wrong.size:
+        if unfit.size:
             raise InputError(
-                f"ball {wrong[0]} of the {name} does not move",
+                f"ball {unfit[0]} of the {name} does not move",
                 "It is held: its mass is infinite",
                 "Ask for the transmissibility, to move it" if name == "source" else "",
             )
-        touches_i = np.isin(network.i, balls) & network.moving[network.j]
-        touches_j = np.isin(network.j, balls) & network.moving[network.i]
-        if held and not np.any(touches_i | touches_j):
+        is_i_touching = np.isin(network.i, balls) & network.moving[network.j]
+        is_j_touching = np.isin(network.j, balls) & network.moving[network.i]
+        if held and not np.any(is_i_touching | is_j_touching):
             fault = f"the {name} touches no ball that moves"
             mend = "Give those balls of the wall that touch others"
             raise InputError(fault, "Nothing moves when it does", mend)
 
     def _read_direction(self, value: Any) -> Array:
-        """Return the unit vector (3,) of x, y, z, or a vector (1,) to (3,)."""
+        """Return the unit vector (3,) of a direction: the name x, y or z of an axis, or a vector
+        (1,) to (3,).
+        """
         if isinstance(value, str):
             if value not in ("x", "y", "z"):
                 raise InputError(f"a direction is {brief(value)}", mend="Use x, y, z, or a vector")
-            return np.asarray(np.eye(3)["xyz".index(value)])
+            axis = "xyz".index(value)
+            return np.asarray(np.eye(3)[axis])
         return read_vector("direction", value, self.network.dimension)
 
     def _find_plane(self, name: str, held: bool) -> Index:
-        """Return the first plane of balls along the direction, or that of receivers; or the first
-        of the bodies that are ``held``.
+        """Return the balls (n,) of a plane across the direction: the first for the ``name``
+        "source"; for a receiver that at the distance from the first, or the last; or the first
+        bodies that are ``held``.
         """
         course = Course.along(self.network, self.along)
         if held:
@@ -654,7 +688,8 @@ class Places:
             return course.find_plane(first_place, name)
         if self.distance is not None:
             first_plane = course.find_plane(first_place, name)
-            return course.find_plane(course.find_place(first_plane) + self.distance, name)
+            receiver_place = course.find_place(first_plane) + self.distance
+            return course.find_plane(receiver_place, name)
         if math.isfinite(course.period):
             fault = (
                 "the receiving plane has no distance, and the network repeats along the direction"
@@ -664,19 +699,23 @@ class Places:
 
     def _find_held_plane(self, course: Course) -> Index:
         """Return the bodies that do not move, up to half a diameter behind the first of these."""
-        still = np.flatnonzero(~self.network.moving)
-        if not still.size:
+        held_bodies = np.flatnonzero(~self.network.moving)
+        if not held_bodies.size:
             raise InputError(
                 "no body of this network is held", mend="Cut it with clamped edges or a floor"
             )
-        heights = course.heights[still]
-        return np.asarray(still[heights <= np.min(heights) + 0.5 * course.spacing])
+        heights = course.heights[held_bodies]
+        is_first = heights <= np.min(heights) + 0.5 * course.spacing
+        return np.asarray(held_bodies[is_first])
 
 
 def _find_open_axis(network: ContactNetwork) -> Array:
-    """Return the unit vector (3,) of the first axis across the periods, or x."""
+    """Return the unit vector (3,) of the first axis along which the network does not repeat, or of
+    x without such an axis.
+    """
     open_axes = [axis for axis in range(network.dimension) if not np.any(network.cell[:, axis])]
-    return np.asarray(np.eye(3)[open_axes[0] if open_axes else 0])
+    axis = open_axes[0] if open_axes else 0
+    return np.asarray(np.eye(3)[axis])
 
 
 # -- solutions -------------------------------------------------------------------------------------
@@ -737,7 +776,8 @@ class ResponseWork:
         """
         losses = self.operator.of_rows(self.damping.losses)
         times = self.operator.of_rows(self.damping.times)
-        return np.stack([losses, times])[:, self.operator.of_rows() > 0.0]
+        has_stiffness = self.operator.of_rows() > 0.0
+        return np.stack([losses, times])[:, has_stiffness]
 
     @cached_property
     def least(self) -> Array:
@@ -751,7 +791,9 @@ class ResponseWork:
         g' >= g, over top^2; no bound if not above zero.
         """
         square = (self.omega / self.operator.top) ** 2
-        return np.asarray(np.maximum(square * self.least / np.hypot(1.0, self.least), square - 1.0))
+        from_line = square * self.least / np.hypot(1.0, self.least)  # from all d (1 + i g), d >= 0
+        from_top = square - 1.0
+        return np.asarray(np.maximum(from_line, from_top))
 
     @property
     def is_strong(self) -> bool:
@@ -761,10 +803,12 @@ class ResponseWork:
     @cached_property
     def unfit(self) -> str:
         """Why no Krylov space serves all frequencies; empty if one does."""
-        if self.even is None and self.operator.whole is not None:
+        if self.even is not None:
+            return ""
+        if self.operator.whole is not None:
             return "Static tangential forces act, which have no potential"
-        lossless = self.even is None and np.any(np.sum(self.of_rows, axis=0) == 0.0)
-        return "Some contacts lose energy, and others lose none" if lossless else ""
+        loses_none = np.sum(self.of_rows, axis=0) == 0.0
+        return "Some contacts lose energy, and others lose none" if np.any(loses_none) else ""
 
     @property
     def has_order_one(self) -> bool:
@@ -774,11 +818,14 @@ class ResponseWork:
     @cached_property
     def step(self) -> float:
         """Time of a step of the Krylov space, s."""
-        factor = 1.0 if self.even is not None else _LOSSY
         if self.has_order_one:
-            factor = _FIRST_ORDER
+            time_over_lanczos = _FIRST_ORDER
+        elif self.even is None:
+            time_over_lanczos = _LOSSY
+        else:
+            time_over_lanczos = 1.0
         product_time = float(self.operator.product_time[self.operator.network.dimension])
-        return factor * self.operator.size * product_time
+        return time_over_lanczos * self.operator.size * product_time
 
     @cached_property
     def price(self) -> float:
@@ -795,17 +842,19 @@ class ResponseWork:
         """(n_f,) steps of the Krylov space; infinite without a bound.
 
         With w = omega/top and g = eta + omega tau the least of all, a step of Lanczos makes the
-        error smaller by exp(-2 Im arccos(w/(1 + i g)^1/2)), as the polynomials of Chebyshev do. In
-        a network of few modes these are told apart sooner, but by the incomplete process.
+        error smaller by exp(-2 Im arccos(w/(1 + i g)^1/2)), as the polynomials of Chebyshev do.
+        Where modes are few, the space tells them apart sooner; the incomplete process does not.
         """
         w = self.omega / self.operator.top
         n = self.operator.size
         d = self.operator.network.dimension
         pace = 2.0 * np.abs(np.arccos(w / np.sqrt(1.0 + 1j * self.least)).imag)
-        counts = np.full(w.shape, np.inf)
         is_bounded = (self.distance > 0.0) & (pace > 0.0)
         if not self.is_strong:
-            pace += 2.0 * _MODE_PACE / np.maximum(n ** (1.0 / d), n * d * w ** (d - 1))
+            # modes in an interval of w as long as one, by Debye's law, and not fewer than n^(1/d)
+            mode_density = np.maximum(n ** (1.0 / d), n * d * w ** (d - 1))
+            pace += 2.0 * _MODE_PACE / mode_density
+        counts = np.full(w.shape, np.inf)
         reductions = np.maximum(1.0 / self.distance[is_bounded], 1.0) / self.tolerance
         counts[is_bounded] = np.log(reductions) / pace[is_bounded]
         if self.is_strong:
@@ -813,44 +862,56 @@ class ResponseWork:
         return counts * _SYMMETRIC if self.has_order_one else counts
 
     def choose(self, method: str | None) -> tuple[NDArray[np.bool_], float]:
-        """Return at which frequencies (n_f,) the matrix is factorised, and the time of all, s.
+        """Return at which frequencies (n_f,) the matrix is factorised, and the time for all
+        frequencies, s.
 
         The Krylov space serves all others at once. Raises
         :class:`~granphon.base.errors.ConvergenceError` if neither method serves, or takes too long
         and is not named.
         """
-        count = self.omega.size
-        fits = math.isfinite(self.price)
-        chosen = np.ones(count, bool)
-        if method == "direct" or self.unfit or (method is None and self.operator.size <= _FEW):
-            if not fits:
+        is_small = method is None and self.operator.size <= _FEW
+        if method == "direct" or self.unfit or is_small:
+            if not math.isfinite(self.price):
                 raise self.explain("is not found by factors")
-            seconds = self.price * count
-        else:  # factors at the frequencies that take most steps
-            order = np.argsort(-self.steps, kind="stable")
-            times = self.step * np.append(self.steps[order], 0.0)
-            n_factors = 0
-            if method is None and fits:
-                times = times + np.arange(count + 1) * self.price
-                n_factors = int(np.argmin(times))
-            chosen[order[n_factors:]] = False
-            seconds = float(times[n_factors])
-            most = float(np.max(self.steps, where=~chosen, initial=0.0))
-            if most > _MOST:
-                raise self.explain(f"is not found by a Krylov space of {_MOST:,} steps", most)
+            by_factors = np.ones(self.omega.size, bool)
+            seconds = self.price * self.omega.size
+        else:
+            by_factors, seconds = self._share_frequencies(may_factorise=method is None)
+            most_steps = float(np.max(self.steps, where=~by_factors, initial=0.0))
+            if most_steps > _MOST:
+                raise self.explain(f"is not found by a Krylov space of {_MOST:,} steps", most_steps)
         if method is None and seconds > _LONGEST:
             raise self.explain("takes longer than an hour", float(np.max(self.steps)))
-        return chosen, seconds
+        return by_factors, seconds
 
-    def explain(self, fails: str, most: float = math.inf) -> ConvergenceError:
-        """Return the error of a response that fails, with the time that each method would take, and
-        a loss factor that would do.
+    def _share_frequencies(self, may_factorise: bool) -> tuple[NDArray[np.bool_], float]:
+        """Return at which frequencies (n_f,) the matrix is factorised, and the time for all, s,
+        which is the least: factors serve the frequencies that take most steps of a Krylov space.
 
-        ``most`` are the steps of the Krylov space.
+        Unless ``may_factorise``, the space serves all frequencies.
+        """
+        count = self.omega.size
+        slowest_first = np.argsort(-self.steps, kind="stable")
+        # (n_f + 1,) times with factors at none, one, two, ... of the slowest frequencies
+        times = self.step * np.append(self.steps[slowest_first], 0.0)
+        n_factors = 0
+        if may_factorise and math.isfinite(self.price):
+            times = times + np.arange(count + 1) * self.price
+            n_factors = int(np.argmin(times))
+        by_factors = np.ones(count, bool)
+        by_factors[slowest_first[n_factors:]] = False
+        return by_factors, float(times[n_factors])
+
+    def explain(self, failure: str, steps: float = math.inf) -> ConvergenceError:
+        """Return the error of a response that is not found, with the time that each method would
+        take, and a loss factor that would do.
+
+        ``failure`` goes on from "the response", such as "takes longer than an hour"; ``steps`` are
+        those of the Krylov space.
         """
         lowest = write_quantity(float(self.omega[0]) / (2.0 * math.pi), "Hz", 4)
-        fault = f"the response of {self.operator.size:,} motions from {lowest} on {fails}"
-        methods = self._list_methods(most)
+        fault = f"the response of {self.operator.size:,} motions from {lowest} on {failure}"
+        methods = self._list_methods(steps)
         if methods:
             fault += f": {', and '.join(methods)}"
         why = (
@@ -858,7 +919,7 @@ class ResponseWork:
             " that of each by itself"
         )
         mend = self._suggest_damping()
-        if "longer" in fails:
+        if "longer" in failure:
             mend += "; or name the method, to wait for it"
         return ConvergenceError(fault, self.unfit or why, mend)
 
@@ -871,9 +932,9 @@ class ResponseWork:
             methods.append(f"a Krylov space takes about {write_duration(steps * self.step)}")
         if math.isfinite(self.price):
             count = self.omega.size
-            takes = write_duration(self.price * count)
+            duration = write_duration(self.price * count)
             frequencies = counted(count, "frequency", "frequencies")
-            methods.append(f"factors at {frequencies} take about {takes}")
+            methods.append(f"factors at {frequencies} take about {duration}")
         return methods
 
     def _suggest_damping(self) -> str:
@@ -882,12 +943,14 @@ class ResponseWork:
         """
         from granphon.media.cost import write_duration
 
-        for eta in (0.01, 0.02, 0.05, 0.1):
+        for eta in _ADVISED_LOSSES:
             damping = ContactDamping.of(self.operator.network, 0.0, eta)
-            damped = replace(self, damping=damping)
-            steps = float(np.max(damped.steps))
-            seconds = steps * damped.step
-            if damped.even is not None and steps <= _MOST and seconds <= _LONGEST:
+            damped_work = replace(self, damping=damping)
+            if damped_work.even is None:
+                continue
+            steps = float(np.max(damped_work.steps))
+            seconds = steps * damped_work.step
+            if steps <= _MOST and seconds <= _LONGEST:
                 return (
                     f"Damp all contacts alike and more: a loss_factor of {eta:g} takes about"
                     f" {write_duration(seconds)}"
@@ -897,12 +960,17 @@ class ResponseWork:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Z x = source, and the signals of receivers.
+    """The equations Z x = source, and the signals of receivers.
 
-    ``drives`` are the parts of the source without damping, by loss factors and, over omega, by
-    dashpots; ``moved`` says that the source is a wall, which stretches the rows of A by
-    ``stretched``. A receiver hears a sum of x at the indices ``heard`` (n_r, axes), with the
-    weights ``ears``.
+    Attributes
+    ----------
+    operator, damping : D of the network, and the damping of its contacts.
+    drives : three parts (size,) of the source: without damping, by loss factors, and, over omega,
+        by dashpots.
+    heard, ears : a receiver hears the sum of x at the indices ``heard`` (n_r, axes), with the
+        weights ``ears`` (n_r, axes).
+    moved : whether the source is a wall that is moved.
+    stretched : (rows,) how far the wall stretches the rows of A; (0,) for balls that are pushed.
     """
 
     operator: WaveOperator
@@ -922,13 +990,14 @@ class _Problem:
         receiver: tuple[Index, Array],
         is_moved: bool,
     ) -> _Problem:
-        """Pose the problem of a ``source`` and a ``receiver``: balls (n,) and unit vectors (n, 3)
+        """Return the problem of a ``source`` and a ``receiver``: balls (n,) and unit vectors (n, 3)
         along which these are pushed, or moved, and heard.
         """
         network = operator.network
         sources, pushes = source
         receivers, directions = receiver
         axes = list(operator.motions.translations)
+        # (n, motions) of all balls: forces, N, or with ``is_moved`` displacements, m
         amplitude = np.zeros((network.n_balls, operator.motions.count))
         np.add.at(amplitude[:, : len(axes)], sources, pushes[:, axes])
         if is_moved:
@@ -937,8 +1006,8 @@ class _Problem:
             stretched = operator.stretch(amplitude)
         else:
             root_masses = np.sqrt(network.masses[operator.balls])[:, None]
-            pushed = operator.vector(amplitude[operator.balls] / root_masses)
-            drives = [pushed, np.zeros(operator.size), np.zeros(operator.size)]
+            push = operator.vector(amplitude[operator.balls] / root_masses)
+            drives = [push, np.zeros(operator.size), np.zeros(operator.size)]
             stretched = np.zeros(0)
         heard = operator.indices[receivers, : len(axes)]
         ears = directions[:, axes] / np.sqrt(network.masses[receivers])[:, None]
@@ -956,23 +1025,25 @@ class _Problem:
             )
         by_factors, _ = work.choose(method)
         values = np.zeros((omega.size, len(self.heard)), complex)
-        error = np.full(omega.size, np.inf)
+        error = np.full(omega.size, np.inf)  # infinite where no value is found yet
         steps = 0
         by_krylov = np.flatnonzero(~by_factors)
-        may_factorise = method is None and math.isfinite(work.price)
+        has_factors = math.isfinite(work.price)
+        may_factorise = method is None and has_factors
         if by_krylov.size:
-            most = float(np.max(work.steps[by_krylov])) if may_factorise else math.inf
+            expected_steps = float(np.max(work.steps[by_krylov])) if may_factorise else math.inf
             krylov_work = replace(work, omega=omega[by_krylov])
-            values[by_krylov], error[by_krylov], steps = self._follow(krylov_work, most)
+            values[by_krylov], error[by_krylov], steps = self._follow(krylov_work, expected_steps)
         # a response deep in a gap is less than the rounding of a Krylov space; factors keep all of
         # its digits
         deep = np.flatnonzero(np.isfinite(error) & (error > max(_UNSURE, tolerance)))
         if may_factorise and deep.size * work.price <= max(steps * work.step, _AGAIN):
             error[deep] = np.inf
         unsolved = np.flatnonzero(np.isinf(error))
-        if unsolved.size and (method == "krylov" or not math.isfinite(work.price)):
-            raise replace(work, omega=omega[unsolved]).explain("is not found by a Krylov space")
         if unsolved.size:
+            if method == "krylov" or not has_factors:
+                unsolved_work = replace(work, omega=omega[unsolved])
+                raise unsolved_work.explain("is not found by a Krylov space")
             values[unsolved], error[unsolved] = self._factorise(omega[unsolved])
         if unsolved.size == omega.size:
             steps = 0
@@ -986,13 +1057,13 @@ class _Problem:
             return self._make_even(work.omega, *work.even)
         omega = work.omega
         return _Space(
-            self.operator.make_lossy_product(self.damping.losses),
-            np.dot,
-            self.drives[0] + 1j * self.drives[1],
-            omega**2,
-            np.ones(omega.size),
-            _invert(self.operator.top**2 * work.distance),
-            np.zeros((omega.size, len(self.heard))),
+            apply=self.operator.make_lossy_product(self.damping.losses),
+            product=np.dot,
+            start=self.drives[0] + 1j * self.drives[1],
+            shifts=omega**2,
+            scale=np.ones(omega.size),
+            bound=_invert(self.operator.top**2 * work.distance),
+            direct=np.zeros((omega.size, len(self.heard))),
         )
 
     def _make_even(self, omega: Array, loss: float, time: float) -> _Space:
@@ -1000,69 +1071,93 @@ class _Problem:
         their dashpots, s.
         """
         top_square = self.operator.top**2
-        damped = 1.0 + 1j * (loss + omega * time)  # stiffness over that without losses
-        shifts = omega**2 / damped
-        outside = np.maximum(np.maximum(shifts.real - top_square, -shifts.real), 0.0)
-        distance = np.hypot(shifts.imag, outside)
-        scale = np.ones(omega.size, complex) if self.moved else 1.0 / damped
+        stiffness_factor = 1.0 + 1j * (loss + omega * time)  # over the stiffness without losses
+        shifts = omega**2 / stiffness_factor
+        # from the shifts to the eigenvalues of D, between 0 and top^2
+        along_axis = np.maximum(np.maximum(shifts.real - top_square, -shifts.real), 0.0)
+        distance = np.hypot(shifts.imag, along_axis)
+        # a wall pulls with the same factor as the springs
+        scale = np.ones(omega.size, complex) if self.moved else 1.0 / stiffness_factor
         return _Space(
-            lambda x: self.operator @ x,
-            np.dot,
-            self.drives[0],
-            shifts,
-            scale,
-            _invert(distance),
-            np.zeros((omega.size, len(self.heard))),
+            apply=lambda x: self.operator @ x,
+            product=np.dot,
+            start=self.drives[0],
+            shifts=shifts,
+            scale=scale,
+            bound=_invert(distance),
+            direct=np.zeros((omega.size, len(self.heard))),
         )
 
     def _make_first_order(self, work: ResponseWork) -> _Space:
-        """Return H of velocities and deformations, over the top frequency; static forces are
-        further rows of A.
+        """Return the space of velocities and deformations, with H over the top frequency; see the
+        head of this module. Static forces are further rows of A.
         """
         top = self.operator.top
         n = self.operator.size
         parts = self.operator.parts
         omega = work.omega
         w = omega / top
-        viscous = parts.weigh(self.damping.times)
+        times = parts.weigh(self.damping.times)  # (rows,) s
         spring = np.sqrt(-parts.weigh() - 1j * parts.weigh(self.damping.losses)) / top
-        dashpots = viscous / top
+        dashpots = times / top
 
-        def apply(x: Complex) -> Complex:
-            """Return H times velocities (size,) and deformations (rows,)."""
-            strain = parts.deform(x[:n])
-            stress = x[n:] * spring
+        def apply(vector: Complex) -> Complex:
+            """Return H times a ``vector`` of velocities (size,), then deformations (rows,)."""
+            strain = parts.deform(vector[:n])
+            stress = vector[n:] * spring
             stress -= dashpots * strain
-            product = np.empty_like(x)
+            product = np.empty_like(vector)
             product[:n] = parts.pull(stress)
             np.multiply(strain, spring, out=product[n:])
             return product
 
-        if self.moved:
-            # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
-            on_balls = -parts.pull(viscous * self.stretched)
-            source = np.concatenate([on_balls, top * spring * self.stretched])
-            strength: Any = -1.0 / top * np.ones(w.size)
-        else:
-            source = np.concatenate([self.drives[0], np.zeros(spring.size, complex)])
-            strength = -1.0 / top * _invert(1j * omega)
-        largest = math.sqrt(math.hypot(1.0, float(np.max(work.of_rows[0]))))
-        reach = np.where(w > 0.0, (w + largest) * _invert(work.distance), np.inf)
+        source = self._make_first_order_source(spring, times)
+        strength: Any = -1.0 / top * (np.ones(w.size) if self.moved else _invert(1j * omega))
+        # |(H - i w)^-1| is at most this, with the largest |1 + i eta|^1/2 of a spring
+        largest_spring = math.sqrt(math.hypot(1.0, float(np.max(work.of_rows[0]))))
+        bound = np.where(w > 0.0, (w + largest_spring) * _invert(work.distance), np.inf)
         if work.is_strong:
-            silent = np.zeros((w.size, len(self.heard)))
-            return _Space(apply, np.vdot, source, 1j * w, strength, reach, silent)
+            no_signals = np.zeros((w.size, len(self.heard)))
+            return _Space(
+                apply=apply,
+                product=np.vdot,
+                start=source,
+                shifts=1j * w,
+                scale=strength,
+                bound=bound,
+                direct=no_signals,
+            )
         # the space is that of 1 - i H times the source
         scale = strength / (1.0 + w)
-        direct = 1j * scale[:, None] * self._listen(source)
-        start = source - 1j * apply(source)
-        return _Space(apply, np.dot, start, 1j * w, scale, reach, direct)
+        return _Space(
+            apply=apply,
+            product=np.dot,
+            start=source - 1j * apply(source),
+            shifts=1j * w,
+            scale=scale,
+            bound=bound,
+            direct=1j * scale[:, None] * self._listen(source),
+        )
+
+    def _make_first_order_source(self, spring: NDArray[Any], times: Array) -> NDArray[Any]:
+        """Return the source of velocities (size,), then deformations (rows,); ``spring`` and
+        ``times`` (rows,) are those of :meth:`_make_first_order`.
+        """
+        if not self.moved:
+            return np.concatenate([self.drives[0], np.zeros(spring.size, complex)])
+        # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
+        on_balls = -self.operator.parts.pull(times * self.stretched)
+        on_contacts = self.operator.top * spring * self.stretched
+        return np.concatenate([on_balls, on_contacts])
 
     def _listen(self, x: NDArray[Any]) -> NDArray[Any]:
         """Return the signals (n_r,) of receivers for motions x (size,)."""
         return np.asarray(np.sum(x[self.heard] * self.ears, axis=1))
 
     def _factorise(self, omega: Array) -> tuple[Complex, Array]:
-        """Return values (n_f, n_r) and errors (n_f,) by factors of Z at each frequency."""
+        """Return values (n_f, n_r) and errors (n_f,) at ``omega`` (n_f,), rad/s, by factors of Z at
+        each frequency.
+        """
         equations = _Equations(self)
         values = np.zeros((omega.size, len(self.heard)), complex)
         error = np.zeros(omega.size)
@@ -1072,7 +1167,7 @@ class _Problem:
 
     def _solve_directly(self, equations: _Equations, w: float) -> tuple[Complex, float]:
         """Return the signals (n_r,) at the angular frequency ``w``, rad/s, and their error over the
-        loudest.
+        loudest signal.
         """
         matrix, drive = equations.at(w)
         x = np.zeros(drive.size, matrix.dtype)
@@ -1080,7 +1175,8 @@ class _Problem:
         try:
             factors = equations.elimination.factorise(matrix)
             for solution in range(_SOLUTIONS):
-                change = factors.solve(drive - matrix @ x)
+                residual = drive - matrix @ x
+                change = factors.solve(residual)
                 x += change
                 previous = signals
                 signals = self._listen(x)
@@ -1089,20 +1185,21 @@ class _Problem:
                 if solution and error <= TOLERANCE:
                     break
             # the entries of Z, and omega, have the rounding of a float
-            sizes = np.abs(matrix.diagonal()) + 2.0 * w**2 / equations.top_square
-            rounded = factors.solve(np.finfo(float).eps * sizes * x)
-            error += float(np.max(np.abs(self._listen(rounded))) / loudest)
+            entry_sizes = np.abs(matrix.diagonal()) + 2.0 * w**2 / equations.top_square
+            rounding = factors.solve(np.finfo(float).eps * entry_sizes * x)
+            error += float(np.max(np.abs(self._listen(rounding))) / loudest)
         except RuntimeError:  # exactly singular
             raise _explain_resonance(w) from None
-        if not np.linalg.norm(change) <= _UNKNOWN * np.linalg.norm(x):
+        stands = np.linalg.norm(change) <= _UNKNOWN * np.linalg.norm(x)  # False for nan
+        if not stands:
             raise _explain_resonance(w)
         return signals, error
 
-    def _follow(self, work: ResponseWork, most: float) -> tuple[Complex, Array, int]:
+    def _follow(self, work: ResponseWork, expected_steps: float) -> tuple[Complex, Array, int]:
         """Return values (n_f, n_r) and errors (n_f,) by a Krylov space, and the number of its
         steps; errors are infinite where no value is found.
 
-        ``most`` is the number of steps that are expected; twice as many are made.
+        The space ends, at the latest, after twice the ``expected_steps``.
         """
         n_frequencies = work.omega.size
         space = self._make_space(work)
@@ -1115,20 +1212,21 @@ class _Problem:
         # residual, over the source, at which the next solution of each frequency is tried
         trial_residual = np.full(n_frequencies, _FIRST_TRIAL)
         active = np.isfinite(space.bound)
-        most_steps = math.ceil(min(2.0 * most, _MOST))
+        most_steps = math.ceil(min(2.0 * expected_steps, _MOST))
         while process.steps < most_steps:
             process.advance()
             if process.is_degenerate:
                 break
-            is_small = process.length * process.last_entry <= trial_residual
-            is_tried = active & (is_small | process.is_complete)
+            residuals = process.length * process.last_entry
+            is_tried = active & ((residuals <= trial_residual) | process.is_complete)
             for number in np.flatnonzero(is_tried).tolist():
                 trial = self._try_solution(process, number)
                 values[number] = trial.signals
                 error[number] = trial.rounding + trial.cut
                 trial_residual[number] = trial.find_next_residual(process, work.tolerance)
                 active[number] = trial_residual[number] > 0.0
-            if process.is_complete or not np.any(active & (process.last_entry < _LOST)):
+            may_improve = active & (process.last_entry < _LOST)
+            if process.is_complete or not np.any(may_improve):
                 break
         error[active] = np.inf
         return values, error, process.steps
@@ -1139,20 +1237,22 @@ class _Problem:
         return float(np.max(np.linalg.norm(self.ears, axis=1)))
 
     def _try_solution(self, process: _KrylovProcess, number: int) -> _Trial:
-        """Return the signals at the frequency of this ``number`` in the space so far."""
+        """Return the solution at the frequency of this ``number`` in the space so far."""
         space = process.space
         steps = process.steps
         scale = space.scale[number]
         bands = process.bands[:, :steps]
         solutions = _solve_tridiagonal(bands, space.shifts[number], process.largest)
-        in_space, rounded = process.size * scale * (solutions @ process.signals[:steps])
+        signals_of_solutions = process.size * scale * (solutions @ process.signals[:steps])
+        in_space, of_rounding = signals_of_solutions
         signals = in_space + space.direct[number]
         residual = process.find_residual(number)
         bound = abs(scale) * self._most_heard * residual * space.bound[number]
         # before receivers hear anything the bound stands for what they may hear
         loudest = float(np.max(np.abs(signals))) or bound or 1.0
-        rounding = np.finfo(float).eps * math.sqrt(steps) * process.growth
-        rounding = rounding + np.max(np.abs(rounded)) / loudest
+        rounding_of_vectors = np.finfo(float).eps * math.sqrt(steps) * process.growth
+        rounding_of_matrix = np.max(np.abs(of_rounding)) / loudest
+        rounding = rounding_of_vectors + rounding_of_matrix
         return _Trial(signals, residual, bound / loudest, rounding)
 
 
@@ -1178,10 +1278,13 @@ class _Trial(NamedTuple):
         """
         size = float(abs(process.size))
         # before receivers hear anything nothing is known
-        least = _ROUNDING * size * process.growth if np.any(self.signals) else 0.0
-        if process.is_complete or self.cut <= tolerance or self.residual <= least:
+        rounding = _ROUNDING * size * process.growth if np.any(self.signals) else 0.0
+        is_precise = self.cut <= tolerance
+        if process.is_complete or is_precise or self.residual <= rounding:
             return 0.0
-        return self.residual / size * max(0.5 * tolerance / self.cut, _NEXT_TRIAL)
+        # the error falls with the residual: half of the tolerance is aimed at, but not too far
+        reduction = max(0.5 * tolerance / self.cut, _NEXT_TRIAL)
+        return self.residual / size * reduction
 
 
 class _Equations:
@@ -1217,7 +1320,7 @@ class _Equations:
         drive = self._drives[0]
         for power, lossy_entries in zip(self._powers, self._lossy, strict=True):
             factor = 1j * w**power
-            if factor:
+            if factor:  # dashpots do nothing at frequency zero, where Z stays real
                 entries = entries + factor * lossy_entries
                 drive = drive + factor * self._drives[1 + power]
         self._matrix.data = entries
@@ -1251,7 +1354,7 @@ class _KrylovProcess:
         self.size = np.sqrt(space.product(space.start, space.start))
         self.steps = 0
         self._listen = listen
-        self._add: Any = zaxpy if np.iscomplexobj(space.start) else daxpy
+        self._add: Any = zaxpy if np.iscomplexobj(space.start) else daxpy  # y + a x, in place of y
         self._previous = np.zeros_like(space.start)
         self._current = space.start / self.size
         self._following = self._current
@@ -1268,7 +1371,9 @@ class _KrylovProcess:
         self.is_degenerate = False
 
     def advance(self) -> None:
-        """Apply H to the next vector, and add a column to the matrix."""
+        """Apply H to the next vector, make the product orthogonal to the last two vectors, and add
+        a column to the tridiagonal matrix.
+        """
         if self.steps:
             self._previous = self._current
             self._current = self._following
@@ -1295,7 +1400,9 @@ class _KrylovProcess:
             self.signals = np.pad(self.signals, ((0, self.steps), (0, 0)))
 
     def _eliminate(self, above: Any, diagonal: Any) -> None:
-        """Find the pivots of the new column, and the last entries of the solutions."""
+        """Find the pivots (n_f,) of the new column in the elimination of the shifted matrices, and
+        the last entries of the solutions.
+        """
         pivot = diagonal - self.space.shifts - above * self._below / self._pivot
         divisor = np.where(pivot == 0.0, np.finfo(float).tiny, pivot)
         quotient = np.abs(self._below / divisor)
@@ -1324,7 +1431,7 @@ class _KrylovProcess:
 
 def _solve_tridiagonal(bands: Complex, shift: complex, largest: float) -> Complex:
     """Return two solutions (2, n) of a tridiagonal matrix less its ``shift``: y for the first unit
-    vector, and for the rounding of the matrix times y.
+    vector, and the solution for the rounding of the matrix times y.
 
     ``bands`` (3, n) are the entries above, on and below the diagonal, column by column; ``largest``
     is the greatest entry.
@@ -1333,10 +1440,12 @@ def _solve_tridiagonal(bands: Complex, shift: complex, largest: float) -> Comple
 
     matrix = bands.copy()
     matrix[1] -= shift
-    unit = np.eye(1, bands.shape[1], dtype=complex)[0]
-    y = solve_banded((1, 1), matrix, unit, check_finite=False)
+    first_unit_vector = np.zeros(bands.shape[1], complex)
+    first_unit_vector[0] = 1.0
+    y = solve_banded((1, 1), matrix, first_unit_vector, check_finite=False)
     rounding = np.finfo(float).eps * largest * y
-    return np.stack([y, solve_banded((1, 1), matrix, rounding, check_finite=False)])
+    y_of_rounding = solve_banded((1, 1), matrix, rounding, check_finite=False)
+    return np.stack([y, y_of_rounding])
 
 
 def _invert(values: NDArray[Any]) -> NDArray[Any]:

@@ -195,15 +195,18 @@ class NetworkSettings(_Block):
     cut: tuple[tuple[Any, int, tuple[str, str]], ...] = ()
 
     def count(self, number: int) -> int:
-        """Return the number of balls, or cells, of a network of ``number`` once it is repeated and
-        cut.
+        """Return the number of balls, or of cells, of a network once it is repeated and cut;
+        ``number`` is the number in the network as it is.
         """
-        return number * math.prod(self.repeat) * math.prod(layers for _, layers, _ in self.cut)
+        n_layers = math.prod(layers for _, layers, _ in self.cut)
+        return number * math.prod(self.repeat) * n_layers
 
     def shape(self, network: Any) -> Any:
         """Return a network repeated and cut."""
-        network = network.repeat(self.repeat) if self.repeat else network
+        if self.repeat:
+            network = network.repeat(self.repeat)
         for axis, layers, edges in self.cut:
+            # a tuple has Miller indices, which a network takes as a list
             network = network.cut(list(axis) if isinstance(axis, tuple) else axis, layers, edges)
         return network
 
@@ -267,12 +270,15 @@ class Signal:
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        for name, unit in (("times", "s"), ("values", "")):
-            object.__setattr__(self, name, finite_list(name, getattr(self, name), unit))
+        """Raise :class:`Refused` unless each time has a value, and times begin at 0 s or later and
+        ascend.
+        """
+        object.__setattr__(self, "times", finite_list("times", self.times, "s"))
+        object.__setattr__(self, "values", finite_list("values", self.values, ""))
         if len(self.times) != len(self.values) or len(self.times) < 2:
             fault = f"{len(self.times)} times and {len(self.values)} values"
             raise Refused(fault, "two or more times, each with a value")
-        # a time before 0 s, or not after the one before
+        # the first time is before 0 s, or a time is not after the time before
         is_early = np.diff(self.times, prepend=-math.inf) <= 0.0
         is_early[0] = self.times[0] < 0.0
         if np.any(is_early):
@@ -288,18 +294,20 @@ class Signal:
 
     def lost(self, step: float, end: float) -> float:
         """Return the share of the area under the signal up to ``end``, s, that values at each
-        ``step``, s, do not show.
+        ``step``, s, do not show: the area between the signal and the line through these values.
         """
-        steps = np.floor(np.divide(self.times, step))
-        sampled = step * np.union1d(steps, steps + 1.0)
-        times = np.union1d([*self.times, end], sampled)
-        values = np.interp(times, self.times, self.values)
-        samples = np.interp(sampled, self.times, self.values)
-        differences = values - np.interp(times, sampled, samples)
+        # of all samples, those beside the times of the signal: elsewhere the signal is straight
+        step_numbers = np.floor(np.divide(self.times, step))
+        sample_times = step * np.union1d(step_numbers, step_numbers + 1.0)
+        times = np.union1d([*self.times, end], sample_times)
+        signal = np.interp(times, self.times, self.values)
+        samples = np.interp(sample_times, self.times, self.values)
+        differences = signal - np.interp(times, sample_times, samples)
+        # twice the areas, by the rule of trapezoids
         intervals = np.diff(times)
-        difference = float(intervals @ np.abs(differences[1:] + differences[:-1]))
-        area = float(intervals @ np.abs(values[1:] + values[:-1]))
-        return difference / area if area else 0.0
+        difference_area = float(intervals @ np.abs(differences[1:] + differences[:-1]))
+        signal_area = float(intervals @ np.abs(signal[1:] + signal[:-1]))
+        return difference_area / signal_area if signal_area else 0.0
 
 
 @dataclass(frozen=True)
@@ -352,12 +360,12 @@ class DriveSettings:
         return next(name for name in DRIVES if getattr(self, name) is not None)
 
     def find_balls(self, network: ContactNetwork) -> Index:
-        """Return the numbers of the balls, or of the floor; raises :class:`InputError` where there
-        is no such face.
+        """Return the numbers (n,) of the balls, or of the floor; raises :class:`InputError` where
+        the network has no such face.
         """
         if not isinstance(self.balls, str):
             return np.array(self.balls, np.intp)
-        axis = int(np.sum(network.pbc))
+        axis = int(np.sum(network.pbc))  # the first axis across the periods
         if axis >= network.dimension:
             fault = f"the array has no {self.balls} face"
             raise InputError(
@@ -370,8 +378,10 @@ class DriveSettings:
 
 
 def _find_face(network: ContactNetwork, heights: Array) -> Index:
-    """Return the numbers of the floor at the upper face, or else of the balls of its outer layer,
-    or of its clamped layer; ``heights`` (n,), m, are those of the balls and walls.
+    """Return the numbers of the bodies at the face of greatest height: of the floor, or else of the
+    clamped balls, or else of the balls of the outer layer.
+
+    ``heights`` (n,), m, are those of the balls and walls, from one face to the other.
     """
     is_ball = np.isfinite(network.radii)
     top = float(np.max(heights[is_ball]))
@@ -379,12 +389,13 @@ def _find_face(network: ContactNetwork, heights: Array) -> Index:
     if floor.size:
         return floor
     mean_radius = float(np.mean(network.radii[is_ball]))
-    outer = is_ball & (heights > top - 0.5 * mean_radius)
-    if not np.any(network.moving[outer]):
-        # a clamped layer moves as a whole, whatever its balls are
-        middle = 0.5 * (top + float(np.min(heights[is_ball])))
-        outer = is_ball & ~network.moving & (heights > middle)
-    return np.flatnonzero(outer)
+    is_outer = is_ball & (heights > top - 0.5 * mean_radius)
+    if np.any(network.moving[is_outer]):
+        return np.flatnonzero(is_outer)
+    # clamped balls move as a whole, however many layers they are
+    middle = 0.5 * (top + float(np.min(heights[is_ball])))
+    is_clamped = is_ball & ~network.moving & (heights > middle)
+    return np.flatnonzero(is_clamped)
 
 
 @dataclass(frozen=True)
@@ -460,14 +471,14 @@ class WaveSettings:
 
 
 def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
-    """Return the rules of a ``block`` about waves: of a file (``read``), or of numbers in SI."""
-
+    """Return the rules of a ``block`` about waves, by key: of texts with units as in a file
+    (``read``), or of numbers in SI units.
+    """
     quantity = partial(_find_rule, read=read)
+    loss_factor = partial(read_loss, "loss_factor", rule=zero_or_above)
     losses: dict[str, Rule] = {
-        "damping": partial(_one_or_two, rule=quantity("damping")),
-        "loss_factor": partial(
-            _one_or_two, rule=partial(read_loss, "loss_factor", rule=zero_or_above)
-        ),
+        "damping": partial(_read_for_motions, rule=quantity("damping")),
+        "loss_factor": partial(_read_for_motions, rule=loss_factor),
     }
     rules: dict[str, dict[str, Rule]] = {
         "surface": {
@@ -515,11 +526,11 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
 
 
 def _find_rule(name: str, read: bool) -> Rule:
-    """Return the rule of a quantity of this name, in a file (``read``) or in SI."""
+    """Return the rule of the quantity of this ``name``, in a file (``read``) or in SI."""
     kind = _QUANTITIES[name]
     if name != "damping":
-        return _quantity(kind, read)
-    # a time, or zero without a unit
+        return _make_rule(kind, read)
+    # a damping is a time, or zero without a unit
     rule = _read_time if read else partial(zero_or_above, unit=kind.unit)
     return partial(read_loss, name, rule=rule)
 
@@ -531,7 +542,9 @@ def _read_time(value: Any) -> float:
 
 
 def _read_polarisations(value: Any) -> tuple[str, ...]:
-    """Read one polarisation, or a list of polarisations, each once."""
+    """Return polarisations, read from one or from a list; raise :class:`Refused` for one that is
+    given twice.
+    """
     rule = partial(choice, options=POLARISATIONS)
     if not isinstance(value, list | tuple):
         return (rule(value),)
@@ -542,21 +555,27 @@ def _read_polarisations(value: Any) -> tuple[str, ...]:
 
 
 def _read_places(value: Any) -> tuple[str, ...]:
-    """Read one place of a source or receiver, or a list of places, each once: "plane", or a ball
-    and its direction.
+    """Return the places of a source or receiver, read from one or from a list: texts "plane", or a
+    ball and its direction, such as "12 x"; raise :class:`Refused` for one that is given twice.
     """
-    if isinstance(value, list | tuple):
-        places: tuple[str, ...] = tuple(place for (place,) in each(value, _read_places, "places"))
-        if len(set(places)) < len(places):
-            raise Refused(show(value), "each place once")
-        return places
+    if not isinstance(value, list | tuple):
+        return (_read_place(value),)
+    places: tuple[str, ...] = each(value, _read_place, "places")
+    if len(set(places)) < len(places):
+        raise Refused(show(value), "each place once")
+    return places
+
+
+def _read_place(value: Any) -> str:
+    """Return one place of a source or receiver, with single spaces between its words."""
     words = value.split() if isinstance(value, str) else []
     if words == ["plane"]:
-        return ("plane",)
+        return "plane"
     if len(words) > 1 and words[0].isdecimal():
-        is_axis = len(words) == 2 and words[1] in ("x", "y", "z")
-        if is_axis or _is_vector(words[1:]):
-            return (" ".join(words),)
+        direction = words[1:]
+        is_axis = len(direction) == 1 and direction[0] in ("x", "y", "z")
+        if is_axis or _is_vector(direction):
+            return " ".join(words)
     raise Refused(
         show(value),
         "plane, or the number of a ball and its direction, such as 12 x or 12 0.6 0.8, or a"
@@ -565,7 +584,9 @@ def _read_places(value: Any) -> tuple[str, ...]:
 
 
 def find_place(text: str) -> Any:
-    """Return a place of a source or receiver, in a scene's words, as arguments in Python."""
+    """Return the place of a source or receiver that a ``text`` of a scene names, as an argument of
+    ``Waves.response``: "plane", or (ball, direction).
+    """
     ball, *direction = text.split()
     if not direction:
         return text
@@ -575,18 +596,20 @@ def find_place(text: str) -> Any:
 
 
 def _is_vector(words: list[Any]) -> bool:
-    """Whether words are one to three numbers, not all zero."""
-    numbers = [
-        float(word) if isinstance(word, str) and re.fullmatch(NUMBER, word) else word
-        for word in words
-    ]
-    if not 1 <= len(numbers) <= 3 or not any(numbers):
+    """Return whether ``words`` are one to three finite numbers, not all zero."""
+    components: list[Any] = []
+    for word in words:
+        is_number = isinstance(word, str) and re.fullmatch(NUMBER, word)
+        components.append(float(word) if is_number else word)
+    if not 1 <= len(components) <= 3 or not any(components):
         return False
-    return all(math.isfinite(real_number(number)) for number in numbers)
+    return all(math.isfinite(real_number(component)) for component in components)
 
 
-def _one_or_two(value: Any, rule: Rule) -> Any:
-    """Read a value of all motions of a contact, or a list of two: of normal and of other motion."""
+def _read_for_motions(value: Any, rule: Rule) -> Any:
+    """Return what the ``rule`` reads for all motions of a contact, or, from a list of two, for
+    normal motion and for all other.
+    """
     if isinstance(value, list | tuple):
         if len(value) != 2:
             raise Refused(show(value), "one value, or two: of normal motion, and of all other")
@@ -606,12 +629,12 @@ def write_setting(name: str, value: Any) -> Any:
 # -- drives, as they are read and written ----------------------------------------------------------
 
 
-def _quantity(kind: Quantity, read: bool) -> Rule:
+def _make_rule(kind: Quantity, read: bool) -> Rule:
     """Return the rule of a quantity in a file (``read``), or in SI."""
     if read:
         return kind.read
     if kind.least == "any":
-        return partial(number, low=-1e300, high=1e300)
+        return partial(number, low=-1e300, high=1e300)  # any finite number
     rule = above_zero if kind.least == "above zero" else zero_or_above
     return partial(rule, unit=kind.unit)
 
@@ -625,39 +648,42 @@ def read_drives(value: Any, read: bool = True, folder: Path = Path()) -> tuple[D
 
 
 def _read_drive(value: Any, read: bool, folder: Path) -> DriveSettings:
-    """Read one drive, see :func:`read_drives`."""
+    """Return one drive, read from settings or from a block of a scene; see :func:`read_drives`."""
     if isinstance(value, DriveSettings):
-        value = {name: field for name, field in vars(value).items() if field is not None}
+        drive_block: Any = {name: field for name, field in vars(value).items() if field is not None}
+    else:
+        drive_block = value
+    read_signal = partial(_read_signal, read=read, folder=folder)
     rules: dict[str, Rule] = {
         "balls": _read_balls,
         "direction": read_direction,
-        "impact": _quantity(VELOCITY, read),
+        "impact": _make_rule(VELOCITY, read),
         "shaker": partial(_read_shaker, read=read),
-        "force": partial(_read_signal, name="force", kind=PUSH, read=read, folder=folder),
-        "displacement": partial(
-            _read_signal, name="displacement", kind=WAY, read=read, folder=folder
-        ),
+        "force": partial(read_signal, name="force", kind=PUSH),
+        "displacement": partial(read_signal, name="displacement", kind=WAY),
     }
     kinds = []
-    if isinstance(value, dict):
-        kinds = [name for name in DRIVES if name in value]
+    if isinstance(drive_block, dict):
+        kinds = [name for name in DRIVES if name in drive_block]
     if len(kinds) > 1:
         raise Refused(" and ".join(kinds), f"exactly one of {', '.join(DRIVES)}")
-    fields = block(value, rules, ("balls",))
+    fields = block(drive_block, rules, ("balls",))
     if not kinds:
         raise Refused("balls alone", f"exactly one of {', '.join(DRIVES)}")
     return DriveSettings(**fields)
 
 
 def read_direction(value: Any) -> tuple[float, ...]:
-    """Read a Cartesian vector, a list of numbers or a text of them."""
-    components: Any = value.split() if isinstance(value, str) else value
-    if not isinstance(components, list | tuple):
-        components = [components]
-    numbers = each(components, partial(fraction, largest=1e3), "numbers")
-    if len(numbers) > 3 or not any(numbers):
+    """Return the one to three components of a Cartesian vector, read from a list of numbers or
+    fractions, or from a text of these.
+    """
+    words: Any = value.split() if isinstance(value, str) else value
+    if not isinstance(words, list | tuple):
+        words = [words]
+    components = each(words, partial(fraction, largest=1e3), "numbers")
+    if len(components) > 3 or not any(components):
         raise Refused(show(value), "one to three numbers, not all zero, such as 0 1")
-    return numbers
+    return components
 
 
 def _list_words(value: Any) -> Any:
@@ -668,53 +694,56 @@ def _list_words(value: Any) -> Any:
 
 
 def _read_balls(value: Any) -> tuple[int, ...] | str:
-    """Read the word of a face, or numbers of balls, each once."""
+    """Return the word of a face, or numbers of balls; raise :class:`Refused` for a ball that is
+    given twice.
+    """
     if isinstance(value, str) and not value[:1].isdecimal():
         return choice(value, FACES)
-    balls = each(_list_words(value), partial(whole, low=0, high=100_000_000), "numbers of balls")
+    rule = partial(whole, low=0, high=100_000_000)
+    balls = each(_list_words(value), rule, "numbers of balls")
     if len(set(balls)) < len(balls):
         raise Refused(show(value), "each ball once")
     return balls
 
 
 def _read_shaker(value: Any, read: bool) -> Shaker:
-    """Read a shaker, of a file (``read``) or in SI."""
-    if isinstance(value, Shaker):
-        value = vars(value)
-    amplitude = _quantity(LENGTH, read)
-    frequency = _quantity(FREQUENCY, read)
+    """Return a shaker, read from one or from a block of a file (``read``) or of numbers in SI."""
+    shaker_block = vars(value) if isinstance(value, Shaker) else value
     rules: dict[str, Rule] = {
-        "amplitude": amplitude,
-        "frequency": frequency,
+        "amplitude": _make_rule(LENGTH, read),
+        "frequency": _make_rule(FREQUENCY, read),
         "ramp": partial(number, low=0.0, high=1e6),
     }
-    return Shaker(**block(value, rules, ("amplitude", "frequency")))
+    fields = block(shaker_block, rules, ("amplitude", "frequency"))
+    return Shaker(**fields)
 
 
 def _read_signal(value: Any, name: str, kind: Quantity, read: bool, folder: Path) -> Signal:
-    """Read a table of the columns time and ``name``: the name of a file, or a block of two
-    lists.
+    """Return the signal of a table with the columns time and ``name``, a quantity of this ``kind``:
+    read from the name of a file in the ``folder``, from a block of two lists, or from a signal.
     """
     if isinstance(value, str) and read:
         return _read_table(folder, value, name, kind)
     lists = {"time": value.times, name: value.values} if isinstance(value, Signal) else value
     rules: dict[str, Rule] = {
-        "time": partial(each, rule=_quantity(SINCE, read), what="values"),
-        name: partial(each, rule=_quantity(kind, read), what="values"),
+        "time": partial(each, rule=_make_rule(SINCE, read), what="values"),
+        name: partial(each, rule=_make_rule(kind, read), what="values"),
     }
     columns = block(lists, rules, ("time", name))
     return Signal(columns["time"], columns[name])
 
 
 def _read_table(folder: Path, file: str, name: str, kind: Quantity) -> Signal:
-    """Read the columns time and ``name`` of a table, a ``file`` of a ``folder``."""
+    """Return the signal of the columns time and ``name``, a quantity of this ``kind``, of a table,
+    a ``file`` of a ``folder``.
+    """
     try:
         table = Table.read(folder / file, quoted=False)
         times = table.column("time", SINCE)
         values = table.column(name, kind)
-    except Refused:
+    except Refused:  # of a value: its message names the row
         raise
-    except InputError as error:
+    except InputError as error:  # of the file
         allowed = f"a table with the columns time and {name}"
         raise Refused(show(file), allowed, str(error)) from None
     return Signal(tuple(times.tolist()), tuple(values.tolist()))
@@ -727,25 +756,25 @@ def write_drives(drives: Sequence[DriveSettings]) -> Any:
 
 
 def _write_drive(drive: DriveSettings) -> dict[str, Any]:
-    """Return a drive as a scene file holds it, in SI units."""
+    """Return the block of a drive as a scene file holds it, in SI units."""
     balls = drive.balls
-    row: dict[str, Any] = {"balls": balls if isinstance(balls, str) else list(balls)}
+    drive_block: dict[str, Any] = {"balls": balls if isinstance(balls, str) else list(balls)}
     if drive.direction is not None:
-        row["direction"] = list(drive.direction)
+        drive_block["direction"] = list(drive.direction)
     if drive.impact is not None:
-        row["impact"] = VELOCITY.write(drive.impact)
+        drive_block["impact"] = VELOCITY.write(drive.impact)
     shaker = drive.shaker
     if shaker is not None:
-        row["shaker"] = {
+        drive_block["shaker"] = {
             "amplitude": LENGTH.write(shaker.amplitude),
             "frequency": FREQUENCY.write(shaker.frequency),
             "ramp": shaker.ramp,
         }
     if drive.force is not None:
-        row["force"] = _write_signal(drive.force, "force", PUSH)
+        drive_block["force"] = _write_signal(drive.force, "force", PUSH)
     if drive.displacement is not None:
-        row["displacement"] = _write_signal(drive.displacement, "displacement", WAY)
-    return row
+        drive_block["displacement"] = _write_signal(drive.displacement, "displacement", WAY)
+    return drive_block
 
 
 def _write_signal(signal: Signal, name: str, kind: Quantity) -> dict[str, Any]:
@@ -755,10 +784,14 @@ def _write_signal(signal: Signal, name: str, kind: Quantity) -> dict[str, Any]:
 
 
 def named_tables(drives: Any) -> list[str]:
-    """Return the names of the tables of signals in the drives of a valid scene file."""
+    """Return the names of the files with signals in the ``drives`` of a valid scene file: one block
+    or a list of blocks.
+    """
+    drive_blocks = drives if isinstance(drives, list) else [drives]
     names = []
-    for row in drives if isinstance(drives, list) else [drives]:
+    for drive_block in drive_blocks:
         for kind in ("force", "displacement"):
-            if isinstance(row.get(kind), str):
-                names.append(row[kind])
+            signal = drive_block.get(kind)
+            if isinstance(signal, str):
+                names.append(signal)
     return names

@@ -74,10 +74,12 @@ def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
     does not have.
     """
     requested = _as_wavevectors(network, q)
-    nearest = _round(network, requested)
+    nearest = _find_nearest_of_cell(network, requested)
     periods = network.cell[list(network.pbc), : network.dimension]
+    # phases (n, p) across the periods, rad
     deviation = np.abs((requested - nearest) @ periods.T)
-    is_wrong = deviation > 2.0 * np.pi * _WHOLE * np.maximum(1.0, np.abs(nearest @ periods.T))
+    rounding = 2.0 * np.pi * _WHOLE * np.maximum(1.0, np.abs(nearest @ periods.T))
+    is_wrong = deviation > rounding
     if np.any(is_wrong):
         row = int(np.argmax(np.any(is_wrong, axis=1)))
         fault = f"q = {_write_vector(requested[row])} is no wave vector of the periodic cell"
@@ -105,12 +107,13 @@ def nearest_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) ->
     the same shape.
     """
     requested = _as_wavevectors(network, q)
-    return np.asarray(_round(network, requested).reshape(np.shape(q)))
+    nearest = _find_nearest_of_cell(network, requested)
+    return np.asarray(nearest.reshape(np.shape(q)))
 
 
 def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
-    """Return for wave vectors ``q`` (n, d) of a lattice the shortest, 1/m, in whose waves all balls
-    move as in the wave of q.
+    """Return for wave vectors ``q`` (n, d) of a lattice, 1/m, the shortest wave vectors (n, d),
+    1/m, in whose waves all balls move as in those of q.
 
     The two differ by a reciprocal vector G with exp(i G . t) = 1 for the steps t between all balls
     of a cell. With one ball in a cell every G is such a vector, and the shortest wave vector lies
@@ -129,8 +132,10 @@ def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
         return None
     whole_steps = np.round(denominator * steps).astype(int)
     repeats = _find_repeats(whole_steps, denominator)
-    primitive = network.cell[:periods, : q.shape[1]] / np.array(network.shape)[:, None]
-    return q - _find_nearest(np.linalg.inv(repeats).T @ primitive, q)
+    lattice_vectors = network.cell[:periods, : q.shape[1]] / np.array(network.shape)[:, None]
+    # the vectors whose reciprocal vectors are the repeats
+    periods_of_waves = np.linalg.inv(repeats).T @ lattice_vectors
+    return q - _find_nearest(periods_of_waves, q)
 
 
 def _find_denominator(fractions: Array) -> int | None:
@@ -150,13 +155,14 @@ def _find_repeats(steps: NDArray[np.intp], denominator: int) -> NDArray[np.intp]
     contain a triangular basis.
     """
     p = steps.shape[1]
-    numbers = np.indices((denominator + 1,) * p).reshape(p, -1).T
-    keeps_phases = np.all((numbers @ steps.T) % denominator == 0, axis=1)
-    numbers = numbers[keeps_phases]
+    all_vectors = np.indices((denominator + 1,) * p).reshape(p, -1).T
+    keeps_phases = np.all((all_vectors @ steps.T) % denominator == 0, axis=1)
+    vectors = all_vectors[keeps_phases]
     repeats = np.zeros((p, p), np.intp)
     for axis in range(p):
-        is_candidate = ~np.any(numbers[:, :axis], axis=1) & (numbers[:, axis] > 0)
-        candidates = numbers[is_candidate]
+        # zero along the axes before, and as short as can be along this one
+        has_zeros_before = ~np.any(vectors[:, :axis], axis=1)
+        candidates = vectors[has_zeros_before & (vectors[:, axis] > 0)]
         repeats[axis] = candidates[np.argmin(candidates[:, axis])]
     return repeats
 
@@ -164,7 +170,8 @@ def _find_repeats(steps: NDArray[np.intp], denominator: int) -> NDArray[np.intp]
 def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:
     """Return ``q`` (d,) or (n, d) as (n, d), 1/m.
 
-    Raises :class:`~granphon.base.errors.PrecisionError` for phases that lose their digits.
+    Raises :class:`~granphon.base.errors.InputError` for another shape, and
+    :class:`~granphon.base.errors.PrecisionError` for phases that lose their digits.
     """
     vectors = finite_array("q", q, "1/m")
     d = network.dimension
@@ -191,14 +198,17 @@ def _find_shortest(network: ContactNetwork | PeriodicCell) -> float:
     return float(2.0 * np.pi * np.min(np.linalg.norm(np.linalg.pinv(periods), axis=0)))
 
 
-def _round(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
-    """Return the wave vectors (n, d) of the cell nearest to ``q``."""
+def _find_nearest_of_cell(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
+    """Return the wave vectors (n, d), 1/m, nearest to ``q`` (n, d) that the cell of a network has;
+    across its periods they are ``q``.
+    """
     periods = network.cell[list(network.pbc), : network.dimension]
     if not len(periods):
         return q
     nearest = _find_nearest(periods, q)
     if len(periods) < network.dimension:
-        nearest += q - q @ np.linalg.pinv(periods) @ periods  # across the periods nothing moves
+        along_periods = q @ np.linalg.pinv(periods) @ periods
+        nearest += q - along_periods
     return nearest
 
 
@@ -206,19 +216,22 @@ def _find_nearest(periods: Array, q: Array) -> Array:
     """Return the wave vectors (n, d) that are nearest to ``q`` among those that repeat with
     ``periods`` (p, d).
     """
-    back = np.asarray(np.linalg.pinv(periods).T, float)  # (p, d) rows b with b_i . L_j = delta_ij
+    # (p, d) rows b with b_i . L_j = delta_ij
+    reciprocal = np.asarray(np.linalg.pinv(periods).T, float)
     # whole numbers (p, p) that make the basis of the shortest vectors: only in this basis are the
     # lattice points nearest to a point among the corners of its cell and of the cells next to it
-    shorter = np.rint(shortest_vectors(back) @ periods.T)
-    waves = q @ periods.T @ np.linalg.inv(shorter) / (2.0 * np.pi)
+    to_shortest = np.rint(shortest_vectors(reciprocal) @ periods.T)
+    coordinates = q @ periods.T @ np.linalg.inv(to_shortest) / (2.0 * np.pi)  # in that basis
     corners = np.array(list(itertools.product((-1.0, 0.0, 1.0, 2.0), repeat=len(periods))))
-    around = np.floor(waves)[:, None] + corners
-    squares = np.sum(((around - waves[:, None]) @ (shorter @ back)) ** 2, axis=-1)
+    candidates = np.floor(coordinates)[:, None] + corners  # (n, corners, p)
+    vectors = (candidates - coordinates[:, None]) @ (to_shortest @ reciprocal)
+    squares = np.sum(vectors**2, axis=-1)
     # the first of those that are equally near but for rounding: the same one at all loads
-    nearest = np.argmin(np.round(squares / np.sum(back**2), 9), axis=1)
+    nearest = np.argmin(np.round(squares / np.sum(reciprocal**2), 9), axis=1)
     # from whole numbers, not as a step from q: the same wave vector has the same digits, and Gamma
-    # is zero
-    return np.asarray(2.0 * np.pi * (around[np.arange(len(q)), nearest] @ shorter) @ back + 0.0)
+    # is zero, where the sum makes 0 of -0
+    numbers = candidates[np.arange(len(q)), nearest] @ to_shortest
+    return np.asarray(2.0 * np.pi * numbers @ reciprocal + 0.0)
 
 
 # -- polarisations ---------------------------------------------------------------------------------
@@ -227,11 +240,12 @@ def _find_nearest(periods: Array, q: Array) -> Array:
 def find_polarisations(
     operator: WaveOperator, q: Array, polarisation: str | ArrayLike, direction: ArrayLike | None
 ) -> Array:
-    """Return the polarisations of a wave, (b, motions): orthonormal rows, over which a spectral
-    function is averaged.
+    """Return the polarisations of a wave with the wave vector ``q`` (d,), 1/m: orthonormal rows
+    (b, motions), over which a spectral function is averaged.
 
-    Raises :class:`~granphon.base.errors.InputError` if the balls do not move in that polarisation,
-    or if a direction that it needs is missing.
+    ``polarisation`` and ``direction`` are the arguments of ``Waves.spectral_function``. Raises
+    :class:`~granphon.base.errors.InputError` if the balls do not move in that polarisation, or if a
+    direction that the polarisation needs is missing.
     """
     motions = operator.motions
     letters = ", ".join(motions.letters)
@@ -246,19 +260,20 @@ def find_polarisations(
     turns = name == "rotational"
     axes = motions.rotations if turns else motions.translations
     free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move
-    # directions (b, 3) as rows (b, motions) of unit length
     directions = np.atleast_2d(_choose_directions(operator.network, q, name, free, direction))
-    held = np.delete(directions, axes, axis=1)
-    if not len(directions) or not axes or np.max(np.abs(held), initial=0.0) > _ACROSS:
+    held_components = np.abs(np.delete(directions, axes, axis=1))
+    may_move = len(directions) > 0 and len(axes) > 0
+    if not may_move or np.max(held_components, initial=0.0) > _ACROSS:
         raise InputError(
             f"no {name} wave of this direction runs here", f"Balls move in {letters} alone"
         )
-    size = np.linalg.norm(directions, axis=1, keepdims=True)
-    if np.any(size < _ACROSS):
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    if np.any(lengths < _ACROSS):
         raise InputError(f"the direction of a {name} wave is across all motions {letters}")
-    units = directions / size
+    unit_vectors = directions / lengths  # (b, 3)
+    columns = motions.turning if turns else motions.translating
     rows = np.zeros((len(directions), motions.count))
-    rows[:, motions.turning if turns else motions.translating] = units[:, list(axes)]
+    rows[:, columns] = unit_vectors[:, list(axes)]
     return rows
 
 
@@ -268,13 +283,15 @@ def _choose_directions(
     """Return the directions (3,) or (b, 3) in which balls move, or about which they turn, in a wave
     of the polarisation ``name`` and a wave vector ``q`` (d,).
 
-    ``free`` (a, 3) are those that balls can have; ``direction`` (d,) is the one that is asked for.
+    ``free`` (a, 3) are those that balls can have; ``direction`` (d,) is the requested one.
     """
     requested = None
     if direction is not None:
         requested = read_vector("direction", direction, network.dimension)
     if name == "rotational":
-        return free if requested is None else np.asarray((requested @ free.T) @ free)
+        if requested is None:
+            return free
+        return np.asarray((requested @ free.T) @ free)  # the part along free axes
     if not np.any(q):
         if requested is None:
             raise _explain_still(network, name)
@@ -294,17 +311,17 @@ def _find_directions(
     ``free`` (a, 3) are those in which balls can move, and ``requested`` (3,) is one of which a
     transverse wave has the part across q.
     """
-    along = np.zeros(3)
-    along[: q.size] = q
-    along /= np.linalg.norm(along)
+    unit_q = np.zeros(3)
+    unit_q[: q.size] = q
+    unit_q /= np.linalg.norm(unit_q)
     if name == "longitudinal":
-        return along
+        return unit_q
     if requested is not None:
-        return np.asarray(requested - (requested @ along) * along)
+        return np.asarray(requested - (requested @ unit_q) * unit_q)
     # within the plane of the balls, if they move across q there
     in_plane = free[np.argmax(free, axis=1) < network.dimension]
-    directions = _find_transverse(in_plane, along)
-    return directions if len(directions) else _find_transverse(free, along)
+    directions = _find_transverse(in_plane, unit_q)
+    return directions if len(directions) else _find_transverse(free, unit_q)
 
 
 def _explain_still(network: ContactNetwork, name: str) -> InputError:
@@ -322,34 +339,39 @@ def _read_polarisation(operator: WaveOperator, polarisation: ArrayLike) -> Array
     """
     motions = operator.motions
     letters = ", ".join(motions.letters)
-    numbers = finite_array("polarisation", polarisation)
+    components = finite_array("polarisation", polarisation)
     sizes = (len(motions.translations), motions.count)
-    if numbers.ndim != 1 or numbers.size not in sizes or not np.any(numbers):
+    has_size = components.ndim == 1 and components.size in sizes
+    if not has_size or not np.any(components):
         why = f"By numbers it is {sizes[0]} displacements, or all {sizes[1]} motions {letters}"
         mend = f"Give these, not all zero, or one of {', '.join(POLARISATIONS)}"
         raise InputError(f"the polarisation is {brief(polarisation)}", why, mend)
+    # over the largest first: squares of very large or small numbers have no digits
+    scaled = components / np.max(np.abs(components))
     row = np.zeros((1, motions.count))
-    numbers = numbers / np.max(np.abs(numbers))
-    row[0, : numbers.size] = numbers / np.linalg.norm(numbers)
+    row[0, : scaled.size] = scaled / np.linalg.norm(scaled)
     return row
 
 
 def _find_transverse(free: Array, along: Array) -> Array:
-    """Return orthonormal directions (b, 3) across ``along`` that the directions ``free`` (a, 3)
-    span.
+    """Return orthonormal directions (b, 3) that are the parts of the directions ``free`` (a, 3),
+    themselves orthonormal, across the unit vector ``along`` (3,).
     """
     if not len(free):
         return free
-    _, sizes, basis = np.linalg.svd(free - (free @ along)[:, None] * along)
-    return np.asarray(basis[: sizes.size][sizes > 0.5])
+    across = free - (free @ along)[:, None] * along
+    _, singular_values, basis = np.linalg.svd(across)
+    # all values are 1 but the last, the length of the part of ``along`` that is not among the
+    # directions: 0 or 1
+    return np.asarray(basis[: singular_values.size][singular_values > 0.5])
 
 
 # -- vectors ---------------------------------------------------------------------------------------
 
 
 def make_plane_wave(operator: WaveOperator, q: Array, polarisation: Array, sine: bool) -> Array:
-    """Return the vector (size,) of balls that all move with the velocity cos(q . r), or sin(q . r),
-    times ``polarisation``.
+    """Return the vector (size,) of balls that all move with the velocity cos(q . r), or with
+    ``sine`` sin(q . r), times ``polarisation`` (motions,); ``q`` (d,) is in 1/m.
 
     Vectors are weighted with masses: displacements, and rotations given with them, by the root of
     the mass, so that q = 0 is the motion of all balls together. In a wave of rotations alone balls
@@ -358,21 +380,21 @@ def make_plane_wave(operator: WaveOperator, q: Array, polarisation: Array, sine:
     """
     network = operator.network
     balls = operator.balls
-    touching = np.zeros(network.n_balls, bool)
-    touching[network.i] = True
-    touching[network.j] = True
-    turns = not np.any(polarisation[operator.motions.translating])
-    masses = network.inertias if turns else network.masses
-    weight = np.sqrt(masses[balls])
-    phase = network.positions[balls, : q.size] @ q
-    shape = np.sin(phase) if sine else np.cos(phase)
-    wave = np.where(touching[balls], weight * shape, 0.0)
+    is_touching = np.zeros(network.n_balls, bool)
+    is_touching[network.i] = True
+    is_touching[network.j] = True
+    has_translations = np.any(polarisation[operator.motions.translating])
+    masses = network.masses if has_translations else network.inertias
+    weights = np.sqrt(masses[balls])
+    phases = network.positions[balls, : q.size] @ q
+    amplitudes = np.sin(phases) if sine else np.cos(phases)
+    wave = np.where(is_touching[balls], weights * amplitudes, 0.0)
     return np.asarray(operator.vector(wave[:, None] * polarisation))
 
 
 def find_mean_free_path(velocity: Array, width: Array) -> Array:
-    """Return the mean free path of the energy of a wave, m: phase velocity over 2 pi width;
-    infinite where that is zero.
+    """Return the mean free path (n,) of the energy of waves, m: the phase ``velocity`` (n,), m/s,
+    over 2 pi times the ``width`` (n,) of their lines, Hz; infinite where the width is zero.
     """
     paths = np.full(np.shape(width), math.inf)
     np.divide(velocity, 2.0 * math.pi * width, out=paths, where=width > 0.0)
@@ -380,7 +402,8 @@ def find_mean_free_path(velocity: Array, width: Array) -> Array:
 
 
 def find_attenuation(velocity: Array, width: Array) -> Array:
-    """Return the attenuation of the amplitude, 1/m: half the inverse mean free path; infinite where
+    """Return the attenuation (n,) of the amplitude of waves, 1/m: half the inverse mean free path,
+    of their phase ``velocity`` (n,), m/s, and the ``width`` (n,) of their lines, Hz; infinite where
     the velocity is zero.
     """
     rates = np.full(np.shape(width), math.inf)
@@ -390,43 +413,46 @@ def find_attenuation(velocity: Array, width: Array) -> Array:
 
 def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
     """Return the highest line of each of the spectra ``values`` (n, n_f), 1/Hz, at the points of
-    ``kernel``.
+    ``kernel``: the peaks (n,), Hz, and the full widths (n,) at half the height, Hz.
 
-    It is the ``peak`` (n,), Hz, and the full ``width`` (n,) at half its height, Hz. Between points,
-    which are even in theta, the logarithm is a parabola at the peak and a straight line on the
-    flanks: both are right for a Gaussian, as the kernel is one. The spectrum goes on evenly below
-    zero.
+    Between points, which are even in theta, the logarithm is a parabola at the peak and a straight
+    line on the flanks: both are right for a Gaussian, as the kernel is one. The spectrum goes on
+    evenly below zero.
     """
-    lines = [_find_line(kernel, spectrum) for spectrum in values]
-    return np.array([peak for peak, _ in lines]), np.array([width for _, width in lines])
+    peaks = np.empty(len(values))
+    widths = np.empty(len(values))
+    for n, spectrum in enumerate(values):
+        peaks[n], widths[n] = _find_line(kernel, spectrum)
+    return peaks, widths
 
 
 def _find_line(kernel: Kernel, spectrum: Array) -> tuple[float, float]:
     """Return the peak and the width of the highest line of a ``spectrum`` (n_f,), Hz; see
     :func:`find_lines`.
     """
-    step = math.pi / (2 * kernel.count - 1)
-    n = int(np.argmax(spectrum))
+    step = math.pi / (2 * kernel.count - 1)  # of the angle from point to point
+    highest = int(np.argmax(spectrum))
     log = np.log(np.maximum(spectrum, np.finfo(float).tiny))
-    point, height = _fit_peak(log, n)
-    peak = kernel.top * math.sin(step * point)
-    level = height - math.log(2.0)
+    peak_point, height = _fit_peak(log, highest)
+    peak = kernel.top * math.sin(step * peak_point)
+    half_height = height - math.log(2.0)
     half_widths = []
-    for sign, flank in ((-1, log[n::-1]), (1, log[n:])):
+    for sign, flank in ((-1, log[highest::-1]), (1, log[highest:])):
         # the point at which the flank falls to half the height, if it does
-        below = np.flatnonzero(flank < level)
+        below = np.flatnonzero(flank < half_height)
         if below.size:
             k = int(below[0])
-            fall = (flank[k - 1] - level) / (flank[k - 1] - flank[k])
-            crossing = n + sign * float(k - 1 + fall)
+            share = (flank[k - 1] - half_height) / (flank[k - 1] - flank[k])
+            crossing = highest + sign * float(k - 1 + share)
             half_widths.append(abs(kernel.top * math.sin(step * crossing) - peak))
-    width = sum(half_widths) if len(half_widths) == 2 else 2.0 * half_widths[0]
+    has_two_flanks = len(half_widths) == 2
+    width = sum(half_widths) if has_two_flanks else 2.0 * half_widths[0]
     return peak, width
 
 
 def _fit_peak(log: Array, n: int) -> tuple[float, float]:
-    """Return the point and the height of the parabola through the logarithms ``log`` (n_f,) at the
-    highest point ``n`` and beside it.
+    """Return the place of the top, in points, and its height, a logarithm, of the parabola through
+    the logarithms ``log`` (n_f,) at the highest point ``n`` and beside it.
     """
     height = float(log[n])
     if n == log.size - 1:
@@ -455,31 +481,32 @@ def find_true_width(broadened: Array, kernel_width: Array) -> Array:
 def find_ioffe_regel(
     wavenumber: Array, peak: Array, width: Array, product: float = 1.0
 ) -> float | None:
-    """Return the frequency, Hz, from which ``wavenumber`` times the mean free path is below
-    ``product``; None if never.
+    """Return the frequency, Hz, from which ``wavenumber`` (n,), 1/m, times the mean free path of
+    lines at ``peak`` (n,) with ``width`` (n,), Hz, is below ``product``; None if never.
 
     See :meth:`granphon.waves.spectral_functions.SpectralFunction.ioffe_regel`.
     """
-    level = math.log(positive("product", product))
-    order = np.argsort(wavenumber, kind="stable")
-    peak = peak[order]
-    width = width[order]
-    with np.errstate(divide="ignore"):
-        above = np.log(peak) - np.log(width) - level
-    if above[0] < 0.0:
+    log_product = math.log(positive("product", product))
+    ascending = np.argsort(wavenumber, kind="stable")
+    peaks = peak[ascending]
+    widths = width[ascending]
+    # wavenumber times mean free path is peak over width
+    with np.errstate(divide="ignore"):  # a line without width is infinitely far above
+        log_excess = np.log(peaks) - np.log(widths) - log_product
+    if log_excess[0] < 0.0:
         fault = (
-            f"the wave of the least q, at {peak[0]:.4g} Hz, is already beyond the Ioffe-Regel"
+            f"the wave of the least q, at {peaks[0]:.4g} Hz, is already beyond the Ioffe-Regel"
             f" frequency"
         )
         raise InputError(fault, mend="Give lesser wave vectors, which a larger network has")
-    below = np.flatnonzero(above < 0.0)
+    below = np.flatnonzero(log_excess < 0.0)
     if not below.size:
         return None
     n = int(below[0])
-    if math.isinf(above[n - 1]):
-        return float(peak[n])
-    share = above[n - 1] / (above[n - 1] - above[n])
-    return float(peak[n - 1] + share * (peak[n] - peak[n - 1]))
+    if math.isinf(log_excess[n - 1]):
+        return float(peaks[n])
+    share = log_excess[n - 1] / (log_excess[n - 1] - log_excess[n])
+    return float(peaks[n - 1] + share * (peaks[n] - peaks[n - 1]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -575,7 +602,8 @@ class SpectralFunction(Refinable):
         Raises :class:`~granphon.base.errors.InputError` for q = 0, and for a q at which all balls
         move as at q = 0.
         """
-        if np.any(self.wavenumber <= _SAME * np.linalg.norm(self.q, axis=1)):
+        rounding = _SAME * np.linalg.norm(self.q, axis=1)
+        if np.any(self.wavenumber <= rounding):
             why = (
                 "Where exp(i q . r) is the same at all sites of a lattice, all balls move"
                 " together, as at q = 0"
@@ -628,35 +656,41 @@ class SpectralFunction(Refinable):
         """
         if not found:
             raise InputError("there are no spectral functions to average", mend="Give one or more")
-        first = max(found, key=lambda spectrum: spectrum.top)
+        highest = max(found, key=lambda spectrum: spectrum.top)
         for spectrum in found:
-            spectrum._require_like(first)
-        interpolated = [spectrum._interpolate(first.frequencies) for spectrum in found]
+            spectrum._require_like(highest)
+        interpolated = [spectrum._interpolate(highest.frequencies) for spectrum in found]
         values = np.mean(interpolated, axis=0)
-        return replace(first, values=values / first._kernel.integral(values)[:, None])
+        # interpolation changes the integral, which is 1, a little
+        integrals = highest._kernel.integral(values)
+        return replace(highest, values=values / integrals[:, None])
 
-    def _require_like(self, first: SpectralFunction) -> None:
+    def _require_like(self, reference: SpectralFunction) -> None:
         """Raise :class:`~granphon.base.errors.InputError` unless wave vectors, polarisation and
-        resolution are those of the ``first`` of several.
+        resolution are those of the ``reference``.
         """
-        rounding = _SAME * np.max(np.abs(first.q))
-        has_same_q = self.q.shape == first.q.shape and np.allclose(
-            self.q, first.q, rtol=_SAME, atol=rounding
-        )
-        has_same_word = self.polarisation == first.polarisation
-        if not has_same_q or not has_same_word or self.direction != first.direction:
+        has_same_q = self.q.shape == reference.q.shape
+        if has_same_q:
+            rounding = _SAME * np.max(np.abs(reference.q))
+            has_same_q = np.allclose(self.q, reference.q, rtol=_SAME, atol=rounding)
+        has_same_word = self.polarisation == reference.polarisation
+        has_same_direction = self.direction == reference.direction
+        if not (has_same_q and has_same_word and has_same_direction):
             raise InputError(
                 "spectral functions of other wave vectors or polarisations have no mean"
             )
-        if abs(self.resolution - first.resolution) > _ALIKE * first.resolution:
+        difference = abs(self.resolution - reference.resolution)
+        if difference > _ALIKE * reference.resolution:
             fault = (
                 f"the spectral functions have resolutions of {self.resolution:.6g} and"
-                f" {first.resolution:.6g} Hz"
+                f" {reference.resolution:.6g} Hz"
             )
             raise InputError(fault, mend="Give all of them the same resolution")
 
     def _interpolate(self, points: Array) -> Array:
-        """Return the values (n, n_points), 1/Hz, at ``points``, Hz; zero from ``top`` on."""
+        """Return the values (n, n_points), 1/Hz, at ``points`` (n_points,), Hz; zero beyond the
+        frequencies of this spectrum.
+        """
         from scipy.interpolate import CubicSpline
 
         if np.array_equal(points, self.frequencies):
@@ -681,21 +715,24 @@ class PlaneWaves:
         wavevectors = read_wavevectors(operator.network, q)
         is_word = isinstance(polarisation, str)
         is_longitudinal = is_word and polarisation == "longitudinal"
-        if is_longitudinal and direction is not None and np.all(np.any(wavevectors, axis=1)):
+        is_direction_known = is_longitudinal and np.all(np.any(wavevectors, axis=1))
+        if is_direction_known and direction is not None:
             fault = "a direction is given for a longitudinal wave, which moves along q"
             raise InputError(fault, mend="Leave it out")
         self._operator = operator
         self._q = wavevectors
         self._polarisation = str(polarisation) if is_word else "given"
-        numbers = direction if is_word else polarisation
-        self._direction = () if numbers is None else finite_list("direction", numbers)
+        components = direction if is_word else polarisation
+        self._direction = () if components is None else finite_list("direction", components)
+        # the number of the wave vector of each wave, and the function that makes its vector
         starts = []
         for n, wavevector in enumerate(wavevectors):
-            # the sine of a wave of q = 0 is zero
-            phases = (False, True) if np.any(wavevector) else (False,)
             rows = find_polarisations(operator, wavevector, polarisation, direction)
-            for row, sine in itertools.product(rows, phases):
-                starts.append((n, partial(make_plane_wave, operator, wavevector, row, sine)))
+            # the sine of a wave of q = 0 is zero
+            sines = (False, True) if np.any(wavevector) else (False,)
+            for row, sine in itertools.product(rows, sines):
+                start = partial(make_plane_wave, operator, wavevector, row, sine=sine)
+                starts.append((n, start))
         keep = keeps_vectors(operator, len(starts))
         self._waves = [(n, Moments(operator, start, keep=keep)) for n, start in starts]
 
@@ -710,17 +747,18 @@ class PlaneWaves:
         sums = np.zeros((len(self._q), moments))
         for n, wave in self._waves:
             sums[n] += wave.first(moments)
-        if not np.all(sums[:, 0] > 0.0):
+        squared_norms = sums[:, :1]  # the moments of order zero
+        if not np.all(squared_norms > 0.0):
             why = "The wave vector or the polarisation is wrong"
             raise InputError("no ball that touches others moves in this wave", why)
         return SpectralFunction(
-            self._q,
-            self._polarisation,
-            self._direction,
-            kernel.frequencies,
-            kernel.densities(sums / sums[:, :1]),
-            kernel.top,
-            moments,
-            fold_wavevectors(self._operator.network, self._q),
-            network_warnings(self._operator.network),
+            q=self._q,
+            polarisation=self._polarisation,
+            direction=self._direction,
+            frequencies=kernel.frequencies,
+            values=kernel.densities(sums / squared_norms),
+            top=kernel.top,
+            moments=moments,
+            shortest=fold_wavevectors(self._operator.network, self._q),
+            warnings=network_warnings(self._operator.network),
         )._with_work(self.find)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, PrecisionError
@@ -49,6 +49,9 @@ _SINGULAR = 1e-12
 _FAR = 300.0
 #: relative difference of periods along the layers that fit
 _SAME_PERIOD = 0.01
+#: height above the outer ball that moves, over the diameter, from which a held ball lies beyond the
+#: strip: between a ball of the same layer and one of the next
+_BEYOND = 0.6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,7 +104,7 @@ def transmission(
     damping: Any = 0.0,
     loss_factor: Any = 0.0,
 ) -> Transmission:
-    """Find what part of the energy of waves passes a strip between two half-infinite crystals.
+    """Return what part of the energy of waves passes a strip between two half-infinite crystals.
 
     Parameters
     ----------
@@ -144,39 +147,39 @@ def transmission(
     omega = 2.0 * np.pi * hertz
     waves_of_first = first.find_waves(omega)
     waves_of_last = last.find_waves(omega)
-    matrix_at = _make_matrices(operator, damped, first.q)
-    back = []
-    through = []
-    for w, *waves in zip(omega, waves_of_first, waves_of_last, strict=True):
-        sent, passed = _scatter(w**2, matrix_at(w), leads, ends, waves)
-        back.append(sent)
-        through.append(passed)
+    find_stiffness = _make_stiffness_function(operator, damped, first.q)
+    # at each frequency the amplitudes of waves that run back, and that pass
+    reflected_amplitudes = []
+    transmitted_amplitudes = []
+    for w, first_waves, last_waves in zip(omega, waves_of_first, waves_of_last, strict=True):
+        waves = (first_waves, last_waves)
+        back, through = _scatter(w**2, find_stiffness(w), leads, ends, waves)
+        reflected_amplitudes.append(back)
+        transmitted_amplitudes.append(through)
     # numbers of waves that run in, and that run out behind the strip
-    modes = np.array([passed.shape[::-1] for passed in through])
-    most = int(modes.max(initial=0))
-    amplitudes = _stack_matrices(through, most)
-    reflected = np.sum(np.abs(_stack_matrices(back, most)) ** 2, axis=1)
+    modes = np.array([through.shape[::-1] for through in transmitted_amplitudes])
+    most_modes = int(modes.max(initial=0))
+    amplitudes = _stack_matrices(transmitted_amplitudes, most_modes)
+    back_amplitudes = _stack_matrices(reflected_amplitudes, most_modes)
     transmitted = np.sum(np.abs(amplitudes) ** 2, axis=1)
-    wavenumbers = np.zeros((len(hertz), most))
-    for row, (incoming, _) in enumerate(waves_of_first):
-        n = incoming.running
-        wavenumbers[row, :n] = first.space.wavenumbers(incoming.factors[:n], first.q).real
+    reflected = np.sum(np.abs(back_amplitudes) ** 2, axis=1)
+    wavenumbers = first.list_wavenumbers([incoming for incoming, _ in waves_of_first], most_modes)
     if damped.is_none:
-        is_running = np.arange(most) < modes[:, :1]
+        is_running = np.arange(most_modes) < modes[:, :1]
         _require_balance(hertz, transmitted + reflected - is_running)
-    count = np.maximum(modes[:, 0], 1)
-    layers = operator.balls.size / first.space.per_layer
+    divisor = np.maximum(modes[:, 0], 1)  # where no wave runs in, the mean is zero
+    n_layers = operator.balls.size / first.space.per_layer
     return Transmission(
-        hertz,
-        modes,
-        transmitted.sum(axis=1) / count,
-        reflected.sum(axis=1) / count,
-        transmitted,
-        reflected,
-        amplitudes,
-        wavenumbers,
-        layers * first.space.height,
-        damped.find_warnings(float(hertz[-1])),
+        frequencies=hertz,
+        modes=modes,
+        transmitted=transmitted.sum(axis=1) / divisor,
+        reflected=reflected.sum(axis=1) / divisor,
+        transmitted_by_mode=transmitted,
+        reflected_by_mode=reflected,
+        amplitudes=amplitudes,
+        wavenumbers=wavenumbers,
+        length=n_layers * first.space.height,
+        warnings=damped.find_warnings(float(hertz[-1])),
     )
 
 
@@ -191,20 +194,22 @@ def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
         raise InputError(
             fault, "A wave would have no motion to go on with", "Use the same motions, and friction"
         )
-    if strip.prestress and strip.tangential_force is not None and np.any(strip.tangential_force):
+    tangential_force = strip.tangential_force
+    has_tangential_force = tangential_force is not None and np.any(tangential_force)
+    if strip.prestress and has_tangential_force:
         raise InputError(
             "the strip has static tangential forces", "With prestress, they have no potential"
         )
 
 
-def _make_matrices(
+def _make_stiffness_function(
     operator: WaveOperator, damped: ContactDamping, q: Array
 ) -> Callable[[float], Any]:
-    """Return the function that gives the stiffness of a strip, (rad/s)^2, sparse, at an angular
-    frequency, rad/s, for the wave vector ``q`` (p,) along its layers, in fractions.
+    """Return the function that gives the stiffness (size, size) of a strip, (rad/s)^2, sparse, at
+    an angular frequency, rad/s, for the wave vector ``q`` (p,) along its layers, in fractions.
     """
     phase = np.exp(2.0j * np.pi * (operator.network.shift[:, : len(q)] @ q))
-    springs = operator.weigh(None, phase).tocsc()
+    springs = operator.weigh(phase=phase).tocsc()
     if damped.is_none:
         return lambda w: springs
     losses = operator.weigh(damped.losses, phase).tocsc()
@@ -281,33 +286,53 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     """
     _require_alike(runs)
     first = runs[0]
-    lengths, number_of_run = np.unique([run.length for run in runs], return_inverse=True)
-    samples = np.bincount(number_of_run)
-    if len(lengths) < 2 or samples.min() < 2:
-        fault = f"there are {len(lengths)} lengths, with {samples.min()} samples or more"
+    lengths, length_of_run = np.unique([run.length for run in runs], return_inverse=True)
+    n_samples = np.bincount(length_of_run)
+    if len(lengths) < 2 or n_samples.min() < 2:
+        fault = f"there are {len(lengths)} lengths, with {n_samples.min()} samples or more"
         raise InputError(fault, "A fall and its error need two of each", "Give more runs")
-    # (runs, n_f, m)
-    through = np.array([np.diagonal(run.amplitudes, axis1=1, axis2=2) for run in runs])
-    total = np.array([run.total for run in runs])
-    is_open = np.arange(through.shape[2]) < first.modes.min(axis=1)[:, None]
-    has_open = np.any(is_open, axis=1)
-    if np.any(total[:, has_open] <= 0.0) or not np.all(has_open):
+    # amplitudes (runs, n_f, m) of a wave that goes on as itself, and total energies (runs, n_f)
+    coherent = np.array([np.diagonal(run.amplitudes, axis1=1, axis2=2) for run in runs])
+    totals = np.array([run.total for run in runs])
+    # waves that run on both sides, (n_f, m)
+    is_running = np.arange(coherent.shape[2]) < first.modes.min(axis=1)[:, None]
+    has_running = np.any(is_running, axis=1)
+    if np.any(totals[:, has_running] <= 0.0) or not np.all(has_running):
         raise InputError(
             "nothing is transmitted at some frequency", mend="Leave out frequencies of gaps"
         )
-    # the runs of each length
-    groups = [np.flatnonzero(number_of_run == number) for number in range(len(lengths))]
+    runs_of_length = [np.flatnonzero(length_of_run == number) for number in range(len(lengths))]
+    amplitudes_of_length = [coherent[numbers] for numbers in runs_of_length]
+    path, path_error = _fit_paths(lengths, amplitudes_of_length, is_running)
+    logs = [np.log(totals[numbers]) for numbers in runs_of_length]
+    log_rate, log_rate_error = _fit_logarithms(lengths, logs)
+    length, length_error = _invert(log_rate, log_rate_error, 2.0)
+    return ScatteringLengths(
+        frequencies=first.frequencies,
+        mean_free_path=path,
+        mean_free_path_error=path_error,
+        localisation_length=length,
+        localisation_length_error=length_error,
+    )
+
+
+def _fit_paths(
+    lengths: Array, amplitudes: Sequence[Complex], is_running: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Return mean free paths (n_f, m) and their errors (n_f, m), m, of the waves that run; zero for
+    others.
+
+    ``amplitudes`` has an array (samples, n_f, m) for each of the ``lengths``, m.
+    """
     falls = []
-    for frequency, wave in np.argwhere(is_open):
-        amplitudes = [through[group][:, frequency, wave] for group in groups]
-        falls.append(_fit_energy(lengths, amplitudes))
-    rate, rate_error = np.array(falls).T
-    path = np.zeros(is_open.shape)
-    path_error = np.zeros(is_open.shape)
-    path[is_open], path_error[is_open] = _invert(rate, rate_error, 1.0)
-    fall, fall_error = _fit_logarithms(lengths, [np.log(total[group]) for group in groups])
-    length, length_error = _invert(fall, fall_error, 2.0)
-    return ScatteringLengths(first.frequencies, path, path_error, length, length_error)
+    for frequency, wave in np.argwhere(is_running):
+        samples = [of_length[:, frequency, wave] for of_length in amplitudes]
+        falls.append(_fit_energy(lengths, samples))
+    rates, rate_errors = np.array(falls).T
+    path = np.zeros(is_running.shape)
+    path_error = np.zeros(is_running.shape)
+    path[is_running], path_error[is_running] = _invert(rates, rate_errors, 1.0)
+    return path, path_error
 
 
 def _require_alike(runs: Any) -> None:
@@ -328,22 +353,23 @@ def _require_alike(runs: Any) -> None:
 
 
 def _fit_logarithms(lengths: Array, logs: Sequence[Array]) -> tuple[Array, Array]:
-    """Return the rate at which the mean of ln(total) falls over the ``lengths``, m, and its error,
-    1/m, (n_f,).
+    """Return the rates (n_f,) at which the mean of ln(total) falls over the ``lengths`` (n,), m,
+    and their errors (n_f,), both 1/m.
 
-    ``logs`` are ln(total) of the samples of each length, (samples, n_f).
+    ``logs`` are ln(total) of the samples of each length, n arrays (samples, n_f).
     """
-    counts = np.array([len(values) for values in logs])
+    counts = np.array([len(samples) for samples in logs])
     # the variance of ln(total) grows as the length
-    shares = _fit_slope(lengths, counts / lengths)
-    fall = -np.tensordot(shares, [values.mean(axis=0) for values in logs], 1)
-    scatter = [np.var(values, axis=0, ddof=1) / len(values) for values in logs]
-    return fall, np.sqrt(np.tensordot(shares**2, scatter, 1))
+    shares = _find_slope_shares(lengths, counts / lengths)
+    means = [samples.mean(axis=0) for samples in logs]
+    rates = -np.tensordot(shares, means, 1)
+    variances = [np.var(samples, axis=0, ddof=1) / len(samples) for samples in logs]
+    return rates, np.sqrt(np.tensordot(shares**2, variances, 1))
 
 
 def _invert(rate: Array, error: Array, factor: float) -> tuple[Array, Array]:
-    """Return the length ``factor`` over the rate of a fall, and its error; infinite where nothing
-    falls.
+    """Return the length ``factor``/``rate``, m, and its error, m, of a fall with the ``rate`` and
+    its ``error``, 1/m; both are infinite where nothing falls.
     """
     falls = rate > 0.0
     length = np.divide(factor, rate, out=np.full(rate.shape, np.inf), where=falls)
@@ -351,9 +377,9 @@ def _invert(rate: Array, error: Array, factor: float) -> tuple[Array, Array]:
     return length, length * relative_error
 
 
-def _fit_slope(x: Array, weights: Array) -> Array:
-    """Return the shares (n,) of values at ``x`` (n,) in the slope of the line that is fitted to
-    them with these weights.
+def _find_slope_shares(x: Array, weights: Array) -> Array:
+    """Return the shares (n,) with which values at ``x`` (n,) add up to the slope of the line that
+    is fitted to the values with these ``weights`` (n,).
     """
     offsets = x - np.average(x, weights=weights)
     return np.asarray(weights * offsets / np.sum(weights * offsets**2))
@@ -371,45 +397,47 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
     repeated until it does not change (quasi-likelihood). Where the fit goes on to change, the
     signal is above the noise at the least length alone, and the error is infinite.
     """
-    count = np.array([len(values) for values in amplitudes], float)
-    mean = np.array([values.mean() for values in amplitudes])
-    spread = _find_covariances(amplitudes, mean)
-    noise = np.trace(spread, axis1=1, axis2=2)
-    common = 0.5 * float(np.average(noise, weights=count - 1.0))
+    count = np.array([len(samples) for samples in amplitudes], float)
+    mean = np.array([samples.mean() for samples in amplitudes])
+    covariances = _find_covariances(amplitudes, mean)
+    noise = np.trace(covariances, axis1=1, axis2=2)
+    common_variance = 0.5 * float(np.average(noise, weights=count - 1.0))
     square = np.abs(mean) ** 2
     energy = square - noise / count
     pairs = count * (count - 1.0)
     offsets = lengths - np.average(lengths, weights=count)
+    # energies exp(level - rate offset); steps of the fit are those of the level and rate times span
     level, rate = _fit_line(lengths, offsets, square, count)
-    size = float(np.ptp(lengths))
+    span = float(np.ptp(lengths))
     for _ in range(_ROUNDS):
         fitted = np.exp(np.clip(level - rate * offsets, -_FAR, _FAR))
-        # derivatives of the fitted energies by level and rate
-        slopes = np.stack([fitted, -fitted * offsets / size])
-        weight = 1.0 / (fitted / count + common / pairs)
-        matrix = slopes * weight @ slopes.T
+        derivatives = np.stack([fitted, -fitted * offsets / span])  # (2, lengths)
+        weight = 1.0 / (fitted / count + common_variance / pairs)
+        matrix = derivatives * weight @ derivatives.T
         if np.linalg.det(matrix) <= _SINGULAR * matrix[0, 0] * matrix[1, 1]:
             break
-        shares = np.linalg.solve(matrix, slopes * weight)
+        shares = np.linalg.solve(matrix, derivatives * weight)
         change = shares @ (energy - fitted)
-        change /= max(1.0, float(np.max(np.abs(change))))
+        change /= max(1.0, float(np.max(np.abs(change))))  # no logarithm changes by more than one
         level = level + float(change[0])
-        rate = rate + float(change[1]) / size
+        rate = rate + float(change[1]) / span
         if np.max(np.abs(change)) < _SETTLED:
-            noise_squares = np.sum(spread**2, axis=(1, 2))
-            variance = 4.0 * spread[:, 0, 0] * fitted / count + 2.0 * noise_squares / pairs
-            return rate, math.sqrt(float(shares[1] ** 2 @ variance)) / size
+            variance_along_mean = covariances[:, 0, 0]
+            covariance_squares = np.sum(covariances**2, axis=(1, 2))
+            variance = 4.0 * variance_along_mean * fitted / count + 2.0 * covariance_squares / pairs
+            return rate, math.sqrt(float(shares[1] ** 2 @ variance)) / span
     return rate, math.inf
 
 
 def _find_covariances(amplitudes: Sequence[Complex], mean: Complex) -> Array:
-    """Return the covariances of the parts of amplitudes along and across their ``mean`` (lengths,),
-    (lengths, 2, 2).
+    """Return the covariances (lengths, 2, 2) of the parts of ``amplitudes`` along and across their
+    ``mean`` (lengths,); ``amplitudes`` has an array (samples,) for each length.
     """
     covariances = []
-    for values, middle in zip(amplitudes, mean, strict=True):
-        turned = values * np.conj(middle) / (abs(middle) or 1.0)
-        covariances.append(np.cov(turned.real, turned.imag))
+    for samples, sample_mean in zip(amplitudes, mean, strict=True):
+        divisor = abs(sample_mean) or 1.0
+        rotated = samples * np.conj(sample_mean) / divisor  # the mean is real
+        covariances.append(np.cov(rotated.real, rotated.imag))
     return np.array(covariances)
 
 
@@ -424,7 +452,7 @@ def _fit_line(lengths: Array, offsets: Array, square: Array, count: Array) -> tu
     level = -_FAR
     is_above = square > 0.0
     if np.count_nonzero(is_above) > 1:
-        shares = _fit_slope(lengths[is_above], (count * square)[is_above])
+        shares = _find_slope_shares(lengths[is_above], (count * square)[is_above])
         rate = -float(shares @ np.log(square[is_above]))
     if is_above.any():
         weights = count * np.exp(-np.clip(rate * offsets, -_FAR, _FAR))
@@ -433,7 +461,14 @@ def _fit_line(lengths: Array, offsets: Array, square: Array, count: Array) -> tu
 
 
 class _Lead(NamedTuple):
-    """A half-infinite crystal; the wave vector along its layers, and its blocks, (rad/s)^2."""
+    """A half-infinite crystal.
+
+    Attributes
+    ----------
+    space : the crystal and its layers.
+    q : (p - 1,) wave vector along the layers, in fractions.
+    blocks : couplings (size, size) of the balls of one block, or two, (rad/s)^2.
+    """
 
     space: HalfSpace
     q: Array
@@ -445,10 +480,10 @@ class _Lead(NamedTuple):
         :func:`transmission`.
         """
         space = HalfSpace(given_network(source), axis)
-        along = space.read_wavevector(q)
-        square = (2.0 * np.pi * space.units.frequency) ** 2
-        blocks = [square * couplings for couplings in space.couplings(along)]
-        return cls(space, along, Couplings(*blocks))
+        wavevector = space.read_wavevector(q)
+        unit_square = (2.0 * np.pi * space.units.frequency) ** 2
+        blocks = [unit_square * block for block in space.couplings(wavevector)]
+        return cls(space, wavevector, Couplings(*blocks))
 
     def find_waves(self, omega: Array) -> Sequence[tuple[BlochWaves, BlochWaves]]:
         """Return the waves at each angular frequency (n_f,), rad/s: those towards higher layers,
@@ -457,29 +492,41 @@ class _Lead(NamedTuple):
         motions_of_layer = self.space.size // self.space.reach
         return find_bloch_waves(self.blocks, omega**2, motions_of_layer)
 
+    def list_wavenumbers(self, waves: Sequence[BlochWaves], most: int) -> Array:
+        """Return the wavenumbers (n_f, most) across the layers, 1/m, of the ``waves`` that run at
+        each frequency; zeros behind them.
+        """
+        wavenumbers = np.zeros((len(waves), most))
+        for row, waves_of_row in enumerate(waves):
+            n = waves_of_row.running
+            factors = waves_of_row.factors[:n]
+            wavenumbers[row, :n] = self.space.wavenumbers(factors, self.q).real
+        return wavenumbers
+
     def fit(self, operator: WaveOperator, lower: bool) -> Any:
-        """Return S (size, size of the strip), sparse: the motions that a block of the lead has at
-        an end of the strip.
+        """Return S (size, size of the strip), sparse, which takes motions of the strip to those of
+        a block of the lead at the ``lower`` or upper end of the strip.
 
         Balls of the strip are sought where those of a block would stand. They have masses and
-        inertias of their own.
+        inertias of their own. Raises :class:`~granphon.base.errors.InputError` for a strip that
+        does not fit.
         """
         strip = operator.network
         misfit = f"the strip does not fit to the {'first' if lower else 'other'} lead"
         periods = strip.cell[np.flatnonzero(strip.pbc)][:, : strip.dimension]
         self._require_periods(periods, misfit)
-        size = self.space.size // operator.motions.count
-        if len(operator.balls) >= size:
+        n_balls = self.space.size // operator.motions.count
+        if len(operator.balls) >= n_balls:
             self._require_free_end(strip, operator.balls, lower, misfit)
             matches = self._match_block(operator, periods, lower)
             if matches is not None:
                 return self._compose_end(operator, *matches)
-        why = f"Its outer balls do not stand where {size} balls of the lead's layers would"
+        why = f"Its outer balls do not stand where {n_balls} balls of the lead's layers would"
         raise InputError(misfit, why, "Begin and end it with layers like the lead's")
 
     def _require_periods(self, periods: Array, misfit: str) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` unless the ``periods`` (p, d) of a strip,
-        m, are those of the lead along its layers.
+        """Raise :class:`~granphon.base.errors.InputError`, with the text ``misfit``, unless the
+        ``periods`` (p, d) of a strip, m, are those of the lead along its layers.
         """
         cell = self.space.layers.cell
         tolerance = _SAME_PERIOD * np.max(np.abs(cell), initial=0.0)
@@ -491,8 +538,11 @@ class _Lead(NamedTuple):
             )
 
     def _find_block(self, motions: int) -> Index:
-        """Return the balls of the first block of the lead, which have so many ``motions`` each."""
-        return np.flatnonzero(self.space.cut.moving)[: self.space.size // motions]
+        """Return the balls (block,) of the first block of the lead; ``motions`` is the number of
+        motions of a ball.
+        """
+        n_balls = self.space.size // motions
+        return np.flatnonzero(self.space.cut.moving)[:n_balls]
 
     def _match_block(
         self, operator: WaveOperator, periods: Array, lower: bool
@@ -504,35 +554,39 @@ class _Lead(NamedTuple):
         strip = operator.network
         cut = self.space.cut
         block = self._find_block(operator.motions.count)
-        size = block.size
+        n_sites = block.size
         p = len(periods)
-        height = strip.positions[operator.balls, p]
-        order = np.argsort(height if lower else -height, kind="stable")
-        near = operator.balls[order[:size]]
-        places = strip.positions[near]
+        heights = strip.positions[operator.balls, p]
+        from_end = np.argsort(heights if lower else -heights, kind="stable")
+        outer_balls = operator.balls[from_end[:n_sites]]
+        positions = strip.positions[outer_balls]
         sites = cut.positions[block]
-        distances, cells = _measure_sites(places, sites - sites[0], periods)
+        # the first site of the block is tried on each outer ball: "first" is the number of that
+        # ball; (first, block, n) distances of balls from sites
+        distances, cells = _measure_sites(positions, sites - sites[0], periods)
         nearest = np.argmin(distances, axis=2)  # (first, block)
         worst = np.min(distances, axis=2).max(axis=1)
-        is_shared = [np.unique(balls).size < size for balls in nearest]
+        is_shared = [np.unique(balls).size < n_sites for balls in nearest]
         worst[is_shared] = np.inf
         # of several fits, as where two kinds of balls alternate, the one that leaves the frame of
         # the lead unchanged
-        moved = self._find_moves(places - sites[0], periods)
-        most = _SAME_SITE * float(2.0 * np.mean(cut.radii[block]))
-        first = int(np.argmin(np.where(worst <= most, moved, np.inf)))
-        if worst[first] > most:
+        frame_shifts = self._find_frame_shifts(positions - sites[0], periods)
+        tolerance = _SAME_SITE * float(2.0 * np.mean(cut.radii[block]))
+        first = int(np.argmin(np.where(worst <= tolerance, frame_shifts, np.inf)))
+        if worst[first] > tolerance:
             return None
-        return near[nearest[first]], cells[first, np.arange(size), nearest[first]]
+        matched = nearest[first]
+        return outer_balls[matched], cells[first, np.arange(n_sites), matched]
 
-    def _find_moves(self, vectors: Array, periods: Array) -> Array:
-        """Return how far ``vectors`` (n, d), m, are from the nearest steps of the frame of the
-        lead: the ``periods`` (p, d) and the step from layer to layer.
+    def _find_frame_shifts(self, vectors: Array, periods: Array) -> Array:
+        """Return the distances (n,), m, of ``vectors`` (n, d), m, from the nearest sums of whole
+        steps of the frame of the lead: the ``periods`` (p, d) and the step from layer to layer.
         """
         p = len(periods)
         frame = np.concatenate([periods, self.space.layers.stack[None]])[:, : p + 1]
         steps = vectors[:, : p + 1] @ np.linalg.inv(frame)
-        return np.asarray(np.linalg.norm((steps - np.rint(steps)) @ frame, axis=1))
+        parts_of_steps = steps - np.rint(steps)
+        return np.asarray(np.linalg.norm(parts_of_steps @ frame, axis=1))
 
     def _compose_end(self, operator: WaveOperator, balls: Index, cells: Array) -> Any:
         """Return S, sparse, for the ``balls`` (block,) of the strip, and the ``cells`` (block, p)
@@ -544,10 +598,13 @@ class _Lead(NamedTuple):
         cut = self.space.cut
         count = operator.motions.count
         block = self._find_block(count)
-        ratio = np.sqrt(cut.masses[block] / strip.masses[balls])
-        turn = np.sqrt(cut.inertias[block] / strip.inertias[balls])
-        scale = np.where(operator.motions.is_rotation, turn[:, None], ratio[:, None])
-        entries = scale * np.exp(-2.0j * np.pi * (cells @ self.q))[:, None]
+        # mass-weighted motions of the strip are weighted anew with the masses of the lead
+        mass_roots = np.sqrt(cut.masses[block] / strip.masses[balls])
+        inertia_roots = np.sqrt(cut.inertias[block] / strip.inertias[balls])
+        is_rotation = operator.motions.is_rotation
+        scale = np.where(is_rotation, inertia_roots[:, None], mass_roots[:, None])
+        phases = np.exp(-2.0j * np.pi * (cells @ self.q))
+        entries = scale * phases[:, None]
         first_columns = np.searchsorted(operator.balls, balls)[:, None] * count
         columns = first_columns + np.arange(count)
         rows = np.arange(block.size * count)
@@ -557,72 +614,88 @@ class _Lead(NamedTuple):
     def _require_free_end(
         self, strip: ContactNetwork, balls: Index, lower: bool, misfit: str
     ) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if a floor or clamped balls lie beyond
-        the ``balls`` that move.
+        """Raise :class:`~granphon.base.errors.InputError`, with the text ``misfit``, if a floor or
+        clamped balls lie beyond the ``balls`` that move, at the ``lower`` or upper end.
+
+        A lead that has bodies which do not move itself may have them there.
         """
         p = len(self.space.layers.cell)
         cut = self.space.cut
         block = self._find_block(strip.ball_motions.count)
         diameter = float(2.0 * np.mean(cut.radii[block]))
-        heights = strip.positions[:, p] * (-1.0 if lower else 1.0)
-        beyond = heights - heights[balls].max()
-        least = np.where(np.isinf(strip.radii), 0.0, 0.6 * diameter)
-        if np.all(self.space.network.moving) and np.any(~strip.moving & (beyond > least)):
+        outwards = -1.0 if lower else 1.0
+        heights = strip.positions[:, p] * outwards
+        heights_above = heights - heights[balls].max()
+        least = np.where(np.isinf(strip.radii), 0.0, _BEYOND * diameter)  # a floor is flat
+        is_blocking = ~strip.moving & (heights_above > least)
+        if np.all(self.space.network.moving) and np.any(is_blocking):
             raise InputError(
                 misfit, "A floor or clamped balls stand between them", "Cut it with free edges"
             )
 
 
 def _measure_sites(places: Array, sites: Array, periods: Array) -> tuple[Array, Array]:
-    """Return the distances (first, block, n) of balls at ``places`` (n, d) from the ``sites``
-    (block, d) of a block that begins at each of the balls, to their nearest images, m; and the
-    cells (first, block, n, p) of these images.
+    """Return the distances (first, block, n), m, of balls at ``places`` (n, d), m, from the
+    ``sites`` (block, d), m, of a block whose first site is at each of the balls, to their nearest
+    images; and the cells (first, block, n, p) of these images.
     """
     p = len(periods)
+    # axes: the ball at the first site, the site, the ball whose distance is measured
     vectors = places[None, None] - sites[None, :, None] - places[:, None, None]
     cells = np.rint(vectors[..., :p] @ np.linalg.inv(periods[:, :p]))
     vectors[..., :p] -= cells @ periods[:, :p]
     return np.linalg.norm(vectors, axis=-1), cells
 
 
+def _find_green(square: float, inner: Complex, beyond: Complex) -> Complex:
+    """Return Green's function (size, size) of the outer block of a lead, s^2, at ``square`` =
+    omega^2: ``inner`` is the stiffness of the block, and ``beyond`` what the layers beyond add,
+    (rad/s)^2.
+    """
+    return np.asarray(np.linalg.inv(square * np.eye(len(inner)) - inner - beyond))
+
+
 def _scatter(
-    w: float,
+    square: float,
     matrix: Any,
-    leads: list[_Lead],
-    ends: list[Any],
+    leads: Sequence[_Lead],
+    ends: Sequence[Any],
     waves: Sequence[tuple[BlochWaves, BlochWaves]],
 ) -> tuple[Complex, Complex]:
-    """Return the amplitudes of waves that are sent back (m, m), and that pass (n, m), at w =
-    omega^2, (rad/s)^2.
+    """Return the amplitudes of waves that are sent back (m, m), and that pass (n, m), at ``square``
+    = omega^2, (rad/s)^2.
 
-    ``matrix`` is the stiffness of the strip; ``ends`` are the motions that blocks of the leads have
-    at its ends, and ``waves`` those of each lead towards higher and towards lower layers.
+    ``matrix`` is the stiffness of the strip, (rad/s)^2; ``ends`` are the matrices S of
+    :meth:`_Lead.fit` of both leads, and ``waves`` the waves of each lead towards higher and towards
+    lower layers.
     """
     from scipy.sparse import csc_array, eye_array
 
     first, last = leads
     lower, upper = ends
-    (come, leave), (go, _) = waves
+    (incoming, outgoing_back), (outgoing_through, _) = waves
     first_blocks = first.blocks
     last_blocks = last.blocks
-    reach = first.space.reach
-    further = last.space.reach
-    # Green's functions of the outer blocks of the leads, with their contacts to the strip
-    inner = w * np.eye(first.space.size) - first_blocks.inner
-    back = np.linalg.inv(inner - first_blocks.down @ leave.continue_by(-reach))
-    inner = w * np.eye(last.space.size) - last_blocks.inner
-    ahead = np.linalg.inv(inner - last_blocks.up @ go.continue_by(further))
-    held = [
-        first_blocks.head + first_blocks.down @ back @ first_blocks.up,
-        last_blocks.tail + last_blocks.up @ ahead @ last_blocks.down,
-    ]
-    for end, block in zip(ends, held, strict=True):
-        matrix = matrix + end.conj().T @ csc_array(block) @ end
-    shape = come.vectors[:, : come.running]
-    factor = come.factors[: come.running] ** reach
-    pushed = first_blocks.up @ shape * factor
-    drive = lower.conj().T @ (first_blocks.down @ (shape - back @ pushed))
-    factors = factorise(w * eye_array(matrix.shape[0]) - matrix, symmetric=False)
-    moved = factors.solve(np.asarray(drive, complex))
-    sent = leave.find_parts(back @ (first_blocks.up @ (lower @ moved) - pushed))
-    return sent, go.find_parts(ahead @ (last_blocks.down @ (upper @ moved)))
+    first_reach = first.space.reach
+    # Green's functions of the outer block of each lead, without the strip; beyond the block only
+    # outgoing waves run
+    beyond_first = first_blocks.down @ outgoing_back.continue_by(-first_reach)
+    beyond_last = last_blocks.up @ outgoing_through.continue_by(last.space.reach)
+    first_green = _find_green(square, first_blocks.inner, beyond_first)
+    last_green = _find_green(square, last_blocks.inner, beyond_last)
+    # what the leads add to the stiffness of the strip at its ends (self-energies)
+    lower_addition = first_blocks.head + first_blocks.down @ first_green @ first_blocks.up
+    upper_addition = last_blocks.tail + last_blocks.up @ last_green @ last_blocks.down
+    for end, addition in ((lower, lower_addition), (upper, upper_addition)):
+        matrix = matrix + end.conj().T @ csc_array(addition) @ end
+    # incoming waves push the outer block of the first lead, and by it the strip
+    shapes = incoming.vectors[:, : incoming.running]
+    phases = incoming.factors[: incoming.running] ** first_reach
+    push = first_blocks.up @ shapes * phases
+    drive = lower.conj().T @ (first_blocks.down @ (shapes - first_green @ push))
+    factors = factorise(square * eye_array(matrix.shape[0]) - matrix, symmetric=False)
+    strip_motions = factors.solve(np.asarray(drive, complex))
+    back_motions = first_green @ (first_blocks.up @ (lower @ strip_motions) - push)
+    through_motions = last_green @ (last_blocks.down @ (upper @ strip_motions))
+    back = outgoing_back.find_parts(back_motions)
+    return back, outgoing_through.find_parts(through_motions)

@@ -72,7 +72,7 @@ class Waves:
         :func:`gp.validity`; and one if static forces act and leave more than 1e-3 of their mean on
         a ball.
 
-        Every result has them too.
+        Every result has these warnings too.
         """
         return network_warnings(self.network)
 
@@ -83,7 +83,9 @@ class Waves:
 
     @cached_property
     def _stable_operator(self) -> WaveOperator:
-        """The same, or an :class:`~granphon.base.errors.InstabilityError`."""
+        """D of the network; an :class:`~granphon.base.errors.InstabilityError` if a squared
+        frequency is below zero.
+        """
         require_stable(self.operator)
         return self.operator
 
@@ -291,11 +293,11 @@ class Waves:
         Modes that creep have a real part of zero: they are the lowest, and the slowest of them is
         the first.
 
-        Where all contacts are damped alike they are those of :meth:`modes`, the nearest without
-        losses. Else all are found up to 300 motions that contacts resist; larger networks are
-        factorised, up to 300,000 motions in the plane and 12,000 in space, and their modes are
-        those of the nearest complex frequencies: modes that creep faster than others swing are not
-        among the lowest then.
+        Where all contacts are damped alike, the modes are those of :meth:`modes`, the nearest
+        without losses. Where contacts are damped unevenly, all modes are found up to 300 motions
+        that contacts resist. Larger networks are factorised, up to 300,000 motions in the plane and
+        12,000 in space, and the modes are those of the nearest complex frequencies: modes that
+        creep faster than others swing are not among the lowest then.
 
         Raises :class:`~granphon.base.errors.InputError` for a damping below zero, for more modes
         than there are, or than are found in a large network, and for a larger network that is
@@ -309,7 +311,7 @@ class Waves:
         """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has,
         in the same shape.
 
-        Along axes without a period every q is one.
+        Along an axis without a period the cell has every wave vector.
         """
         return nearest_wavevectors(self.network, q)
 

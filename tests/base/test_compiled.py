@@ -26,7 +26,7 @@ def kept(tmp_path, monkeypatch):
     """
     numba = pytest.importorskip("numba")
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(module, "_said", [])
+    monkeypatch.setattr(module, "_issued_warnings", [])
     assert compiled(halve)(3.0) == 1.5
     return tmp_path
 
@@ -57,14 +57,14 @@ def test_what_is_cut_is_compiled_and_kept_anew(kept, monkeypatch, ending, left):
     file.write_bytes(data[: int(left * len(data))])
     assert call(str(kept)) == 1
     assert file.stat().st_size == len(data)
-    monkeypatch.setattr(module, "_said", [])
+    monkeypatch.setattr(module, "_issued_warnings", [])
     assert call() == 2
 
 
 def test_the_first_loop_that_is_compiled_says_so_and_one_that_is_read_does_not(
     kept, monkeypatch, capsys
 ):
-    monkeypatch.setattr(module, "_told", [])
+    monkeypatch.setattr(module, "_announcements", [])
     assert call() == 2
     assert capsys.readouterr().err == ""
     for file in kept.rglob("*.nb?"):
@@ -96,7 +96,7 @@ def test_a_full_disk_keeps_nothing_and_ends_no_run(kept, monkeypatch, part):
     with full_disk(part):
         assert call("No space left") == 0
     assert not index.exists()
-    monkeypatch.setattr(module, "_said", [])
+    monkeypatch.setattr(module, "_issued_warnings", [])
     assert call() == 1
 
 

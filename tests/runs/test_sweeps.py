@@ -422,6 +422,11 @@ def test_a_width_may_be_what_makes_room_for_a_diameter(rough):
     assert change_packing(rough, {"diameter": 1e-6, "width": 1e-8}).spread == gp.Uniform(1e-8)
 
 
+def test_a_parameter_of_a_kind_without_a_name_is_refused():
+    with pytest.raises(InputError, match=r"parameter '\.diameter'"):
+        Axis.of(".diameter", [1e-3])
+
+
 def test_labels_of_spreads_are_told_apart():
     other = gp.Discrete((7.998e-3, 8e-3, 8.002e-3), (0.125, 0.75, 0.125))
     assert Axis.of("spread", [None, gp.Uniform(1e-6), BIMODAL, other]).labels == (

@@ -271,6 +271,7 @@ def test_a_sweep_that_was_cut_off_goes_on(tmp_path):
     [
         (("response:\n", "direction: [1]\nvelocity:\n"), "velocity"),
         (("source: plane", "source: 3 x"), "ball 3 .*source"),
+        (("source: plane", "source: [[plane]]"), "source.*ball"),
         (
             (
                 "source: plane\n  receiver: [19 x, 0 x]\n  quantity: transmissibility",

@@ -446,8 +446,8 @@ def test_filters_miss_no_mode(filters, disordered):
         counted.append(missing(*arguments))
         return counted[-1]
 
-    missing = mode_finder._missing
-    filters(_find_ritz_modes=forgetful, _missing=count)
+    missing = mode_finder._estimate_missing
+    filters(_find_ritz_modes=forgetful, _estimate_missing=count)
     modes = waves.modes(5, 12.3e3)
     assert 0.1 < counted[0] < 5.0
     assert counted[1] < 1e-6

@@ -1,0 +1,87 @@
+"""Topology of the branches of a crystal: the Zak phase, and the winding of det C.
+
+Both are sums over the phase of a wave from block to block, across an edge, at one wave vector along
+the edge. They are known from the crystal alone, and count the waves of its edges: J. Zak, Phys.
+Rev. Lett. 62, 2747 (1989); C. L. Kane and T. C. Lubensky, Nature Physics 10, 39 (2014).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from granphon.base.arrays import Array
+from granphon.base.errors import InputError
+from granphon.dynamics.half_space import HalfSpace
+
+#: phases from block to block, rad, at which Zak phases and windings are summed
+_PHASES = 2.0 * np.pi * np.arange(256) / 256
+#: determinant, over the product of the norms of its rows, up to which the determinant is zero
+_SINGULAR = 1e-12
+#: gap in w = omega^2, over the highest w, up to which the gap is closed
+_CLOSED = 1e-12
+#: least overlap of branches from one phase to the next at which their gap counts as open
+_LEAST_OVERLAP = 0.5
+#: phase up to which a phase is zero but for rounding, rad
+_NO_PHASE = 1e-9
+#: largest turn of a determinant from one phase to the next, rad, at which turns can be counted
+_LARGEST_TURN = 0.5 * np.pi
+
+
+def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
+    """Return the Zak phase, rad, from 0 to 2 pi, of all but the ``below`` lowest branches at q
+    (p - 1,).
+
+    The phase is that of the motions of the balls where the edge is held, and of the deformations of
+    contacts where the edge is free: a held edge leaves whole cells of balls, a free edge whole
+    cells of contacts. Raises :class:`~granphon.base.errors.InputError` where the gap closes, and at
+    a free edge under prestress.
+    """
+    is_free = half_space.edge == "free"
+    if is_free and half_space.network.prestress:
+        raise InputError(
+            "static forces act at the free edge (prestress)",
+            mend="Take a state without, or a held edge",
+        )
+    rows, signs = half_space.weighted_rows(q, _PHASES)
+    matrices = rows.conj().swapaxes(1, 2) @ (signs[:, None] * rows)
+    squares, modes = np.linalg.eigh(matrices)
+    states = modes[:, :, below:]  # (phases, size, branches)
+    if is_free:
+        states = np.linalg.qr(rows @ states)[0]  # (phases, rows, branches)
+    next_states = np.roll(states, -1, axis=0)
+    overlaps = np.linalg.det(states.conj().swapaxes(1, 2) @ next_states)  # (phases,)
+    gap = np.min(squares[:, below] - squares[:, below - 1])
+    is_closed = gap <= _CLOSED * half_space.highest
+    if is_closed or np.min(np.abs(overlaps)) < _LEAST_OVERLAP:
+        raise InputError(
+            f"the gap above the {below} lowest branches closes, or nearly",
+            mend="Take another wave vector",
+        )
+    phase = -float(np.angle(np.prod(overlaps / np.abs(overlaps))))
+    # rounding below zero would become 2 pi
+    return 0.0 if abs(phase) < _NO_PHASE else phase % (2.0 * np.pi)
+
+
+def find_winding(half_space: HalfSpace, q: Array) -> int:
+    """Return how often det C winds about zero at q (p - 1,), which is the number of motions at a
+    free edge that cost nothing.
+
+    Raises :class:`~granphon.base.errors.InputError` where C is not square, or its determinant
+    vanishes.
+    """
+    rows = half_space.weighted_rows(q, _PHASES)[0]
+    _, n_deformations, n_motions = rows.shape
+    if n_deformations != n_motions:
+        raise InputError(
+            f"{n_deformations} deformations of contacts and {n_motions} motions are not as many",
+            "C has no determinant",
+            "Take an isostatic lattice",
+        )
+    determinants = np.linalg.det(rows)
+    # Hadamard: no determinant is larger than the product of the lengths of its rows
+    bounds = np.prod(np.linalg.norm(rows, axis=2), axis=1)
+    turns = np.angle(np.roll(determinants, -1) * determinants.conj())
+    is_singular = np.any(np.abs(determinants) <= _SINGULAR * bounds)
+    if is_singular or np.max(np.abs(turns)) > _LARGEST_TURN:
+        raise InputError("det C vanishes, or nearly, at this wave vector", mend="Take another one")
+    return int(np.rint(turns.sum() / (2.0 * np.pi)))
