@@ -238,7 +238,7 @@ class Arrangement:
         common.
         """
         ratios = self.crystal.mindlin_ratios if self.friction else np.zeros(1)
-        if np.any(ratios) and self.crystal._springs.know_radii:  # the ratio depends on the load
+        if np.any(ratios) and self.crystal._laws.know_radii:  # the ratio depends on the load
             return None
         return float(ratios[0]) if np.ptp(ratios) <= _SAME else None
 

@@ -38,7 +38,7 @@ from granphon.balls.material import Material
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief
 from granphon.base.text import list_names
-from granphon.media.crystal_statics import Springs
+from granphon.contacts.laws import ContactLaws
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.phonopy_atoms import choose_symbols
 
@@ -170,7 +170,7 @@ class BallContacts(ContactCalculator):
             return Ball(ball, 2.0 * radius, name=kind)
         return Ball(ball.material, 2.0 * radius, name=kind)
 
-    def find_contacts(self, atoms: Atoms) -> tuple[Index, Index, Index, Array, Springs, Array]:
+    def find_contacts(self, atoms: Atoms) -> tuple[Index, Index, Index, Array, ContactLaws, Array]:
         """Return i, j (n_c,) and the shift (n_c, 3) of each contact, the vectors (n_c, 3) between
         centres, m, the laws, and 4 G*/E* (n_c,).
         """
@@ -199,7 +199,7 @@ class BallContacts(ContactCalculator):
             sort_j = sorts[code[j[contacts[0]]]]
             law, ratio[contacts], modulus[contacts] = self._find_law(*sort_i, *sort_j)
             groups.append((law, contacts))
-        return i, j, shift, vector, Springs(groups, len(i), modulus), ratio
+        return i, j, shift, vector, ContactLaws(groups, len(i), modulus), ratio
 
     def _find_gap(self, sorts: list[tuple[str, float]]) -> float:
         """Return the distance, m, up to which balls that adhere touch though they are apart, of any
