@@ -1,7 +1,8 @@
 """Loops over the contacts of an assembly, compiled: what contacts measure, and what they exert.
 
-Bodies have the displacements (bodies, d), the cell has a strain (p, p), and vectors at touch are
-(n_c, 3): see :mod:`granphon.contacts.assembly`.
+Bodies have the displacements (bodies, 3), the cell has a strain (3, 3), and vectors at touch are
+(n_c, 3): see :mod:`granphon.contacts.assembly`. On axes that there are not, all is zero: loops of
+three turns take half of the time of loops whose length is not known.
 """
 
 from __future__ import annotations
@@ -16,18 +17,6 @@ from granphon.base.compiled import compiled
 
 
 @compiled
-def _set_approach(
-    i: int, j: int, vector: Array, contact: int, displacement: Array, strain: Array, apart: Array
-) -> None:
-    """Set ``apart`` (3,) to w = u_j - u_i + E v of a contact."""
-    for axis in range(displacement.shape[1]):
-        apart[axis] = displacement[j, axis] - displacement[i, axis]
-    for axis in range(strain.shape[0]):
-        for period in range(strain.shape[1]):
-            apart[axis] += strain[axis, period] * vector[contact, period]
-
-
-@compiled
 def measure_losses(
     i: NDArray[np.int64],
     j: NDArray[np.int64],
@@ -38,12 +27,15 @@ def measure_losses(
     loss: Array,
 ) -> None:
     """Set ``loss`` (n_c,) to n.w: what contacts lose of their overlaps along their normals."""
-    apart = np.zeros(3)
     for contact in range(len(i)):
-        _set_approach(i[contact], j[contact], vector, contact, displacement, strain, apart)
+        first = i[contact]
+        second = j[contact]
         along = 0.0
         for axis in range(3):
-            along += normal[contact, axis] * apart[axis]
+            apart = displacement[second, axis] - displacement[first, axis]
+            for period in range(3):
+                apart += strain[axis, period] * vector[contact, period]
+            along += normal[contact, axis] * apart
         loss[contact] = along
 
 
@@ -64,22 +56,25 @@ def measure_turned(
 
     Flat contacts keep their vectors, and lose n.w.
     """
-    apart = np.zeros(3)
     for contact in range(len(i)):
-        _set_approach(i[contact], j[contact], vector, contact, displacement, strain, apart)
-        size = 0.0
+        first = i[contact]
+        second = j[contact]
+        touching = 0.0
         grown = 0.0
         product = 0.0
         for axis in range(3):
+            apart = displacement[second, axis] - displacement[first, axis]
+            for period in range(3):
+                apart += strain[axis, period] * vector[contact, period]
             begin = vector[contact, axis]
-            end = begin if is_flat[contact] else begin + apart[axis]
+            end = begin if is_flat[contact] else begin + apart
             current[contact, axis] = end
-            size += begin * begin
+            touching += begin * begin
             grown += end * end
             # |v + w|^2 - |v|^2 without the squares, which would leave no digits; 2 v.w if flat
-            product += (begin + end) * apart[axis]
+            product += (begin + end) * apart
         distance[contact] = math.sqrt(grown)
-        loss[contact] = product / (math.sqrt(size) + distance[contact])
+        loss[contact] = product / (math.sqrt(touching) + distance[contact])
 
 
 @compiled
@@ -92,23 +87,21 @@ def add_forces(
     on_bodies: Array,
     virial: Array,
 ) -> None:
-    """Add the forces along the normals to those on bodies (bodies, d), and f n v to the ``virial``
-    (p, p).
+    """Add the forces along the normals to those on bodies (bodies, 3), and f n v to the ``virial``
+    (3, 3).
     """
-    p = virial.shape[0]
     for contact in range(len(i)):
         size = force[contact]
         if size == 0.0:
             continue
         first = i[contact]
         second = j[contact]
-        for axis in range(on_bodies.shape[1]):
+        for axis in range(3):
             component = size * normal[contact, axis]
             on_bodies[first, axis] -= component
             on_bodies[second, axis] += component
-            if axis < p:
-                for period in range(p):
-                    virial[axis, period] += component * vector[contact, period]
+            for period in range(3):
+                virial[axis, period] += component * vector[contact, period]
 
 
 @compiled
@@ -130,7 +123,7 @@ def add_tangents(
 
     Parameters
     ----------
-    unit_strains : (s, p, p) symmetric.
+    unit_strains : (s, 3, 3) symmetric.
     places, data : where blocks begin among the entries, and the entries: see
         :class:`granphon.contacts.tangent.Pattern`.
     ahead : (bodies, d, s) forces on bodies against unit strains.
@@ -138,7 +131,6 @@ def add_tangents(
     """
     d = ahead.shape[1]
     s = unit_strains.shape[0]
-    p = unit_strains.shape[1]
     strained = np.zeros((s, 3))
     resisted = np.zeros((s, 3))
     for contact in range(len(i)):
@@ -156,13 +148,12 @@ def add_tangents(
                     data[place] += entry if block in (0, 3) else -entry
         for strain in range(s):
             part = 0.0
-            for axis in range(p):
-                strained[strain, axis] = 0.0
-                for period in range(p):
-                    strained[strain, axis] += (
-                        unit_strains[strain, axis, period] * vector[contact, period]
-                    )
-                part += normal[contact, axis] * strained[strain, axis]
+            for axis in range(3):
+                change = 0.0
+                for period in range(3):
+                    change += unit_strains[strain, axis, period] * vector[contact, period]
+                strained[strain, axis] = change
+                part += normal[contact, axis] * change
             for axis in range(d):
                 resisted[strain, axis] = along * part * normal[contact, axis]
                 resisted[strain, axis] += side * strained[strain, axis]
@@ -170,7 +161,7 @@ def add_tangents(
                 ahead[j[contact], axis, strain] += resisted[strain, axis]
         for strain in range(s):
             for second in range(s):
-                for axis in range(p):
+                for axis in range(d):
                     corner[strain, second] += strained[strain, axis] * resisted[second, axis]
 
 
@@ -213,3 +204,15 @@ def invert_blocks(blocks: Array) -> None:
                 blocks[ball, line, pivot] = 0.0
                 for column in range(d):
                     blocks[ball, line, column] -= factor * blocks[ball, pivot, column]
+
+
+@compiled
+def multiply_blocks(blocks: Array, vectors: Array, products: Array) -> None:
+    """Set ``products`` (n, d) to ``blocks`` (n, d, d) times ``vectors`` (n, d)."""
+    d = blocks.shape[1]
+    for ball in range(len(blocks)):
+        for line in range(d):
+            total = 0.0
+            for column in range(d):
+                total += blocks[ball, line, column] * vectors[ball, column]
+            products[ball, line] = total

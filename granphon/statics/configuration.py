@@ -93,8 +93,12 @@ class Problem:
                 shape[a, b] = shape[b, a] = 1.0
         # an unknown of 1 is a length
         self.length = float(np.mean(assembly.distance)) * math.sqrt(assembly.n_contacts)
-        #: (s, p, p) strains of the cell by the unknowns
-        self.unit_strains = shapes / self.length
+        #: (s, 3, 3) strains of the cell by the unknowns
+        self.unit_strains = np.zeros((len(shapes), 3, 3))
+        self.unit_strains[:, :p, :p] = shapes / self.length
+        #: (3, 3) the given strain
+        self.given_strain = np.zeros((3, 3))
+        self.given_strain[:p, :p] = load.strain
         self.size = self.n_displacements + len(shapes)
 
     @cached_property
@@ -114,20 +118,23 @@ class Problem:
 
     def find_work(self, stress: Array) -> Array:
         """Return the forces (s,) on the free strains of a ``stress`` (p, p) times the measure."""
-        return np.einsum("sab,ab->s", self.unit_strains, stress) * self.assembly.measure
+        p = len(stress)
+        unit_strains = self.unit_strains[:, :p, :p]
+        return np.einsum("sab,ab->s", unit_strains, stress) * self.assembly.measure
 
     def find_displacement(self, x: Array) -> Array:
-        """Return the displacements (bodies, d) of balls, walls, and what is held."""
+        """Return the displacements (bodies, 3) of balls, walls, and what is held."""
         assembly = self.assembly
-        displacement = np.zeros((assembly.n_bodies, assembly.dimension))
+        displacement = np.zeros((assembly.n_bodies, 3))
         n = assembly.n_balls
-        displacement[:n] = x[: self.n_ball_unknowns].reshape(n, assembly.dimension)
+        d = assembly.dimension
+        displacement[:n, :d] = x[: self.n_ball_unknowns].reshape(n, d)
         shifts = x[self.n_ball_unknowns : self.n_displacements]
-        displacement[n : n + assembly.n_walls] = shifts[:, None] * assembly.directions
+        displacement[n : n + assembly.n_walls, :d] = shifts[:, None] * assembly.directions
         return displacement
 
     def find_strain(self, x: Array) -> Array:
-        """Return the strain (p, p) that the unknowns make, beside a given one."""
+        """Return the strain (3, 3) that the unknowns make, beside a given one."""
         return np.asarray(np.einsum("s,sab->ab", x[self.n_displacements :], self.unit_strains))
 
     @cached_property
@@ -153,15 +160,17 @@ class Problem:
 
     def find_unit_losses(self, normal: Array) -> Array:
         """Return what contacts lose of their overlaps by the unit strains, (n_c, s)."""
-        p = self.assembly.periods
-        vector = self.assembly.vector[:, :p]
-        return np.einsum("ca,sab,cb->cs", normal[:, :p], self.unit_strains, vector, optimize=True)
+        losses = np.empty((self.assembly.n_contacts, len(self.unit_strains)))
+        for strain, unit_strain in enumerate(self.unit_strains):
+            strained = self.assembly.vector @ unit_strain
+            losses[:, strain] = np.einsum("ca,ca->c", normal, strained)
+        return losses
 
     def measure_losses(
         self, x: Array, normal: Array | None = None, strain: Array | None = None
     ) -> Array:
         """Return what contacts (n_c,) lose of their overlaps along their normals, (n_c, 3), by
-        default those at touch; ``strain`` (p, p) is one beside that of the unknowns.
+        default those at touch; ``strain`` (3, 3) is one beside that of the unknowns.
         """
         from granphon.contacts.deformation import measure_losses  # averages need no Numba
 
@@ -182,14 +191,15 @@ class Problem:
 
         assembly = self.assembly
         n = assembly.n_balls
-        on_bodies = np.zeros((assembly.n_bodies, assembly.dimension))
-        virial = np.zeros((assembly.periods, assembly.periods))
+        d = assembly.dimension
+        on_bodies = np.zeros((assembly.n_bodies, 3))
+        virial = np.zeros((3, 3))
         ends = (assembly.i, assembly.j, assembly.vector)
         add_forces(*ends, normal, force, on_bodies, virial)
-        on_walls = on_bodies[n : n + assembly.n_walls]
+        on_walls = on_bodies[n : n + assembly.n_walls, :d]
         return np.concatenate(
             [
-                on_bodies[:n].ravel(),
+                on_bodies[:n, :d].ravel(),
                 np.einsum("wa,wa->w", on_walls, assembly.directions),
                 np.einsum("sab,ab->s", self.unit_strains, virial),
             ]
@@ -200,7 +210,7 @@ class Problem:
         lattice carries along.
         """
         if overlap is None and not self.turns:
-            overlap = self.assembly.offset - self.measure_losses(x, strain=self.load.strain)
+            overlap = self.assembly.offset - self.measure_losses(x, strain=self.given_strain)
         return Configuration(self, x, overlap)
 
 
@@ -214,8 +224,10 @@ class Configuration:
         assembly = problem.assembly
         self.problem = problem
         self.x = x
-        strain = problem.find_strain(x) + problem.load.strain
-        self.strain = strain
+        p = assembly.periods
+        strain = problem.find_strain(x) + problem.given_strain
+        #: (p, p) strain of the cell
+        self.strain = strain[:p, :p]
         if problem.turns:
             self._measure(strain)
         else:
@@ -291,7 +303,9 @@ class Configuration:
         """(n,) the force left on each ball, N."""
         assembly = self.problem.assembly
         left = self.pull[: self.problem.n_ball_unknowns]
-        return np.asarray(np.linalg.norm(left.reshape(assembly.n_balls, assembly.dimension), axis=1))
+        return np.asarray(
+            np.linalg.norm(left.reshape(assembly.n_balls, assembly.dimension), axis=1)
+        )
 
     @property
     def is_sound(self) -> bool:

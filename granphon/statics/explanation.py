@@ -59,10 +59,7 @@ def _find_compatibility(problem: Problem) -> Any:
     turned = np.zeros((k * d, k))
     for wall, direction in enumerate(assembly.directions):
         turned[wall * d : (wall + 1) * d, wall] = direction
-    p = assembly.periods
-    strained = np.einsum(
-        "ca,sab,cb->cs", assembly.normal[:, :p], problem.unit_strains, assembly.vector[:, :p]
-    )
+    strained = problem.find_unit_losses(assembly.normal)
     of_walls = of_bodies[:, n : n + k * d] @ turned
     return hstack([of_bodies[:, :n], coo_array(of_walls), coo_array(-strained)]).tocsr()
 

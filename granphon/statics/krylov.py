@@ -14,8 +14,9 @@ Map = Callable[[Array], Array]
 
 def conjugate_gradients(
     apply: Map, precondition: Map, right: Array, reduction: float, floor: float, most: int
-) -> Array:
-    """Return x with |A x - right| <= ``reduction`` |right|, or what ``most`` iterations find.
+) -> tuple[Array, bool]:
+    """Return x with |A x - right| <= ``reduction`` |right|, and whether ``most`` iterations reach
+    it.
 
     A and its preconditioner are symmetric and positive definite. The residual is not lowered below
     ``floor``, which is rounding.
@@ -27,7 +28,7 @@ def conjugate_gradients(
     product = math.inf
     for _ in range(most):
         if float(np.linalg.norm(residual)) <= aim:
-            break
+            return solution, True
         better = precondition(residual)
         last = product
         product = float(residual @ better)
@@ -36,8 +37,8 @@ def conjugate_gradients(
         change = apply(search)
         curvature = float(search @ change)
         if curvature <= 0.0:  # rounding, or a motion that costs nothing
-            break
+            return solution, True
         length = product / curvature
         solution += length * search
         residual -= length * change
-    return solution
+    return solution, False

@@ -237,14 +237,20 @@ class IteratedEquations:
         self.options = options
 
     def solve(
-        self, configuration: Configuration, stiffness: Array, pull: Array, reduction: float
-    ) -> Array:
+        self,
+        configuration: Configuration,
+        stiffness: Array,
+        pull: Array,
+        reduction: float,
+        most: int,
+    ) -> tuple[Array, bool]:
         """Return the step (size,) that takes the forces ``pull`` (size,) away but for
-        ``reduction``.
+        ``reduction``, and whether ``most`` iterations find it.
         """
         from granphon.contacts.deformation import (  # averages need no Numba
             add_blocks,
             invert_blocks,
+            multiply_blocks,
         )
 
         problem = self.problem
@@ -274,10 +280,11 @@ class IteratedEquations:
             return problem.collect_forces(normal, stiffness * loss)
 
         def precondition(force: Array) -> Array:
-            of_balls = np.einsum("nab,nb->na", alone, force[:n].reshape(-1, d)).ravel()
-            return problem.remove_drift(np.concatenate([of_balls, force[n:] / diagonal]))
+            motion = np.empty_like(force)
+            multiply_blocks(alone, force[:n].reshape(-1, d), motion[:n].reshape(-1, d))
+            motion[n:] = force[n:] / diagonal
+            return problem.remove_drift(motion)
 
         floor = float(np.sqrt(len(pull))) * options.rounded_force * configuration.mean
         aim = problem.remove_drift(pull)
-        most = options.most_iterations
         return conjugate_gradients(apply, precondition, aim, reduction, floor, most)

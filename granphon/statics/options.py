@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 
 def _largest_factors() -> Mapping[int, int]:
-    return MappingProxyType({1: 2**21, 2: 2**18, 3: 1_500})
+    return MappingProxyType({1: 2**21, 2: 2**18, 3: 2**12})
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,16 @@ class RestOptions:
     hold : stiffness of the springs that hold what nothing else holds, over the mean of contacts.
     hold_alone : the same of single balls in a preconditioner, where rounding grows by its inverse.
     most_factorised : balls on a line, in the plane, in space, at most, whose matrices are
-        factorised: of fcc 12^3 factors take 0.14 s, iterations as long, and of fcc 20^3 ten times
-        longer.
+        factorised: factors then take about 1 GB.
+    fewest_iterated : balls in the plane or in space from which iterations are tried before factors
+        in the directions of the lattice. Where most contacts are closed, 20 to 50 iterations do: of
+        8^3 balls of fcc they take 2 ms, factors 40 ms.
+    patience_of_iterations : iterations after which factors are taken instead.
     most_band : diagonals beside the main one, at most, of a matrix that is taken as a band.
-    most_iterations : iterations of conjugate gradients in one step, at most.
     rounded_force : what rounding leaves of the forces on a ball, over their size.
     carried : force, over the residual, up to which a contact carries nothing, as its stiffness
         would hold a ball.
+    most_iterations : iterations in one step where factors take too much, at most.
     patience : steps without half of the residual, after which loose balls and all others are no
         longer moved in turn; four times as many end the search.
     light : force of a contact, over the mean, up to which it is light: balls with no more heavy
@@ -72,6 +75,8 @@ class RestOptions:
     hold_alone: float = 1e-6
     most_factorised: Mapping[int, int] = field(default_factory=_largest_factors)
     most_band: int = 2
+    fewest_iterated: int = 150
+    patience_of_iterations: int = 150
     most_iterations: int = 4000
     rounded_force: float = 4e-16
     carried: float = 10.0

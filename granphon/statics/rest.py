@@ -143,7 +143,8 @@ def find_rest(
 
 def _find_unknowns(problem: Problem, rest: Rest) -> Array:
     """Return the unknowns (size,) of a state."""
-    units = problem.unit_strains
+    p = problem.assembly.periods
+    units = problem.unit_strains[:, :p, :p]
     free = rest.strain - problem.load.strain
     strains = np.einsum("sab,ab->s", units, free) / np.einsum("sab,sab->s", units, units)
     return np.concatenate([rest.displacement.ravel(), rest.wall_motion, strains])
@@ -152,8 +153,7 @@ def _find_unknowns(problem: Problem, rest: Rest) -> Array:
 class _Trail:
     """The configuration nearest to rest on the way, and the steps since the residual was halved."""
 
-    def __init__(self, tolerance: float, required: float) -> None:
-        self.tolerance = tolerance
+    def __init__(self, required: float) -> None:
         self.required = required
         self.begin()
 
@@ -171,10 +171,11 @@ class _Trail:
             self.best = residual
             self.nearest = configuration
 
-    @property
-    def has_arrived(self) -> bool:
-        """Whether the nearest configuration is at rest, or as near as rounding lets it come."""
-        return self.best <= self.tolerance or (self.best <= self.required and self.stalled > 2)
+    def has_arrived(self, tolerance: float) -> bool:
+        """Return whether the nearest configuration is at rest, or as near as rounding lets it
+        come.
+        """
+        return self.best <= tolerance or (self.best <= self.required and self.stalled > 2)
 
 
 class _Search:
@@ -183,10 +184,9 @@ class _Search:
     def __init__(self, problem: Problem, options: RestOptions) -> None:
         self.problem = problem
         self.options = options
-        dimension = problem.assembly.dimension
-        self.is_factored = problem.assembly.n_balls <= options.most_factorised[dimension]
-        tolerance = options.tolerance if self.is_factored else options.iterated_tolerance
-        self.trail = _Trail(tolerance, options.required)
+        assembly = problem.assembly
+        self.is_factored = assembly.n_balls <= options.most_factorised[assembly.dimension]
+        self.trail = _Trail(options.required)
 
     @cached_property
     def equations(self) -> Equations:
@@ -197,6 +197,10 @@ class _Search:
     def iterated_equations(self) -> IteratedEquations:
         """Newton's equations, by iteration."""
         return IteratedEquations(self.problem, self.options)
+
+    def find_tolerance(self, iterates: bool) -> float:
+        """Return the residual at which the balls are at rest."""
+        return self.options.iterated_tolerance if iterates else self.options.tolerance
 
     def finish(self) -> Rest:
         """Return the state nearest to rest, without the light contacts of balls that differ: their
@@ -216,6 +220,14 @@ class _Search:
 
 class _LatticeSearch(_Search):
     """The search in the directions of the lattice."""
+
+    def __init__(self, problem: Problem, options: RestOptions) -> None:
+        super().__init__(problem, options)
+        assembly = problem.assembly
+        #: whether equations are solved by iteration
+        self.iterates = not self.is_factored or (
+            assembly.dimension > 1 and assembly.n_balls >= options.fewest_iterated
+        )
 
     def run(self, start: Rest | None) -> Rest:
         """Return the state at rest."""
@@ -240,7 +252,7 @@ class _LatticeSearch(_Search):
             if not mean or relaxed:
                 raise explain(problem, opened=True)
             trail.add(configuration)
-            if trail.has_arrived:
+            if trail.has_arrived(self.find_tolerance(self.iterates)):
                 break
             configuration = self._advance(configuration)
         if trail.best > self.options.required:
@@ -286,9 +298,18 @@ class _LatticeSearch(_Search):
         """Return the step (size,) of springs of a ``stiffness`` under forces ``pull``."""
         if not len(pull):
             return pull
-        if self.is_factored:
-            return self.equations.solve(configuration, stiffness, pull)
-        return self.iterated_equations.solve(configuration, stiffness, pull, reduction)
+        if self.iterates:
+            options = self.options
+            most = options.most_iterations
+            if self.is_factored:
+                most = options.patience_of_iterations
+            step, has_converged = self.iterated_equations.solve(
+                configuration, stiffness, pull, reduction, most
+            )
+            if has_converged or not self.is_factored:
+                return step
+            self.iterates = False
+        return self.equations.solve(configuration, stiffness, pull)
 
     def _advance(self, configuration: Configuration) -> Configuration:
         """Return the configuration after a step of Newton's method, of a length at which the slope
@@ -388,7 +409,7 @@ class _ExactSearch(_Search):
             if not configuration.is_sound:
                 break
             trail.add(configuration)
-            if trail.has_arrived:
+            if trail.has_arrived(self.find_tolerance(not self.is_factored)):
                 if not differs:
                     return self.finish()
                 below = self._leave_saddle() if n_saddles < options.saddles else None
@@ -463,7 +484,7 @@ class _ExactSearch(_Search):
             return pull
         stiffness = configuration.stiffness
         if not self.is_factored:
-            return self.iterated_equations.solve(configuration, stiffness, pull, 1e-4)
+            return self._iterate(configuration, stiffness)
         slope = self._find_load_slope(configuration)
         return self.equations.solve(configuration, stiffness, pull, load_slope=slope)
 
@@ -473,10 +494,16 @@ class _ExactSearch(_Search):
         """
         stiffness = configuration.stiffness
         added = self.options.added * min(1.0, configuration.residual) * float(np.mean(stiffness))
-        pull = configuration.pull
         if not self.is_factored:
-            return self.iterated_equations.solve(configuration, stiffness + added, pull, 1e-4)
-        return self.equations.solve(configuration, stiffness + added, pull, -1.0)
+            return self._iterate(configuration, stiffness + added)
+        return self.equations.solve(configuration, stiffness + added, configuration.pull, -1.0)
+
+    def _iterate(self, configuration: Configuration, stiffness: Array) -> Array:
+        """Return a step (size,) that iteration finds."""
+        most = self.options.most_iterations
+        return self.iterated_equations.solve(
+            configuration, stiffness, configuration.pull, 1e-4, most
+        )[0]
 
     def _find_load_slope(self, configuration: Configuration) -> Array | None:
         """Return the growth (size, k + s) of the load's forces with walls and strains: the load
@@ -484,7 +511,8 @@ class _ExactSearch(_Search):
         """
         problem = self.problem
         load = problem.load
-        units = problem.unit_strains
+        p = problem.assembly.periods
+        units = problem.unit_strains[:, :p, :p]
         if not len(units) or load.stress is None:
             return None
         n = problem.n_displacements
