@@ -287,12 +287,21 @@ class Hexagon:
         ball, wall = np.nonzero(reach > (self.balls_per_side - 1) * math.sqrt(0.75) - 0.1)
         return ball, wall
 
+    @property
+    def _middle(self) -> int:
+        """Number of the ball in the middle."""
+        return int(np.argmin(np.sum(self.sites**2, axis=1)))
+
     @cached_property
     def _assembly(self) -> Assembly:
-        """The balls and the walls, with the contacts between balls first."""
+        """The balls and the walls, with the contacts between balls first.
+
+        Nothing holds the whole: the ball in the middle keeps its place.
+        """
         (i, j, normal) = self._pairs
         (ball, wall) = self._leaning
-        count = len(self.sites)
+        count = len(self.sites) - 1
+        body = np.insert(np.arange(count), self._middle, count + 6)
         radii = 0.5 * self.deviations
         n_pairs = len(i)
         n_contacts = n_pairs + len(ball)
@@ -305,8 +314,8 @@ class Hexagon:
         at_walls = (HertzLaw(self.wall_coefficient), contacts[n_pairs:])
         return Assembly(
             n_balls=count,
-            i=np.append(i, ball).astype(np.int64),
-            j=np.append(j, count + wall).astype(np.int64),
+            i=np.append(body[i], body[ball]).astype(np.int64),
+            j=np.append(body[j], count + wall).astype(np.int64),
             vector=vector,
             is_flat=contacts >= n_pairs,
             offset=np.append(radii[i] + radii[j], radii[ball]),
@@ -330,13 +339,13 @@ class Hexagon:
         wanted = positive("side_force", side_force, "N")
         self._require_shallow(wanted, force_of_frame(wanted, self.balls_per_side), 0.0)
         assembly = self._assembly
-        count = len(self.sites)
+        on_balls = np.zeros(2 * assembly.n_balls)
         load = AppliedLoad(
-            force=np.append(np.zeros(2 * count), np.full(6, -wanted)),
+            force=np.append(on_balls, np.full(6, -wanted)),
             words=f"side_force = {wanted:g} N",
             stress=None,
             strain=np.zeros((0, 0)),
-            pressure_force=np.zeros(2 * count + 6),
+            pressure_force=np.append(on_balls, np.zeros(6)),
         )
         rest = find_rest(assembly, load)
         forces = assembly.laws.force(rest.overlap)
@@ -345,16 +354,14 @@ class Hexagon:
         between_balls = forces[: len(i)]
         at_walls = forces[len(i) :]
         self._require_shallow(wanted, float(np.max(between_balls)), float(np.max(at_walls)))
-        # nothing holds the whole: the ball in the middle keeps its place
-        middle = rest.displacement[int(np.argmin(np.sum(self.sites**2, axis=1)))]
         return PressedHexagon(
             self.packing,
             self.balls_per_side,
             wanted,
             self.sites,
             self.deviations,
-            rest.displacement - middle,
-            rest.wall_motion - _NORMALS @ middle,
+            np.insert(rest.displacement, self._middle, 0.0, axis=0),
+            rest.wall_motion,
             i,
             j,
             normal,

@@ -27,7 +27,7 @@ from granphon.base.errors import ConvergenceError
 from granphon.contacts.tangent import Pattern
 from granphon.dynamics.factors import Elimination, Factors
 from granphon.statics.configuration import Configuration, Problem
-from granphon.statics.krylov import conjugate_gradients
+from granphon.statics.krylov import Map, conjugate_gradients
 from granphon.statics.options import RestOptions
 
 
@@ -114,10 +114,10 @@ class Equations:
         load_slope: Array | None = None,
     ) -> Array:
         """Return the step (size,) that takes the forces ``pull`` (size,) away; see
-        :meth:`linearise` and :meth:`Linearisation.solve`.
+        :meth:`linearise` and :meth:`Linearisation.invert`.
         """
-        linear = self.linearise(configuration, stiffness, turning)
-        return self.problem.remove_drift(linear.solve(pull, load_slope))
+        inverse = self.linearise(configuration, stiffness, turning).invert(load_slope)
+        return self.problem.remove_drift(inverse(pull))
 
 
 class Linearisation:
@@ -180,39 +180,43 @@ class Linearisation:
             what = f"the equations of balls that come to rest under {words} are singular"
             raise ConvergenceError(what) from None
 
-    def solve(self, pull: Array, load_slope: Array | None = None) -> Array:
-        """Return the step (size,) that takes the forces ``pull`` (size,) away.
+    def invert(self, load_slope: Array | None = None) -> Map:
+        """Return the inverse: the step (size,) that takes forces (size,) away.
 
         ``load_slope`` (size, m) are the forces of the load that grow with walls and strains.
         """
         n = len(self.border)
+        solve_balls = self._invert_balls()
         columns = self.border
         corner = self.corner + self._hold * np.eye(len(self.corner))
         if load_slope is not None:
             columns = columns - load_slope[:n]
             corner = corner - load_slope[n:]
-        motions = self._solve_balls(np.column_stack([pull[:n], columns]))
         if not len(corner):
-            return motions[:, 0]
-        corner = corner - self.border.T @ motions[:, 1:]
-        of_few = np.linalg.solve(corner, pull[n:] - self.border.T @ motions[:, 0])
-        return np.concatenate([motions[:, 0] - motions[:, 1:] @ of_few, of_few])
+            return solve_balls
+        motions = solve_balls(columns)
+        remaining = np.linalg.inv(corner - self.border.T @ motions)
 
-    def _solve_balls(self, forces: Array) -> Array:
-        """Return the motions (n d, m) of balls under ``forces`` (n d, m), walls and strains
+        def solve(pull: Array) -> Array:
+            of_balls = solve_balls(pull[:n])
+            of_few = remaining @ (pull[n:] - self.border.T @ of_balls)
+            return np.concatenate([of_balls - motions @ of_few, of_few])
+
+        return solve
+
+    def _invert_balls(self) -> Map:
+        """Return the motions of balls, (n d,) or (n d, m), under forces on them, walls and strains
         held.
         """
-        if not len(forces):
-            return forces
+        if not len(self.border):
+            return np.zeros_like
         if self.equations.band <= self.equations.options.most_band:
-            from scipy.linalg import LinAlgError, solveh_banded
+            from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
             with suppress(LinAlgError):  # not a minimum
-                return np.asarray(solveh_banded(self._make_band(), forces, lower=True))
-        factors = self.factorise()
-        if forces.shape[1] == 1:
-            return factors.solve(forces[:, 0])[:, None]
-        return factors.solve(forces)
+                factor = cholesky_banded(self._make_band(), lower=True)
+                return lambda forces: np.asarray(cho_solve_banded((factor, True), forces))
+        return self.factorise().solve
 
     def _make_band(self) -> Array:
         """Return the diagonals of A from the main one down, (diagonals, n d), with springs to the
@@ -243,9 +247,34 @@ class IteratedEquations:
         pull: Array,
         reduction: float,
         most: int,
+        precondition: Map | None = None,
     ) -> tuple[Array, bool]:
         """Return the step (size,) that takes the forces ``pull`` (size,) away but for
         ``reduction``, and whether ``most`` iterations find it.
+
+        Parameters
+        ----------
+        stiffness : (n_c,) of the contacts, N/m.
+        precondition : an approximate inverse; by default that of single balls.
+        """
+        problem = self.problem
+        normal = configuration.normal
+        inverse = precondition or self._invert_alone(normal, stiffness)
+
+        def apply(motion: Array) -> Array:
+            loss = problem.measure_losses(motion, normal)
+            return problem.collect_forces(normal, stiffness * loss)
+
+        def find_motion(force: Array) -> Array:
+            return problem.remove_drift(inverse(force))
+
+        floor = float(np.sqrt(len(pull))) * self.options.rounded_force * configuration.mean
+        aim = problem.remove_drift(pull)
+        return conjugate_gradients(apply, find_motion, aim, reduction, floor, most)
+
+    def _invert_alone(self, normal: Array, stiffness: Array) -> Map:
+        """Return the inverse of the motions of each ball, wall or strain while the others are
+        held.
         """
         from granphon.contacts.deformation import (  # averages need no Numba
             add_blocks,
@@ -259,32 +288,25 @@ class IteratedEquations:
         d = assembly.dimension
         n = problem.n_ball_unknowns
         level = float(np.mean(stiffness))
-        normal = configuration.normal
         blocks = np.zeros((assembly.n_bodies, d, d))
         add_blocks(assembly.i, assembly.j, normal, stiffness, blocks)
         lines = assembly.directions
         of_walls = blocks[assembly.n_balls : assembly.n_balls + assembly.n_walls]
-        stretched = problem.find_unit_losses(normal)
+        losses = problem.find_unit_losses(normal)
         diagonal = np.concatenate(
             [
                 np.einsum("wa,wab,wb->w", lines, of_walls, lines),
-                np.einsum("cs,c,cs->s", stretched, stiffness, stretched),
+                np.einsum("cs,c,cs->s", losses, stiffness, losses),
             ]
         )
         diagonal += options.hold * level
         alone = blocks[: assembly.n_balls] + options.hold_alone * level * np.eye(d)
         invert_blocks(alone)
 
-        def apply(motion: Array) -> Array:
-            loss = problem.measure_losses(motion, normal)
-            return problem.collect_forces(normal, stiffness * loss)
-
-        def precondition(force: Array) -> Array:
+        def solve(force: Array) -> Array:
             motion = np.empty_like(force)
             multiply_blocks(alone, force[:n].reshape(-1, d), motion[:n].reshape(-1, d))
             motion[n:] = force[n:] / diagonal
-            return problem.remove_drift(motion)
+            return motion
 
-        floor = float(np.sqrt(len(pull))) * options.rounded_force * configuration.mean
-        aim = problem.remove_drift(pull)
-        return conjugate_gradients(apply, precondition, aim, reduction, floor, most)
+        return solve

@@ -11,6 +11,14 @@ def _largest_factors() -> Mapping[int, int]:
     return MappingProxyType({1: 2**21, 2: 2**18, 3: 2**12})
 
 
+def _fewest_iterated() -> Mapping[int, int]:
+    return MappingProxyType({1: 2**62, 2: 500, 3: 100})
+
+
+def _patience() -> Mapping[int, int]:
+    return MappingProxyType({1: 0, 2: 50, 3: 150})
+
+
 @dataclass(frozen=True)
 class RestOptions:
     """Options of :func:`~granphon.statics.rest.find_rest`.
@@ -33,10 +41,13 @@ class RestOptions:
     hold_alone : the same of single balls in a preconditioner, where rounding grows by its inverse.
     most_factorised : balls on a line, in the plane, in space, at most, whose matrices are
         factorised: factors then take about 1 GB.
-    fewest_iterated : balls in the plane or in space from which iterations are tried before factors
-        in the directions of the lattice. Where most contacts are closed, 20 to 50 iterations do: of
-        8^3 balls of fcc they take 2 ms, factors 40 ms.
-    patience_of_iterations : iterations after which factors are taken instead.
+    fewest_iterated : balls on a line, in the plane, in space, from which iterations are tried
+        before factors in the directions of the lattice. Where most contacts are closed, 20 to 50
+        iterations do: of 8^3 balls of fcc they take 2 ms, factors 40 ms.
+    patience_of_iterations : iterations with the blocks of single balls, by the number of axes,
+        after which factors are taken instead: of 64^2 balls 50 take as long.
+    patience_of_factors : iterations with the factors of an earlier step, after which new ones are
+        found: a solution takes a tenth of the time of factors.
     most_band : diagonals beside the main one, at most, of a matrix that is taken as a band.
     rounded_force : what rounding leaves of the forces on a ball, over their size.
     carried : force, over the residual, up to which a contact carries nothing, as its stiffness
@@ -75,8 +86,9 @@ class RestOptions:
     hold_alone: float = 1e-6
     most_factorised: Mapping[int, int] = field(default_factory=_largest_factors)
     most_band: int = 2
-    fewest_iterated: int = 150
-    patience_of_iterations: int = 150
+    fewest_iterated: Mapping[int, int] = field(default_factory=_fewest_iterated)
+    patience_of_iterations: Mapping[int, int] = field(default_factory=_patience)
+    patience_of_factors: int = 8
     most_iterations: int = 4000
     rounded_force: float = 4e-16
     carried: float = 10.0

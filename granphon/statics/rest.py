@@ -45,6 +45,7 @@ from granphon.statics.configuration import (
     Problem,
 )
 from granphon.statics.explanation import explain, find_typical_force
+from granphon.statics.krylov import Map
 from granphon.statics.loose_balls import find_way_down, has_soft_motions, lead_loose_balls
 from granphon.statics.newton import Equations, IteratedEquations
 from granphon.statics.options import RestOptions
@@ -198,10 +199,6 @@ class _Search:
         """Newton's equations, by iteration."""
         return IteratedEquations(self.problem, self.options)
 
-    def find_tolerance(self, iterates: bool) -> float:
-        """Return the residual at which the balls are at rest."""
-        return self.options.iterated_tolerance if iterates else self.options.tolerance
-
     def finish(self) -> Rest:
         """Return the state nearest to rest, without the light contacts of balls that differ: their
         force may be a residual only, and their stiffness would hold a ball.
@@ -225,9 +222,13 @@ class _LatticeSearch(_Search):
         super().__init__(problem, options)
         assembly = problem.assembly
         #: whether equations are solved by iteration
-        self.iterates = not self.is_factored or (
-            assembly.dimension > 1 and assembly.n_balls >= options.fewest_iterated
+        self.iterates = (
+            not self.is_factored or assembly.n_balls >= options.fewest_iterated[assembly.dimension]
         )
+        self.tolerance = options.iterated_tolerance if self.iterates else options.tolerance
+        #: whether single balls make a preconditioner that is good enough
+        self.balls_suffice = True
+        self.kept_inverse: Map | None = None
 
     def run(self, start: Rest | None) -> Rest:
         """Return the state at rest."""
@@ -252,7 +253,7 @@ class _LatticeSearch(_Search):
             if not mean or relaxed:
                 raise explain(problem, opened=True)
             trail.add(configuration)
-            if trail.has_arrived(self.find_tolerance(self.iterates)):
+            if trail.has_arrived(self.tolerance):
                 break
             configuration = self._advance(configuration)
         if trail.best > self.options.required:
@@ -298,18 +299,23 @@ class _LatticeSearch(_Search):
         """Return the step (size,) of springs of a ``stiffness`` under forces ``pull``."""
         if not len(pull):
             return pull
-        if self.iterates:
-            options = self.options
-            most = options.most_iterations
-            if self.is_factored:
-                most = options.patience_of_iterations
+        if not self.iterates:
+            return self.equations.solve(configuration, stiffness, pull)
+        options = self.options
+        most = options.most_iterations
+        if self.is_factored:
+            most = options.patience_of_iterations[self.problem.assembly.dimension]
+            if self.kept_inverse:
+                most = options.patience_of_factors
+        if self.balls_suffice or self.kept_inverse:
             step, has_converged = self.iterated_equations.solve(
-                configuration, stiffness, pull, reduction, most
+                configuration, stiffness, pull, reduction, most, self.kept_inverse
             )
             if has_converged or not self.is_factored:
                 return step
-            self.iterates = False
-        return self.equations.solve(configuration, stiffness, pull)
+            self.balls_suffice = False
+        self.kept_inverse = self.equations.linearise(configuration, stiffness).invert()
+        return self.problem.remove_drift(self.kept_inverse(pull))
 
     def _advance(self, configuration: Configuration) -> Configuration:
         """Return the configuration after a step of Newton's method, of a length at which the slope
@@ -393,6 +399,7 @@ class _ExactSearch(_Search):
         assembly = problem.assembly
         differs = assembly.differs
         trail = self.trail
+        tolerance = options.tolerance if self.is_factored else options.iterated_tolerance
         configuration = problem.start_at(_find_unknowns(problem, start))
         loose = np.zeros(assembly.n_balls, bool)
         spread = 0.0
@@ -409,7 +416,7 @@ class _ExactSearch(_Search):
             if not configuration.is_sound:
                 break
             trail.add(configuration)
-            if trail.has_arrived(self.find_tolerance(not self.is_factored)):
+            if trail.has_arrived(tolerance):
                 if not differs:
                     return self.finish()
                 below = self._leave_saddle() if n_saddles < options.saddles else None
