@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from granphon.base.arrays import Array, Flags, Index
 from granphon.contacts.laws import ContactLaws
 
-#: component of a normal up to which a wall along an axis hinders nothing: rounding of directions
-_ROUNDING = 1e-12
+#: component of a normal that is zero but for rounding, and so is such a part of the largest overlap
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,16 +107,16 @@ class Assembly:
     @cached_property
     def free_axes(self) -> list[int]:
         """The axes along which nothing hinders all balls together."""
-        hindering = np.abs(self.normal[~self.is_between_balls]) > _ROUNDING
+        hindering = np.abs(self.normal[~self.is_between_balls]) > ROUNDING
         hindered = np.any(hindering, axis=0)
         return [axis for axis in range(self.dimension) if not hindered[axis]]
 
     @cached_property
-    def n_touching(self) -> Array:
+    def n_touching(self) -> Index:
         """(n,) numbers of the contacts of each ball."""
         return self.count_contacts(np.ones(self.n_contacts, bool))
 
-    def count_contacts(self, chosen: Flags) -> Array:
+    def count_contacts(self, chosen: Flags) -> Index:
         """Return how many of the ``chosen`` contacts (n_c,) each ball (n,) has."""
         # a contact of a ball with its own image moves nothing
         counted = chosen & (self.i != self.j)

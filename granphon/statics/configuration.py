@@ -24,15 +24,12 @@ from typing import Literal
 import numpy as np
 
 from granphon.base.arrays import Array
-from granphon.contacts.assembly import Assembly
+from granphon.contacts.assembly import ROUNDING, Assembly
 
 #: whether contacts keep the directions of the sites, or turn with their balls
 Geometry = Literal["lattice", "exact"]
 #: whether the cell keeps its shape and changes its size alone, or has the stress of the load
 Boundary = Literal["isotropic", "stress"]
-#: overlap over the largest one, up to which a contact that turns is open: the rounding of
-#: directions
-ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -120,7 +117,7 @@ class Problem:
         """Return the forces (s,) on the free strains of a ``stress`` (p, p) times the measure."""
         p = len(stress)
         unit_strains = self.unit_strains[:, :p, :p]
-        return np.einsum("sab,ab->s", unit_strains, stress) * self.assembly.measure
+        return np.asarray(np.einsum("sab,ab->s", unit_strains, stress) * self.assembly.measure)
 
     def find_displacement(self, x: Array) -> Array:
         """Return the displacements (bodies, 3) of balls, walls, and what is held."""
@@ -307,7 +304,7 @@ class Configuration:
             np.linalg.norm(left.reshape(assembly.n_balls, assembly.dimension), axis=1)
         )
 
-    @property
+    @cached_property
     def is_sound(self) -> bool:
         """Whether balls are apart and touch some others, and the cell is not inside out."""
         if not (self.mean and np.all(np.isfinite(self.x)) and np.all(self.distance > 0.0)):

@@ -48,19 +48,15 @@ def _find_compatibility(problem: Problem) -> Any:
     normal = assembly.normal[:, :d]
     contacts = np.arange(assembly.n_contacts)
     shape = (assembly.n_contacts, d * assembly.n_bodies)
-    lines = np.repeat(contacts, d)
-    of_bodies = 0
-    for ends, sign in ((assembly.i, 1.0), (assembly.j, -1.0)):
-        columns = (d * ends[:, None] + np.arange(d)).ravel()
-        entries = coo_array((sign * normal.ravel(), (lines, columns)), shape=shape)
-        of_bodies = of_bodies + entries.tocsc()
+    lines = np.tile(np.repeat(contacts, d), 2)
+    ends = np.concatenate([assembly.i, assembly.j])
+    columns = (d * ends[:, None] + np.arange(d)).ravel()
+    entries = np.concatenate([normal.ravel(), -normal.ravel()])
+    of_bodies = coo_array((entries, (lines, columns)), shape=shape).tocsc()
     n = problem.n_ball_unknowns
     k = assembly.n_walls
-    turned = np.zeros((k * d, k))
-    for wall, direction in enumerate(assembly.directions):
-        turned[wall * d : (wall + 1) * d, wall] = direction
     strained = problem.find_unit_losses(assembly.normal)
-    of_walls = of_bodies[:, n : n + k * d] @ turned
+    of_walls = of_bodies[:, n : n + k * d] @ problem.wall_lines
     return hstack([of_bodies[:, :n], coo_array(of_walls), coo_array(-strained)]).tocsr()
 
 

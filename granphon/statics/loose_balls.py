@@ -53,7 +53,7 @@ def lead_loose_balls(
     place = own_problem.start_at(np.zeros(own_problem.size))
     level = float(np.mean(configuration.stiffness))
     most = least * configuration.mean
-    for _ in range(options.loose_steps):
+    for _ in range(options.steps):
         left = place.force_on_balls
         if np.max(left) <= most:
             break
@@ -78,8 +78,8 @@ def _find_clusters(assembly: Assembly, closed: Flags) -> Index:
     ends = (assembly.i[joined], assembly.j[joined])
     shape = (assembly.n_balls, assembly.n_balls)
     graph = coo_array((np.ones(len(ends[0])), ends), shape=shape)
-    clusters: Index = connected_components(graph, directed=False)[1]
-    return clusters
+    _, clusters = connected_components(graph, directed=False)
+    return np.asarray(clusters, np.intp)
 
 
 def _move_clusters(
@@ -100,12 +100,12 @@ def _move_clusters(
     is_done = left <= most
     length = np.where(is_done, 0.0, 1.0)
     ahead = place
-    for _ in range(options.loose_slopes):
+    for _ in range(options.slopes):
         ahead = place.move(place.x + length[of_unknown] * motion)
         slope = np.bincount(of_unknown, ahead.pull * motion, count)
         low = np.where(slope > 0.0, length, low)
         high = np.where(slope < 0.0, length, high)
-        is_small = np.abs(slope) <= options.loose_slope * first
+        is_small = np.abs(slope) <= options.slope * first
         is_done |= is_small | ((slope >= 0.0) & (high == np.inf))
         if np.all(is_done):
             break
@@ -147,11 +147,14 @@ def find_way_down(configuration: Configuration, equations: Equations) -> Configu
     way[:n] = vector[:, 0] * options.descent * largest / float(np.max(np.abs(vector)))
     way *= math.copysign(1.0, float(configuration.pull @ way))
     below = configuration
-    for doubling in range(options.doublings):
-        ahead = configuration.move(configuration.x + 2.0**doubling * way)
-        if doubling and float(ahead.pull @ way) < 0.0:
+    # as far as the energy falls, but not much farther than radii differ
+    length = 1.0
+    while length * options.descent < 1.0:
+        ahead = configuration.move(configuration.x + length * way)
+        if length > 1.0 and float(ahead.pull @ way) < 0.0:
             break
         below = ahead
+        length *= 2.0
     return below
 
 

@@ -210,7 +210,7 @@ class Linearisation:
         """
         if not len(self.border):
             return np.zeros_like
-        if self.equations.band <= self.equations.options.most_band:
+        if self.equations.band == 1:
             from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
             with suppress(LinAlgError):  # not a minimum
@@ -268,7 +268,8 @@ class IteratedEquations:
         def find_motion(force: Array) -> Array:
             return problem.remove_drift(inverse(force))
 
-        floor = float(np.sqrt(len(pull))) * self.options.rounded_force * configuration.mean
+        rounding = 2.0 * float(np.finfo(np.float64).eps)
+        floor = float(np.sqrt(len(pull))) * rounding * configuration.mean
         aim = problem.remove_drift(pull)
         return conjugate_gradients(apply, find_motion, aim, reduction, floor, most)
 

@@ -21,6 +21,7 @@ rest is a minimum; from a saddle the balls go downhill along the softest motion.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -35,9 +36,8 @@ from granphon.base.errors import (
     InstabilityError,
     MechanismError,
 )
-from granphon.contacts.assembly import Assembly
+from granphon.contacts.assembly import ROUNDING, Assembly
 from granphon.statics.configuration import (
-    ROUNDING,
     AppliedLoad,
     Boundary,
     Configuration,
@@ -133,13 +133,24 @@ def find_rest(
     """
     numbers = options or RestOptions()
     problem = Problem(assembly, load, geometry, boundary)
+    if not (load.acts or load.is_given or find_typical_force(problem)):
+        return _rest_without_load(problem)
     if not problem.turns:
-        return _LatticeSearch(problem, numbers).run(start)
+        on_lattice = _LatticeSearch(problem, numbers)
+        return on_lattice.run(on_lattice.begin(start))
     if start is None:
         start = find_rest(assembly, load, "lattice", boundary, None, numbers)
-    if not (np.any(start.overlap) or load.acts):
-        return start  # bonds without a load
-    return _ExactSearch(problem, numbers).run(start)
+    exact = _ExactSearch(problem, numbers)
+    return exact.run(exact.begin(start))
+
+
+def _rest_without_load(problem: Problem) -> Rest:
+    """Return bonds where they are; raise :class:`InputError` if there are none."""
+    untouched = problem.start_at(np.zeros(problem.size))
+    if np.any(untouched.stiffness > 0.0):
+        return Rest.of(untouched)
+    words = problem.load.words
+    raise InputError(f"{words} presses nothing", "Contacts have no stiffness without a force")
 
 
 def _find_unknowns(problem: Problem, rest: Rest) -> Array:
@@ -154,12 +165,7 @@ def _find_unknowns(problem: Problem, rest: Rest) -> Array:
 class _Trail:
     """The configuration nearest to rest on the way, and the steps since the residual was halved."""
 
-    def __init__(self, required: float) -> None:
-        self.required = required
-        self.begin()
-
-    def begin(self) -> None:
-        """Forget the way."""
+    def __init__(self) -> None:
         self.best = math.inf
         self.stalled = 0
         self.nearest: Configuration | None = None
@@ -172,22 +178,17 @@ class _Trail:
             self.best = residual
             self.nearest = configuration
 
-    def has_arrived(self, tolerance: float) -> bool:
-        """Return whether the nearest configuration is at rest, or as near as rounding lets it
-        come.
-        """
-        return self.best <= tolerance or (self.best <= self.required and self.stalled > 2)
 
-
-class _Search:
-    """A search for the rest of a problem."""
+class _Search(ABC):
+    """The search for the rest of a problem; what depends on the geometry stands below."""
 
     def __init__(self, problem: Problem, options: RestOptions) -> None:
         self.problem = problem
         self.options = options
+        self.trail = _Trail()
         assembly = problem.assembly
         self.is_factored = assembly.n_balls <= options.most_factorised[assembly.dimension]
-        self.trail = _Trail(options.required)
+        self.tolerance = options.tolerance
 
     @cached_property
     def equations(self) -> Equations:
@@ -199,7 +200,49 @@ class _Search:
         """Newton's equations, by iteration."""
         return IteratedEquations(self.problem, self.options)
 
-    def finish(self) -> Rest:
+    def run(self, configuration: Configuration) -> Rest:
+        """Return the state at rest near a configuration."""
+        for _ in range(self.options.steps):
+            configuration = self._prepare(configuration)
+            if self._is_stuck(configuration):
+                break
+            self.trail.add(configuration)
+            if self._has_arrived:
+                configuration_below = self._leave_saddle()
+                if configuration_below is None:
+                    return self._finish()
+                configuration = configuration_below
+                self.trail = _Trail()
+                continue
+            configuration = self._advance(configuration)
+        if self.trail.best <= self.options.required:
+            return self._finish()
+        raise self._explain_failure(configuration)
+
+    @property
+    def _has_arrived(self) -> bool:
+        """Whether the balls are at rest, or as near as rounding lets them come."""
+        trail = self.trail
+        comes_no_nearer = trail.best <= self.options.required and trail.stalled > 2
+        return trail.best <= self.tolerance or comes_no_nearer
+
+    def _is_stuck(self, configuration: Configuration) -> bool:
+        """Return whether the search ends here without rest."""
+        return False
+
+    def _prepare(self, configuration: Configuration) -> Configuration:
+        """Return the configuration from which the next step begins."""
+        return configuration
+
+    @abstractmethod
+    def _advance(self, configuration: Configuration) -> Configuration:
+        """Return the configuration after a step."""
+
+    def _leave_saddle(self) -> Configuration | None:
+        """Return where to go on from a saddle of the energy; None at a minimum."""
+        return None
+
+    def _finish(self) -> Rest:
         """Return the state nearest to rest, without the light contacts of balls that differ: their
         force may be a residual only, and their stiffness would hold a ball.
         """
@@ -214,6 +257,10 @@ class _Search:
         opened = np.minimum(rest.overlap, laws.least)
         return replace(rest, overlap=np.where(light, opened, rest.overlap))
 
+    @abstractmethod
+    def _explain_failure(self, configuration: Configuration) -> GranphonError:
+        """Return the error of a search that has not come to rest."""
+
 
 class _LatticeSearch(_Search):
     """The search in the directions of the lattice."""
@@ -221,100 +268,81 @@ class _LatticeSearch(_Search):
     def __init__(self, problem: Problem, options: RestOptions) -> None:
         super().__init__(problem, options)
         assembly = problem.assembly
-        #: whether equations are solved by iteration
-        self.iterates = (
-            not self.is_factored or assembly.n_balls >= options.fewest_iterated[assembly.dimension]
-        )
-        self.tolerance = options.iterated_tolerance if self.iterates else options.tolerance
-        #: whether single balls make a preconditioner that is good enough
-        self.balls_suffice = True
+        fewest = options.fewest_iterated[assembly.dimension]
+        self.iterates = not self.is_factored or assembly.n_balls >= fewest
+        if self.iterates:
+            self.tolerance = options.iterated_tolerance
+        #: the inverse of the equations of an earlier step, once single balls do not suffice
         self.kept_inverse: Map | None = None
+        self.largest_mean = 0.0
 
-    def run(self, start: Rest | None) -> Rest:
-        """Return the state at rest."""
+    def begin(self, start: Rest | None) -> Configuration:
+        """Return the configuration from which the search begins: that of ``start``, of a given
+        strain, or of linear springs.
+        """
         problem = self.problem
-        laws = problem.assembly.laws
-        trail = self.trail
         if start is not None:
-            unknowns = _find_unknowns(problem, start)
-            configuration = problem.start_at(unknowns, start.overlap.copy())
-        else:
-            configuration = problem.start_at(np.zeros(problem.size))
-            if not problem.load.is_given:
-                if not (problem.load.acts or find_typical_force(problem)):
-                    return self._rest_unloaded(configuration)
-                configuration = self._guess(configuration)
-        first = configuration.mean
-        for _ in range(self.options.steps):
-            mean = configuration.mean
-            first = first or mean
-            # under a strain alone balls may move aside until none is pressed
-            relaxed = mean < self.options.relaxed * first and not problem.load.acts
-            if not mean or relaxed:
-                raise explain(problem, opened=True)
-            trail.add(configuration)
-            if trail.has_arrived(self.tolerance):
-                break
-            configuration = self._advance(configuration)
-        if trail.best > self.options.required:
-            raise self._explain_failure(configuration)
-        rest = self.finish()
-        if laws.adhere and not np.any(np.isinf(laws.tension)):
-            return rest
-        size = np.abs(rest.overlap)
-        rounded = (size <= ROUNDING * np.max(size, initial=0.0)) & (laws.tension == 0.0)
-        return replace(rest, overlap=np.where(rounded, 0.0, rest.overlap))
+            return problem.start_at(_find_unknowns(problem, start), start.overlap.copy())
+        untouched = problem.start_at(np.zeros(problem.size))
+        if problem.load.is_given:
+            return untouched
+        return self._relax_springs(untouched)
 
-    def _rest_unloaded(self, configuration: Configuration) -> Rest:
-        """Return bonds without a load."""
-        if np.any(configuration.stiffness > 0.0):
-            return Rest.of(configuration)
-        words = self.problem.load.words
-        raise InputError(f"{words} presses nothing", "Contacts have no stiffness without a force")
-
-    def _guess(self, configuration: Configuration) -> Configuration:
+    def _relax_springs(self, untouched: Configuration) -> Configuration:
         """Return where linear springs are at rest that have the law of the contacts at a typical
         force.
         """
         problem = self.problem
         laws = problem.assembly.laws
-        size = np.full(problem.assembly.n_contacts, find_typical_force(problem))
-        if not np.any(size):
+        force = find_typical_force(problem)
+        if not force:
             raise explain(problem)
+        forces = np.full(problem.assembly.n_contacts, force)
         with np.errstate(all="ignore"):
-            reached = laws.overlap(size)
-            while not np.all(np.isfinite(reached)) and size[0] > 1e-300:
-                size = 0.5 * size  # a law may have a largest force
-                reached = laws.overlap(size)
+            reached = laws.overlap(forces)
+            while not np.all(np.isfinite(reached)) and forces[0] > 1e-300:
+                forces = 0.5 * forces  # a law may have a largest force
+                reached = laws.overlap(forces)
         stiffness = laws.stiffness(reached)
-        force = size + stiffness * (configuration.overlap - reached)
-        pull = problem.force + problem.collect_forces(configuration.normal, force)
-        step = self._solve(configuration, stiffness, pull, 1e-3)
-        loss = problem.measure_losses(step)
-        return configuration.move(step, configuration.overlap - loss)
+        forces = forces + stiffness * (untouched.overlap - reached)
+        pull = problem.force + problem.collect_forces(untouched.normal, forces)
+        step = self._solve(untouched, stiffness, pull, self.options.reduction)
+        return untouched.move(step, untouched.overlap - problem.measure_losses(step))
+
+    def _prepare(self, configuration: Configuration) -> Configuration:
+        """Return the configuration; raise :class:`InputError` if all contacts are open."""
+        problem = self.problem
+        mean = configuration.mean
+        self.largest_mean = max(self.largest_mean, mean)
+        # under a strain alone balls may move aside until none is pressed
+        is_relaxed = mean < self.options.required * self.largest_mean
+        if not mean or (is_relaxed and not problem.load.acts):
+            raise explain(problem, opened=True)
+        return configuration
 
     def _solve(
         self, configuration: Configuration, stiffness: Array, pull: Array, reduction: float
     ) -> Array:
-        """Return the step (size,) of springs of a ``stiffness`` under forces ``pull``."""
-        if not len(pull):
-            return pull
-        if not self.iterates:
-            return self.equations.solve(configuration, stiffness, pull)
+        """Return the step (size,) of springs of a ``stiffness`` (n_c,) under forces ``pull``.
+
+        Iterations are preconditioned by single balls, until these do not suffice, and then by the
+        factors of an earlier step.
+        """
+        equations = self.equations
         options = self.options
+        if not self.iterates:
+            return equations.solve(configuration, stiffness, pull)
         most = options.most_iterations
         if self.is_factored:
             most = options.patience_of_iterations[self.problem.assembly.dimension]
-            if self.kept_inverse:
+            if self.kept_inverse is not None:
                 most = options.patience_of_factors
-        if self.balls_suffice or self.kept_inverse:
-            step, has_converged = self.iterated_equations.solve(
-                configuration, stiffness, pull, reduction, most, self.kept_inverse
-            )
-            if has_converged or not self.is_factored:
-                return step
-            self.balls_suffice = False
-        self.kept_inverse = self.equations.linearise(configuration, stiffness).invert()
+        step, has_converged = self.iterated_equations.solve(
+            configuration, stiffness, pull, reduction, most, self.kept_inverse
+        )
+        if has_converged or not self.is_factored:
+            return step
+        self.kept_inverse = equations.linearise(configuration, stiffness).invert()
         return self.problem.remove_drift(self.kept_inverse(pull))
 
     def _advance(self, configuration: Configuration) -> Configuration:
@@ -322,14 +350,15 @@ class _LatticeSearch(_Search):
         of the energy is small.
         """
         problem = self.problem
+        options = self.options
         residual = configuration.residual
         stiffness = configuration.stiffness
         closed = stiffness[stiffness > 0.0]
         added = configuration.mean / problem.length
         if closed.size:
-            added = self.options.added * min(1.0, residual) * float(np.mean(closed))
+            added = options.added * min(1.0, residual) * float(np.mean(closed))
         pull = configuration.pull
-        reduction = min(0.1, max(0.1 * residual**0.5, 1e-4))
+        reduction = max(0.1 * min(1.0, residual**0.5), options.reduction)
         step = self._solve(configuration, stiffness + added, pull, reduction)
         loss = problem.measure_losses(step)
         length = self._find_length(configuration, loss, float(pull @ step))
@@ -363,19 +392,29 @@ class _LatticeSearch(_Search):
             if not np.any(force_ahead) and np.any(force):
                 # under a load that is small against the forces before it
                 slope = math.inf
-            near_rest = configuration.residual < 1e-6 and length == 1.0 and slope <= fall
-            if abs(slope) <= options.slope * fall or near_rest:
+            is_near = configuration.residual < options.near and length == 1.0 and slope <= fall
+            if abs(slope) <= options.slope * fall or is_near:
                 return length
-            if slope < 0.0:
-                low = length
-                if length >= longest:
-                    return length
-                if length > options.endless:
-                    raise explain(self.problem)
-            else:
+            if slope > 0.0:
                 high = length
+            elif length >= longest:
+                return length
+            else:
+                low = length
             length = min(4.0 * length, longest) if high == math.inf else 0.5 * (low + high)
+        if high == math.inf:
+            raise explain(self.problem)
         return length
+
+    def _finish(self) -> Rest:
+        """Return the state at rest, in which overlaps that are rounding are zero."""
+        rest = super()._finish()
+        laws = self.problem.assembly.laws
+        if laws.adhere and not np.any(np.isinf(laws.tension)):
+            return rest
+        size = np.abs(rest.overlap)
+        is_rounding = (size <= ROUNDING * np.max(size, initial=0.0)) & (laws.tension == 0.0)
+        return replace(rest, overlap=np.where(is_rounding, 0.0, rest.overlap))
 
     def _explain_failure(self, configuration: Configuration) -> GranphonError:
         """Return the error of a search that has not come to rest."""
@@ -390,110 +429,94 @@ class _LatticeSearch(_Search):
 
 
 class _ExactSearch(_Search):
-    """The search in exact directions."""
+    """The search in exact directions, from rest on the lattice."""
 
-    def run(self, start: Rest) -> Rest:
-        """Return the state at rest near ``start``."""
-        options = self.options
-        problem = self.problem
+    def __init__(self, problem: Problem, options: RestOptions) -> None:
+        super().__init__(problem, options)
         assembly = problem.assembly
-        differs = assembly.differs
-        trail = self.trail
-        tolerance = options.tolerance if self.is_factored else options.iterated_tolerance
-        configuration = problem.start_at(_find_unknowns(problem, start))
-        loose = np.zeros(assembly.n_balls, bool)
-        spread = 0.0
-        if differs:
-            self._require_rigid()
-            spread = float(np.max(np.abs(assembly.offset)) / np.mean(assembly.distance))
-            heavy = configuration.force > options.light * configuration.mean
-            loose = assembly.count_contacts(heavy) <= assembly.dimension
-        n_saddles = 0
-        for _ in range(options.steps):
-            in_turn = np.any(loose) and trail.stalled <= options.patience
-            if configuration.is_sound and in_turn:
-                configuration = self._lead(configuration, loose, spread)
-            if not configuration.is_sound:
-                break
-            trail.add(configuration)
-            if trail.has_arrived(tolerance):
-                if not differs:
-                    return self.finish()
-                below = self._leave_saddle() if n_saddles < options.saddles else None
-                if below is None:
-                    return self.finish()
-                configuration = below
-                trail.begin()
-                n_saddles += 1
-                continue
-            patience = (4 if differs else 1) * options.patience
-            if trail.stalled > patience or not np.any(configuration.stiffness):
-                break
-            configuration = self._advance(configuration, loose)
-        raise self._explain_failure()
+        if not self.is_factored:
+            self.tolerance = options.iterated_tolerance
+        #: (n,) the balls that are led to rest before all others
+        self.loose: Flags = np.zeros(assembly.n_balls, bool)
 
-    def _require_rigid(self) -> None:
-        """Raise :class:`MechanismError` if motions of balls that differ cost nothing."""
-        if not (self.is_factored and has_soft_motions(self.equations)):
-            return
-        words = self.problem.load.words
-        what = f"balls that differ do not come to rest in the true geometry under {words}"
-        why = (
-            "The crystal does not stand without friction: motions in which no contact is pressed"
-            " cost no energy"
-        )
-        raise MechanismError(
-            what, why, f"{_STAY}; or take a crystal with more contacts, such as fcc"
-        )
+    def begin(self, start: Rest) -> Configuration:
+        """Return the configuration from which the search begins, that of ``start``.
 
-    def _lead(self, configuration: Configuration, loose: Flags, spread: float) -> Configuration:
+        Raises :class:`~granphon.base.errors.MechanismError` if motions of balls that differ cost
+        nothing.
+        """
+        assembly = self.problem.assembly
+        configuration = self.problem.start_at(_find_unknowns(self.problem, start))
+        if not assembly.differs:
+            return configuration
+        if self.is_factored and has_soft_motions(self.equations):
+            words = self.problem.load.words
+            what = f"balls that differ do not come to rest in the true geometry under {words}"
+            why = (
+                "The crystal does not stand without friction: motions in which no contact is"
+                " pressed cost no energy"
+            )
+            mend = f"{_STAY}; or take a crystal with more contacts, such as fcc"
+            raise MechanismError(what, why, mend)
+        heavy = configuration.force > self.options.light * configuration.mean
+        self.loose = assembly.count_contacts(heavy) <= assembly.dimension
+        return configuration
+
+    def _is_stuck(self, configuration: Configuration) -> bool:
+        """Return whether the residual no longer falls, or all contacts are open."""
+        patience = self.options.patience
+        if self.problem.assembly.differs:
+            patience = 4 * patience
+        return self.trail.stalled > patience or not configuration.is_sound
+
+    def _prepare(self, configuration: Configuration) -> Configuration:
         """Return the configuration in which loose balls are at rest between the others."""
         options = self.options
+        loose = self.loose
+        moves_in_turn = np.any(loose) and self.trail.stalled <= options.patience
+        if not (moves_in_turn and configuration.is_sound):
+            return configuration
+        assembly = self.problem.assembly
+        spread = float(np.max(np.abs(assembly.offset)) / np.mean(assembly.distance))
         on_others = configuration.force_on_balls[~loose]
         left = float(np.max(on_others, initial=0.0)) / configuration.mean
-        least = max(options.tolerance, options.loose_tolerance * min(spread, left))
+        least = max(options.tolerance, options.light * min(spread, left))
         return lead_loose_balls(configuration, loose, least, options)
 
     def _leave_saddle(self) -> Configuration | None:
-        """Return where to go on from a saddle of the energy; None at a minimum."""
-        if not self.is_factored:
+        """Return where to go on from a saddle of the energy of balls that differ; None at a
+        minimum.
+        """
+        if not (self.is_factored and self.problem.assembly.differs):
             return None
         assert self.trail.nearest is not None
         return find_way_down(self.trail.nearest, self.equations)
 
-    def _advance(self, configuration: Configuration, loose: Flags) -> Configuration:
+    def _advance(self, configuration: Configuration) -> Configuration:
         """Return the configuration after a step; of balls that differ, those that are far from rest
-        then become ``loose``.
+        then become loose.
         """
-        options = self.options
-        assembly = self.problem.assembly
+        pull = configuration.pull
         step = self._find_step(configuration)
         ahead = configuration.move(configuration.x + step)
-        if not assembly.differs:
+        if not self.problem.assembly.differs:
             return ahead
         # steps up the energy would go round in circles, or back to a saddle: the slopes at both
         # ends tell
-        falls = (
-            ahead.is_sound
-            and configuration.pull @ step > 0.0
-            and (configuration.pull + ahead.pull) @ step >= 0.0
-        )
-        if not (falls and ahead.residual < options.farthest):
+        falls = ahead.is_sound and pull @ step > 0.0 and (pull + ahead.pull) @ step >= 0.0
+        if not falls:
             ahead = self._search(configuration, self._find_leaning_step(configuration))
-        size = options.failed * configuration.residual * ahead.mean
-        loose |= ahead.force_on_balls > size
+        size = self.options.failed * configuration.residual * ahead.mean
+        self.loose = self.loose | (ahead.force_on_balls > size)
         return ahead
 
     def _find_step(self, configuration: Configuration) -> Array:
         """Return the step (size,) of Newton's method."""
-        pull = configuration.pull
-        if not len(pull):
-            return pull
         stiffness = configuration.stiffness
         if not self.is_factored:
             return self._iterate(configuration, stiffness)
         slope = self._find_load_slope(configuration)
-        return self.equations.solve(configuration, stiffness, pull, load_slope=slope)
+        return self.equations.solve(configuration, stiffness, configuration.pull, load_slope=slope)
 
     def _find_leaning_step(self, configuration: Configuration) -> Array:
         """Return a step (size,) of a tangent in which forces push balls back instead of aside: a
@@ -507,10 +530,13 @@ class _ExactSearch(_Search):
 
     def _iterate(self, configuration: Configuration, stiffness: Array) -> Array:
         """Return a step (size,) that iteration finds."""
-        most = self.options.most_iterations
-        return self.iterated_equations.solve(
-            configuration, stiffness, configuration.pull, 1e-4, most
-        )[0]
+        options = self.options
+        equations = self.iterated_equations
+        pull = configuration.pull
+        step, _ = equations.solve(
+            configuration, stiffness, pull, options.reduction, options.most_iterations
+        )
+        return step
 
     def _find_load_slope(self, configuration: Configuration) -> Array | None:
         """Return the growth (size, k + s) of the load's forces with walls and strains: the load
@@ -523,10 +549,11 @@ class _ExactSearch(_Search):
         if not len(units) or load.stress is None:
             return None
         n = problem.n_displacements
+        k = problem.assembly.n_walls
         inverse = np.linalg.inv(configuration.deformed)
         growth = configuration.growth
-        slope = np.zeros((problem.size, problem.assembly.n_walls + len(units)))
-        for column, unit in enumerate(units, start=problem.assembly.n_walls):
+        slope = np.zeros((problem.size, k + len(units)))
+        for column, unit in enumerate(units, start=k):
             grown = growth * float(np.trace(inverse @ unit))
             slope[:n, column] = grown * load.pressure_force
             turned = grown * inverse - growth * inverse @ unit @ inverse
@@ -546,7 +573,7 @@ class _ExactSearch(_Search):
         for _ in range(options.slopes):
             ahead = configuration.move(configuration.x + length * step)
             slope = float(ahead.pull @ step) if ahead.is_sound else -math.inf
-            if abs(slope) <= options.loose_slope * abs(first) or (slope > 0.0 and length >= 1.0):
+            if abs(slope) <= options.slope * abs(first) or (slope > 0.0 and length >= 1.0):
                 break
             if slope > 0.0:
                 low = length
@@ -555,13 +582,13 @@ class _ExactSearch(_Search):
             length = 0.5 * (low + high)
         return ahead
 
-    def _explain_failure(self) -> ConvergenceError | InstabilityError:
+    def _explain_failure(self, configuration: Configuration) -> GranphonError:
         """Return the error of a search that has not come to rest."""
         words = self.problem.load.words
         if self.problem.assembly.differs:
-            problem = f"balls that differ have not come to rest in the true geometry under {words}"
+            what = f"balls that differ have not come to rest in the true geometry under {words}"
             left = f"A force of {self.trail.best:.2g} of the mean is left on a ball"
-            return ConvergenceError(problem, left, f"{_STAY}; or press loose balls more")
+            return ConvergenceError(what, left, f"{_STAY}; or press loose balls more")
         why = "Its contacts turn away under the load, and nothing holds it"
         mend = "Lower the load, or add contacts"
         return InstabilityError(f"the crystal collapses under {words}", why, mend)
