@@ -993,11 +993,11 @@ class Crystal(Result):
         if not adhere and any(value == 0.0 and field is None for value, field in loads):
             mend = "Press them, or give gravity and a floor"
             raise InputError("pressure is zero", NO_STIFFNESS, mend)
-        pushes = (
+        applied = (
             self._load_hydrostatic(value, field, f"a pressure of {value:g}")
             for value, field in loads
         )
-        return self._solve_each(values, pushes, finite_overlap)
+        return self._solve_each(values, applied, finite_overlap)
 
     def at_force(
         self,
@@ -1059,8 +1059,8 @@ class Crystal(Result):
             return f"the stress {brief(rounded.tolist())} {_PRESSURE_UNITS[self.periods]}"
 
         loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
-        pushes = (self._load(describe(tensor), field, stress=tensor) for tensor, field in loads)
-        return self._solve_each(values, pushes, finite_overlap, 2)
+        applied = (self._load(describe(tensor), field, stress=tensor) for tensor, field in loads)
+        return self._solve_each(values, applied, finite_overlap, 2)
 
     def at_strain(
         self,
@@ -1091,11 +1091,11 @@ class Crystal(Result):
             raise InputError(problem, "Nothing would be left of it", "Give a strain above -1")
 
         loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
-        pushes = (
+        applied = (
             self._load(f"the strain {brief(tensor.tolist())}", field, strain=tensor)
             for tensor, field in loads
         )
-        return self._solve_each(values, pushes, finite_overlap, 2)
+        return self._solve_each(values, applied, finite_overlap, 2)
 
     def _read_tensor(self, name: str, values: ArrayLike, shear: float) -> Array:
         """Return tensors (..., p, p), from such tensors or from vectors in Voigt's order, whose

@@ -142,16 +142,25 @@ class Problem:
         lines[np.arange(k), :, np.arange(k)] = self.assembly.directions
         return lines.reshape(k * self.assembly.dimension, k)
 
+    @cached_property
+    def free_axes(self) -> list[int]:
+        """The axes along which nothing hinders all balls together, nor pushes them: contacts that
+        turn, with a ball that is held or rides on a wall, push aside.
+        """
+        assembly = self.assembly
+        if self.turns and not np.all(assembly.is_between_balls | assembly.is_flat):
+            return []
+        return assembly.free_axes
+
     def remove_drift(self, motion: Array) -> Array:
         """Return a motion (size,) without that of the whole, along axes on which nothing hinders
         the balls.
         """
-        assembly = self.assembly
-        if not assembly.free_axes:
+        if not self.free_axes:
             return motion
         still = motion.copy()
-        for axis in assembly.free_axes:
-            balls = slice(axis, self.n_ball_unknowns, assembly.dimension)
+        for axis in self.free_axes:
+            balls = slice(axis, self.n_ball_unknowns, self.assembly.dimension)
             still[balls] -= np.mean(still[balls])
         return still
 

@@ -57,7 +57,8 @@ def _find_compatibility(problem: Problem) -> Any:
     k = assembly.n_walls
     strained = problem.find_unit_losses(assembly.normal)
     of_walls = of_bodies[:, n : n + k * d] @ problem.wall_lines
-    return hstack([of_bodies[:, :n], coo_array(of_walls), coo_array(-strained)]).tocsr()
+    joined: Any = hstack([of_bodies[:, :n], coo_array(of_walls), coo_array(-strained)])
+    return joined.tocsr()
 
 
 def _find_bearing(problem: Problem) -> tuple[bool, str]:

@@ -62,9 +62,9 @@ class Equations:
         self.band = int(np.max(lines - columns, initial=0))
         #: (n d,) springs that hold the whole: the ball with most contacts keeps its place
         self.anchor = np.zeros(n_unknowns)
-        if assembly.free_axes:
+        if problem.free_axes:
             ball = int(np.argmax(assembly.n_touching))
-            self.anchor[[d * ball + axis for axis in assembly.free_axes]] = 1.0
+            self.anchor[[d * ball + axis for axis in problem.free_axes]] = 1.0
 
     @cached_property
     def elimination(self) -> Elimination:
