@@ -3,8 +3,8 @@
 The balls lie on the triangular lattice, n on each side of the hexagon, and each ball on a side
 touches a wall. A wall moves along its normal alone and is pushed with the side force F. Contacts
 between balls, and between balls and walls, follow Hertz's law, without friction, and keep the
-directions of the lattice (:mod:`granphon.array.equilibrium`). Equilibrium is the minimum of a
-convex energy; Newton's method with sparse LU factorisation finds it.
+directions of the lattice: balls and walls are an assembly of contacts that comes to rest as a
+crystal does (:mod:`granphon.statics.rest`).
 """
 
 from __future__ import annotations
@@ -12,13 +12,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.sparse import find_step, find_step_length
-from granphon.array.sparse_matrices import compose
 from granphon.balls import hertz
 from granphon.balls.hertz import MOST_CONTACT_RADIUS, HertzLaw, contact_radius_ratio
 from granphon.balls.lattices import TRIANGULAR
@@ -26,12 +24,16 @@ from granphon.balls.loads import balls_on_side, force_of_frame
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing, given_packing, require_shallow
 from granphon.base.arrays import Array, Index
-from granphon.base.errors import ConvergenceError, InputError, brief
+from granphon.base.errors import InputError, brief
 from granphon.base.memory import require_memory
 from granphon.base.results import Result, read_only
 from granphon.base.validation import finite_array, positive, require, whole_number
+from granphon.contacts.assembly import Assembly
+from granphon.contacts.laws import ContactLaws
 from granphon.dynamics.compatibility import GYRATION
 from granphon.networks.network import ContactNetwork
+from granphon.statics.configuration import AppliedLoad
+from granphon.statics.rest import find_rest
 
 #: memory of a ball with its contacts, bytes
 _BALL_BYTES = 700.0
@@ -39,15 +41,6 @@ _BALL_BYTES = 700.0
 _NORMALS = np.array(
     [[math.cos(math.radians(angle)), math.sin(math.radians(angle))] for angle in range(30, 390, 60)]
 )
-#: largest force left on a ball or a wall, over the mean contact force
-_REST = 1e-11
-#: largest number of steps of Newton's method at one load
-_STEPS = 200
-#: stiffness added to each contact, as a fraction of the largest one times the distance from
-#: equilibrium
-_ADDED = 1e-3
-#: factor between loads on the way from one that closes all contacts to a low one
-_FACTOR = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -294,30 +287,43 @@ class Hexagon:
         ball, wall = np.nonzero(reach > (self.balls_per_side - 1) * math.sqrt(0.75) - 0.1)
         return ball, wall
 
-    @cached_property
-    def _matrix(self) -> Any:
-        """(contacts, motions) loss of overlap by the displacements of balls (x, y of each), then
-        those of the walls outward.
-
-        Rows of walls are multiplied by their coefficient to the power 2/5, over that of two balls:
-        then all contacts have the same law.
-        """
-        (i, j, normal), (ball, wall) = self._pairs, self._leaning
-        count = len(self.sites)
-        pairs = np.arange(len(i))
-        leant = len(i) + np.arange(len(ball))
-        parts = [(pairs, 2 * j + a, normal[:, a]) for a in (0, 1)] + [
-            (pairs, 2 * i + a, -normal[:, a]) for a in (0, 1)
-        ]
-        scale = self._wall_scale
-        parts += [(leant, 2 * ball + a, -scale * _NORMALS[wall, a]) for a in (0, 1)]
-        parts.append((leant, 2 * count + wall, np.full(len(ball), scale)))
-        return compose(parts, (len(i) + len(ball), 2 * count + 6))
-
     @property
-    def _wall_scale(self) -> float:
-        return float(
-            (self.wall_coefficient / self.packing.law.coefficient) ** (1.0 / (hertz.EXPONENT + 1.0))
+    def _middle(self) -> int:
+        """Number of the ball in the middle."""
+        return int(np.argmin(np.sum(self.sites**2, axis=1)))
+
+    @cached_property
+    def _assembly(self) -> Assembly:
+        """The balls and the walls, with the contacts between balls first.
+
+        Nothing holds the whole: the ball in the middle keeps its place.
+        """
+        (i, j, normal) = self._pairs
+        (ball, wall) = self._leaning
+        count = len(self.sites) - 1
+        body = np.insert(np.arange(count), self._middle, count + 6)
+        radii = 0.5 * self.deviations
+        n_pairs = len(i)
+        n_contacts = n_pairs + len(ball)
+        half = 0.5 * self.packing.diameter
+        vector = np.zeros((n_contacts, 3))
+        vector[:n_pairs, :2] = self.packing.diameter * normal[:, :2]
+        vector[n_pairs:, :2] = half * _NORMALS[wall]
+        contacts = np.arange(n_contacts)
+        between_balls = (self.packing.law, contacts[:n_pairs])
+        at_walls = (HertzLaw(self.wall_coefficient), contacts[n_pairs:])
+        return Assembly(
+            n_balls=count,
+            i=np.append(body[i], body[ball]).astype(np.int64),
+            j=np.append(body[j], count + wall).astype(np.int64),
+            vector=vector,
+            is_flat=contacts >= n_pairs,
+            offset=np.append(radii[i] + radii[j], radii[ball]),
+            laws=ContactLaws([between_balls, at_walls], n_contacts),
+            cell=np.zeros((0, 0)),
+            dimension=2,
+            directions=_NORMALS,
+            wall_balls=np.full(6, float(self.balls_per_side)),
         )
 
     # -- at rest -----------------------------------------------------------------------------------
@@ -332,41 +338,39 @@ class Hexagon:
         """
         wanted = positive("side_force", side_force, "N")
         self._require_shallow(wanted, force_of_frame(wanted, self.balls_per_side), 0.0)
-        # from a load that closes all contacts down to the wanted one, each equilibrium the start of
-        # the next
-        closing = float(self.packing.law.force(4.0 * np.max(np.abs(self.deviations), initial=0.0)))
-        least = closing * math.sqrt(3.0) * self.balls_per_side
-        loads = [wanted]
-        while loads[-1] < least:
-            loads.append(loads[-1] / _FACTOR)
-        motion, residual = self._press(loads.pop(), None)
-        for load in reversed(loads):
-            motion, residual = self._press(load, motion)
-        law = self.packing.law
-        count = len(self.sites)
-        x = self.deviations
-        (i, j, normal), (ball, wall) = self._pairs, self._leaning
-        gap = np.append(0.5 * (x[i] + x[j]), 0.5 * self._wall_scale * x[ball])
-        forces = law.force(gap - self._matrix @ motion)
-        at_walls = self._wall_scale * forces[len(i) :]
-        self._require_shallow(wanted, float(np.max(forces[: len(i)])), float(np.max(at_walls)))
+        assembly = self._assembly
+        on_balls = np.zeros(2 * assembly.n_balls)
+        load = AppliedLoad(
+            force=np.append(on_balls, np.full(6, -wanted)),
+            words=f"side_force = {wanted:g} N",
+            stress=None,
+            strain=np.zeros((0, 0)),
+            pressure_force=np.append(on_balls, np.zeros(6)),
+        )
+        rest = find_rest(assembly, load)
+        forces = assembly.laws.force(rest.overlap)
+        (i, j, normal) = self._pairs
+        (ball, wall) = self._leaning
+        between_balls = forces[: len(i)]
+        at_walls = forces[len(i) :]
+        self._require_shallow(wanted, float(np.max(between_balls)), float(np.max(at_walls)))
         return PressedHexagon(
             self.packing,
             self.balls_per_side,
             wanted,
             self.sites,
-            x,
-            motion[: 2 * count].reshape(-1, 2),
-            motion[2 * count :],
+            self.deviations,
+            np.insert(rest.displacement, self._middle, 0.0, axis=0),
+            rest.wall_motion,
             i,
             j,
             normal,
             ball,
             wall,
-            forces[: len(i)],
+            between_balls,
             at_walls,
             self.wall_coefficient,
-            residual,
+            rest.residual,
         )
 
     def _require_shallow(self, side_force: float, between: float, at_wall: float) -> None:
@@ -391,46 +395,4 @@ class Hexagon:
         """
         return self.at_side_force(
             positive("force", force, "N") * math.sqrt(3.0) * self.balls_per_side
-        )
-
-    def _press(self, side_force: float, start: Array | None) -> tuple[Array, float]:
-        """Return the motion (2 n_balls + 6,), m, at rest, and the residual over the mean force."""
-        law = self.packing.law
-        count = len(self.sites)
-        matrix = self._matrix
-        # units of the overlap of equal balls under this load, and of its force
-        unit = float(law.overlap(force_of_frame(side_force, self.balls_per_side)))
-        (i, j, _), (ball, _) = self._pairs, self._leaning
-        x = self.deviations / unit
-        gap = np.append(0.5 * (x[i] + x[j]), 0.5 * self._wall_scale * x[ball])
-        push = np.zeros(2 * count + 6)
-        push[2 * count :] = math.sqrt(3.0) * self.balls_per_side
-        if start is None:
-            # equal balls with an overlap of one, and walls with the force of the balls that lean
-            # on them
-            lean = float(hertz.overlap_of(math.sqrt(3.0) * law.coefficient / self.wall_coefficient))
-            depth = (self.balls_per_side - 1) * math.sqrt(0.75) + lean
-            z = np.append((-self.sites / self.packing.diameter).ravel(), np.full(6, -depth))
-        else:
-            z = start / unit
-        centre = int(np.argmin(np.sum(self.sites**2, axis=1)))
-        free = np.delete(np.arange(z.size), [2 * centre, 2 * centre + 1])
-        transposed = matrix.T.tocsr()
-        h = gap - matrix @ z
-        for _ in range(_STEPS):
-            forces, root = hertz.press(h)
-            pull = transposed @ forces - push
-            mean = float(np.mean(forces[: len(i)]))
-            left = float(np.max(np.abs(pull))) / mean if mean else math.inf
-            if left <= _REST:
-                return z * unit, left
-            stiffness = hertz.stiffness_of(root)
-            stiffness += _ADDED * min(1.0, left) * max(1.0, float(np.max(stiffness)))
-            step, strain = find_step(matrix, transposed, stiffness, pull, free)
-            length = find_step_length(h, strain, -float(push @ step)) if left > _FACTOR**3 else 1.0
-            z = z + length * step
-            h = h - length * strain
-        raise ConvergenceError(
-            f"the hexagon has not come to rest: a force of {left:.2g} of the mean contact"
-            f" force is left on a ball"
         )

@@ -250,7 +250,7 @@ class Arrangement:
         common.
         """
         ratios = self.crystal.mindlin_ratios if self.friction else np.zeros(1)
-        if np.any(ratios) and self.crystal._springs.know_radii:  # the ratio depends on the load
+        if np.any(ratios) and self.crystal._laws.know_radii:  # the ratio depends on the load
             return None
         is_common = np.ptp(ratios) <= _SAME
         return float(ratios[0]) if is_common else None

@@ -2,7 +2,7 @@
 
 A crystal is data: kinds of balls, a cell, positions at which neighbours touch, the law of each
 contact, and how the edges are held. The methods ``at_...`` of a crystal find the state at rest
-(:mod:`granphon.media.crystal_statics`). Velocities, bands and waves are found from the network of
+(:mod:`granphon.statics.rest`). Velocities, bands and waves are found from the network of
 contacts of that state.
 
 Where a crystal has been cut, the periods that remain lie along x, or in the xy plane, and the
@@ -25,7 +25,6 @@ from typing import Annotated, Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.array.sparse_matrices import compose
 from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
 from granphon.balls.contact_laws import (
     PairLaw,
@@ -62,11 +61,14 @@ from granphon.base.validation import (
     truth,
     whole_number,
 )
+from granphon.contacts.assembly import Assembly
+from granphon.contacts.laws import ContactLaws
 from granphon.dynamics.elasticity import voigt_pairs
-from granphon.media.crystal_statics import Frame, Push, Rest, Springs, settle, settle_exactly
 from granphon.media.limits import Check, check_limit
 from granphon.media.state import read_finite_overlap
 from granphon.networks.network import ContactNetwork
+from granphon.statics.configuration import AppliedLoad, Geometry
+from granphon.statics.rest import Rest, find_rest
 
 #: most cells of a supercell along a period, and most layers of a cut
 _MOST_CELLS = 1_000_000
@@ -138,29 +140,27 @@ class Side(NamedTuple):
 
 #: rows, columns and values of a sparse matrix from the unknowns to the relative displacements of
 #: contacts
-_Entry = tuple[Any, Any, Any]
+class _Bodies(NamedTuple):
+    """What moves in the statics: balls, and walls on faces.
 
-
-class _Unknowns(NamedTuple):
-    """The unknowns of the statics: displacements of the balls that move, then strains, then
-    displacements of walls.
-
-    ``free_number`` (n,) is the number of each ball among the balls that move, -1 of a ball that is
-    held, and ``n_free`` the number of their displacements; ``strains`` are the pairs of axes of the
-    strains; ``walls`` are the faces whose upper wall moves, and ``wall_of_ball`` (n,) is the number
-    of the wall that carries each ball, -1 of a ball on no wall.
+    ``ball_number`` (n,) is the number of each ball among those that move by themselves, -1 of a
+    ball that a wall carries or holds; ``walls`` are the faces whose upper wall moves, and
+    ``wall_of_ball`` (n,) is the number of the wall that carries each ball, -1 of a ball on no wall.
     """
 
-    free_number: Index
-    n_free: int
-    strains: tuple[tuple[int, int], ...]
+    ball_number: Index
     walls: list[Faces]
     wall_of_ball: Index
 
     @property
-    def first_wall(self) -> int:
-        """Number of the first wall among the unknowns."""
-        return self.n_free + len(self.strains)
+    def n_balls(self) -> int:
+        """Number of balls that move by themselves."""
+        return int(np.count_nonzero(self.ball_number >= 0))
+
+    @property
+    def held(self) -> int:
+        """Number of the body that stands for all that is held."""
+        return self.n_balls + len(self.walls)
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -271,7 +271,7 @@ class Crystal(Result):
         for name, value in attributes.items():
             frozen = read_only(value) if isinstance(value, np.ndarray) else value
             object.__setattr__(self, name, frozen)
-        _ = self._springs
+        _ = self._laws
 
     @classmethod
     def _of_fields(cls, *values: Any) -> Self:
@@ -871,7 +871,7 @@ class Crystal(Result):
         return pairs, pair_of_contact.astype(np.intp)
 
     @cached_property
-    def _springs(self) -> Springs:
+    def _laws(self) -> ContactLaws:
         """The law of each contact."""
         pairs, pair_of_contact = self._pairs
         laws: list[PairLaw] = []
@@ -887,7 +887,7 @@ class Crystal(Result):
         starts = np.searchsorted(pair_of_contact[order], np.arange(1, len(pairs)))
         contacts_of_pairs = np.split(order, starts)[: len(pairs)]
         groups = list(zip(laws, contacts_of_pairs, strict=True))
-        return Springs(groups, len(pair_of_contact), self._constants[0])
+        return ContactLaws(groups, len(pair_of_contact), self._constants[0])
 
     def law_of(self, i: int, j: int) -> tuple[PairLaw, float, float]:
         """Return the law of balls i and j, 4 G*/E*, and E*, Pa; numbers that no ball has are
@@ -903,22 +903,21 @@ class Crystal(Result):
         """Return the state in which balls touch without load; stiffnesses are those at overlaps of
         1e-6 of distances.
         """
-        frame = self._frame[0]
-        springs = self._springs
-        overlap = TOUCH * frame.distance
+        assembly = self._assembly
+        laws = self._laws
+        overlap = TOUCH * assembly.distance
         d = self.dimension
         p = self.periods
-        unit = frame.vector / np.linalg.norm(frame.vector, axis=1, keepdims=True)
         return CrystalState(
             self,
-            springs.force(overlap),
+            laws.force(overlap),
             overlap,
-            springs.stiffness(overlap),
-            unit,
+            laws.stiffness(overlap),
+            assembly.normal[:, :d],
             np.zeros((self.n_balls, d)),
             np.zeros((p, p)),
             np.zeros((p, p)),
-            np.zeros(len(frame.walls)),
+            np.zeros(assembly.n_walls),
         )
 
     @cached_property
@@ -947,101 +946,49 @@ class Crystal(Result):
         return select_motions(mindlin_ratio, torsion, self.bending, motions)
 
     @cached_property
-    def _frame(self) -> tuple[Frame, Index, Index]:
-        """The unknowns of the statics, the number (n,) of each ball among the balls that move (-1:
-        held), and the number (n,) of the wall that carries each ball (-1: none).
+    def _assembly(self) -> Assembly:
+        """What comes to rest: balls, walls, the cell, and their contacts, those with floors
+        last.
         """
         self._require_drawn()
+        bodies = self._bodies
         d = self.dimension
         table = self.contacts
-        unknowns = self._number_unknowns()
-        # strains are unknowns times this length, m: forces on strains, sums over all contacts, are
-        # then as large as forces on balls are in sum
-        length = 2.0 * float(np.mean(self._mean_radii)) * math.sqrt(max(len(table), 1))
-        entries = [
-            *self._list_ball_entries(unknowns),
-            *self._list_strain_entries(unknowns, length),
-            *self._list_floor_entries(unknowns),
-        ]
-        vector, offset = self._find_vectors()
-        is_flat = np.arange(len(vector)) >= len(table)
-        shape = (len(vector) * d, unknowns.first_wall + len(unknowns.walls))
-        frame = Frame(
-            vector,
-            is_flat,
-            compose(entries, shape),
-            d,
-            self.cell[:, : self.periods],
-            unknowns.n_free,
-            unknowns.strains,
-            tuple(len(face.balls[1]) for face in unknowns.walls),
-            length,
-            offset,
-        )
-        return frame, unknowns.free_number, unknowns.wall_of_ball
-
-    def _find_vectors(self) -> tuple[Array, Array]:
-        """Return the vectors (n_c, d) of the contacts on the sites, m, those with floors last, and
-        the overlaps (n_c,) that the balls' own diameters add, m.
-        """
-        table = self.contacts
         bulges = self._bulges
+        # walls that move follow the balls, and what is held comes last
+        body_of_ball = np.where(
+            bodies.ball_number >= 0,
+            bodies.ball_number,
+            np.where(bodies.wall_of_ball >= 0, bodies.n_balls + bodies.wall_of_ball, bodies.held),
+        )
+        first = [body_of_ball[table.i]]
+        second = [body_of_ball[table.j]]
         vectors = [table.vector]
         offsets = [bulges[table.i] + bulges[table.j]]
         for floor in self._floors:
             radii = self._mean_radii[floor.balls]
-            vectors.append(floor.sign * radii[:, None] * np.eye(self.dimension)[floor.axis])
+            wall = bodies.n_balls + floor.wall if floor.wall >= 0 else bodies.held
+            first.append(body_of_ball[floor.balls])
+            second.append(np.full(len(floor.balls), wall))
+            vectors.append(floor.sign * radii[:, None] * np.eye(d)[floor.axis])
             offsets.append(bulges[floor.balls])
-        return np.concatenate(vectors), np.concatenate(offsets)
-
-    def _list_strain_entries(self, unknowns: _Unknowns, length: float) -> list[_Entry]:
-        """Return the entries of strains, which are unknowns times a ``length``, m, on the contacts
-        of balls.
-        """
-        table = self.contacts
-        entries: list[_Entry] = []
-        rows = np.arange(len(table)) * self.dimension
-        for number, (a, b) in enumerate(unknowns.strains, start=unknowns.n_free):
-            entries.append((rows + a, number, table.vector[:, b] / length))
-            if a != b:
-                entries.append((rows + b, number, table.vector[:, a] / length))
-        return entries
-
-    def _list_ball_entries(self, unknowns: _Unknowns) -> list[_Entry]:
-        """Return the entries of the displacements of balls and walls on the contacts of balls."""
-        d = self.dimension
-        free_number = unknowns.free_number
-        wall_of_ball = unknowns.wall_of_ball
-        entries: list[_Entry] = []
-        rows = np.arange(len(self.contacts)) * d
-        for ends, sign in ((self.contacts.j, 1.0), (self.contacts.i, -1.0)):
-            moves = free_number[ends] >= 0
-            for axis in range(d):
-                columns = d * free_number[ends[moves]] + axis
-                entries.append((rows[moves] + axis, columns, sign))
-            rides = wall_of_ball[ends] >= 0
-            if np.any(rides):
-                walls = wall_of_ball[ends[rides]]
-                axes = np.array([face.axis for face in unknowns.walls])[walls]
-                entries.append((rows[rides] + axes, unknowns.first_wall + walls, sign))
-        return entries
-
-    def _list_floor_entries(self, unknowns: _Unknowns) -> list[_Entry]:
-        """Return the entries of the displacements of balls and walls on the contacts with
-        floors.
-        """
-        d = self.dimension
-        entries: list[_Entry] = []
-        first_contact = len(self.contacts)
-        for floor in self._floors:
-            numbers = unknowns.free_number[floor.balls]
-            rows = (first_contact + np.arange(len(floor.balls))) * d + floor.axis
-            moves = numbers >= 0
-            entries.append((rows[moves], d * numbers[moves] + floor.axis, -1.0))
-            if floor.wall >= 0:
-                entries.append((rows, unknowns.first_wall + floor.wall, 1.0))
-            first_contact += len(floor.balls)
-        return entries
+        i = np.concatenate(first).astype(np.int64)
+        vector = np.zeros((len(i), 3))
+        vector[:, :d] = np.concatenate(vectors)
+        axes = [face.axis for face in bodies.walls]
+        return Assembly(
+            n_balls=bodies.n_balls,
+            i=i,
+            j=np.concatenate(second).astype(np.int64),
+            vector=vector,
+            is_flat=np.arange(len(i)) >= len(table),
+            offset=np.concatenate(offsets),
+            laws=self._laws,
+            cell=self.cell[:, : self.periods],
+            dimension=d,
+            directions=np.eye(d)[axes].reshape(len(axes), d),
+            wall_balls=np.array([float(len(face.balls[1])) for face in bodies.walls]),
+        )
 
     def _require_drawn(self) -> None:
         """Raise :class:`InputError` if balls have a spread of diameters, and none are drawn."""
@@ -1053,22 +1000,19 @@ class Crystal(Result):
             why = "Each ball is simulated by itself"
             raise InputError(problem, why, "Draw them: crystal.sample((8, 8), seed=0)")
 
-    def _number_unknowns(self) -> _Unknowns:
-        """Return the numbers of the unknowns of the statics."""
-        p = self.periods
+    @cached_property
+    def _bodies(self) -> _Bodies:
+        """What moves in the statics."""
         wall_of_ball = np.full(self.n_balls, -1, np.intp)
         is_free = np.ones(self.n_balls, bool)
         for side in self._sides:
             if side.edge == "clamped":
                 is_free[side.balls] = False
                 wall_of_ball[side.balls] = side.wall
-        n_free_balls = int(np.count_nonzero(is_free))
-        free_number = np.full(self.n_balls, -1, np.intp)
-        free_number[is_free] = np.arange(n_free_balls)
-        strains = tuple(itertools.combinations_with_replacement(range(p), 2))
+        ball_number = np.full(self.n_balls, -1, np.intp)
+        ball_number[is_free] = np.arange(np.count_nonzero(is_free))
         walls = [face for face in self.faces if face.is_pressed]
-        n_free = self.dimension * n_free_balls
-        return _Unknowns(free_number, n_free, strains, walls, wall_of_ball)
+        return _Bodies(ball_number, walls, wall_of_ball)
 
     # -- under load --------------------------------------------------------------------------------
 
@@ -1101,7 +1045,7 @@ class Crystal(Result):
         values, fields = self._read_gravity(finite_array("pressure", pressure), gravity)
         if np.any(values):
             self._require_pressable()
-        adhere = self._springs.adhere
+        adhere = self._laws.adhere
         if np.any(values < 0.0) and not adhere:
             problem = f"pressure is {brief(values.tolist())}: tensile"
             raise InputError(problem, NO_TENSION, "Give a pressure above zero")
@@ -1109,11 +1053,11 @@ class Crystal(Result):
         if not adhere and any(value == 0.0 and field is None for value, field in loads):
             mend = "Press them, or give gravity and a floor"
             raise InputError("pressure is zero", NO_STIFFNESS, mend)
-        pushes = (
-            self._push_hydrostatic(value, field, f"a pressure of {value:g}")
+        applied = (
+            self._load_hydrostatic(value, field, f"a pressure of {value:g}")
             for value, field in loads
         )
-        return self._solve_each(values, pushes, finite_overlap)
+        return self._solve_each(values, applied, finite_overlap)
 
     def at_force(
         self,
@@ -1175,8 +1119,8 @@ class Crystal(Result):
             return f"the stress {brief(rounded.tolist())} {_PRESSURE_UNITS[self.periods]}"
 
         loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
-        pushes = (self._push(describe(tensor), field, stress=tensor) for tensor, field in loads)
-        return self._solve_each(values, pushes, finite_overlap, 2)
+        applied = (self._load(describe(tensor), field, stress=tensor) for tensor, field in loads)
+        return self._solve_each(values, applied, finite_overlap, 2)
 
     def at_strain(
         self,
@@ -1207,11 +1151,11 @@ class Crystal(Result):
             raise InputError(problem, "Nothing would be left of it", "Give a strain above -1")
 
         loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
-        pushes = (
-            self._push(f"the strain {brief(tensor.tolist())}", field, strain=tensor)
+        applied = (
+            self._load(f"the strain {brief(tensor.tolist())}", field, strain=tensor)
             for tensor, field in loads
         )
-        return self._solve_each(values, pushes, finite_overlap, 2)
+        return self._solve_each(values, applied, finite_overlap, 2)
 
     def _read_tensor(self, name: str, given: ArrayLike, shear_factor: float) -> Array:
         """Return tensors (..., p, p), from such tensors or from vectors in Voigt's order, whose
@@ -1296,60 +1240,54 @@ class Crystal(Result):
                 'Cut it, and let it stand: crystal.cut(axis, layers, edges=("floor", "free"))',
             )
 
-    def _push(
+    def _load(
         self,
         words: str,
         field: Array | None,
         stress: Array | None = None,
         strain: Array | None = None,
         pressure: float = 0.0,
-    ) -> Push:
+    ) -> AppliedLoad:
         """Return the load of gravity, a ``stress`` or ``strain`` (p, p) of the periods, and a
         pressure on the faces.
         """
-        frame, free_number, _ = self._frame
-        n_unknowns = frame.motion.shape[1]
-        force = np.zeros(n_unknowns)
-        held = np.zeros(n_unknowns, bool)
-        held_values = np.zeros(n_unknowns)
+        pressing = self._press_faces(pressure)
+        force = pressing.copy()
         lift: tuple[str, str] | None = None
         if field is not None:
-            force[: frame.n_free] = (self.masses[free_number >= 0, None] * field).ravel()
+            masses = self.masses[self._bodies.ball_number >= 0]
+            force[: masses.size * self.dimension] += (masses[:, None] * field).ravel()
             lift = self._explain_lift(field, pressure)
-        if stress is not None:
-            force[frame.strains] += frame.work_of(stress)
-        if strain is not None:
-            held[frame.strains] = True
-            held_values[frame.strains] = [strain[a, b] * frame.length for a, b in frame.pairs]
-        pressed = self._press_faces(pressure)
-        if not np.all(np.isfinite(force + pressed)):
+        if not np.all(np.isfinite(force)):
             raise FloatingPointError(f"the forces of {words} are not finite")
-        return Push(force + pressed, held, held_values, stress, pressed, words, lift)
+        given = np.zeros((self.periods,) * 2) if strain is None else strain
+        return AppliedLoad(force, words, stress, given, pressing, lift)
 
     def _press_faces(self, pressure: float) -> Array:
-        """Return the forces of a pressure on walls that move, and on the balls of free faces, which
-        share it equally: (n_unknowns,), N.
+        """Return the forces of a pressure on the balls of free faces, which share it equally, and
+        on walls that move: (n d + k,), N.
         """
-        frame, free_number, _ = self._frame
-        forces = np.zeros(frame.motion.shape[1])
+        assembly = self._assembly
+        ball_number = self._bodies.ball_number
+        on_balls = np.zeros((assembly.n_balls, self.dimension))
+        on_walls = np.zeros(assembly.n_walls)
         for side in self._sides:
             thicknesses = [face.thickness for face in self.faces if face.axis != side.axis]
-            face_force = pressure * frame.measure * math.prod(thicknesses)
+            face_force = pressure * assembly.measure * math.prod(thicknesses)
             if side.wall >= 0:
-                forces[frame.strains.stop + side.wall] -= face_force
+                on_walls[side.wall] -= face_force
             elif side.edge == "free":
-                numbers = free_number[side.balls]
+                numbers = ball_number[side.balls]
                 numbers = numbers[numbers >= 0]
                 ball_force = side.sign * face_force / max(len(numbers), 1)
-                forces[self.dimension * numbers + side.axis] -= ball_force
-        return forces
+                on_balls[numbers, side.axis] -= ball_force
+        return np.concatenate([on_balls.ravel(), on_walls])
 
     def _explain_lift(self, field: Array, pressure: float) -> tuple[str, str] | None:
         """Return why gravity lifts balls off the face on which they stand, and what mends that;
         None if gravity does not, or the pressure is larger than the weight.
         """
-        free_number = self._frame[1]
-        mass = float(np.sum(self.masses[free_number >= 0]))
+        mass = float(np.sum(self.masses[self._bodies.ball_number >= 0]))
         for face in self.faces:
             low, high = face.edges
             stands_on_low = low != "free"
@@ -1370,7 +1308,7 @@ class Crystal(Result):
             return why, f"Turn it round, or {press}"
         return None
 
-    def _push_hydrostatic(self, pressure: float, field: Array | None, words: str) -> Push:
+    def _load_hydrostatic(self, pressure: float, field: Array | None, words: str) -> AppliedLoad:
         """Return the load of a pressure on periods and faces; with gravity the periods keep their
         length.
         """
@@ -1378,10 +1316,10 @@ class Crystal(Result):
         if field is not None:
             words = f"{words} with gravity"
             strain = np.zeros((self.periods,) * 2)
-            return self._push(words, field, strain=strain, pressure=pressure)
+            return self._load(words, field, strain=strain, pressure=pressure)
         thickness = math.prod(face.thickness for face in self.faces)
         stress = -pressure * np.eye(self.periods) * thickness
-        return self._push(words, None, stress, pressure=pressure)
+        return self._load(words, None, stress, pressure=pressure)
 
     def _at_mean(
         self, kind: str, values: ArrayLike, gravity: ArrayLike | None, finite_overlap: bool | None
@@ -1395,7 +1333,7 @@ class Crystal(Result):
             sign = "zero" if np.any(goals == 0.0) else f"{brief(goals.tolist())}: tensile"
             why = NO_TENSION
             mend = f"Give {kind} above zero"
-            if self._springs.adhere:
+            if self._laws.adhere:
                 why = "A mean of contacts that adhere has no one pressure there"
                 mend = "Use at_pressure, which may be zero or below"
             raise InputError(f"{kind} is {sign}", why, mend)
@@ -1413,7 +1351,7 @@ class Crystal(Result):
 
     def _find_mean(
         self, kind: str, goal: float, field: Array | None, follows: bool
-    ) -> tuple[Rest, Push]:
+    ) -> tuple[Rest, AppliedLoad]:
         """Return the state at rest at which the mean force (N) or overlap (m) of contacts is
         ``goal``, and its load.
 
@@ -1421,27 +1359,27 @@ class Crystal(Result):
         where balls differ from a secant; the search halves the interval of the pressures if that
         leaves it.
         """
-        frame = self._frame[0]
-        springs = self._springs
+        assembly = self._assembly
+        laws = self._laws
         words = f"a mean {kind} of {goal:g} {'N' if kind == 'force' else 'm'}, at a pressure of"
         pressure = self._estimate_pressure(kind, goal)
         search = _PressureSearch(goal)
         start: Rest | None = None
         state: Rest | None = None
         last_error = math.inf
-        differ = bool(np.any(frame.offset))
+        differ = assembly.differs
         tolerance = _SAMPLED if differ else _MEAN
         for _ in range(_MEANS):
-            push = self._push_hydrostatic(pressure, field, f"{words} {pressure:.6g}")
-            small = settle(frame, springs, push, start)
+            load = self._load_hydrostatic(pressure, field, f"{words} {pressure:.6g}")
+            small = find_rest(assembly, load, start=start)
             if follows:
                 # where balls differ the search goes on from the last state: from another state
                 # loose balls would come to rest elsewhere, and the mean would jump
                 nearest = state if differ and state else small
-                state = settle_exactly(frame, springs, push, nearest)
+                state = find_rest(assembly, load, "exact", start=nearest)
             else:
                 state = small
-            contacts = _MeanContacts.of(state, springs, differ)
+            contacts = _MeanContacts.of(state, laws, differ)
             if not np.any(contacts.counts):
                 problem = f"all contacts are open under {words} {pressure:.6g}"
                 why = "Those that adhere have come apart"
@@ -1449,9 +1387,9 @@ class Crystal(Result):
             mean = contacts.find_mean(kind)
             excess = mean / goal - 1.0
             error = abs(excess)
-            rounding = contacts.bound_rounding(kind, goal, differ, springs.adhere)
+            rounding = contacts.bound_rounding(kind, goal, differ, laws.adhere)
             if error <= tolerance or (error <= rounding and error >= last_error):
-                return state, push
+                return state, load
             if field is not None and excess > 0.0 and abs(excess - last_error) <= rounding * excess:
                 # gravity alone presses more than the goal, and less pressure changes nothing
                 break
@@ -1462,11 +1400,11 @@ class Crystal(Result):
             if differ:  # overlaps on the sites do not grow, and their mean follows no power
                 growth = 1.0
                 guess = search.extrapolate(pressure, mean, guess)
-            start = Rest(growth * small.x, growth * small.overlap, small.normal)
+            start = small.scale(growth)
             next_pressure = search.choose(pressure, excess, guess)
             if next_pressure is None:
                 if error <= rounding:
-                    return state, push
+                    return state, load
                 break
             pressure = next_pressure
         problem = (
@@ -1484,54 +1422,52 @@ class Crystal(Result):
 
         The pressure follows from the virial; of a column it is the force of a contact.
         """
-        frame = self._frame[0]
+        assembly = self._assembly
         force = goal
         if kind == "overlap":
-            springs = self._springs
-            force = float(np.mean(springs.force(np.full(springs.count, goal))))
-        measure = frame.measure * math.prod(face.thickness for face in self.faces)
+            laws = self._laws
+            force = float(np.mean(laws.force(np.full(laws.count, goal))))
+        measure = assembly.measure * math.prod(face.thickness for face in self.faces)
         dimension = self.periods + len(self.faces)
-        return force * float(np.sum(frame.distance)) / (dimension * measure)
+        return force * float(np.sum(assembly.distance)) / (dimension * measure)
 
     def _solve_each(
-        self, values: Array, pushes: Iterable[Push], finite_overlap: bool | None, rank: int = 0
+        self,
+        values: Array,
+        loads: Iterable[AppliedLoad],
+        finite_overlap: bool | None,
+        rank: int = 0,
     ) -> CrystalState:
         """Return the state at each load of ``values``, numbers or tensors of ``rank`` 2, of which
-        ``pushes`` are the forces.
+        ``loads`` are the forces.
         """
         follows = read_finite_overlap(finite_overlap)
-        frame = self._frame[0]
-        springs = self._springs
-        solutions = []
+        assembly = self._assembly
+        geometry: Geometry = "exact" if follows else "lattice"
         with _in_double_precision(values):
-            for push in pushes:
-                state = settle(frame, springs, push)
-                if follows:
-                    state = settle_exactly(frame, springs, push, state)
-                solutions.append((state, push))
+            solutions = [(find_rest(assembly, load, geometry), load) for load in loads]
             return self._stack(values, solutions, rank, follows)
 
     def _stack(
-        self, values: Array, solutions: Sequence[tuple[Rest, Push]], rank: int, follows: bool
+        self, values: Array, solutions: Sequence[tuple[Rest, AppliedLoad]], rank: int, follows: bool
     ) -> CrystalState:
         """Return the state at the loads ``values``, of which the last ``rank`` axes belong to one
         load.
         """
-        frame = self._frame[0]
         load_shape = values.shape[: values.ndim - rank]
-        springs = self._springs
+        laws = self._laws
         states = [state for state, _ in solutions]
         displacements, wall_motions = self._find_displacements(states)
-        strain = np.array([frame.strain(state.x) for state in states])
+        strain = np.array([state.strain for state in states])
         overlap = np.array([state.overlap for state in states])
-        depth = np.max(overlap / frame.distance, axis=1)
-        deepest_push = solutions[int(np.argmax(depth))][1]
+        depth = np.max(overlap / self._assembly.distance, axis=1)
+        deepest_load = solutions[int(np.argmax(depth))][1]
         modulus = min(ball.material.young_modulus for ball in self.kinds)
-        require_shallow(modulus, float(np.max(depth)), deepest_push.words)
+        require_shallow(modulus, float(np.max(depth)), deepest_load.words)
         arrays: dict[str, Array] = {
-            "normal_force": np.array([springs.force(overlaps) for overlaps in overlap]),
+            "normal_force": np.array([laws.force(overlaps) for overlaps in overlap]),
             "overlap": overlap,
-            "normal_stiffness": np.array([springs.stiffness(overlaps) for overlaps in overlap]),
+            "normal_stiffness": np.array([laws.stiffness(overlaps) for overlaps in overlap]),
             "normal": np.array([state.normal for state in states]),
             "displacements": displacements,
             "stress": self._find_stresses(states, strain if follows else np.zeros_like(strain)),
@@ -1548,16 +1484,14 @@ class Crystal(Result):
         """Return the displacements of the balls, (loads, n, d), and of the walls that a load moves,
         (loads, n_w), m.
         """
-        frame, free_number, wall_of_ball = self._frame
+        bodies = self._bodies
         d = self.dimension
         displacements = np.zeros((len(states), self.n_balls, d))
-        wall_motions = np.zeros((len(states), len(frame.walls)))
-        for index, state in enumerate(states):
-            displacements[index, free_number >= 0] = state.x[: frame.n_free].reshape(-1, d)
-            wall_motions[index] = state.x[frame.strains.stop :]
+        displacements[:, bodies.ball_number >= 0] = [state.displacement for state in states]
+        wall_motions = np.array([state.wall_motion for state in states])
         for side in self._sides:
             if side.wall >= 0:
-                riders = wall_of_ball == side.wall
+                riders = bodies.wall_of_ball == side.wall
                 displacements[:, riders, side.axis] = wall_motions[:, side.wall, None]
         # a motion of the whole crystal means nothing where no wall is in its way
         if not any("clamped" in face.edges for face in self.faces):
@@ -1578,12 +1512,12 @@ class Crystal(Result):
 
     def _find_stress(self, state: Rest, deformation: Array) -> Array:
         """Return the stress (p, p) of a state at rest on the cell with a ``deformation`` (p, p)."""
-        frame = self._frame[0]
+        assembly = self._assembly
         p = self.periods
-        forces = self._springs.force(state.overlap)[:, None] * state.normal[:, :p]
-        virial = forces.T @ np.where(frame.flat[:, None], 0.0, frame.vector[:, :p])
+        forces = self._laws.force(state.overlap)[:, None] * state.normal[:, :p]
+        virial = forces.T @ np.where(assembly.is_flat[:, None], 0.0, assembly.vector[:, :p])
         virial = virial @ deformation.T
-        measure = frame.measure * float(np.linalg.det(deformation))
+        measure = assembly.measure * float(np.linalg.det(deformation))
         return np.asarray(-0.5 * (virial + virial.T) / measure)
 
 
@@ -1639,13 +1573,13 @@ class _MeanContacts(NamedTuple):
     counts: Flags
 
     @classmethod
-    def of(cls, state: Rest, springs: Springs, differ: bool) -> Self:
+    def of(cls, state: Rest, laws: ContactLaws, differ: bool) -> Self:
         """Return the contacts of a state: those that carry a load, or touch if they adhere; all of
         them if balls ``differ``.
         """
-        force = springs.force(state.overlap)
-        stiffness = springs.stiffness(state.overlap)
-        counts = stiffness > 0.0 if springs.adhere else force != 0.0
+        force = laws.force(state.overlap)
+        stiffness = laws.stiffness(state.overlap)
+        counts = stiffness > 0.0 if laws.adhere else force != 0.0
         if differ:
             counts = np.ones(force.size, bool)
         return cls(state.overlap, force, stiffness, counts)
@@ -1765,19 +1699,19 @@ class CrystalState(Result):
     @cached_property
     def _punch(self) -> Array:
         """(..., n_c) stiffness 2 E* a of a flat punch as wide as the contact, N/m."""
-        springs = self.crystal._springs
-        if not springs.know_radii:
+        laws = self.crystal._laws
+        if not laws.know_radii:
             return self.normal_stiffness
         stiffnesses = np.empty(self.normal_stiffness.shape)
         for index in np.ndindex(self.shape):
-            stiffnesses[index] = springs.punch(self.overlap[index])
+            stiffnesses[index] = laws.punch(self.overlap[index])
         return read_only(stiffnesses)
 
     @property
     def torsion_stiffness(self) -> Array:
         """(..., n_c) stiffness against twist, N m."""
         twist_modulus = self.crystal._constants[3]
-        distance = self.crystal._frame[0].distance
+        distance = self.crystal._assembly.distance
         return self.crystal.contact_model.find_torsion(
             self.normal_stiffness, distance, self.contact_radius, twist_modulus
         )
@@ -1786,7 +1720,7 @@ class CrystalState(Result):
     def bending_stiffness(self) -> Array:
         """(..., n_c) stiffness against rolling, N m."""
         return self.crystal.contact_model.find_bending(
-            self.normal_stiffness, self.crystal._frame[0].distance
+            self.normal_stiffness, self.crystal._assembly.distance
         )
 
     @property
@@ -1810,7 +1744,7 @@ class CrystalState(Result):
             force = self.normal_force[index]
             k = self.normal_stiffness[index]
             loaded = k > 0.0
-            slope = self.crystal._springs.stiffness_slope(self.overlap[index])
+            slope = self.crystal._laws.stiffness_slope(self.overlap[index])
             contact_exponents = 0.5 * (force[loaded] / k[loaded]) * (slope[loaded] / k[loaded])
             if np.ptp(contact_exponents) > _SAME_EXPONENT:
                 raise InputError(
@@ -1843,7 +1777,7 @@ class CrystalState(Result):
         on_floors = [crystal._mean_radii[floor.balls] for floor in crystal._floors]
         radius = np.concatenate([arms, *on_floors])
         checks = [check_limit("contact_radius", np.max(self.contact_radius / radius, axis=-1))]
-        last_overlap = crystal._springs.most
+        last_overlap = crystal._laws.most
         if np.any(np.isfinite(last_overlap)):
             ratio = np.max(np.maximum(self.overlap, 0.0) / last_overlap, axis=-1)
             checks.append(check_limit("table", ratio))
@@ -1936,7 +1870,7 @@ class CrystalState(Result):
             motions=crystal.motions or next(iter(allowed_motions(d))),
             dimension=d,
             prestress=self.finite_overlap,
-            adhesive=crystal._springs.adhere,
+            adhesive=crystal._laws.adhere,
             contact_model=crystal.contact_model,
             **self._list_bodies(),
             **self._list_contacts(),

@@ -38,7 +38,7 @@ from granphon.balls.material import Material
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief
 from granphon.base.text import list_names
-from granphon.media.crystal_statics import Springs
+from granphon.contacts.laws import ContactLaws
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.phonopy_atoms import choose_symbols
 
@@ -180,7 +180,7 @@ class BallContacts(ContactCalculator):
             return Ball(ball, 2.0 * radius, name=kind)
         return Ball(ball.material, 2.0 * radius, name=kind)
 
-    def find_contacts(self, atoms: Atoms) -> tuple[Index, Index, Index, Array, Springs, Array]:
+    def find_contacts(self, atoms: Atoms) -> tuple[Index, Index, Index, Array, ContactLaws, Array]:
         """Return the balls i and j (n_c,) and the shift (n_c, 3) of each contact, the vectors
         (n_c, 3) between centres, m, the laws, and 4 G*/E* (n_c,).
         """
@@ -199,12 +199,12 @@ class BallContacts(ContactCalculator):
         vector = vector[touches]
         shift = np.zeros((len(i), 3), np.intp)
         shift[:, periods] = steps[touches]
-        springs, ratio = self._find_springs(sorts, number[i], number[j])
+        springs, ratio = self._find_laws(sorts, number[i], number[j])
         return i, j, shift, vector, springs, ratio
 
-    def _find_springs(
+    def _find_laws(
         self, sorts: list[tuple[str, float]], sort_i: Index, sort_j: Index
-    ) -> tuple[Springs, Array]:
+    ) -> tuple[ContactLaws, Array]:
         """Return the laws of contacts between balls of the sorts of numbers ``sort_i`` and
         ``sort_j`` (n_c,), and 4 G*/E* (n_c,); ``sorts`` are a kind and a radius, m, each.
         """
@@ -223,7 +223,7 @@ class BallContacts(ContactCalculator):
             ratio[contacts] = mindlin_ratio
             modulus[contacts] = pair_modulus
             groups.append((law, contacts))
-        return Springs(groups, count, modulus), ratio
+        return ContactLaws(groups, count, modulus), ratio
 
     def _find_gap(self, sorts: list[tuple[str, float]]) -> float:
         """Return the distance, m, up to which balls that adhere touch though they are apart, of any

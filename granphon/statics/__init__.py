@@ -1,1 +1,1 @@
-"""Balls at rest: their linear response."""
+"""Balls at rest under a load, and their linear response."""

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from granphon.balls import hertz
 from granphon.base.arrays import Array, Index
 from granphon.base.compiled import compiled
-from granphon.media.crystal_statics import Springs
+from granphon.contacts.laws import ContactLaws
 
 #: contacts that a loop works on at a time, which stay in the processor's first cache
 _CHUNK = 256
@@ -144,7 +144,7 @@ class PairLaws:
     know_radii : whether some law knows the radius of its contacts.
     """
 
-    def __init__(self, springs: Springs, overlap: Array, apart: int = 0) -> None:
+    def __init__(self, springs: ContactLaws, overlap: Array, apart: int = 0) -> None:
         self.springs = springs
         self.overlap = overlap
         self.rest = springs.force(overlap)

@@ -64,10 +64,10 @@ from granphon.base.validation import (
     real_number,
     whole_number,
 )
+from granphon.contacts.laws import ContactLaws
 from granphon.dynamics.damping import ContactDamping
 from granphon.media.cost import motion_memory
 from granphon.media.crystal import Crystal, CrystalState
-from granphon.media.crystal_statics import Springs
 from granphon.media.limits import check_limit
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.contact_forces import ContactForces, PairLaws, Powers, Touch
@@ -220,7 +220,7 @@ class NonlinearWaves:
         network = self.network
         force = self.network.normal_force
         stiffness = self.network.normal_stiffness
-        self._known: Powers | Springs
+        self._known: Powers | ContactLaws
         self._find: Callable[..., tuple[Any, Any, Any]]
         self.punch = stiffness
         pairs = self._group(network.i, network.j)
@@ -240,7 +240,7 @@ class NonlinearWaves:
             for pair, at in pairs.items():
                 found, _, modulus[at] = self._find(*pair)
                 groups.append((found, at))
-            self._known = Springs(groups, force.size, modulus)
+            self._known = ContactLaws(groups, force.size, modulus)
             self._rest_on(self._known)
             return _take_laws(
                 self._known, self._known.overlap(np.zeros_like(force) if unloaded else force)
@@ -260,7 +260,7 @@ class NonlinearWaves:
             modulus = (
                 0.5 * np.asarray(one.stiffness(overlap)) / np.where(radius > 0.0, radius, np.inf)
             )
-            self._known = Springs([(one, np.arange(force.size))], force.size, modulus)
+            self._known = ContactLaws([(one, np.arange(force.size))], force.size, modulus)
             self._rest_on(self._known)
             eta = network.shear_stiffness / self.punch
 
@@ -296,7 +296,7 @@ class NonlinearWaves:
         self._find = find
         return powers
 
-    def _rest_on(self, springs: Springs) -> None:
+    def _rest_on(self, springs: ContactLaws) -> None:
         """Keep the stiffnesses 2 E* a of the contacts under their forces at rest."""
         if springs.know_radii:
             self.punch = springs.punch(springs.overlap(self.network.normal_force))
@@ -323,8 +323,8 @@ class NonlinearWaves:
                 groups.append((law, n + at))
             except InputError as error:
                 unknown.append((n + at, str(error).rstrip(".")))
-        if isinstance(known, Springs):
-            both = Springs(
+        if isinstance(known, ContactLaws):
+            both = ContactLaws(
                 [*known.groups, *groups], len(overlap), np.append(known.modulus, modulus)
             )
             return _take_laws(both, overlap, len(i)), ratio, unknown
@@ -528,7 +528,7 @@ _UNSOLVED = "an implicit step has no solution: scheme: verlet makes it"
 _RATTLED = "a contact whose force jumps opens and closes many times in a step"
 
 
-def _take_laws(springs: Springs, overlap: Array, apart: int = 0) -> Powers | PairLaws:
+def _take_laws(springs: ContactLaws, overlap: Array, apart: int = 0) -> Powers | PairLaws:
     """Return laws as for :class:`PairLaws`, or as powers of one exponent, which are faster, if they
     are.
     """

@@ -1,0 +1,150 @@
+"""Balls, walls and a cell that touch: what comes to rest under a load.
+
+An assembly is a list of contacts between bodies. Its bodies are the balls that move, each with a
+displacement u; then the walls, each of which moves along one line; and last what is held, as a
+floor is. The cell strains uniformly. A contact whose vector from body to body is v at touch has,
+with small displacements and a small strain E,
+
+    w = u_j - u_i + E v,    overlap = o - n.w,    n = v/|v|
+
+with the overlap o of the bodies on their sites, zero but where their radii differ from those that
+touch. In exact directions the contact turns with its balls: n = (v + w)/|v + w|, and the overlap is
+o - (|v + w| - |v|). A contact with a flat wall does not turn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.arrays import Array, Flags, Index
+from granphon.contacts.laws import ContactLaws
+
+#: component of a normal that is zero but for rounding, and so is such a part of the largest overlap
+ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Assembly:
+    """The contacts of balls, walls and a cell, from touch on; SI units.
+
+    Attributes
+    ----------
+    n_balls : number n of the balls that move, which are the first bodies.
+    i, j : (n_c,) numbers of the two bodies of each contact; n to n + k - 1 are walls, and n + k is
+        what is held.
+    vector : (n_c, 3) from body i to body j, at touch, m; with a wall, from the centre of the ball
+        to the wall.
+    is_flat : (n_c,) whether the contact is with a flat wall, and does not turn.
+    offset : (n_c,) overlaps on the sites, m.
+    laws : the laws of the contacts.
+    cell : (p, p) the periods, m, along the first p axes.
+    dimension : number d of axes along which balls move.
+    directions : (k, d) unit vectors along which the walls move.
+    wall_balls : (k,) numbers of balls that lean on each wall, or ride with it.
+    """
+
+    n_balls: int
+    i: NDArray[np.int64]
+    j: NDArray[np.int64]
+    vector: Array
+    is_flat: Flags
+    offset: Array
+    laws: ContactLaws
+    cell: Array
+    dimension: int
+    directions: Array
+    wall_balls: Array
+
+    @property
+    def n_contacts(self) -> int:
+        """Number n_c of contacts."""
+        return len(self.i)
+
+    @property
+    def n_walls(self) -> int:
+        """Number k of walls that move."""
+        return len(self.directions)
+
+    @property
+    def n_bodies(self) -> int:
+        """Number of balls and walls, and one more for all that is held."""
+        return self.n_balls + self.n_walls + 1
+
+    @property
+    def periods(self) -> int:
+        """Number p of periods."""
+        return len(self.cell)
+
+    @cached_property
+    def measure(self) -> float:
+        """Length, area or volume of the cell; 1 without a period."""
+        return abs(float(np.linalg.det(self.cell))) if self.periods else 1.0
+
+    @cached_property
+    def distance(self) -> Array:
+        """(n_c,) distances of the bodies at touch, m."""
+        return np.asarray(np.sqrt(np.einsum("ca,ca->c", self.vector, self.vector)))
+
+    @cached_property
+    def normal(self) -> Array:
+        """(n_c, 3) unit vectors from body i to body j at touch."""
+        return np.asarray(self.vector / self.distance[:, None])
+
+    @cached_property
+    def differs(self) -> bool:
+        """Whether balls differ from those that just touch on the sites."""
+        return bool(np.any(self.offset))
+
+    @cached_property
+    def is_between_balls(self) -> Flags:
+        """(n_c,) whether a contact is between two balls that move."""
+        return np.asarray(np.maximum(self.i, self.j) < self.n_balls)
+
+    @cached_property
+    def free_axes(self) -> list[int]:
+        """The axes along which nothing hinders all balls together."""
+        hindering = np.abs(self.normal[~self.is_between_balls]) > ROUNDING
+        hindered = np.any(hindering, axis=0)
+        return [axis for axis in range(self.dimension) if not hindered[axis]]
+
+    @cached_property
+    def n_touching(self) -> Index:
+        """(n,) numbers of the contacts of each ball."""
+        return self.count_contacts(np.ones(self.n_contacts, bool))
+
+    def count_contacts(self, chosen: Flags) -> Index:
+        """Return how many of the ``chosen`` contacts (n_c,) each ball (n,) has."""
+        # a contact of a ball with its own image moves nothing
+        counted = chosen & (self.i != self.j)
+        ends = np.concatenate([self.i[counted], self.j[counted]])
+        return np.bincount(ends, minlength=self.n_bodies)[: self.n_balls]
+
+    def cut_out(self, balls: Flags, vector: Array, overlap: Array) -> Assembly:
+        """Return the contacts of some of the ``balls`` (n,), while all else is held.
+
+        The balls begin at rest relative to each other where their contacts have these vectors (n_c,
+        3) and ``overlap`` (n_c,).
+        """
+        count = int(np.count_nonzero(balls))
+        number = np.full(self.n_bodies, count)
+        number[: self.n_balls][balls] = np.arange(count)
+        i = number[self.i]
+        j = number[self.j]
+        contacts: Index = np.flatnonzero(np.minimum(i, j) < count)
+        return Assembly(
+            n_balls=count,
+            i=i[contacts],
+            j=j[contacts],
+            vector=np.ascontiguousarray(vector[contacts]),
+            is_flat=self.is_flat[contacts],
+            offset=overlap[contacts],
+            laws=self.laws.among(contacts),
+            cell=np.zeros((0, 0)),
+            dimension=self.dimension,
+            directions=np.zeros((0, self.dimension)),
+            wall_balls=np.zeros(0),
+        )

@@ -1,0 +1,133 @@
+"""The laws of the contacts of a list: forces, stiffnesses and energies of all contacts at once.
+
+Laws are objects with methods of arrays, between two loops over the contacts: a user's own law needs
+no compiled code.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from granphon.balls.contact_laws import PairLaw, opening_overlap, punch_stiffness, touching_overlap
+from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS, EnergyLaw
+from granphon.base.arrays import Array, Index
+
+
+class ContactLaws:
+    """The laws of contacts: a law for each group of them, as functions of the overlaps (n_c,);
+    others never push.
+
+    ``modulus`` (n_c,) is E* of their bodies, Pa, where a law knows the radius of its contacts.
+    """
+
+    def __init__(
+        self, groups: Sequence[tuple[PairLaw, Index]], count: int, modulus: Array | None = None
+    ) -> None:
+        self.groups = groups
+        self.count = count
+        self.modulus = np.ones(count) if modulus is None else modulus
+        self.least = np.zeros(count)
+        self.touch = np.zeros(count)
+        self.most = np.full(count, np.inf)
+        self.tension = np.zeros(count)
+        for law, contacts in groups:
+            least = opening_overlap(law)
+            self.least[contacts] = least
+            self.touch[contacts] = touching_overlap(law)
+            self.most[contacts] = float(getattr(law, "most_overlap", math.inf))
+            if least == -math.inf:
+                self.tension[contacts] = math.inf
+                continue
+            # a law may be zero at the end itself
+            opening = np.array([least, math.nextafter(least, math.inf)])
+            self.tension[contacts] = -min(float(np.min(law.force(opening))), 0.0)
+
+    @property
+    def adhesion(self) -> Array:
+        """The tension that contacts bear before they open, N; zero of a bond, which has no such
+        scale.
+        """
+        return np.where(np.isinf(self.tension), 0.0, self.tension)
+
+    @property
+    def adhere(self) -> bool:
+        """Whether some contact bears tension."""
+        return bool(np.any(self.tension > 0.0))
+
+    def size(self, force: Array) -> float:
+        """Return the size of forces by which residuals are measured: the mean of those that are not
+        zero, N.
+
+        It is the tension that contacts can bear, if that is larger; zero if all contacts are open,
+        or at rest as bonds.
+        """
+        loaded = np.abs(force[force != 0.0])
+        return max(float(np.mean(loaded)) if loaded.size else 0.0, float(np.mean(self.adhesion)))
+
+    def among(self, contacts: Index) -> ContactLaws:
+        """Return the laws of some of the contacts, in their order."""
+        number = np.full(self.count, -1)
+        number[contacts] = np.arange(len(contacts))
+        groups = []
+        for law, members in self.groups:
+            numbers = number[members]
+            groups.append((law, numbers[numbers >= 0]))
+        return ContactLaws(groups, len(contacts), self.modulus[contacts])
+
+    def force(self, overlap: Array) -> Array:
+        """Return the force of each contact, N, at overlaps (n_c,), m."""
+        return self._evaluate(overlap, FORCE)
+
+    def stiffness(self, overlap: Array) -> Array:
+        """Return the stiffness of each contact, N/m, at overlaps (n_c,), m."""
+        return self._evaluate(overlap, STIFFNESS)
+
+    def stiffness_slope(self, overlap: Array) -> Array:
+        """Return the slope of the stiffness of each contact, N/m^2, at overlaps (n_c,), m."""
+        return self._evaluate(overlap, SLOPE)
+
+    def energy(self, overlap: Array) -> Array:
+        """Return the energy of each contact, J, at overlaps (n_c,), m."""
+        return self._evaluate(overlap, ENERGY)
+
+    def _evaluate(self, overlap: Array, order: int) -> Array:
+        """Return a quantity of all contacts, each by its law.
+
+        Trials of a solver may leave the floating range, which the solver notices: laws of granphon
+        are evaluated without checks.
+        """
+        values = np.zeros(self.count)
+        for law, contacts in self.groups:
+            if isinstance(law, EnergyLaw):
+                values[contacts] = law._evaluate(overlap[contacts], order)
+            else:
+                find = {
+                    ENERGY: law.energy,
+                    FORCE: law.force,
+                    STIFFNESS: law.stiffness,
+                    SLOPE: law.stiffness_slope,
+                }[order]
+                values[contacts] = find(overlap[contacts])
+        return values
+
+    def overlap(self, forces: Array) -> Array:
+        """Return the overlaps (n_c,), m, at forces that contacts can bear, N."""
+        overlaps = np.zeros(self.count)
+        for law, contacts in self.groups:
+            overlaps[contacts] = law.overlap(forces[contacts])
+        return overlaps
+
+    @property
+    def know_radii(self) -> bool:
+        """Whether some law knows the radius of its contacts."""
+        return any(callable(getattr(law, "contact_radius", None)) for law, _ in self.groups)
+
+    def punch(self, overlap: Array) -> Array:
+        """Return the stiffnesses 2 E* a of flat punches as wide as the contacts, N/m."""
+        stiffness = np.zeros(self.count)
+        for law, contacts in self.groups:
+            stiffness[contacts] = punch_stiffness(law, overlap[contacts], self.modulus[contacts])
+        return stiffness

@@ -1,0 +1,325 @@
+"""An assembly of balls, walls and a cell under a load, at displacements and a strain: the overlaps,
+the normals, and the forces left.
+
+The unknowns x are the displacements of the balls, those of the walls along their lines, and the
+strains of the cell that are free, as lengths: forces on strains, sums over all contacts, are then
+as large as forces on balls are in sum. The forces left are minus the derivatives of the energy,
+
+    E(x) = sum of the energies of contacts - work of the load,
+
+and vanish at rest. In the directions of the lattice overlaps are linear in x. They are not computed
+anew from x but carried along, step by step: their digits then do not depend on how large the
+displacements of a tall column are. In exact directions the stress of the load is Cauchy's, on the
+deformed cell, and pressures act on its deformed sides.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from granphon.base.arrays import Array
+from granphon.contacts.assembly import ROUNDING, Assembly
+
+#: whether contacts keep the directions of the sites, or turn with their balls
+Geometry = Literal["lattice", "exact"]
+#: whether the cell keeps its shape and changes its size alone, or has the stress of the load
+Boundary = Literal["isotropic", "stress"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AppliedLoad:
+    """What acts on an assembly; SI units.
+
+    Attributes
+    ----------
+    force : (n d + k,) forces on the balls, then on the walls, N.
+    words : what messages call the load.
+    stress : (p, p) stress of the cell, tension above zero; None of a cell whose strain is given.
+    strain : (p, p) the given strain; zeros if the strain is free.
+    pressure_force : (n d + k,) the part of ``force`` that grows with the area of the cell.
+    lift : why gravity lifts balls off what they stand on, and what mends that; None if it does not.
+    """
+
+    force: Array
+    words: str
+    stress: Array | None
+    strain: Array
+    pressure_force: Array
+    lift: tuple[str, str] | None = None
+
+    @property
+    def acts(self) -> bool:
+        """Whether there is a force on anything."""
+        return bool(np.any(self.force)) or (self.stress is not None and bool(np.any(self.stress)))
+
+    @property
+    def is_given(self) -> bool:
+        """Whether a strain is given that moves contacts."""
+        return bool(np.any(self.strain))
+
+
+class Problem:
+    """An assembly under a load, and the unknowns of its rest.
+
+    ``geometry`` says whether contacts turn, and ``boundary`` which strains are free where the load
+    has a stress: all, or that of the size.
+    """
+
+    def __init__(
+        self, assembly: Assembly, load: AppliedLoad, geometry: Geometry, boundary: Boundary
+    ) -> None:
+        self.assembly = assembly
+        self.load = load
+        self.turns = geometry == "exact"
+        p = assembly.periods
+        self.n_ball_unknowns = assembly.n_balls * assembly.dimension
+        self.n_displacements = self.n_ball_unknowns + assembly.n_walls
+        pairs = list(itertools.combinations_with_replacement(range(p), 2))
+        shapes = np.zeros((0, p, p))
+        if load.stress is not None and boundary == "isotropic":
+            shapes = np.eye(p)[None] if p else shapes
+        elif load.stress is not None:
+            shapes = np.zeros((len(pairs), p, p))
+            for shape, (a, b) in zip(shapes, pairs, strict=True):
+                shape[a, b] = shape[b, a] = 1.0
+        # an unknown of 1 is a length
+        self.length = float(np.mean(assembly.distance)) * math.sqrt(assembly.n_contacts)
+        #: (s, 3, 3) strains of the cell by the unknowns
+        self.unit_strains = np.zeros((len(shapes), 3, 3))
+        self.unit_strains[:, :p, :p] = shapes / self.length
+        #: (3, 3) the given strain
+        self.given_strain = np.zeros((3, 3))
+        self.given_strain[:p, :p] = load.strain
+        self.size = self.n_displacements + len(shapes)
+
+    @cached_property
+    def weights(self) -> Array:
+        """(size,) what makes the force left on an unknown a force on a ball."""
+        weights = np.ones(self.size)
+        weights[self.n_ball_unknowns : self.n_displacements] = 1.0 / self.assembly.wall_balls
+        weights[self.n_displacements :] = 1.0 / math.sqrt(self.assembly.n_contacts)
+        return weights
+
+    @cached_property
+    def force(self) -> Array:
+        """(size,) forces of the load on the unknowns, on the cell as it is at touch."""
+        stress = self.load.stress
+        work = np.zeros(0) if stress is None else self.find_work(stress)
+        return np.concatenate([self.load.force, work])
+
+    def find_work(self, stress: Array) -> Array:
+        """Return the forces (s,) on the free strains of a ``stress`` (p, p) times the measure."""
+        p = len(stress)
+        unit_strains = self.unit_strains[:, :p, :p]
+        return np.asarray(np.einsum("sab,ab->s", unit_strains, stress) * self.assembly.measure)
+
+    def find_displacement(self, x: Array) -> Array:
+        """Return the displacements (bodies, 3) of balls, walls, and what is held."""
+        assembly = self.assembly
+        displacement = np.zeros((assembly.n_bodies, 3))
+        n = assembly.n_balls
+        d = assembly.dimension
+        displacement[:n, :d] = x[: self.n_ball_unknowns].reshape(n, d)
+        shifts = x[self.n_ball_unknowns : self.n_displacements]
+        displacement[n : n + assembly.n_walls, :d] = shifts[:, None] * assembly.directions
+        return displacement
+
+    def find_strain(self, x: Array) -> Array:
+        """Return the strain (3, 3) that the unknowns make, beside a given one."""
+        return np.asarray(np.einsum("s,sab->ab", x[self.n_displacements :], self.unit_strains))
+
+    @cached_property
+    def wall_lines(self) -> Array:
+        """(k d, k) displacements of the walls by the unknowns."""
+        k = self.assembly.n_walls
+        lines = np.zeros((k, self.assembly.dimension, k))
+        lines[np.arange(k), :, np.arange(k)] = self.assembly.directions
+        return lines.reshape(k * self.assembly.dimension, k)
+
+    @cached_property
+    def free_axes(self) -> list[int]:
+        """The axes along which nothing hinders all balls together, nor pushes them: contacts that
+        turn, with a ball that is held or rides on a wall, push aside.
+        """
+        assembly = self.assembly
+        if self.turns and not np.all(assembly.is_between_balls | assembly.is_flat):
+            return []
+        return assembly.free_axes
+
+    def remove_drift(self, motion: Array) -> Array:
+        """Return a motion (size,) without that of the whole, along axes on which nothing hinders
+        the balls.
+        """
+        if not self.free_axes:
+            return motion
+        still = motion.copy()
+        for axis in self.free_axes:
+            balls = slice(axis, self.n_ball_unknowns, self.assembly.dimension)
+            still[balls] -= np.mean(still[balls])
+        return still
+
+    def find_unit_losses(self, normal: Array) -> Array:
+        """Return what contacts lose of their overlaps by the unit strains, (n_c, s)."""
+        losses = np.empty((self.assembly.n_contacts, len(self.unit_strains)))
+        for strain, unit_strain in enumerate(self.unit_strains):
+            strained = self.assembly.vector @ unit_strain
+            losses[:, strain] = np.einsum("ca,ca->c", normal, strained)
+        return losses
+
+    def measure_losses(
+        self, x: Array, normal: Array | None = None, strain: Array | None = None
+    ) -> Array:
+        """Return what contacts (n_c,) lose of their overlaps along their normals, (n_c, 3), by
+        default those at touch; ``strain`` (3, 3) is one beside that of the unknowns.
+        """
+        from granphon.contacts.deformation import measure_losses  # averages need no Numba
+
+        assembly = self.assembly
+        along = assembly.normal if normal is None else normal
+        whole = self.find_strain(x)
+        if strain is not None:
+            whole = whole + strain
+        loss = np.empty(assembly.n_contacts)
+        displacement = self.find_displacement(x)
+        ends = (assembly.i, assembly.j, assembly.vector)
+        measure_losses(*ends, along, displacement, whole, loss)
+        return loss
+
+    def collect_forces(self, normal: Array, force: Array) -> Array:
+        """Return what forces (n_c,) along normals (n_c, 3) make on the unknowns (size,)."""
+        from granphon.contacts.deformation import add_forces  # averages need no Numba
+
+        assembly = self.assembly
+        n = assembly.n_balls
+        d = assembly.dimension
+        on_bodies = np.zeros((assembly.n_bodies, 3))
+        virial = np.zeros((3, 3))
+        ends = (assembly.i, assembly.j, assembly.vector)
+        add_forces(*ends, normal, force, on_bodies, virial)
+        on_walls = on_bodies[n : n + assembly.n_walls, :d]
+        return np.concatenate(
+            [
+                on_bodies[:n, :d].ravel(),
+                np.einsum("wa,wa->w", on_walls, assembly.directions),
+                np.einsum("sab,ab->s", self.unit_strains, virial),
+            ]
+        )
+
+    def start_at(self, x: Array, overlap: Array | None = None) -> Configuration:
+        """Return the configuration at unknowns x; ``overlap`` (n_c,) is that which a search on the
+        lattice carries along.
+        """
+        if overlap is None and not self.turns:
+            overlap = self.assembly.offset - self.measure_losses(x, strain=self.given_strain)
+        return Configuration(self, x, overlap)
+
+
+class Configuration:
+    """The contacts of a problem, and the forces left, at unknowns x (size,).
+
+    ``carried`` are the overlaps (n_c,) that a search on the lattice carries along.
+    """
+
+    def __init__(self, problem: Problem, x: Array, carried: Array | None = None) -> None:
+        assembly = problem.assembly
+        self.problem = problem
+        self.x = x
+        p = assembly.periods
+        strain = problem.find_strain(x) + problem.given_strain
+        #: (p, p) strain of the cell
+        self.strain = strain[:p, :p]
+        if problem.turns:
+            self._measure(strain)
+        else:
+            assert carried is not None
+            self.overlap = carried
+            self.normal = assembly.normal
+            self.current = assembly.vector
+            self.distance = assembly.distance
+        self.force = assembly.laws.force(self.overlap)
+        #: size of the forces, by which those left are measured
+        self.mean = assembly.laws.size(self.force)
+
+    def _measure(self, strain: Array) -> None:
+        """Measure the contacts where they are now."""
+        from granphon.contacts.deformation import measure_turned  # averages need no Numba
+
+        assembly = self.problem.assembly
+        loss = np.empty(assembly.n_contacts)
+        self.current = np.empty((assembly.n_contacts, 3))
+        self.distance = np.empty(assembly.n_contacts)
+        displacement = self.problem.find_displacement(self.x)
+        ends = (assembly.i, assembly.j, assembly.vector, assembly.is_flat)
+        measure_turned(*ends, displacement, strain, loss, self.current, self.distance)
+        self.normal = self.current / self.distance[:, None]
+        overlap = assembly.offset - loss
+        largest = np.max(np.abs(overlap), initial=0.0)
+        self.overlap = np.where(np.abs(overlap) <= ROUNDING * largest, 0.0, overlap)
+
+    @cached_property
+    def deformed(self) -> Array:
+        """(p, p) the deformation of the cell."""
+        return np.eye(len(self.strain)) + self.strain
+
+    @cached_property
+    def growth(self) -> float:
+        """Factor by which the measure of the cell has grown."""
+        return float(np.linalg.det(self.deformed)) if len(self.strain) else 1.0
+
+    @cached_property
+    def load_force(self) -> Array:
+        """(size,) forces of the load on the unknowns."""
+        problem = self.problem
+        load = problem.load
+        if not problem.turns or not len(self.strain):
+            return problem.force
+        force = load.force + (self.growth - 1.0) * load.pressure_force
+        work = np.zeros(0)
+        if load.stress is not None and self.growth > 0.0:
+            stress = load.stress @ np.linalg.inv(self.deformed) * self.growth
+            work = problem.find_work(stress)
+        return np.concatenate([force, work])
+
+    @cached_property
+    def pull(self) -> Array:
+        """(size,) the forces left on the unknowns."""
+        return self.load_force + self.problem.collect_forces(self.normal, self.force)
+
+    @cached_property
+    def residual(self) -> float:
+        """The largest force left, as on a ball, over the size of the forces."""
+        if not self.mean:
+            return math.inf
+        left = np.abs(self.pull) * self.problem.weights
+        return float(np.max(left, initial=0.0)) / self.mean
+
+    @cached_property
+    def stiffness(self) -> Array:
+        """(n_c,) stiffnesses, N/m."""
+        return self.problem.assembly.laws.stiffness(self.overlap)
+
+    @cached_property
+    def force_on_balls(self) -> Array:
+        """(n,) the force left on each ball, N."""
+        assembly = self.problem.assembly
+        left = self.pull[: self.problem.n_ball_unknowns]
+        return np.asarray(
+            np.linalg.norm(left.reshape(assembly.n_balls, assembly.dimension), axis=1)
+        )
+
+    @cached_property
+    def is_sound(self) -> bool:
+        """Whether balls are apart and touch some others, and the cell is not inside out."""
+        if not (self.mean and np.all(np.isfinite(self.x)) and np.all(self.distance > 0.0)):
+            return False
+        return not len(self.strain) or float(np.min(np.linalg.eigvalsh(self.deformed))) > 0.0
+
+    def move(self, x: Array, overlap: Array | None = None) -> Configuration:
+        """Return the configuration at other unknowns."""
+        return Configuration(self.problem, x, overlap)

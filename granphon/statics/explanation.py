@@ -1,0 +1,153 @@
+"""Why an assembly does not come to rest under a load."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from granphon.base.arrays import Array
+from granphon.base.errors import ConvergenceError, InputError
+from granphon.statics.configuration import Problem
+
+#: factors by which stiffnesses of contacts, and forces of a load, may differ where a crystal does
+#: not come to rest
+_MOST_STIFF = 1e10
+_MOST_FORCES = 1e6
+#: most contacts for which a load that is not borne is explained
+_MOST_EXPLAINED = 20_000
+#: units of a pressure, by the number of periods
+_UNITS = ("", "N", "N/m", "Pa")
+
+
+def find_typical_force(problem: Problem) -> float:
+    """Return the size of contact forces under a load, N, to begin with."""
+    assembly = problem.assembly
+    laws = problem.assembly.laws
+    stress = problem.load.stress
+    virial = float(np.sum(assembly.distance))
+    if stress is not None and assembly.periods:
+        pressing = -float(np.trace(stress))
+        if pressing > 0.0:
+            return pressing * assembly.measure / virial
+        if np.any(stress) and np.any(np.isinf(laws.tension)):  # bonds pull as well
+            return float(np.linalg.norm(stress)) * assembly.measure / virial
+    sizes = np.abs(problem.load.force[: problem.n_ball_unknowns])
+    on_balls = float(np.sum(sizes)) / max(assembly.n_contacts**0.5, 1.0)
+    on_walls = np.abs(problem.load.force[problem.n_ball_unknowns :]) / assembly.wall_balls
+    largest = max(on_balls, float(np.max(sizes, initial=0.0)), float(np.max(on_walls, initial=0.0)))
+    return largest or float(np.max(laws.adhesion))
+
+
+def _find_compatibility(problem: Problem) -> Any:
+    """Return the sparse matrix (n_c, size) of the overlaps that the unknowns make."""
+    from scipy.sparse import coo_array, hstack
+
+    assembly = problem.assembly
+    d = assembly.dimension
+    normal = assembly.normal[:, :d]
+    contacts = np.arange(assembly.n_contacts)
+    shape = (assembly.n_contacts, d * assembly.n_bodies)
+    lines = np.tile(np.repeat(contacts, d), 2)
+    ends = np.concatenate([assembly.i, assembly.j])
+    columns = (d * ends[:, None] + np.arange(d)).ravel()
+    entries = np.concatenate([normal.ravel(), -normal.ravel()])
+    of_bodies = coo_array((entries, (lines, columns)), shape=shape).tocsc()
+    n = problem.n_ball_unknowns
+    k = assembly.n_walls
+    strained = problem.find_unit_losses(assembly.normal)
+    of_walls = of_bodies[:, n : n + k * d] @ problem.wall_lines
+    joined: Any = hstack([of_bodies[:, :n], coo_array(of_walls), coo_array(-strained)])
+    return joined.tocsr()
+
+
+def _find_bearing(problem: Problem) -> tuple[bool, str]:
+    """Return whether contacts can bear the load, and what pressure in addition they would bear."""
+    from scipy.optimize import linprog
+    from scipy.sparse import csr_array, hstack
+
+    assembly = problem.assembly
+    press = _find_compatibility(problem).T
+    size = float(np.max(np.abs(problem.force), initial=0.0)) or 1.0
+    right = problem.force / size
+    least = -assembly.laws.tension / size
+
+    def search(columns: Any, cost: Array) -> Any:
+        bounds = [(bound, None) for bound in least.tolist()]
+        bounds += [(0.0, None)] * (columns.shape[1] - len(least))
+        return linprog(cost, A_eq=columns, b_eq=right, bounds=bounds, method="highs")
+
+    if search(press, np.zeros(press.shape[1])).status == 0:
+        return True, ""
+    if not len(problem.unit_strains):
+        return False, ""
+    sides = np.zeros(problem.size)
+    sides[problem.n_displacements :] = (
+        problem.find_work(np.eye(assembly.periods)) / assembly.measure
+    )
+    cost = np.zeros(press.shape[1] + 1)
+    cost[-1] = 1.0
+    answer = search(hstack([press, csr_array(sides[:, None])]), cost)
+    if answer.status != 0:
+        return False, ""
+    pressure = answer.x[-1] * size / assembly.measure
+    # or else it only takes the load off
+    presses = np.max(np.abs(answer.x[:-1])) > 1e-9 * answer.x[-1]
+    word = "of" if presses else "above"
+    unit = _UNITS[assembly.periods]
+    return False, (f"A pressure {word} {pressure:.4g} {unit} from all sides in addition would do")
+
+
+def explain(
+    problem: Problem, opened: bool = False, residual: float | None = None
+) -> InputError | ConvergenceError:
+    """Return the error of a load that the assembly has not come to rest under.
+
+    ``opened`` says that all contacts are open, and ``residual`` what force is left, over the mean.
+    """
+    assembly = problem.assembly
+    laws = assembly.laws
+    words = problem.load.words
+    if assembly.n_contacts <= _MOST_EXPLAINED:
+        is_borne, mend = _find_bearing(problem)
+        if not is_borne:
+            why = (
+                "Contacts only push along the lines of their centres, and no such forces add up"
+                " to it"
+            )
+            if laws.adhere:
+                why = (
+                    "No forces along the lines of the centres, up to the tension that contacts"
+                    " bear, add up to it"
+                )
+            mend = mend or "Press the crystal from the sides too, or give another load"
+            return InputError(
+                f"the crystal cannot bear {words}", *(problem.load.lift or (why, mend))
+            )
+    if opened:
+        why = "Balls that do not touch have no stiffness"
+        return InputError(f"all contacts are open under {words}", why, "Press them")
+    size = find_typical_force(problem)
+    with np.errstate(all="ignore"):
+        reached = laws.overlap(np.full(laws.count, size))
+        stiffness = laws.stiffness(reached)
+    if not np.all(np.isfinite(reached)):
+        why = f"They are about {size:.4g} N, and the law has no overlap at that force"
+        mend = "Lower the load, or give a law whose force grows on"
+        return InputError(f"a contact law does not reach the forces under {words}", why, mend)
+    forces = np.abs(problem.force * problem.weights)
+    for quantity, values, most in (
+        ("the stiffnesses of contacts", stiffness, _MOST_STIFF),
+        ("the forces of the load on balls", forces, _MOST_FORCES),
+    ):
+        present = values[values > 0.0]
+        ratio = float(np.max(values) / np.min(present)) if present.size else 0.0
+        if ratio > most:
+            what = (
+                f"the crystal has not come to rest under {words}, where {quantity} differ by a"
+                f" factor of {ratio:.2g}"
+            )
+            why = f"A factor of up to {most:g} can be told from rounding"
+            return InputError(what, why, "Compare the units, or leave the smaller ones out")
+    left = "" if residual is None else f"A force of {residual:.2g} of the mean is left on a ball"
+    return ConvergenceError(f"the crystal has not come to rest under {words}", left)

@@ -1,0 +1,44 @@
+"""Conjugate gradients for one right side."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from granphon.base.arrays import Array
+
+Map = Callable[[Array], Array]
+
+
+def conjugate_gradients(
+    apply: Map, precondition: Map, right: Array, reduction: float, floor: float, most: int
+) -> tuple[Array, bool]:
+    """Return x with |A x - right| <= ``reduction`` |right|, and whether ``most`` iterations reach
+    it.
+
+    A and its preconditioner are symmetric and positive definite. The residual is not lowered below
+    ``floor``, which is rounding.
+    """
+    solution = np.zeros_like(right)
+    residual = right.copy()
+    aim = max(reduction * float(np.linalg.norm(right)), floor)
+    search = np.zeros_like(right)
+    product = math.inf
+    for _ in range(most):
+        if float(np.linalg.norm(residual)) <= aim:
+            return solution, True
+        better = precondition(residual)
+        last = product
+        product = float(residual @ better)
+        search *= product / last
+        search += better
+        change = apply(search)
+        curvature = float(search @ change)
+        if curvature <= 0.0:  # rounding, or a motion that costs nothing
+            return solution, True
+        length = product / curvature
+        solution += length * search
+        residual -= length * change
+    return solution, False

@@ -1,0 +1,313 @@
+"""The linear equations of Newton's method for balls, walls and a cell that come to rest.
+
+With the tangent of the contacts, the forces left b ask for a step x of
+
+    | A  B | | u |   | b_u |     balls
+    | B' C | | g | = | b_g |     walls and strains, which act on many balls
+
+Factors: the few unknowns g are eliminated last, by C - B' A^-1 B, so that the factors of A stay
+sparse. The order in which balls are eliminated is found once for all steps. Balls in a line make a
+band, which needs no order. Iterations: where factors take too much, conjugate gradients take the
+blocks of single balls for their preconditioner; their products are loops over the contacts, and no
+matrix is made.
+
+A weak spring to the ground at each motion holds what nothing else holds.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from granphon.base.arrays import Array
+from granphon.base.errors import ConvergenceError
+from granphon.contacts.tangent import Pattern
+from granphon.dynamics.factors import Elimination, Factors
+from granphon.statics.configuration import Configuration, Problem
+from granphon.statics.krylov import Map, conjugate_gradients
+from granphon.statics.options import RestOptions
+
+
+class Equations:
+    """Newton's equations of a problem, by factors: where their entries stand, and the order of
+    elimination.
+    """
+
+    def __init__(self, problem: Problem, options: RestOptions) -> None:
+        assembly = problem.assembly
+        self.problem = problem
+        self.options = options
+        d = assembly.dimension
+        n_unknowns = problem.n_ball_unknowns
+        self.pattern = Pattern(assembly.i, assembly.j, assembly.n_bodies, d)
+        # A is the leading part of the tangent of all bodies
+        whole = self.pattern.make_matrix(np.ones(self.pattern.n_entries))
+        leading = np.arange(whole.indptr[n_unknowns])
+        leading = leading[whole.indices[leading] < n_unknowns]
+        lines = whole.indices[leading]
+        columns = np.repeat(np.arange(n_unknowns), np.diff(whole.indptr[: n_unknowns + 1]))
+        columns = columns[whole.indices[: len(columns)] < n_unknowns]
+        #: places of the entries of A among those of the tangent
+        self.places = leading
+        self._lines = lines
+        self._starts = np.searchsorted(columns, np.arange(n_unknowns + 1)).astype(np.int32)
+        self.diagonal = self.pattern.diagonal[:n_unknowns]
+        self.is_lower = lines >= columns
+        #: lines and columns of the entries on the diagonal and below
+        self.lower = (lines[self.is_lower], columns[self.is_lower])
+        #: number of diagonals of A below the main one
+        self.band = int(np.max(lines - columns, initial=0))
+        #: (n d,) springs that hold the whole: the ball with most contacts keeps its place
+        self.anchor = np.zeros(n_unknowns)
+        if problem.free_axes:
+            ball = int(np.argmax(assembly.n_touching))
+            self.anchor[[d * ball + axis for axis in problem.free_axes]] = 1.0
+
+    @cached_property
+    def elimination(self) -> Elimination:
+        """The order of elimination of A."""
+        return Elimination(self.make_matrix(np.ones(len(self.places))))
+
+    def make_matrix(self, entries: Array) -> Any:
+        """Return the sparse matrix A with these entries, in columns."""
+        from scipy.sparse import csc_array  # averages do not need it
+
+        size = len(self._starts) - 1
+        matrix: Any = csc_array((entries, self._lines, self._starts), shape=(size, size))
+        matrix.has_canonical_format = True
+        return matrix
+
+    def linearise(
+        self, configuration: Configuration, stiffness: Array, turning: float = 1.0
+    ) -> Linearisation:
+        """Return the equations at a configuration, with a ``stiffness`` of its contacts (n_c,),
+        N/m.
+
+        Forces of contacts that turn push balls aside, ``turning`` = 1, not at all, 0, or hold them
+        there, -1.
+        """
+        from granphon.contacts.deformation import add_tangents  # averages need no Numba
+
+        problem = self.problem
+        assembly = problem.assembly
+        side = np.zeros(assembly.n_contacts)
+        if problem.turns:
+            pushing = -turning * configuration.force / configuration.distance
+            side = np.where(assembly.is_flat, 0.0, pushing)
+        units = problem.unit_strains
+        data = np.zeros(self.pattern.n_entries)
+        ahead = np.zeros((assembly.n_bodies, assembly.dimension, len(units)))
+        corner = np.zeros((len(units), len(units)))
+        ends = (assembly.i, assembly.j, assembly.vector, configuration.normal)
+        add_tangents(*ends, stiffness, side, units, self.pattern.places, data, ahead, corner)
+        return Linearisation(self, float(np.mean(stiffness)), data, ahead, corner)
+
+    def solve(
+        self,
+        configuration: Configuration,
+        stiffness: Array,
+        pull: Array,
+        turning: float = 1.0,
+        load_slope: Array | None = None,
+    ) -> Array:
+        """Return the step (size,) that takes the forces ``pull`` (size,) away; see
+        :meth:`linearise` and :meth:`Linearisation.invert`.
+        """
+        inverse = self.linearise(configuration, stiffness, turning).invert(load_slope)
+        return self.problem.remove_drift(inverse(pull))
+
+
+class Linearisation:
+    """Newton's equations at one configuration.
+
+    Attributes
+    ----------
+    level : mean stiffness of contacts, N/m.
+    entries : those of A.
+    border : (n d, m) B, forces on balls against unit motions of the m walls and strains.
+    corner : (m, m) C, forces on walls and strains against each other.
+    """
+
+    def __init__(
+        self, equations: Equations, level: float, data: Array, ahead: Array, of_strains: Array
+    ) -> None:
+        problem = equations.problem
+        assembly = problem.assembly
+        self.equations = equations
+        self.level = level
+        self.entries = data[equations.places]
+        self._data = data
+        n = problem.n_ball_unknowns
+        k = assembly.n_walls
+        size = k + len(of_strains)
+        self.border = np.zeros((n, size))
+        self.border[:, k:] = ahead[: assembly.n_balls].reshape(n, len(of_strains))
+        self.corner = np.zeros((size, size))
+        self.corner[k:, k:] = of_strains
+        if k:
+            lines = problem.wall_lines
+            against_walls = equations.pattern.make_matrix(data)[:, n : n + len(lines)] @ lines
+            self.border[:, :k] = against_walls[:n]
+            self.corner[:k, :k] = lines.T @ against_walls[n : n + len(lines)]
+            of_walls = ahead[assembly.n_balls : assembly.n_balls + k]
+            between = lines.T @ of_walls.reshape(len(lines), len(of_strains))
+            self.corner[:k, k:] = between
+            self.corner[k:, :k] = between.T
+        self._hold = equations.options.hold * level
+
+    @property
+    def matrix(self) -> Any:
+        """A, a sparse matrix in columns."""
+        return self.equations.make_matrix(self.entries)
+
+    def factorise(self, springs: Array | float = 0.0) -> Factors:
+        """Return the factors of A, with ``springs`` (n d,), N/m, to the ground beside those that
+        hold what nothing else holds.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if A is singular.
+        """
+        equations = self.equations
+        data = self._data.copy()
+        data[equations.diagonal] += self._hold + self.level * equations.anchor + springs
+        held = equations.make_matrix(data[equations.places])
+        try:
+            return equations.elimination.factorise(held)
+        except RuntimeError:
+            words = equations.problem.load.words
+            what = f"the equations of balls that come to rest under {words} are singular"
+            raise ConvergenceError(what) from None
+
+    def invert(self, load_slope: Array | None = None) -> Map:
+        """Return the inverse: the step (size,) that takes forces (size,) away.
+
+        ``load_slope`` (size, m) are the forces of the load that grow with walls and strains.
+        """
+        n = len(self.border)
+        solve_balls = self._invert_balls()
+        columns = self.border
+        corner = self.corner + self._hold * np.eye(len(self.corner))
+        if load_slope is not None:
+            columns = columns - load_slope[:n]
+            corner = corner - load_slope[n:]
+        if not len(corner):
+            return solve_balls
+        motions = solve_balls(columns)
+        remaining = np.linalg.inv(corner - self.border.T @ motions)
+
+        def solve(pull: Array) -> Array:
+            of_balls = solve_balls(pull[:n])
+            of_few = remaining @ (pull[n:] - self.border.T @ of_balls)
+            return np.concatenate([of_balls - motions @ of_few, of_few])
+
+        return solve
+
+    def _invert_balls(self) -> Map:
+        """Return the motions of balls, (n d,) or (n d, m), under forces on them, walls and strains
+        held.
+        """
+        if not len(self.border):
+            return np.zeros_like
+        if self.equations.band == 1:
+            from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
+
+            with suppress(LinAlgError):  # not a minimum
+                factor = cholesky_banded(self._make_band(), lower=True)
+                return lambda forces: np.asarray(cho_solve_banded((factor, True), forces))
+        return self.factorise().solve
+
+    def _make_band(self) -> Array:
+        """Return the diagonals of A from the main one down, (diagonals, n d), with springs to the
+        ground.
+        """
+        equations = self.equations
+        lines, columns = equations.lower
+        band = np.zeros((equations.band + 1, len(self.border)))
+        band[lines - columns, columns] = self.entries[equations.is_lower]
+        band[0] += self._hold + self.level * equations.anchor
+        return band
+
+
+class IteratedEquations:
+    """Newton's equations of a problem, by conjugate gradients.
+
+    Static forces that push balls aside are left out: they are a small part.
+    """
+
+    def __init__(self, problem: Problem, options: RestOptions) -> None:
+        self.problem = problem
+        self.options = options
+
+    def solve(
+        self,
+        configuration: Configuration,
+        stiffness: Array,
+        pull: Array,
+        reduction: float,
+        most: int,
+        precondition: Map | None = None,
+    ) -> tuple[Array, bool]:
+        """Return the step (size,) that takes the forces ``pull`` (size,) away but for
+        ``reduction``, and whether ``most`` iterations find it.
+
+        Parameters
+        ----------
+        stiffness : (n_c,) of the contacts, N/m.
+        precondition : an approximate inverse; by default that of single balls.
+        """
+        problem = self.problem
+        normal = configuration.normal
+        inverse = precondition or self._invert_alone(normal, stiffness)
+
+        def apply(motion: Array) -> Array:
+            loss = problem.measure_losses(motion, normal)
+            return problem.collect_forces(normal, stiffness * loss)
+
+        def find_motion(force: Array) -> Array:
+            return problem.remove_drift(inverse(force))
+
+        rounding = 2.0 * float(np.finfo(np.float64).eps)
+        floor = float(np.sqrt(len(pull))) * rounding * configuration.mean
+        aim = problem.remove_drift(pull)
+        return conjugate_gradients(apply, find_motion, aim, reduction, floor, most)
+
+    def _invert_alone(self, normal: Array, stiffness: Array) -> Map:
+        """Return the inverse of the motions of each ball, wall or strain while the others are
+        held.
+        """
+        from granphon.contacts.deformation import (  # averages need no Numba
+            add_blocks,
+            invert_blocks,
+            multiply_blocks,
+        )
+
+        problem = self.problem
+        options = self.options
+        assembly = problem.assembly
+        d = assembly.dimension
+        n = problem.n_ball_unknowns
+        level = float(np.mean(stiffness))
+        blocks = np.zeros((assembly.n_bodies, d, d))
+        add_blocks(assembly.i, assembly.j, normal, stiffness, blocks)
+        lines = assembly.directions
+        of_walls = blocks[assembly.n_balls : assembly.n_balls + assembly.n_walls]
+        losses = problem.find_unit_losses(normal)
+        diagonal = np.concatenate(
+            [
+                np.einsum("wa,wab,wb->w", lines, of_walls, lines),
+                np.einsum("cs,c,cs->s", losses, stiffness, losses),
+            ]
+        )
+        diagonal += options.hold * level
+        alone = blocks[: assembly.n_balls] + options.hold_alone * level * np.eye(d)
+        invert_blocks(alone)
+
+        def solve(force: Array) -> Array:
+            motion = np.empty_like(force)
+            multiply_blocks(alone, force[:n].reshape(-1, d), motion[:n].reshape(-1, d))
+            motion[n:] = force[n:] / diagonal
+            return motion
+
+        return solve

@@ -1,0 +1,84 @@
+"""The numbers of the search for rest, each with its reason, in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+
+def _by_axes(line: int, plane: int, space: int) -> Mapping[int, int]:
+    """Return a field with a number for balls that move along 1, 2 or 3 axes."""
+    numbers = MappingProxyType({1: line, 2: plane, 3: space})
+    field_of_numbers: Mapping[int, int] = field(default_factory=lambda: numbers)
+    return field_of_numbers
+
+
+@dataclass(frozen=True)
+class RestOptions:
+    """Options of :func:`~granphon.statics.rest.find_rest`.
+
+    A residual is the largest force left, over the mean force of the contacts. Numbers of balls and
+    of iterations are those on a line, in the plane and in space.
+
+    Attributes
+    ----------
+    tolerance : residual at which balls are at rest: the rounding of a sum of forces.
+    iterated_tolerance : the same where equations are solved by iteration.
+    required : residual that must be reached, and that a search that comes no nearer may end with.
+    steps : steps of Newton's method, at most.
+    slopes : slopes in a line search, at most.
+    slope : slope of the energy along a step, over that at its start, at which a line search ends.
+    near : residual below which a whole step is taken if the slope falls at all: it is rounding.
+    added : stiffness that is added to all contacts, over their mean, at a residual of 1: open
+        contacts have none.
+    hold : stiffness of the springs that hold what nothing else holds, over the mean of contacts.
+    hold_alone : the same of single balls in a preconditioner, whose inverse enlarges rounding.
+    reduction : relative residual at which iterations end near rest.
+    most_factorised : balls, at most, whose matrices are factorised: factors then take about 1 GB.
+    fewest_iterated : balls from which iterations are tried before factors in the directions of the
+        lattice. Where most contacts are closed, 20 to 50 iterations do: of 8^3 balls of fcc they
+        take 2 ms, factors 40 ms.
+    patience_of_iterations : iterations with the blocks of single balls, after which factors are
+        found: of 64^2 balls 50 take as long.
+    patience_of_factors : iterations with the factors of an earlier step, after which new ones are
+        found: a solution takes a tenth of the time of factors, and near rest 2 do.
+    most_iterations : iterations in a step, at most, where matrices are not factorised.
+    carried : force, over the residual, up to which a contact carries nothing: its stiffness would
+        hold a ball.
+    patience : steps without half of the residual, after which loose balls and all others are no
+        longer moved in turn; four times as many end the search.
+    light : force of a contact, over the mean, up to which it is light: balls with no more heavy
+        contacts than dimensions are loose. The same part of what is left on others may be left on
+        loose balls.
+    failed : force left on a ball after a step, over the most before it, from which the ball counts
+        as loose too.
+    descent : displacement with which the way down from a saddle begins, over the largest difference
+        of radii.
+    curvature : curvature of the energy below zero, over what forces could make, that is rounding.
+    soft : stiffness of a motion, over that of a contact, up to which it costs no energy.
+    """
+
+    tolerance: float = 2e-15
+    iterated_tolerance: float = 3e-13
+    required: float = 1e-12
+    steps: int = 200
+    slopes: int = 40
+    slope: float = 0.1
+    near: float = 1e-6
+    added: float = 1e-2
+    hold: float = 1e-11
+    hold_alone: float = 1e-6
+    reduction: float = 1e-4
+    most_factorised: Mapping[int, int] = _by_axes(2**21, 2**18, 2**12)
+    fewest_iterated: Mapping[int, int] = _by_axes(2**62, 500, 100)
+    patience_of_iterations: Mapping[int, int] = _by_axes(0, 50, 150)
+    patience_of_factors: int = 8
+    most_iterations: int = 4000
+    carried: float = 10.0
+    patience: int = 20
+    light: float = 1e-3
+    failed: float = 0.3
+    descent: float = 1e-2
+    curvature: float = 1e-6
+    soft: float = 1e-9

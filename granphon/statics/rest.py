@@ -1,0 +1,594 @@
+"""Balls, walls and a cell at rest under a load, held by normal forces alone.
+
+Rest is the minimum of the energy of all contacts less the work of the load
+(:mod:`granphon.statics.configuration`). One method finds it: Newton's, with a line search on the
+slope of the energy, that is on forces; differences of energies would be rounding near rest.
+
+In the directions of the lattice the problem is convex, as contacts push ever harder: the forces at
+rest are unique, while balls that nothing holds may be anywhere. Where contacts have opened, the
+tangent is short of their stiffness, and a small stiffness that falls with the residual is added to
+all contacts.
+
+In exact directions contacts turn. The search starts from rest on the lattice, and the tangent has
+the term -f/r of turning contacts. Where radii differ, contacts open, and balls that they held lean
+on others. These loose balls are brought to rest first, while the others are held
+(:mod:`granphon.statics.loose_balls`). Newton's method for all follows, and so on in turn. A step
+that would raise the energy is replaced by one downhill, and where neither the loose balls nor the
+others let each other come to rest, all move together. The inertia of the factors then proves that
+rest is a minimum; from a saddle the balls go downhill along the softest motion.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from granphon.base.arrays import Array, Flags
+from granphon.base.errors import (
+    ConvergenceError,
+    GranphonError,
+    InputError,
+    InstabilityError,
+    MechanismError,
+)
+from granphon.contacts.assembly import ROUNDING, Assembly
+from granphon.statics.configuration import (
+    AppliedLoad,
+    Boundary,
+    Configuration,
+    Geometry,
+    Problem,
+)
+from granphon.statics.explanation import explain, find_typical_force
+from granphon.statics.krylov import Map
+from granphon.statics.loose_balls import find_way_down, has_soft_motions, lead_loose_balls
+from granphon.statics.newton import Equations, IteratedEquations
+from granphon.statics.options import RestOptions
+
+#: what mends a crystal of differing balls that falls
+_STAY = "Leave finite_overlap out: contacts then keep the directions of the sites"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Rest:
+    """An assembly at rest; SI units.
+
+    Attributes
+    ----------
+    displacement : (n, d) of the balls that move, m.
+    wall_motion : (k,) of the walls along their lines, m.
+    strain : (p, p) of the cell.
+    overlap : (n_c,) of the contacts, m.
+    normal : (n_c, d) unit vectors of the contacts.
+    residual : the largest force left, as on a ball, over the mean force of contacts.
+    """
+
+    displacement: Array
+    wall_motion: Array
+    strain: Array
+    overlap: Array
+    normal: Array
+    residual: float = 0.0
+
+    @classmethod
+    def of(cls, configuration: Configuration) -> Self:
+        """Return a configuration that is at rest."""
+        problem = configuration.problem
+        assembly = problem.assembly
+        x = configuration.x
+        balls = x[: problem.n_ball_unknowns]
+        return cls(
+            balls.reshape(assembly.n_balls, assembly.dimension),
+            x[problem.n_ball_unknowns : problem.n_displacements],
+            configuration.strain,
+            configuration.overlap,
+            configuration.normal[:, : assembly.dimension],
+            configuration.residual,
+        )
+
+    def scale(self, factor: float) -> Rest:
+        """Return the state with all displacements, strains and overlaps times a ``factor``."""
+        return replace(
+            self,
+            displacement=factor * self.displacement,
+            wall_motion=factor * self.wall_motion,
+            strain=factor * self.strain,
+            overlap=factor * self.overlap,
+        )
+
+
+def find_rest(
+    assembly: Assembly,
+    load: AppliedLoad,
+    geometry: Geometry = "lattice",
+    boundary: Boundary = "stress",
+    start: Rest | None = None,
+    options: RestOptions | None = None,
+) -> Rest:
+    """Find balls, walls and a cell at rest under a load.
+
+    Parameters
+    ----------
+    assembly : what comes to rest.
+    load : what acts on it.
+    geometry : "lattice": contacts keep the directions of the sites, and overlaps are linear in the
+        displacements; "exact": contacts turn, the cell deforms, and the stress is Cauchy's.
+    boundary : "stress": the cell takes the stress of the load; "isotropic": it keeps its shape and
+        takes the pressure of the load. Neither matters to a cell whose strain is given.
+    start : a state near by. By default the search starts from linear springs, and in exact
+        directions from rest on the lattice.
+    options : the numbers of the search.
+
+    Raises
+    ------
+    InputError : contacts that push, or adhere, cannot bear the load.
+    ConvergenceError : the search does not come to rest.
+    InstabilityError : there is no rest in exact directions near that on the lattice.
+    MechanismError : balls differ, and some of their motions, while all touch, cost no energy.
+    """
+    numbers = options or RestOptions()
+    problem = Problem(assembly, load, geometry, boundary)
+    if not (load.acts or load.is_given or find_typical_force(problem)):
+        return _rest_without_load(problem)
+    if not problem.turns:
+        on_lattice = _LatticeSearch(problem, numbers)
+        return on_lattice.run(on_lattice.begin(start))
+    if start is None:
+        start = find_rest(assembly, load, "lattice", boundary, None, numbers)
+    exact = _ExactSearch(problem, numbers)
+    return exact.run(exact.begin(start))
+
+
+def _rest_without_load(problem: Problem) -> Rest:
+    """Return bonds where they are; raise :class:`InputError` if there are none."""
+    untouched = problem.start_at(np.zeros(problem.size))
+    if np.any(untouched.stiffness > 0.0):
+        return Rest.of(untouched)
+    words = problem.load.words
+    raise InputError(f"{words} presses nothing", "Contacts have no stiffness without a force")
+
+
+def _find_unknowns(problem: Problem, rest: Rest) -> Array:
+    """Return the unknowns (size,) of a state."""
+    p = problem.assembly.periods
+    units = problem.unit_strains[:, :p, :p]
+    free = rest.strain - problem.load.strain
+    strains = np.einsum("sab,ab->s", units, free) / np.einsum("sab,sab->s", units, units)
+    return np.concatenate([rest.displacement.ravel(), rest.wall_motion, strains])
+
+
+class _Trail:
+    """The configuration nearest to rest on the way, and the steps since the residual was halved."""
+
+    def __init__(self) -> None:
+        self.best = math.inf
+        self.stalled = 0
+        self.nearest: Configuration | None = None
+
+    def add(self, configuration: Configuration) -> None:
+        """Go on to a configuration."""
+        residual = configuration.residual
+        self.stalled = self.stalled + 1 if residual > 0.5 * self.best else 0
+        if residual < self.best:
+            self.best = residual
+            self.nearest = configuration
+
+
+class _Search(ABC):
+    """The search for the rest of a problem; what depends on the geometry stands below."""
+
+    def __init__(self, problem: Problem, options: RestOptions) -> None:
+        self.problem = problem
+        self.options = options
+        self.trail = _Trail()
+        assembly = problem.assembly
+        self.is_factored = assembly.n_balls <= options.most_factorised[assembly.dimension]
+        self.tolerance = options.tolerance
+
+    @cached_property
+    def equations(self) -> Equations:
+        """Newton's equations, by factors."""
+        return Equations(self.problem, self.options)
+
+    @cached_property
+    def iterated_equations(self) -> IteratedEquations:
+        """Newton's equations, by iteration."""
+        return IteratedEquations(self.problem, self.options)
+
+    def run(self, configuration: Configuration) -> Rest:
+        """Return the state at rest near a configuration."""
+        for _ in range(self.options.steps):
+            configuration = self._prepare(configuration)
+            if self._is_stuck(configuration):
+                break
+            self.trail.add(configuration)
+            if self._has_arrived:
+                configuration_below = self._leave_saddle()
+                if configuration_below is None:
+                    return self._finish()
+                configuration = configuration_below
+                self.trail = _Trail()
+                continue
+            configuration = self._advance(configuration)
+        if self.trail.best <= self.options.required:
+            return self._finish()
+        raise self._explain_failure(configuration)
+
+    @property
+    def _has_arrived(self) -> bool:
+        """Whether the balls are at rest, or as near as rounding lets them come."""
+        trail = self.trail
+        comes_no_nearer = trail.best <= self.options.required and trail.stalled > 2
+        return trail.best <= self.tolerance or comes_no_nearer
+
+    def _is_stuck(self, configuration: Configuration) -> bool:
+        """Return whether the search ends here without rest."""
+        return False
+
+    def _prepare(self, configuration: Configuration) -> Configuration:
+        """Return the configuration from which the next step begins."""
+        return configuration
+
+    @abstractmethod
+    def _advance(self, configuration: Configuration) -> Configuration:
+        """Return the configuration after a step."""
+
+    def _leave_saddle(self) -> Configuration | None:
+        """Return where to go on from a saddle of the energy; None at a minimum."""
+        return None
+
+    def _finish(self) -> Rest:
+        """Return the state nearest to rest, without the light contacts of balls that differ: their
+        force may be a residual only, and their stiffness would hold a ball.
+        """
+        assembly = self.problem.assembly
+        laws = assembly.laws
+        assert self.trail.nearest is not None
+        rest = Rest.of(self.trail.nearest)
+        if not assembly.differs or laws.adhere:
+            return rest
+        force = laws.force(rest.overlap)
+        light = np.abs(force) <= self.options.carried * rest.residual * laws.size(force)
+        opened = np.minimum(rest.overlap, laws.least)
+        return replace(rest, overlap=np.where(light, opened, rest.overlap))
+
+    @abstractmethod
+    def _explain_failure(self, configuration: Configuration) -> GranphonError:
+        """Return the error of a search that has not come to rest."""
+
+
+class _LatticeSearch(_Search):
+    """The search in the directions of the lattice."""
+
+    def __init__(self, problem: Problem, options: RestOptions) -> None:
+        super().__init__(problem, options)
+        assembly = problem.assembly
+        fewest = options.fewest_iterated[assembly.dimension]
+        self.iterates = not self.is_factored or assembly.n_balls >= fewest
+        if self.iterates:
+            self.tolerance = options.iterated_tolerance
+        #: the inverse of the equations of an earlier step, once single balls do not suffice
+        self.kept_inverse: Map | None = None
+        self.largest_mean = 0.0
+
+    def begin(self, start: Rest | None) -> Configuration:
+        """Return the configuration from which the search begins: that of ``start``, of a given
+        strain, or of linear springs.
+        """
+        problem = self.problem
+        if start is not None:
+            return problem.start_at(_find_unknowns(problem, start), start.overlap.copy())
+        untouched = problem.start_at(np.zeros(problem.size))
+        if problem.load.is_given:
+            return untouched
+        return self._relax_springs(untouched)
+
+    def _relax_springs(self, untouched: Configuration) -> Configuration:
+        """Return where linear springs are at rest that have the law of the contacts at a typical
+        force.
+        """
+        problem = self.problem
+        laws = problem.assembly.laws
+        force = find_typical_force(problem)
+        if not force:
+            raise explain(problem)
+        forces = np.full(problem.assembly.n_contacts, force)
+        with np.errstate(all="ignore"):
+            reached = laws.overlap(forces)
+            while not np.all(np.isfinite(reached)) and forces[0] > 1e-300:
+                forces = 0.5 * forces  # a law may have a largest force
+                reached = laws.overlap(forces)
+        stiffness = laws.stiffness(reached)
+        forces = forces + stiffness * (untouched.overlap - reached)
+        pull = problem.force + problem.collect_forces(untouched.normal, forces)
+        step = self._solve(untouched, stiffness, pull, self.options.reduction)
+        return untouched.move(step, untouched.overlap - problem.measure_losses(step))
+
+    def _prepare(self, configuration: Configuration) -> Configuration:
+        """Return the configuration; raise :class:`InputError` if all contacts are open."""
+        problem = self.problem
+        mean = configuration.mean
+        self.largest_mean = max(self.largest_mean, mean)
+        # under a strain alone balls may move aside until none is pressed
+        is_relaxed = mean < self.options.required * self.largest_mean
+        if not mean or (is_relaxed and not problem.load.acts):
+            raise explain(problem, opened=True)
+        return configuration
+
+    def _solve(
+        self, configuration: Configuration, stiffness: Array, pull: Array, reduction: float
+    ) -> Array:
+        """Return the step (size,) of springs of a ``stiffness`` (n_c,) under forces ``pull``.
+
+        Iterations are preconditioned by single balls, until these do not suffice, and then by the
+        factors of an earlier step.
+        """
+        equations = self.equations
+        options = self.options
+        if not self.iterates:
+            return equations.solve(configuration, stiffness, pull)
+        most = options.most_iterations
+        if self.is_factored:
+            most = options.patience_of_iterations[self.problem.assembly.dimension]
+            if self.kept_inverse is not None:
+                most = options.patience_of_factors
+        step, has_converged = self.iterated_equations.solve(
+            configuration, stiffness, pull, reduction, most, self.kept_inverse
+        )
+        if has_converged or not self.is_factored:
+            return step
+        self.kept_inverse = equations.linearise(configuration, stiffness).invert()
+        return self.problem.remove_drift(self.kept_inverse(pull))
+
+    def _advance(self, configuration: Configuration) -> Configuration:
+        """Return the configuration after a step of Newton's method, of a length at which the slope
+        of the energy is small.
+        """
+        problem = self.problem
+        options = self.options
+        residual = configuration.residual
+        stiffness = configuration.stiffness
+        closed = stiffness[stiffness > 0.0]
+        added = configuration.mean / problem.length
+        if closed.size:
+            added = options.added * min(1.0, residual) * float(np.mean(closed))
+        pull = configuration.pull
+        reduction = max(0.1 * min(1.0, residual**0.5), options.reduction)
+        step = self._solve(configuration, stiffness + added, pull, reduction)
+        loss = problem.measure_losses(step)
+        length = self._find_length(configuration, loss, float(pull @ step))
+        return configuration.move(
+            configuration.x + length * step, configuration.overlap - length * loss
+        )
+
+    def _find_length(self, configuration: Configuration, loss: Array, fall: float) -> float:
+        """Return the length of a step at which the energy no longer falls much, at first by
+        ``fall``.
+
+        Raises the error of a load that cannot be borne if the energy falls without end.
+        """
+        options = self.options
+        laws = self.problem.assembly.laws
+        overlap = configuration.overlap
+        force = configuration.force
+        longest = math.inf
+        if laws.adhere:  # no contact may be torn on the way
+            parting = loss > 0.0
+            room = (overlap - laws.least)[parting] / loss[parting]
+            longest = max(0.9 * float(np.min(room, initial=math.inf)), 1e-9)
+        length = min(1.0, longest)
+        low = 0.0
+        high = math.inf
+        if fall <= 0.0:  # the rounding of a state at rest
+            return length
+        for _ in range(options.slopes):
+            force_ahead = laws.force(overlap - length * loss)
+            slope = float((force - force_ahead) @ loss) - fall
+            if not np.any(force_ahead) and np.any(force):
+                # under a load that is small against the forces before it
+                slope = math.inf
+            is_near = configuration.residual < options.near and length == 1.0 and slope <= fall
+            if abs(slope) <= options.slope * fall or is_near:
+                return length
+            if slope > 0.0:
+                high = length
+            elif length >= longest:
+                return length
+            else:
+                low = length
+            length = min(4.0 * length, longest) if high == math.inf else 0.5 * (low + high)
+        if high == math.inf:
+            raise explain(self.problem)
+        return length
+
+    def _finish(self) -> Rest:
+        """Return the state at rest, in which overlaps that are rounding are zero."""
+        rest = super()._finish()
+        laws = self.problem.assembly.laws
+        if laws.adhere and not np.any(np.isinf(laws.tension)):
+            return rest
+        size = np.abs(rest.overlap)
+        is_rounding = (size <= ROUNDING * np.max(size, initial=0.0)) & (laws.tension == 0.0)
+        return replace(rest, overlap=np.where(is_rounding, 0.0, rest.overlap))
+
+    def _explain_failure(self, configuration: Configuration) -> GranphonError:
+        """Return the error of a search that has not come to rest."""
+        laws = self.problem.assembly.laws
+        error = explain(self.problem, residual=self.trail.best)
+        if laws.adhere and isinstance(error, ConvergenceError):
+            contact = int(np.argmin(configuration.overlap - laws.least))
+            problem = f"{self.problem.load.words} pulls contact {contact} apart"
+            why = f"It bears a tension of up to {laws.tension[contact]:.6g} N"
+            return InputError(problem, why, "Press the crystal more")
+        return error
+
+
+class _ExactSearch(_Search):
+    """The search in exact directions, from rest on the lattice."""
+
+    def __init__(self, problem: Problem, options: RestOptions) -> None:
+        super().__init__(problem, options)
+        assembly = problem.assembly
+        if not self.is_factored:
+            self.tolerance = options.iterated_tolerance
+        #: (n,) the balls that are led to rest before all others
+        self.loose: Flags = np.zeros(assembly.n_balls, bool)
+
+    def begin(self, start: Rest) -> Configuration:
+        """Return the configuration from which the search begins, that of ``start``.
+
+        Raises :class:`~granphon.base.errors.MechanismError` if motions of balls that differ cost
+        nothing.
+        """
+        assembly = self.problem.assembly
+        configuration = self.problem.start_at(_find_unknowns(self.problem, start))
+        if not assembly.differs:
+            return configuration
+        if self.is_factored and has_soft_motions(self.equations):
+            words = self.problem.load.words
+            what = f"balls that differ do not come to rest in the true geometry under {words}"
+            why = (
+                "The crystal does not stand without friction: motions in which no contact is"
+                " pressed cost no energy"
+            )
+            mend = f"{_STAY}; or take a crystal with more contacts, such as fcc"
+            raise MechanismError(what, why, mend)
+        heavy = configuration.force > self.options.light * configuration.mean
+        self.loose = assembly.count_contacts(heavy) <= assembly.dimension
+        return configuration
+
+    def _is_stuck(self, configuration: Configuration) -> bool:
+        """Return whether the residual no longer falls, or all contacts are open."""
+        patience = self.options.patience
+        if self.problem.assembly.differs:
+            patience = 4 * patience
+        return self.trail.stalled > patience or not configuration.is_sound
+
+    def _prepare(self, configuration: Configuration) -> Configuration:
+        """Return the configuration in which loose balls are at rest between the others."""
+        options = self.options
+        loose = self.loose
+        moves_in_turn = np.any(loose) and self.trail.stalled <= options.patience
+        if not (moves_in_turn and configuration.is_sound):
+            return configuration
+        assembly = self.problem.assembly
+        spread = float(np.max(np.abs(assembly.offset)) / np.mean(assembly.distance))
+        on_others = configuration.force_on_balls[~loose]
+        left = float(np.max(on_others, initial=0.0)) / configuration.mean
+        least = max(options.tolerance, options.light * min(spread, left))
+        return lead_loose_balls(configuration, loose, least, options)
+
+    def _leave_saddle(self) -> Configuration | None:
+        """Return where to go on from a saddle of the energy of balls that differ; None at a
+        minimum.
+        """
+        if not (self.is_factored and self.problem.assembly.differs):
+            return None
+        assert self.trail.nearest is not None
+        return find_way_down(self.trail.nearest, self.equations)
+
+    def _advance(self, configuration: Configuration) -> Configuration:
+        """Return the configuration after a step; of balls that differ, those that are far from rest
+        then become loose.
+        """
+        pull = configuration.pull
+        step = self._find_step(configuration)
+        ahead = configuration.move(configuration.x + step)
+        if not self.problem.assembly.differs:
+            return ahead
+        # steps up the energy would go round in circles, or back to a saddle: the slopes at both
+        # ends tell
+        falls = ahead.is_sound and pull @ step > 0.0 and (pull + ahead.pull) @ step >= 0.0
+        if not falls:
+            ahead = self._search(configuration, self._find_leaning_step(configuration))
+        size = self.options.failed * configuration.residual * ahead.mean
+        self.loose = self.loose | (ahead.force_on_balls > size)
+        return ahead
+
+    def _find_step(self, configuration: Configuration) -> Array:
+        """Return the step (size,) of Newton's method."""
+        stiffness = configuration.stiffness
+        if not self.is_factored:
+            return self._iterate(configuration, stiffness)
+        slope = self._find_load_slope(configuration)
+        return self.equations.solve(configuration, stiffness, configuration.pull, load_slope=slope)
+
+    def _find_leaning_step(self, configuration: Configuration) -> Array:
+        """Return a step (size,) of a tangent in which forces push balls back instead of aside: a
+        step is then about as long as a ball is far from the line between two others.
+        """
+        stiffness = configuration.stiffness
+        added = self.options.added * min(1.0, configuration.residual) * float(np.mean(stiffness))
+        if not self.is_factored:
+            return self._iterate(configuration, stiffness + added)
+        return self.equations.solve(configuration, stiffness + added, configuration.pull, -1.0)
+
+    def _iterate(self, configuration: Configuration, stiffness: Array) -> Array:
+        """Return a step (size,) that iteration finds."""
+        options = self.options
+        equations = self.iterated_equations
+        pull = configuration.pull
+        step, _ = equations.solve(
+            configuration, stiffness, pull, options.reduction, options.most_iterations
+        )
+        return step
+
+    def _find_load_slope(self, configuration: Configuration) -> Array | None:
+        """Return the growth (size, k + s) of the load's forces with walls and strains: the load
+        follows the cell as that deforms.
+        """
+        problem = self.problem
+        load = problem.load
+        p = problem.assembly.periods
+        units = problem.unit_strains[:, :p, :p]
+        if not len(units) or load.stress is None:
+            return None
+        n = problem.n_displacements
+        k = problem.assembly.n_walls
+        inverse = np.linalg.inv(configuration.deformed)
+        growth = configuration.growth
+        slope = np.zeros((problem.size, k + len(units)))
+        for column, unit in enumerate(units, start=k):
+            grown = growth * float(np.trace(inverse @ unit))
+            slope[:n, column] = grown * load.pressure_force
+            turned = grown * inverse - growth * inverse @ unit @ inverse
+            slope[n:, column] = problem.find_work(load.stress @ turned)
+        return slope
+
+    def _search(self, configuration: Configuration, step: Array) -> Configuration:
+        """Go along a step until the energy no longer falls much: its slope is that of the forces
+        left.
+        """
+        options = self.options
+        first = float(configuration.pull @ step)
+        low = 0.0
+        high = math.inf
+        length = 1.0
+        ahead = configuration
+        for _ in range(options.slopes):
+            ahead = configuration.move(configuration.x + length * step)
+            slope = float(ahead.pull @ step) if ahead.is_sound else -math.inf
+            if abs(slope) <= options.slope * abs(first) or (slope > 0.0 and length >= 1.0):
+                break
+            if slope > 0.0:
+                low = length
+            else:
+                high = length
+            length = 0.5 * (low + high)
+        return ahead
+
+    def _explain_failure(self, configuration: Configuration) -> GranphonError:
+        """Return the error of a search that has not come to rest."""
+        words = self.problem.load.words
+        if self.problem.assembly.differs:
+            what = f"balls that differ have not come to rest in the true geometry under {words}"
+            left = f"A force of {self.trail.best:.2g} of the mean is left on a ball"
+            return ConvergenceError(what, left, f"{_STAY}; or press loose balls more")
+        why = "Its contacts turn away under the load, and nothing holds it"
+        mend = "Lower the load, or add contacts"
+        return InstabilityError(f"the crystal collapses under {words}", why, mend)

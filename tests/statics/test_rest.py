@@ -1,0 +1,243 @@
+"""Balls, walls and a cell at rest: against closed forms, a general minimiser, and finite
+differences; factors against iterations.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.optimize import minimize
+
+import granphon as gp
+from granphon.balls.hertz import HertzLaw
+from granphon.base.errors import InputError, MechanismError
+from granphon.contacts.assembly import Assembly
+from granphon.contacts.laws import ContactLaws
+from granphon.statics.configuration import AppliedLoad, Problem
+from granphon.statics.krylov import conjugate_gradients
+from granphon.statics.loose_balls import find_way_down
+from granphon.statics.newton import Equations, IteratedEquations
+from granphon.statics.options import RestOptions
+from granphon.statics.rest import find_rest
+
+D = 8e-3
+BALL = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), D, spread=gp.Uniform(4e-6))
+NEVER = {1: 2**62, 2: 2**62, 3: 2**62}
+ALWAYS = {1: 0, 2: 0, 3: 0}
+
+
+def make_sample(lattice="triangular", shape=(5, 4), seed=2):
+    return gp.Crystal.on(lattice, [BALL]).sample(shape, seed=seed)
+
+
+def make_slab():
+    """Balls that differ between a floor and a wall that moves, in a cell that strains."""
+    return make_sample(shape=(4, 1)).cut(1, 4, edges=("floor", "clamped"))
+
+
+def press(assembly, pressure):
+    """Return the load of a pressure on the cell and on walls."""
+    p = assembly.periods
+    on_walls = np.full(assembly.n_walls, -pressure * D)
+    force = np.append(np.zeros(assembly.n_balls * assembly.dimension), on_walls)
+    stress = -pressure * np.eye(p)
+    return AppliedLoad(force, "a pressure", stress, np.zeros((p, p)), force)
+
+
+def find_energy(problem, x):
+    """The energy of the contacts less the work of the load, where the cell keeps its measure."""
+    configuration = problem.start_at(x)
+    energy = np.sum(problem.assembly.laws.energy(configuration.overlap))
+    return energy - problem.force @ x
+
+
+@pytest.mark.parametrize("geometry", ["lattice", "exact"])
+def test_forces_left_are_derivatives_of_the_energy_and_the_tangent_theirs(geometry):
+    assembly = make_slab()._assembly
+    load = press(assembly, 1e3)
+    # the work of a stress on a cell that deforms is none of an energy that is linear in strains
+    free = AppliedLoad(load.force, "", 0.0 * load.stress, load.strain, 0.0 * load.force)
+    problem = Problem(assembly, free, geometry, "stress")
+    rng = np.random.default_rng(0)
+    x = 1e-6 * rng.normal(size=problem.size)
+    x[-len(problem.unit_strains) :] = -1e-5 * math.sqrt(assembly.n_contacts)
+    step = 1e-9
+    directions = step * rng.normal(size=(6, problem.size))
+    here = problem.start_at(x)
+    linear = Equations(problem, RestOptions()).linearise(here, here.stiffness)
+    n = problem.n_ball_unknowns
+    whole = np.block([[linear.matrix.toarray(), linear.border], [linear.border.T, linear.corner]])
+    for direction in directions:
+        change = find_energy(problem, x + direction) - find_energy(problem, x - direction)
+        assert -2.0 * here.pull @ direction == pytest.approx(change, rel=1e-6)
+        turn = problem.start_at(x - direction).pull - problem.start_at(x + direction).pull
+        scale = np.max(np.abs(turn))
+        assert_allclose(2.0 * whole @ direction, turn, rtol=0.0, atol=1e-5 * scale)
+    assert n == 2 * assembly.n_balls
+
+
+def test_products_without_a_matrix_are_those_of_the_matrix():
+    assembly = make_slab()._assembly
+    problem = Problem(assembly, press(assembly, 1e3), "lattice", "stress")
+    here = problem.start_at(np.random.default_rng(1).normal(scale=1e-6, size=problem.size))
+    stiffness = here.stiffness + np.max(here.stiffness)
+    pull = np.random.default_rng(2).normal(size=problem.size)
+    by_factors = Equations(problem, RestOptions()).solve(here, stiffness, pull)
+    iterated = IteratedEquations(problem, RestOptions())
+    by_iteration, has_converged = iterated.solve(here, stiffness, pull, 1e-13, 1000)
+    assert has_converged
+    limit = 1e-8 * np.max(np.abs(by_factors))
+    assert_allclose(by_iteration, by_factors, rtol=0.0, atol=limit)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "shape", "pressure"), [("triangular", (8, 8), 300.0), ("fcc", (3, 3, 3), 1e5)]
+)
+def test_factors_and_iterations_come_to_the_same_rest(lattice, shape, pressure):
+    assembly = make_sample(lattice, shape)._assembly
+    load = press(assembly, pressure)
+    forces = []
+    for options in (
+        RestOptions(fewest_iterated=NEVER),
+        RestOptions(most_factorised=ALWAYS),
+        RestOptions(fewest_iterated=ALWAYS, patience_of_iterations=ALWAYS),
+    ):
+        rest = find_rest(assembly, load, options=options)
+        assert rest.residual <= 1e-12
+        forces.append(assembly.laws.force(rest.overlap))
+    limit = 1e-11 * np.max(forces[0])
+    assert_allclose(forces[1], forces[0], rtol=0.0, atol=limit)
+    assert_allclose(forces[2], forces[0], rtol=0.0, atol=limit)
+    assert np.any(forces[0] == 0.0)
+
+
+@pytest.mark.parametrize("geometry", ["lattice", "exact"])
+def test_a_cell_that_keeps_its_shape_takes_the_pressure(geometry):
+    assembly = make_sample()._assembly
+    load = press(assembly, 2e3)
+    rest = find_rest(assembly, load, geometry, "isotropic")
+    assert_allclose(rest.strain, rest.strain[0, 0] * np.eye(2), rtol=0.0, atol=1e-18)
+    deformed = np.eye(2) + (rest.strain if geometry == "exact" else 0.0)
+    force = assembly.laws.force(rest.overlap)[:, None] * rest.normal
+    virial = force.T @ assembly.vector[:, :2] @ deformed.T
+    measure = assembly.measure * np.linalg.det(deformed)
+    assert np.trace(virial) / measure == pytest.approx(2.0 * 2e3, rel=1e-12)
+    # the shape resists: the stress differs from a pressure
+    assert abs(virial[0, 0] - virial[1, 1]) > 1e-4 * virial[0, 0]
+    # the same strain, given
+    given = AppliedLoad(load.force, "", None, rest.strain, load.force)
+    again = find_rest(assembly, given, geometry)
+    assert_allclose(again.overlap, rest.overlap, rtol=0.0, atol=1e-10 * np.max(rest.overlap))
+
+
+def test_exact_rest_is_the_minimum_that_scipy_finds():
+    assembly = make_sample(shape=(3, 3))._assembly
+    strain = -2e-3 * np.array([[1.0, 0.1], [0.1, 0.7]])
+    nothing = np.zeros(2 * assembly.n_balls)
+    load = AppliedLoad(nothing, "a strain", None, strain, nothing)
+    rest = find_rest(assembly, load, "exact")
+    problem = Problem(assembly, load, "exact", "stress")
+    length = float(np.mean(rest.overlap))
+    unit = float(np.mean(assembly.laws.force(rest.overlap)))
+
+    def energy(x):
+        place = problem.start_at(length * x)
+        value = np.sum(assembly.laws.energy(place.overlap)) / (unit * length)
+        return value, -place.pull / unit
+
+    answer = minimize(energy, nothing, jac=True, method="BFGS", options={"gtol": 1e-10})
+    overlap = problem.start_at(length * answer.x).overlap
+    assert_allclose(overlap, rest.overlap, rtol=0.0, atol=1e-6 * length)
+
+
+def make_triangle():
+    """A ball on two that are held, of equal Hertz contacts."""
+    angles = np.radians([60.0, 120.0])
+    vector = np.zeros((2, 3))
+    vector[:, 0] = D * np.cos(angles)
+    vector[:, 1] = -D * np.sin(angles)
+    return Assembly(
+        n_balls=1,
+        i=np.zeros(2, np.int64),
+        j=np.ones(2, np.int64),
+        vector=vector,
+        is_flat=np.zeros(2, bool),
+        offset=np.full(2, 1e-9),
+        laws=ContactLaws([(HertzLaw(1e9), np.arange(2))], 2),
+        cell=np.zeros((0, 0)),
+        dimension=2,
+        directions=np.zeros((0, 2)),
+        wall_balls=np.zeros(0),
+    )
+
+
+def test_a_ball_leans_on_two_that_are_held():
+    load = AppliedLoad(np.array([0.0, -3.0]), "a weight", None, np.zeros((0, 0)), np.zeros(2))
+    assembly = make_triangle()
+    rest = find_rest(assembly, load)
+    assert_allclose(assembly.laws.force(rest.overlap), 3.0 / math.sqrt(3.0), rtol=1e-13)
+    exact = find_rest(assembly, load, "exact")
+    height = D * math.sqrt(0.75) + exact.displacement[0, 1]
+    slope = height / math.hypot(0.5 * D, height)
+    assert_allclose(2.0 * slope * assembly.laws.force(exact.overlap), 3.0, rtol=1e-12)
+    sideways = AppliedLoad(np.array([3.0, 0.0]), "a push", None, np.zeros((0, 0)), np.zeros(2))
+    with pytest.raises(InputError, match="cannot bear a push"):
+        find_rest(assembly, sideways)
+
+
+def test_balls_leave_a_saddle_of_the_energy():
+    """A ball pressed between two that are held, in line with it, is at a saddle."""
+    vector = np.zeros((2, 3))
+    vector[:, 0] = [D, -D]
+    assembly = Assembly(
+        n_balls=1,
+        i=np.zeros(2, np.int64),
+        j=np.ones(2, np.int64),
+        vector=vector,
+        is_flat=np.zeros(2, bool),
+        offset=np.full(2, 1e-6),
+        laws=ContactLaws([(HertzLaw(1e9), np.arange(2))], 2),
+        cell=np.zeros((0, 0)),
+        dimension=2,
+        directions=np.zeros((0, 2)),
+        wall_balls=np.zeros(0),
+    )
+    load = AppliedLoad(np.zeros(2), "", None, np.zeros((0, 0)), np.zeros(2))
+    problem = Problem(assembly, load, "exact", "stress")
+    saddle = problem.start_at(np.zeros(2))
+    assert saddle.residual == 0.0
+    below = find_way_down(saddle, Equations(problem, RestOptions()))
+    assert below is not None
+    energies = [np.sum(assembly.laws.energy(place.overlap)) for place in (saddle, below)]
+    assert energies[1] < energies[0]
+    assert abs(below.x[1]) > 1e3 * abs(below.x[0])
+    minimum = make_sample(shape=(3, 3))._assembly
+    pressed = press(minimum, 1e4)
+    at_rest = find_rest(minimum, pressed, "exact")
+    problem = Problem(minimum, pressed, "exact", "stress")
+    strains = at_rest.strain[[0, 0, 1], [0, 1, 1]] * problem.length
+    place = problem.start_at(np.concatenate([at_rest.displacement.ravel(), strains]))
+    assert find_way_down(place, Equations(problem, RestOptions())) is None
+
+
+def test_a_square_lattice_that_differs_is_a_mechanism():
+    assembly = make_sample("square", (3, 3))._assembly
+    with pytest.raises(MechanismError):
+        find_rest(assembly, press(assembly, 1e3), "exact")
+
+
+def test_conjugate_gradients_solve_and_say_whether_they_do():
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(12, 12))
+    matrix = root @ root.T + np.eye(12)
+    right = rng.normal(size=12)
+    diagonal = np.diagonal(matrix)
+    solve = (matrix.__matmul__, lambda vector: vector / diagonal)
+    solution, has_converged = conjugate_gradients(*solve, right, 1e-13, 0.0, 100)
+    assert has_converged
+    assert_allclose(solution, np.linalg.solve(matrix, right), rtol=1e-10)
+    _, has_converged = conjugate_gradients(*solve, right, 1e-13, 0.0, 3)
+    assert not has_converged
