@@ -105,67 +105,6 @@ def add_forces(
 
 
 @compiled
-def add_tangents(
-    i: NDArray[np.int64],
-    j: NDArray[np.int64],
-    vector: Array,
-    normal: Array,
-    stiffness: Array,
-    side_stiffness: Array,
-    unit_strains: Array,
-    places: NDArray[np.int64],
-    data: Array,
-    ahead: Array,
-    corner: Array,
-) -> None:
-    """Add the tangents k nn + side (1 - nn) of normal forces to the entries of a matrix of bodies,
-    and to those of the strains.
-
-    Parameters
-    ----------
-    unit_strains : (s, 3, 3) symmetric.
-    places, data : where blocks begin among the entries, and the entries: see
-        :class:`granphon.contacts.tangent.Pattern`.
-    ahead : (bodies, d, s) forces on bodies against unit strains.
-    corner : (s, s) forces on strains against unit strains.
-    """
-    d = ahead.shape[1]
-    s = unit_strains.shape[0]
-    strained = np.zeros((s, 3))
-    resisted = np.zeros((s, 3))
-    for contact in range(len(i)):
-        side = side_stiffness[contact]
-        along = stiffness[contact] - side
-        if along == 0.0 and side == 0.0:
-            continue
-        for column in range(d):
-            for line in range(d):
-                entry = along * normal[contact, line] * normal[contact, column]
-                if line == column:
-                    entry += side
-                for block in range(4):
-                    place = places[contact, block, 0] + column * places[contact, block, 1] + line
-                    data[place] += entry if block in (0, 3) else -entry
-        for strain in range(s):
-            part = 0.0
-            for axis in range(3):
-                change = 0.0
-                for period in range(3):
-                    change += unit_strains[strain, axis, period] * vector[contact, period]
-                strained[strain, axis] = change
-                part += normal[contact, axis] * change
-            for axis in range(d):
-                resisted[strain, axis] = along * part * normal[contact, axis]
-                resisted[strain, axis] += side * strained[strain, axis]
-                ahead[i[contact], axis, strain] -= resisted[strain, axis]
-                ahead[j[contact], axis, strain] += resisted[strain, axis]
-        for strain in range(s):
-            for second in range(s):
-                for axis in range(d):
-                    corner[strain, second] += strained[strain, axis] * resisted[second, axis]
-
-
-@compiled
 def add_blocks(
     i: NDArray[np.int64],
     j: NDArray[np.int64],

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.arrays import Array
+from granphon.contacts.columns import Columns
 from granphon.contacts.contact_list import ContactList
 from granphon.dynamics.elasticity import voigt_pairs
 from granphon.dynamics.factors import Elimination
@@ -91,13 +92,14 @@ class Pattern:
 _patterns: OrderedDict[tuple[bytes, bytes, int, int], Pattern] = OrderedDict()
 
 
-def find_pattern(contacts: ContactList) -> Pattern:
-    """Return the pattern of a list; those of small lists are kept."""
-    ends = (contacts.i, contacts.j, contacts.n_balls, len(contacts.axes))
-    if contacts.n_balls > _KEPT_BALLS:
-        return Pattern(*ends)
-    key = (contacts.i.tobytes(), contacts.j.tobytes(), *ends[2:])
-    pattern = _patterns.pop(key, None) or Pattern(*ends)
+def find_pattern(
+    i: NDArray[np.int64], j: NDArray[np.int64], n_balls: int, n_motions: int
+) -> Pattern:
+    """Return the pattern of a list with these ends; those of small lists are kept."""
+    if n_balls > _KEPT_BALLS:
+        return Pattern(i, j, n_balls, n_motions)
+    key = (i.tobytes(), j.tobytes(), n_balls, n_motions)
+    pattern = _patterns.pop(key, None) or Pattern(i, j, n_balls, n_motions)
     _patterns[key] = pattern
     while len(_patterns) > _KEPT_PATTERNS:
         _patterns.popitem(last=False)
@@ -105,12 +107,11 @@ def find_pattern(contacts: ContactList) -> Pattern:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tangent:
-    """The tangent of a list of contacts.
+class Blocks:
+    """The tangent of contacts, block by block.
 
     Attributes
     ----------
-    contacts : the list.
     diagonal : (m, m, n) blocks of A: forces on each ball against motions of the same ball.
     forward : (m, m, n_c) the same on ball i of each contact against motions of ball j.
     backward : (m, m, n_c) of each motion of ball i the forces on ball j; ``forward`` itself where A
@@ -120,7 +121,6 @@ class Tangent:
     corner : (s, s) S, forces on strains against unit strains.
     """
 
-    contacts: ContactList
     diagonal: Array
     forward: Array
     backward: Array
@@ -128,21 +128,63 @@ class Tangent:
     back: Array
     corner: Array
 
-    @cached_property
-    def pattern(self) -> Pattern:
-        """Where the entries of A stand."""
-        return find_pattern(self.contacts)
-
-    @cached_property
-    def data(self) -> Array:
-        """Entries of A."""
+    def list_entries(self, pattern: Pattern) -> Array:
+        """Return the entries of A, by their ``pattern``."""
         from granphon.contacts.loops import fill_entries  # imported here: averages need no Numba
 
-        pattern = self.pattern
         data = np.zeros(pattern.n_entries)
         blocks = (self.diagonal, self.forward, self.backward)
         fill_entries(*blocks, pattern.by_ball, pattern.by_contact, data)
         return data
+
+
+def fill_blocks(columns: Columns, axes: NDArray[np.int64], strains: Array, n_balls: int) -> Blocks:
+    """Return the tangent of the contacts of ``n_balls`` balls.
+
+    ``axes`` (m,) are those of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations;
+    ``strains`` (s, 3, 3) are unit strains, symmetric.
+    """
+    from granphon.contacts import loops  # imported here: averages need no Numba
+
+    s = len(strains)
+    m = len(axes)
+    diagonal = np.zeros((m, m, n_balls))
+    forward = np.zeros((m, m, len(columns.i)))
+    ahead = np.zeros((n_balls, m, s))
+    corner = np.zeros((s, s))
+    loops.fill_tangent(columns, axes, strains, diagonal, forward, ahead, corner)
+    if not len(columns.tangential_force):
+        return Blocks(diagonal, forward, forward, ahead, ahead, corner)
+    backward = forward.copy()
+    back = ahead.copy()
+    blocks = (diagonal, forward, backward)
+    loops.add_static_turn(columns, axes, strains, *blocks, ahead, back, corner)
+    return Blocks(*blocks, ahead, back, corner)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tangent:
+    """The tangent of a list of contacts.
+
+    Attributes
+    ----------
+    contacts : the list.
+    blocks : its tangent, block by block.
+    """
+
+    contacts: ContactList
+    blocks: Blocks
+
+    @cached_property
+    def pattern(self) -> Pattern:
+        """Where the entries of A stand."""
+        contacts = self.contacts
+        return find_pattern(contacts.i, contacts.j, contacts.n_balls, len(contacts.axes))
+
+    @cached_property
+    def data(self) -> Array:
+        """Entries of A."""
+        return self.blocks.list_entries(self.pattern)
 
     @cached_property
     def matrix(self) -> Any:
@@ -162,22 +204,6 @@ def unit_strains(dimension: int) -> Array:
 
 def find_tangent(contacts: ContactList, strains: Array) -> Tangent:
     """Return the tangent of a list under unit ``strains`` (s, 3, 3), symmetric."""
-    from granphon.contacts import loops  # imported here: averages need no Numba
-
-    s = len(strains)
-    axes = contacts.axes
-    m = len(axes)
-    diagonal = np.zeros((m, m, contacts.n_balls))
-    forward = np.zeros((m, m, contacts.n_contacts))
-    backward = forward
-    ahead = np.zeros((contacts.n_balls, m, s))
-    back = ahead
-    corner = np.zeros((s, s))
-    columns = contacts.columns
-    loops.fill_tangent(columns, axes, strains, diagonal, forward, ahead, corner)
-    if contacts.has_tangential_force:
-        backward = forward.copy()
-        back = ahead.copy()
-        blocks = (diagonal, forward, backward)
-        loops.add_static_turn(columns, axes, strains, *blocks, ahead, back, corner)
-    return Tangent(contacts, diagonal, forward, backward, ahead, back, corner)
+    return Tangent(
+        contacts, fill_blocks(contacts.columns, contacts.axes, strains, contacts.n_balls)
+    )

@@ -199,8 +199,8 @@ class BallContacts(ContactCalculator):
         vector = vector[touches]
         shift = np.zeros((len(i), 3), np.intp)
         shift[:, periods] = steps[touches]
-        springs, ratio = self._find_laws(sorts, number[i], number[j])
-        return i, j, shift, vector, springs, ratio
+        laws, ratio = self._find_laws(sorts, number[i], number[j])
+        return i, j, shift, vector, laws, ratio
 
     def _find_laws(
         self, sorts: list[tuple[str, float]], sort_i: Index, sort_j: Index
@@ -258,16 +258,16 @@ class BallContacts(ContactCalculator):
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
         radii = self.find_radii(balls)[1]
-        i, j, _, vector, springs, _ = self.find_contacts(balls)
+        i, j, _, vector, laws, _ = self.find_contacts(balls)
         if len(balls) > 1 and not len(i):
             _warn_of_lengths(balls, radii)
         distance = np.linalg.norm(vector, axis=1)
         overlap = radii[i] + radii[j] - distance
-        pull = -(springs.force(overlap) / distance)[:, None] * vector  # of ball j on ball i
+        pull = -(laws.force(overlap) / distance)[:, None] * vector  # of ball j on ball i
         forces = np.zeros((len(balls), 3))
         np.add.at(forces, i, pull)
         np.add.at(forces, j, -pull)
-        energy = math.fsum(springs.energy(overlap))
+        energy = math.fsum(laws.energy(overlap))
         volume = abs(float(np.linalg.det(balls.cell.array)))
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
         if volume > 0.0:
@@ -286,7 +286,7 @@ class BallContacts(ContactCalculator):
         and are not read.
         """
         kinds, radii = self.find_radii(atoms)
-        i, j, shift, vector, springs, ratio = self.find_contacts(atoms)
+        i, j, shift, vector, laws, ratio = self.find_contacts(atoms)
         overlap = radii[i] + radii[j] - np.linalg.norm(vector, axis=1)
         x, y, z = atoms.positions.T
         masses = [self._find_mass(*sort) for sort in zip(kinds, radii.tolist(), strict=True)]
@@ -294,9 +294,9 @@ class BallContacts(ContactCalculator):
         contacts = {
             "i": i,
             "j": j,
-            "normal_force": springs.force(overlap),
-            "normal_stiffness": springs.stiffness(overlap),
-            "shear_stiffness": ratio * springs.punch(overlap) * self.friction,
+            "normal_force": laws.force(overlap),
+            "normal_stiffness": laws.stiffness(overlap),
+            "shear_stiffness": ratio * laws.punch(overlap) * self.friction,
             "shift_1": shift[:, 0],
             "shift_2": shift[:, 1],
             "shift_3": shift[:, 2],

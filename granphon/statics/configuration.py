@@ -25,6 +25,7 @@ import numpy as np
 
 from granphon.base.arrays import Array
 from granphon.contacts.assembly import ROUNDING, Assembly
+from granphon.contacts.columns import Columns
 
 #: whether contacts keep the directions of the sites, or turn with their balls
 Geometry = Literal["lattice", "exact"]
@@ -311,6 +312,30 @@ class Configuration:
         left = self.pull[: self.problem.n_ball_unknowns]
         return np.asarray(
             np.linalg.norm(left.reshape(assembly.n_balls, assembly.dimension), axis=1)
+        )
+
+    def list_columns(self, stiffness: Array, side_stiffness: Array) -> Columns:
+        """Return what loops read of the contacts, with these stiffnesses (n_c,) along normals and
+        across them; bodies do not turn.
+        """
+        assembly = self.problem.assembly
+        nothing = np.zeros(assembly.n_contacts)
+        none = np.zeros((0, 3))
+        return Columns(
+            i=assembly.i,
+            j=assembly.j,
+            vector=assembly.vector,
+            normal=self.normal,
+            arm_i=nothing,
+            arm_j=nothing,
+            distance=self.distance,
+            normal_stiffness=stiffness,
+            shear_stiffness=nothing,
+            torsion_stiffness=nothing,
+            bending_stiffness=nothing,
+            side_stiffness=side_stiffness,
+            tangential_force=none,
+            origin=none,
         )
 
     @cached_property

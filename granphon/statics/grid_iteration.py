@@ -151,8 +151,8 @@ class _GridProduct:
     def __init__(self, tangent: Tangent, level: float, precision: DTypeLike) -> None:
         contacts = tangent.contacts
         cells = math.prod(contacts.grid)
-        self.diagonal = (tangent.diagonal / level).astype(precision)
-        self._forward = (tangent.forward / level).astype(precision)
+        self.diagonal = (tangent.blocks.diagonal / level).astype(precision)
+        self._forward = (tangent.blocks.forward / level).astype(precision)
         self._ends = np.stack([contacts.i[::cells], contacts.j[::cells]], axis=1) // cells
         # numbers without a sign: a loop need not ask whether an index counts from the end
         self._steps = (contacts.j % cells).reshape(-1, cells).astype(np.uint32)

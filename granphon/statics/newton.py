@@ -24,7 +24,7 @@ import numpy as np
 
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
-from granphon.contacts.tangent import Pattern
+from granphon.contacts.tangent import Blocks, fill_blocks, find_pattern
 from granphon.dynamics.factors import Elimination, Factors
 from granphon.statics.configuration import Configuration, Problem
 from granphon.statics.krylov import Map, conjugate_gradients
@@ -42,7 +42,9 @@ class Equations:
         self.options = options
         d = assembly.dimension
         n_unknowns = problem.n_ball_unknowns
-        self.pattern = Pattern(assembly.i, assembly.j, assembly.n_bodies, d)
+        #: axes of the motions of a ball
+        self.axes = np.arange(d)
+        self.pattern = find_pattern(assembly.i, assembly.j, assembly.n_bodies, d)
         # A is the leading part of the tangent of all bodies
         whole = self.pattern.make_matrix(np.ones(self.pattern.n_entries))
         leading = np.arange(whole.indptr[n_unknowns])
@@ -89,21 +91,15 @@ class Equations:
         Forces of contacts that turn push balls aside, ``turning`` = 1, not at all, 0, or hold them
         there, -1.
         """
-        from granphon.contacts.deformation import add_tangents  # averages need no Numba
-
         problem = self.problem
         assembly = problem.assembly
         side = np.zeros(assembly.n_contacts)
         if problem.turns:
             pushing = -turning * configuration.force / configuration.distance
             side = np.where(assembly.is_flat, 0.0, pushing)
-        units = problem.unit_strains
-        data = np.zeros(self.pattern.n_entries)
-        ahead = np.zeros((assembly.n_bodies, assembly.dimension, len(units)))
-        corner = np.zeros((len(units), len(units)))
-        ends = (assembly.i, assembly.j, assembly.vector, configuration.normal)
-        add_tangents(*ends, stiffness, side, units, self.pattern.places, data, ahead, corner)
-        return Linearisation(self, float(np.mean(stiffness)), data, ahead, corner)
+        columns = configuration.list_columns(stiffness, side)
+        blocks = fill_blocks(columns, self.axes, problem.unit_strains, assembly.n_bodies)
+        return Linearisation(self, float(np.mean(stiffness)), blocks)
 
     def solve(
         self,
@@ -131,13 +127,14 @@ class Linearisation:
     corner : (m, m) C, forces on walls and strains against each other.
     """
 
-    def __init__(
-        self, equations: Equations, level: float, data: Array, ahead: Array, of_strains: Array
-    ) -> None:
+    def __init__(self, equations: Equations, level: float, blocks: Blocks) -> None:
         problem = equations.problem
         assembly = problem.assembly
         self.equations = equations
         self.level = level
+        data = blocks.list_entries(equations.pattern)
+        ahead = blocks.ahead
+        of_strains = blocks.corner
         self.entries = data[equations.places]
         self._data = data
         n = problem.n_ball_unknowns

@@ -103,14 +103,14 @@ class LinearResponse:
         """(n, m, s) motions of balls under the unit strains, beside those of the strain itself;
         computed anew at each call.
         """
-        return self._follow(-self._tangent.ahead, True)[0]
+        return self._follow(-self._tangent.blocks.ahead, True)[0]
 
     @property
     def stiffness(self) -> Array:
         """(s, s) second derivatives of the energy by the strains, once the balls have moved."""
         tangent = self._tangent
-        motions, forces = self._follow(-tangent.ahead, False)
-        found = tangent.corner + np.einsum("nmt,nms->ts", tangent.back, motions)
+        motions, forces = self._follow(-tangent.blocks.ahead, False)
+        found = tangent.blocks.corner + np.einsum("nmt,nms->ts", tangent.blocks.back, motions)
         # the error of the motions then enters squared, if the tangent is symmetric
         found -= np.einsum("nmt,nms->ts", motions, forces)
         return np.asarray(0.5 * (found + found.T))

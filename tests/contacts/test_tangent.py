@@ -154,9 +154,9 @@ def assemble(contacts):
     """The whole tangent of the list."""
     tangent = find_tangent(contacts, unit_strains(contacts.dimension))
     size = contacts.n_balls * contacts.motions.count
-    ahead = tangent.ahead.reshape(size, -1)
-    back = tangent.back.reshape(size, -1)
-    return np.block([[tangent.matrix.toarray(), ahead], [back.T, tangent.corner]])
+    ahead = tangent.blocks.ahead.reshape(size, -1)
+    back = tangent.blocks.back.reshape(size, -1)
+    return np.block([[tangent.matrix.toarray(), ahead], [back.T, tangent.blocks.corner]])
 
 
 @pytest.mark.parametrize("dimension", [1, 2, 3])

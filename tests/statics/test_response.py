@@ -41,9 +41,9 @@ def solve_densely(contacts):
     """Second derivatives of the energy by strains, by least squares."""
     tangent = find_tangent(contacts, unit_strains(contacts.dimension))
     size = contacts.n_balls * contacts.motions.count
-    ahead = tangent.ahead.reshape(size, -1)
+    ahead = tangent.blocks.ahead.reshape(size, -1)
     motions = np.linalg.lstsq(tangent.matrix.toarray(), -ahead, rcond=1e-11)[0]
-    found = tangent.corner + tangent.back.reshape(size, -1).T @ motions
+    found = tangent.blocks.corner + tangent.blocks.back.reshape(size, -1).T @ motions
     return 0.5 * (found + found.T)
 
 
@@ -128,7 +128,7 @@ def expand(tensor, dimension):
 def test_the_tensor_is_symmetric_and_positive_and_below_that_of_an_affine_strain(dimension, seed):
     contacts = random_list(dimension, seed)
     found = LinearResponse(contacts).stiffness
-    affine = find_tangent(contacts, unit_strains(dimension)).corner
+    affine = find_tangent(contacts, unit_strains(dimension)).blocks.corner
     np.testing.assert_array_equal(found, found.T)
     assert np.linalg.eigvalsh(found)[0] > -1e-12 * np.max(affine)
     assert np.linalg.eigvalsh(affine - found)[0] > -1e-12 * np.max(affine)
