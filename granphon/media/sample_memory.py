@@ -12,6 +12,7 @@ from granphon.array.preconditioners import MOST_BALLS
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.media.left_out import estimate_reduced_force
+from granphon.statics.response import MOST_BALLS as RESPONSE_MOST_BALLS
 
 #: bytes for each ball while a sample without rotations is solved, with one, two and three periods,
 #: besides those of the lattice's Green's function
@@ -19,6 +20,12 @@ _BALL_BYTES = {1: 230.0, 2: 450.0, 3: 600.0}
 #: bytes for each ball while a linear response with rotations is solved, besides those of the
 #: Green's function
 _ROTATING_BALL_BYTES = {2: 500.0, 3: 900.0}
+#: bytes for each contact of a list, and for each entry of its block of the tangent, (m, m) with m
+#: motions of a ball, in double and in single precision, while the list responds to strains
+_LISTED_CONTACT_BYTES = 200.0
+_BLOCK_ENTRY_BYTES = 12.0
+#: bytes for each motion of a ball under each strain meanwhile: what is left, the way and the like
+_STRAINED_MOTION_BYTES = 90.0
 #: bytes for each ball while the Green's function is made, over n m^2, with n balls in the cell and
 #: m motions of a ball
 _GREEN_BYTES = 50.0
@@ -43,11 +50,14 @@ _HISTORY_BYTES = {2: 2000.0, 3: 5000.0}
 _HISTORY_STATE_BYTES = {2: 60.0, 3: 150.0}
 
 
-def estimate_memory(packing: Packing, balls: int, samples: int, load: Load, loaded: bool) -> float:
+def estimate_memory(
+    packing: Packing, balls: int, samples: int, load: Load, *, exact: bool, loaded: bool
+) -> float:
     """Return the memory, bytes, that samples of so many ``balls`` each need at a load, with their
     moduli.
 
-    Samples are ``loaded`` step by step with friction, or brought to rest at each load.
+    Contacts turn with their balls (``exact``) or keep the directions of the lattice. Samples are
+    ``loaded`` step by step with friction, or brought to rest at each load.
     """
     structure = packing.structure
     rotate = packing.ball_motions.rotate
@@ -58,7 +68,10 @@ def estimate_memory(packing: Packing, balls: int, samples: int, load: Load, load
     green_bytes = _GREEN_BYTES * structure.n_balls * motions**2
     kept_bytes = _SAMPLE_BYTES * (samples - 1) + _EQUILIBRIUM_BYTES[periods] * (states - 1)
     solved_bytes = _ROTATING_BALL_BYTES[periods] if rotate else _BALL_BYTES[periods]
-    memory = balls * (solved_bytes + green_bytes + kept_bytes)
+    response_bytes = solved_bytes + green_bytes
+    if exact or balls <= RESPONSE_MOST_BALLS[periods]:
+        response_bytes = max(response_bytes, _estimate_list(packing, motions))
+    memory = balls * (response_bytes + kept_bytes)
     memory += (samples - 1) * min(_WORKSPACE_BYTES[periods] * balls, _MOST_WORKSPACE)
     if not packing.width:
         return memory
@@ -69,3 +82,14 @@ def estimate_memory(packing: Packing, balls: int, samples: int, load: Load, load
     if loaded:
         memory += balls * (_HISTORY_BYTES[periods] + states * _HISTORY_STATE_BYTES[periods])
     return memory
+
+
+def _estimate_list(packing: Packing, motions: int) -> float:
+    """Return the bytes for each ball of a list of contacts while it responds to strains; balls have
+    so many ``motions`` each.
+    """
+    structure = packing.structure
+    contacts = len(structure.contacts) / structure.n_balls
+    n_strains = structure.periods * (structure.periods + 1) // 2
+    contact_bytes = _LISTED_CONTACT_BYTES + _BLOCK_ENTRY_BYTES * motions**2
+    return contacts * contact_bytes + _STRAINED_MOTION_BYTES * motions * n_strains

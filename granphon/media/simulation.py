@@ -1279,8 +1279,14 @@ class DirectSimulation(Medium[SimulatedState]):
         """Raise :class:`~granphon.base.errors.InputError` if the samples do not fit into the memory
         of this machine.
         """
-        is_loaded = self.history.is_loaded
-        memory = estimate_memory(self.packing, self.balls, self.samples, load, is_loaded)
+        memory = estimate_memory(
+            self.packing,
+            self.balls,
+            self.samples,
+            load,
+            exact=bool(self.ratio),
+            loaded=self.history.is_loaded,
+        )
         mend = "Take fewer balls (shape), samples or loads"
         require_memory(f"samples of {self.balls:,} balls", memory, mend)
 

@@ -37,7 +37,8 @@ _DAMPED = 0.8
 #: decimals of the mean stiffnesses, over the mean of all, and of the mean directions of a kind of
 #: contact: Green's function need not be exact, and samples of a packing share one
 _DIGITS = 2
-#: balls of a grid, at most, whose Green's function is kept
+#: balls of a grid, at most, whose Green's function is kept and whose right sides share transforms:
+#: beyond, memory counts
 _KEPT_BALLS = 2**13
 #: contacts of a kind that are multiplied at a time, so that they stay in the processor's cache
 _CACHED = 256
@@ -57,11 +58,11 @@ class GridIteration:
         self._cells = math.prod(contacts.grid)
         self._n_motions = len(contacts.axes)
         self._level = float(np.mean(contacts.normal_stiffness)) or 1.0
-        self._product = _GridProduct(tangent, self._level, np.float64)
-        self._coarse = _GridProduct(tangent, self._level, np.float32)
+        self._product = _GridProduct(tangent, np.float64)
+        self._coarse = _GridProduct(tangent, np.float32)
         self._green = _find_green(contacts, self._level)
         self._alone = np.empty_like(self._coarse.diagonal)
-        _invert_blocks(self._product.diagonal, _HOLDING, _DAMPED, self._alone)
+        _invert_blocks(self._product.diagonal, _HOLDING * self._level, _DAMPED, self._alone)
 
     def solve(
         self, forces: Array, reduction: float, most: int, noise: float
@@ -71,13 +72,27 @@ class GridIteration:
 
         The first number says whether the error of motions in the norm of the energy has fallen by
         ``reduction`` within ``most`` iterations, the second whether all curvatures met were above
-        zero. Forces below ``noise``, over the mean stiffness, are rounding.
+        zero. Forces below ``noise``, over the mean stiffness, are rounding. Right sides of a large
+        grid are solved one after the other, for the sake of memory.
         """
-        remaining = self._lay(forces) / self._level
+        together = forces.shape[-1] if len(forces) <= _KEPT_BALLS else 1
+        solutions = [
+            self._solve_together(forces[..., first : first + together], reduction, most, noise)
+            for first in range(0, forces.shape[-1], together)
+        ]
+        motions, remaining, arrived, stable = zip(*solutions, strict=True)
+        parts = (np.concatenate(motions, axis=-1), np.concatenate(remaining, axis=-1))
+        return *parts, all(arrived), all(stable)
+
+    def _solve_together(
+        self, forces: Array, reduction: float, most: int, noise: float
+    ) -> tuple[Array, Array, bool, bool]:
+        """Return what :meth:`solve` does, of right sides that share each transform."""
+        remaining = self._lay(forces)
         motions = np.zeros_like(remaining)
         way = np.zeros_like(remaining)
         products = np.zeros(remaining.shape[1])
-        least = noise**2 * remaining.size
+        least = noise**2 * self._level * remaining.size
         aim = math.inf
         arrived = False
         stable = True
@@ -100,16 +115,15 @@ class GridIteration:
             lengths = _divide(products, curvatures)
             motions += lengths * way
             remaining -= lengths * change
-        return self._list(motions), self._level * self._list(remaining), arrived, stable
+        return self._list(motions), self._list(remaining), arrived, stable
 
     def precondition(self, forces: Array) -> Array:
         """Return about the motions (n, m, k) under ``forces`` (n, m, k), in single precision."""
-        return self._list(self._approach(self._lay(forces) / self._level))
+        return self._list(self._approach(self._lay(forces)))
 
     def _approach(self, forces: Array) -> Array:
-        """Return about the motions under forces over the mean stiffness: each ball moves as if its
-        neighbours were held, then all by Green's function under what that leaves, then each ball
-        again.
+        """Return about the motions under forces: each ball moves as if its neighbours were held,
+        then all by Green's function under what that leaves, then each ball again.
         """
         single = forces.astype(np.float32)
         motions = np.zeros_like(single)
@@ -130,6 +144,7 @@ class GridIteration:
             waves.reshape(*forces.shape[:2], count),
             moved.reshape(*forces.shape[:2], count),
         )
+        moved /= self._level
         motions = fft.irfftn(moved, self._shape, axes=axes, overwrite_x=True)
         return np.asarray(motions.reshape(forces.shape))
 
@@ -146,13 +161,13 @@ class GridIteration:
 
 
 class _GridProduct:
-    """Product of the symmetric tangent of a grid, over a stiffness ``level``, with motions."""
+    """Product of the symmetric tangent of a grid with motions, in double or single precision."""
 
-    def __init__(self, tangent: Tangent, level: float, precision: DTypeLike) -> None:
+    def __init__(self, tangent: Tangent, precision: DTypeLike) -> None:
         contacts = tangent.contacts
         cells = math.prod(contacts.grid)
-        self.diagonal = (tangent.blocks.diagonal / level).astype(precision)
-        self._forward = (tangent.blocks.forward / level).astype(precision)
+        self.diagonal = tangent.blocks.diagonal.astype(precision, copy=False)
+        self._forward = tangent.blocks.forward.astype(precision, copy=False)
         self._ends = np.stack([contacts.i[::cells], contacts.j[::cells]], axis=1) // cells
         # numbers without a sign: a loop need not ask whether an index counts from the end
         self._steps = (contacts.j % cells).reshape(-1, cells).astype(np.uint32)
