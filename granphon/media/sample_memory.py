@@ -22,10 +22,10 @@ _BALL_BYTES = {1: 230.0, 2: 450.0, 3: 600.0}
 _ROTATING_BALL_BYTES = {2: 500.0, 3: 900.0}
 #: bytes for each contact of a list, and for each entry of its block of the tangent, (m, m) with m
 #: motions of a ball, in double and in single precision, while the list responds to strains
-_LISTED_CONTACT_BYTES = 200.0
+_LISTED_CONTACT_BYTES = 220.0
 _BLOCK_ENTRY_BYTES = 12.0
 #: bytes for each motion of a ball under each strain meanwhile: what is left, the way and the like
-_STRAINED_MOTION_BYTES = 90.0
+_STRAINED_MOTION_BYTES = 110.0
 #: bytes for each ball while the Green's function is made, over n m^2, with n balls in the cell and
 #: m motions of a ball
 _GREEN_BYTES = 50.0
