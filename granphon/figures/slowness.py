@@ -42,8 +42,13 @@ _CUTS = (((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), ((1.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
 
 
 def _find_slowness(state: State, directions: Array) -> tuple[Array, Array, Array]:
-    """Return slowness (n, b), s/km, longitudinal part (n, b) and polarisations (n, u, b) in the
-    ``directions`` (n, p).
+    """Return slowness (n, b), s/km, longitudinal part (n, b) and polarisations (n, u, b) of the b
+    waves of sound in the ``directions`` (n, p), unit vectors; u counts the components of
+    displacements.
+
+    The longitudinal part of a wave is the square of the component of its polarisation, a unit
+    vector, along the direction. InputError for a lattice of one period, several loads, or balls
+    that move across the plane only.
     """
     periods = state.reference_lattice.periods
     if periods == 1:
@@ -57,20 +62,20 @@ def _find_slowness(state: State, directions: Array) -> tuple[Array, Array, Array
             "the state has several loads", "A slowness surface is that of one load", "Use state[0]"
         )
     # the last wave is the flexural one, which has no velocity
-    waves = len(state.wave_names) - ("out_of_plane" in state.wave_names)
-    if not waves:
+    n_waves = len(state.wave_names) - ("out_of_plane" in state.wave_names)
+    if not n_waves:
         raise InputError(
             "these balls move across the plane only", "Their long waves are flexural: no velocity"
         )
     velocities, polarisations = state.polarised_waves(directions)
-    slowness = 1.0 / (1e-3 * velocities[:, :waves])
-    polarisations = polarisations[:, :, :waves]
-    axes = state.reference_lattice.motions.translations
-    # components of the polarisations along the periods
-    components = [component for component, axis in enumerate(axes) if axis < periods]
-    direction_components = directions[:, [axes[component] for component in components]]
-    along = np.einsum("nu,nub->nb", direction_components, polarisations[:, components])
-    return slowness, along**2, polarisations
+    slowness = 1.0 / (1e-3 * velocities[:, :n_waves])
+    polarisations = polarisations[:, :, :n_waves]
+    translation_axes = state.reference_lattice.motions.translations
+    # displacements along the periods: those across a plane have no part along a direction in it
+    in_periods = [component for component, axis in enumerate(translation_axes) if axis < periods]
+    direction_components = directions[:, [translation_axes[component] for component in in_periods]]
+    cosines = np.einsum("nu,nub->nb", direction_components, polarisations[:, in_periods])
+    return slowness, cosines**2, polarisations
 
 
 def plot_slowness(
@@ -100,23 +105,25 @@ def plot_slowness(
     if periods == 2 and plane is not None:
         raise InputError("the lattice is a plane", "It has no other cut", "Leave plane out")
     span = _read_plane(_CUTS[0] if plane is None else plane)
-    # directions between those of high symmetry, in which the polarisations of transverse waves are
-    # not determined
-    angle = (np.arange(2 * _CUT + 1) + 0.5) * np.pi / _CUT
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    # the angles lie half a step beside directions of high symmetry, in which the polarisations of
+    # transverse waves are not determined
+    angles = (np.arange(2 * _CUT + 1) + 0.5) * np.pi / _CUT
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     directions = circle if periods == 2 else circle @ span
-    slowness, along, polarisations = _find_slowness(contact_state, directions)
-    across = np.zeros_like(along)
+    slowness, longitudinal, polarisations = _find_slowness(contact_state, directions)
+    out_of_plane = np.zeros_like(longitudinal)
     if periods == 3:
-        across = np.einsum("u,nub->nb", np.cross(*span), polarisations) ** 2
+        out_of_plane = np.einsum("u,nub->nb", np.cross(*span), polarisations) ** 2
+    # waves are sorted by velocity in each direction; a curve follows one polarisation instead
     order = connect_branches(polarisations)
     slowness = np.take_along_axis(slowness, order, 1)
-    along = np.take_along_axis(along, order, 1)
-    across = np.take_along_axis(across, order, 1)
-    for b in range(slowness.shape[1]):
-        points = slowness[:, b, None] * circle
-        is_dashed = bool(across[:, b].mean() > 0.5)
-        _draw_wave(ax, points, along[:, b], is_dashed, gid=f"wave-{b}")
+    longitudinal = np.take_along_axis(longitudinal, order, 1)
+    out_of_plane = np.take_along_axis(out_of_plane, order, 1)
+    for wave in range(slowness.shape[1]):
+        points = slowness[:, wave, None] * circle
+        # on average more than half of the motion is out of the cut
+        is_dashed = bool(out_of_plane[:, wave].mean() > 0.5)
+        _draw_wave(ax, points, longitudinal[:, wave], is_dashed=is_dashed, gid=f"wave-{wave}")
     names = ["x", "y"]
     if periods == 3:
         names = [_write_direction(direction) for direction in span]
@@ -145,14 +152,14 @@ def _read_plane(plane: ArrayLike) -> Array:
     return np.array([first, second / np.linalg.norm(second)])
 
 
-def _draw_wave(ax: Axes, points: Array, along: Array, is_dashed: bool, gid: str) -> None:
-    """Draw the slowness of one wave through ``points`` (n, 2), s/km, in the colours of its
-    longitudinal part ``along`` (n,).
+def _draw_wave(ax: Axes, points: Array, longitudinal: Array, *, is_dashed: bool, gid: str) -> None:
+    """Draw the slowness of one wave through ``points`` (n, 2), s/km, one degree apart, in the
+    colours of its ``longitudinal`` part (n,); ``gid`` names the curve in an SVG file.
     """
-    pieces = np.stack([points[:-1], points[1:]], axis=1)
-    fractions = 0.5 * (along[1:] + along[:-1])
+    pieces = np.stack([points[:-1], points[1:]], axis=1)  # (n - 1, 2 ends, 2)
+    fractions = 0.5 * (longitudinal[1:] + longitudinal[:-1])
     if is_dashed:
-        # five degrees are drawn, five left out
+        # five pieces, of one degree each, are drawn, and five left out
         is_drawn = np.arange(len(pieces)) % 10 < 5
         pieces = pieces[is_drawn]
         fractions = fractions[is_drawn]
@@ -184,12 +191,15 @@ def _set_slowness_axes(ax: Axes, most: float, names: list[str]) -> None:
 def _write_direction(direction: Array) -> str:
     """Return a Cartesian direction (3,) as a sum of unit vectors: "x", "x+y", "−x+2z",
     "0.6x+0.8z".
+
+    Where all components are multiples of the smallest, whole numbers are written.
     """
     smallest = np.abs(direction[np.abs(direction) > 1e-9]).min()
     multiples = np.rint(direction / smallest)
     is_whole = np.allclose(direction / smallest, multiples, atol=1e-6)
     numbers = multiples if is_whole else np.round(direction, 2)
     terms = "".join(f"{x:+g}{letter}" for x, letter in zip(numbers, "xyz", strict=True) if x)
+    # a factor of 1 is not written; the 1 at the end of another number, as in 11x or 0.1x, stays
     return re.sub(r"(?<![\d.])1(?=[xyz])", "", terms).removeprefix("+").replace("-", "−")
 
 
@@ -223,17 +233,17 @@ def plot_slowness_surface(
     # the octant of positive x, y, z faces the viewer
     view = View(32.0, 24.0) if view is None else view
     directions = _make_mesh()
-    slowness, along, _ = _find_slowness(crystal_state, directions.reshape(-1, 3))
+    slowness, longitudinal, _ = _find_slowness(crystal_state, directions.reshape(-1, 3))
     shape = (*directions.shape[:2], 3)  # three waves in each direction
     slowness = slowness.reshape(shape)
-    along = along.reshape(shape)
+    longitudinal = longitudinal.reshape(shape)
     painter = Painter(view)
     # the signs of x, y and z in the octant that faces the viewer
     octant = np.where(view.axes[2] >= 0.0, 1.0, -1.0)
     for wave in range(3):
         points = slowness[..., wave, None] * directions
-        is_outer = wave > 0
-        _add_surface(painter, points, along[..., wave], octant, is_outer)
+        is_outer = wave > 0  # waves are sorted from the fastest, of least slowness
+        _add_surface(painter, points, longitudinal[..., wave], octant, is_outer=is_outer)
         if is_outer:
             _add_rims(painter, points, octant)
     longest = float(slowness.max())
@@ -252,9 +262,9 @@ def _make_mesh() -> Array:
     """Return directions (polar angles, azimuths, 3) over the sphere; edges of octants are lines of
     the mesh.
     """
-    polar = np.linspace(0.0, np.pi, _SURFACE + 1)
-    azimuth = np.linspace(0.0, 2.0 * np.pi, 2 * _SURFACE + 1)
-    theta, phi = np.meshgrid(polar, azimuth, indexing="ij")
+    polar_angles = np.linspace(0.0, np.pi, _SURFACE + 1)
+    azimuths = np.linspace(0.0, 2.0 * np.pi, 2 * _SURFACE + 1)
+    theta, phi = np.meshgrid(polar_angles, azimuths, indexing="ij")
     x = np.sin(theta) * np.cos(phi)
     y = np.sin(theta) * np.sin(phi)
     return np.stack([x, y, np.cos(theta)], axis=-1)
@@ -268,29 +278,32 @@ def _list_corners(values: Array) -> list[Array]:
 
 
 def _add_surface(
-    painter: Painter, points: Array, along: Array, octant: Array, is_outer: bool
+    painter: Painter, points: Array, longitudinal: Array, octant: Array, *, is_outer: bool
 ) -> None:
     """Add the slowness surface of a wave, a mesh of ``points`` (n, m, 3), s/km, in the colours of
-    its longitudinal part ``along`` (n, m).
+    its ``longitudinal`` part (n, m).
 
     An outer surface lacks the ``octant`` with these signs of x, y and z, (3,); the inner surface
-    lacks its far side.
+    lacks its far side, which is never seen.
     """
     view = painter.view
     faces = np.stack(_list_corners(points), axis=2).reshape(-1, 4, 3)
-    first, second, third, fourth = _list_corners(along)
-    fraction = 0.25 * (first + second + third + fourth).ravel()
-    middle = faces.mean(axis=1)
-    normal = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
-    normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    outwards = np.sign(np.einsum("fi,fi->f", normal, middle))[:, None] * normal
-    towards = view.nearness(outwards)
-    is_shown = np.any(middle * octant < 0.0, axis=1) if is_outer else towards > -0.1
-    # the inside of a surface, seen through the cut, is darker
+    first, second, third, fourth = _list_corners(longitudinal)
+    fractions = 0.25 * (first + second + third + fourth).ravel()
+    middles = faces.mean(axis=1)
+    normals = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    outwards = np.sign(np.einsum("fi,fi->f", normals, middles))[:, None] * normals
+    cosines_to_viewer = view.nearness(outwards)
+    is_outside_octant = np.any(middles * octant < 0.0, axis=1)
+    is_near_side = cosines_to_viewer > -0.1  # and a few faces beyond, so that no gap is left
+    is_shown = is_outside_octant if is_outer else is_near_side
+    # the light comes from the upper left, on the side of the viewer
     light = view.axes.T @ np.array([-0.45, 0.55, 0.7])
     brightness_outside = 0.72 + 0.28 * np.clip(outwards @ light, 0.0, 1.0)
-    brightness = np.where(towards > 0.0, brightness_outside, 0.55)
-    colours = np.array(POLARISATION(fraction))
+    # the inside of a surface, seen through the cut, is darker
+    brightness = np.where(cosines_to_viewer > 0.0, brightness_outside, 0.55)
+    colours = np.array(POLARISATION(fractions))
     colours[:, :3] *= brightness[:, None]
     painter.add_mesh(faces[is_shown], colours[is_shown])
 
@@ -301,23 +314,26 @@ def _add_rims(painter: Painter, points: Array, octant: Array) -> None:
     """
     # a quarter of a turn has as many steps along a meridian as along the equator
     quarter = _SURFACE // 2
+    # quadrants of the azimuth, in turn from x, by the signs of x and y
     quadrants = {(1.0, 1.0): 0, (-1.0, 1.0): 1, (-1.0, -1.0): 2, (1.0, -1.0): 3}
     first = quadrants[octant[0], octant[1]] * quarter
     last = first + quarter
     upright = slice(0, quarter + 1) if octant[2] > 0.0 else slice(quarter, None)
     rims = (points[upright, first], points[upright, last], points[quarter, first : last + 1])
     for rim in rims:
+        # in front of the faces that end at the rim
         nearness = float(painter.view.nearness(rim).max()) + 1e-3
         painter.add_line(rim, "black", 0.6, nearness=nearness)
 
 
-def _add_axes(painter: Painter, ax: Axes, octant: Array, least: float, longest: float) -> None:
+def _add_axes(painter: Painter, ax: Axes, octant: Array, shortest: float, longest: float) -> None:
     """Add arrows along the Cartesian axes of the ``octant``, signs of x, y and z (3,), from the
-    ``least`` slowness to beyond the ``longest``, s/km, and write their names.
+    ``shortest`` slowness to beyond the ``longest``, s/km, and write their names.
     """
     for axis, name in enumerate("xyz"):
         tip = np.eye(3)[axis] * octant[axis] * 1.42 * longest
-        start = tip * least / float(np.linalg.norm(tip))
+        start = tip * shortest / float(np.linalg.norm(tip))
+        # nearer than all surfaces, which would hide the arrow
         painter.add_arrow(start, tip - start, "black", 0.016 * longest, nearness=10.0 * longest)
         x, y = painter.view.project(1.07 * tip).tolist()
         sign = "" if octant[axis] > 0.0 else "−"
@@ -343,7 +359,8 @@ def slowness_figure(state: Any, *, title: str | None = None) -> Figure:
     """Draw a figure of slowness, one column wide: the curves of a lattice in the plane; in space
     the surfaces, and two cuts beneath them.
 
-    The cuts are spanned by x and y, and by (1, 1, 0) and z. Raises as :func:`plot_slowness`.
+    The cuts are spanned by x and y, and by (1, 1, 0) and z. ``state`` and what is raised are as in
+    :func:`plot_slowness`.
     """
     in_space = as_state(state).reference_lattice.periods == 3
     with styled_figure(5.0 if in_space else 3.6) as figure:

@@ -8,7 +8,7 @@ between crystals.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -106,21 +106,22 @@ def plot_spectrum(
     unit = HertzPrefix.for_top(float(spectra.bands.max()))
     x = spectra.distances[order]
     top = _BEYOND_BANDS * float(spectra.bands.max())
-    inside = spectrum.frequencies <= top
-    frequencies = spectrum.frequencies[inside]
-    edges_y, values = _group_rows(frequencies, spectrum.values[order][:, inside])
+    is_below_top = spectrum.frequencies <= top
+    frequencies = spectrum.frequencies[is_below_top]
+    edges_y, row_values = _group_rows(frequencies, spectrum.values[order][:, is_below_top])
     edges_y = edges_y / unit.hertz
     if edges_y[-1] < top / unit.hertz:  # the spectrum is zero above its highest frequency
         edges_y = np.append(edges_y, top / unit.hertz)
-        values = np.pad(values, ((0, 0), (0, 1)))
+        row_values = np.pad(row_values, ((0, 0), (0, 1)))
     corners = spectra.corners
     edges_x, points = _find_columns(x, corners)
-    shown = np.where(points[:, None] < 0, np.nan, values[points])
+    has_point = points >= 0
+    column_values = np.where(has_point[:, None], row_values[points], np.nan)  # nan is white
     _draw_map(
         ax,
         edges_x,
         edges_y,
-        shown,
+        column_values,
         f"Spectral function, {spectrum.polarisation}",
         unit,
         gid="spectral-function",
@@ -150,6 +151,8 @@ def plot_spectrum(
 def _group_rows(frequencies: Array, values: Array) -> tuple[Array, Array]:
     """Return the edges (r + 1,), Hz, of rows of a map, each of several ``frequencies`` (n_f,), Hz,
     if there are many, and the greatest of the ``values`` (n, n_f) in each row, (n, r).
+
+    The highest frequencies, fewer than those of a row, are left out.
     """
     size = max(1, frequencies.size // _ROWS)  # frequencies of a row
     n_rows = frequencies.size // size
@@ -159,7 +162,10 @@ def _group_rows(frequencies: Array, values: Array) -> tuple[Array, Array]:
 
 
 def _draw_mean_bands(ax: Axes, spectra: PathSpectra, unit: HertzPrefix) -> None:
-    """Draw the bands of the mean lattice along the path, leg by leg, dashed."""
+    """Draw the bands of the mean lattice along the path, dashed, with frequencies in this ``unit``.
+
+    Each leg is a curve of its own, because wave vectors may jump at a corner.
+    """
     n_legs = len(spectra.corners) - 1
     n_points = spectra.band_distances.size // n_legs
     for leg in range(n_legs):
@@ -177,25 +183,28 @@ def _draw_mean_bands(ax: Axes, spectra: PathSpectra, unit: HertzPrefix) -> None:
 def _find_columns(x: Array, corners: Array) -> tuple[Array, NDArray[np.intp]]:
     """Return edges (m + 1,) of columns for points ``x`` (n,) along a path, in ascending order, and
     the number (m,) of the point in each column; -1 in a column for legs without a point.
+
+    The edge between two points is half way, or at a corner of the path between them. Legs without a
+    point reach from the first to the last of several such corners.
     """
-    near = 1e-9 * float(corners[-1])
+    tolerance = 1e-9 * float(corners[-1])
     edges = [float(corners[0])]
     points = list[int]()
-    passed = corners[1:][corners[1:] < x[0] - near]
-    if passed.size:
-        edges.append(float(passed[-1]))
+    corners_before = corners[1:][corners[1:] < x[0] - tolerance]
+    if corners_before.size:
+        edges.append(float(corners_before[-1]))
         points.append(-1)
     for n, (start, end) in enumerate(zip(x, [*x[1:], np.inf], strict=True)):
         points.append(n)
-        between = corners[(corners > start + near) & (corners < end - near)]
-        if between.size:
-            edges.append(float(between[0]))
+        corners_between = corners[(corners > start + tolerance) & (corners < end - tolerance)]
+        if corners_between.size:
+            edges.append(float(corners_between[0]))
         elif np.isfinite(end):
             edges.append(0.5 * float(start + end))
         else:  # the last point is at the end of the path
             edges.append(float(corners[-1]))
-        if between.size > 1:
-            edges.append(float(between[-1]))
+        if corners_between.size > 1:
+            edges.append(float(corners_between[-1]))
             points.append(-1)
     return np.array(edges), np.array(points, np.intp)
 
@@ -204,13 +213,17 @@ def _draw_map(
     ax: Axes, x: Array, y: Array, values: Array, label: str, unit: HertzPrefix, **options: Any
 ) -> None:
     """Draw a spectrum ``values`` (n_x, n_y), 1/Hz, as a map on a logarithmic scale, with its colour
-    bar above it.
+    bar above the map.
+
+    ``x`` and ``y`` are the edges of the cells of the map, (n_x + 1,) and (n_y + 1,), or with the
+    option ``shading="nearest"`` their middles, (n_x,) and (n_y,); ``y`` is in this ``unit`` of
+    frequency. ``options`` are those of matplotlib's ``pcolormesh``.
     """
-    shown = values.T * unit.hertz
-    least = float(np.nanmax(shown)) / _SHADES
+    densities = values.T * unit.hertz
+    least = float(np.nanmax(densities)) / _SHADES
     norm = LogNorm(least, _SHADES * least)
     mesh = ax.pcolormesh(
-        x, y, np.maximum(shown, least), norm=norm, cmap=SPECTRUM, rasterized=True, **options
+        x, y, np.maximum(densities, least), norm=norm, cmap=SPECTRUM, rasterized=True, **options
     )
     add_bar(ax, mesh, f"{label} (1/{print_hertz(unit)})")
 
@@ -226,6 +239,9 @@ def plot_surface(
     x axis is that of the path; without a path it is the first coordinate that changes, in fractions
     of the reciprocal cell. At one wave vector, as at the end of a chain, the spectrum of each
     motion is drawn over the frequency instead, with bands in grey and waves dotted.
+
+    Raises :class:`~granphon.base.errors.InputError` for one frequency, or for several wave vectors
+    that are all the same.
     """
     unit = HertzPrefix.for_top(float(spectrum.edges.max()))
     q = spectrum.qpoints
@@ -242,8 +258,9 @@ def plot_surface(
     x = spectrum.distances if spectrum.labels else q[:, changing[0]]
     _draw_map(ax, x, y, spectrum.values, "Outer layer", unit, shading="nearest", gid="surface")
     edges = spectrum.edges / unit.hertz
+    # each lower and each upper edge of a band is a curve over the wave vectors
     for number, edge in enumerate(edges.reshape(len(q), -1).T):
-        label = "_" if number else "edges of bands"
+        label = "_" if number else "edges of bands"  # the legend has one entry for all
         ax.plot(x, edge, color="0.35", linewidth=0.5, dashes=(3, 2), label=label)
     if drawn_branches is not None:
         _draw_surface_branches(ax, x, drawn_branches, unit)
@@ -260,19 +277,23 @@ def _draw_surface_curves(
     ax: Axes, spectrum: SurfaceSpectrum, branches: SurfaceBranches | None, unit: HertzPrefix
 ) -> None:
     """Draw the spectrum of each motion of the outer layer at the only wave vector over the
-    frequency, with bands in grey and the waves of ``branches`` dotted.
+    frequency, in this ``unit``, with bands in grey and the waves of ``branches`` dotted.
     """
-    f = spectrum.frequencies / unit.hertz
+    frequencies = spectrum.frequencies / unit.hertz
     curves = spectrum.by_motion[0].T  # (motions, n_f), 1/Hz
-    for colour, letter, values in zip(COLOURS, spectrum.letters, curves, strict=False):
-        ax.plot(f, values * unit.hertz, color=colour, linewidth=0.9, label=f"${letter}$")
+    for colour, letter, density in zip(COLOURS, spectrum.letters, curves, strict=False):
+        ax.plot(frequencies, density * unit.hertz, color=colour, linewidth=0.9, label=f"${letter}$")
     for low, high in spectrum.edges[0] / unit.hertz:
         ax.axvspan(low, high, color="0.9", linewidth=0.0, zorder=0.0)
-    waves = np.zeros(0) if branches is None else branches.frequencies / unit.hertz
-    for number, frequency in enumerate(waves):
+    wave_frequencies = np.zeros(0) if branches is None else branches.frequencies / unit.hertz
+    for number, frequency in enumerate(wave_frequencies):
         label = "_" if number else "wave of the edge"
         ax.axvline(frequency, color="0.2", linewidth=0.8, dashes=(1, 2), label=label)
-    ax.set(xlim=(f[0], f[-1]), ylim=(0.0, None), xlabel=f"Frequency ({print_hertz(unit)})")
+    ax.set(
+        xlim=(frequencies[0], frequencies[-1]),
+        ylim=(0.0, None),
+        xlabel=f"Frequency ({print_hertz(unit)})",
+    )
     ax.set(ylabel=f"Outer layer (1/{print_hertz(unit)})")
     ax.legend()
 
@@ -280,20 +301,21 @@ def _draw_surface_curves(
 def _draw_surface_branches(
     ax: Axes, x: Array, branches: SurfaceBranches, unit: HertzPrefix
 ) -> None:
-    """Draw the waves of an edge at wave vectors ``x`` (n,) as dots: undamped waves are full dots,
-    leaky waves hollow ones.
+    """Draw the waves of an edge as dots: undamped waves are full dots, leaky waves hollow ones.
+
+    ``x`` (n,) are the places of the wave vectors on the axis; frequencies are in this ``unit``.
     """
     hollow = {"markerfacecolor": "none", "markeredgewidth": 0.4}
-    leaks = branches.widths > 0.0
-    for is_drawn, words, look in (
-        (~leaks, "waves of the edge", {}),
-        (leaks, "leaky waves", hollow),
+    is_leaky = branches.widths > 0.0
+    for is_drawn, label, look in (
+        (~is_leaky, "waves of the edge", {}),
+        (is_leaky, "leaky waves", hollow),
     ):
-        if np.any(is_drawn):
-            places = x[branches.place[is_drawn]]
+        if np.any(is_drawn):  # a kind without a wave has no entry in the legend
+            wave_vectors = x[branches.place[is_drawn]]
             frequencies = branches.frequencies[is_drawn] / unit.hertz
-            style: dict[str, Any] = {"markersize": 1.6, "color": ORANGE, "label": words} | look
-            ax.plot(places, frequencies, "o", **style)
+            style: dict[str, Any] = {"markersize": 1.6, "color": ORANGE, "label": label} | look
+            ax.plot(wave_vectors, frequencies, "o", **style)
 
 
 def spectrum_figure(spectra: PathSpectra) -> Figure:
@@ -308,8 +330,12 @@ def spectrum_figure(spectra: PathSpectra) -> Figure:
         for spectrum in spectra.spectra
         if np.sum(spectrum.resolved & (spectrum.width > 0.0)) > 1
     ]
-    with styled_figure(0.3 + 2.8 * count + 2.0 * bool(resolved)) as figure:
-        ratios = [1.4] * count + [1.0] * bool(resolved)
+    height = 0.3 + 2.8 * count  # inches
+    ratios = [1.4] * count
+    if resolved:
+        height += 2.0
+        ratios.append(1.0)
+    with styled_figure(height) as figure:
         panels = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
         for number, ax in enumerate(panels[:count]):
             plot_spectrum(spectra, ax, number)
@@ -326,7 +352,8 @@ def plot_attenuation(
     law beside the lines.
 
     ``power`` is by default that of Rayleigh's scattering by small disorder: omega^(d+1) in d
-    dimensions, where d is the number of components of q.
+    dimensions, where d is the number of components of q. Lines of rotations, which are no sound,
+    have no law by default.
     """
     is_drawn = spectrum.resolved & (spectrum.width > 0.0)
     unit = HertzPrefix.for_top(float(spectrum.peak.max()))
@@ -335,19 +362,21 @@ def plot_attenuation(
     ax.plot(
         frequencies, attenuations, "o", markersize=3.0, color=colour, label=spectrum.polarisation
     )
-    if frequencies.size > 1 and not (power is None and spectrum.polarisation.startswith("rot")):
+    is_rotation = spectrum.polarisation.startswith("rot")
+    has_law = power is not None or not is_rotation
+    if frequencies.size > 1 and has_law:
         exponent = spectrum.q.shape[1] + 1.0 if power is None else power
-        first = int(np.argmin(frequencies))
-        line = np.array([frequencies.min(), frequencies.max()])
+        lowest = int(np.argmin(frequencies))
+        ends = np.array([frequencies.min(), frequencies.max()])
         label = f"$f^{{{exponent:g}}}$"
-        labels = ax.get_legend_handles_labels()[1]
+        labels_in_legend = ax.get_legend_handles_labels()[1]
         style: dict[str, Any] = {
             "color": colour,
             "linewidth": 0.9,
             "linestyle": ":",
-            "label": "_" if label in labels else label,
+            "label": "_" if label in labels_in_legend else label,
         }
-        ax.plot(line, attenuations[first] * (line / frequencies[first]) ** exponent, **style)
+        ax.plot(ends, attenuations[lowest] * (ends / frequencies[lowest]) ** exponent, **style)
         ax.set(yscale="log")
         scale_axis(ax, "x", frequencies)
     ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Attenuation of the amplitude (1/m)")
@@ -363,16 +392,16 @@ def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
     """
     chosen = pick_evenly(len(spectrum.q), len(COLOURS))
     values = spectrum.values[chosen]
-    is_seen = values.max(axis=0) > _LEAST_LINE * values.max()
+    is_seen = values.max(axis=0) > _LEAST_LINE * values.max()  # (n_f,)
     top = float(spectrum.frequencies[np.flatnonzero(is_seen)[-1]])
     unit = HertzPrefix.for_top(top)
-    for colour, n in zip(COLOURS, chosen, strict=False):
+    for colour, wave_vector in zip(COLOURS, chosen, strict=False):
         ax.plot(
             spectrum.frequencies / unit.hertz,
-            spectrum.values[n] * unit.hertz,
+            spectrum.values[wave_vector] * unit.hertz,
             color=colour,
             linewidth=0.9,
-            label=f"|q| = {spectrum.wavenumber[n]:.4g} /m",
+            label=f"|q| = {spectrum.wavenumber[wave_vector]:.4g} /m",
         )
     ax.set(
         xlabel=f"Frequency ({print_hertz(unit)})",
@@ -388,13 +417,15 @@ def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:
     """Draw the density of states of a network per ball: the total, with its standard error as a
     band, and the parts of translation and rotation.
     """
-    f = dos.frequencies
+    frequencies = dos.frequencies
     curves: list[tuple[Any, str, Array, Array, Array]] = [
-        ("black", "total", f, dos.total, dos.error)
+        ("black", "total", frequencies, dos.total, dos.error)
     ]
     if np.any(dos.rotational > 0.0):
-        curves.append((COLOURS[0], "translation", f, dos.translational, dos.translational_error))
-        curves.append((COLOURS[4], "rotation", f, dos.rotational, dos.rotational_error))
+        curves.append(
+            (COLOURS[0], "translation", frequencies, dos.translational, dos.translational_error)
+        )
+        curves.append((ORANGE, "rotation", frequencies, dos.rotational, dos.rotational_error))
     draw_densities(ax, curves)
     ax.legend()
     return ax
@@ -409,12 +440,13 @@ def sweep_dos_figure(dataset: Dataset) -> Figure:
     :class:`~granphon.base.errors.InputError` if the sweep has no densities of states.
     """
     states, handles = choose_states(dataset, "dos_total", "densities of states of arrays")
+    curves: list[tuple[Any, str, Array, Array, Array]] = []
+    for colour, read_variable in states:
+        frequencies = read_variable("dos_frequency")
+        total = read_variable("dos_total")
+        curves.append((colour, "", frequencies, total, read_variable("dos_error")))
     with styled_figure(2.8) as figure:
-        names = ("dos_frequency", "dos_total", "dos_error")
-        draw_densities(
-            figure.subplots(),
-            ((colour, "", *(take(name) for name in names)) for colour, take in states),
-        )
+        draw_densities(figure.subplots(), curves)
         add_legend(figure, handles, room=1)
     return figure
 
@@ -434,22 +466,25 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
     unit = HertzPrefix.for_top(float(np.nanmax(dataset["line_frequency"].values)))
     labels = [str(label) for label in dataset["labels_of_path"].values]
     has_errors = "attenuation_error" in dataset
-    _, take = states[0]
-    corners = take("path_corners")
-    # the same in all states: paths of balls of several diameters differ in length alone
-    corners = corners / corners[-1]
+    # corners over the length of the path are the same in all states: paths of balls of several
+    # diameters differ in length alone
+    _, read_first = states[0]
+    corners = read_first("path_corners")
+    relative_corners = corners / corners[-1]
     with styled_figure(0.4 + 4.2 * count) as figure:
         ratios = [1.2, 1.0] * count
         panels = figure.subplots(2 * count, 1, squeeze=False, height_ratios=ratios)[:, 0]
         for number, name in enumerate(dataset["polarisation"].values.tolist()):
             above, below = panels[2 * number : 2 * number + 2]
-            for colour, take in states:
-                _draw_line_frequencies(above, take, number, colour, unit)
-            frequencies = [
-                _draw_attenuation(below, take, number, colour, unit, has_errors)
-                for colour, take in states
-            ]
-            name_corners(above, corners, labels)
+            frequencies = []  # those of the lines that each state has in the lower panel
+            for colour, read_variable in states:
+                _draw_line_frequencies(above, read_variable, number, colour, unit)
+                frequencies.append(
+                    _draw_attenuation(
+                        below, read_variable, number, colour, unit, has_errors=has_errors
+                    )
+                )
+            name_corners(above, relative_corners, labels)
             above.set(ylabel=f"Frequency, {name} ({print_hertz(unit)})", ylim=(0.0, None))
             _scale_attenuation(below, np.concatenate(frequencies))
             below.set(
@@ -460,17 +495,18 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
 
 
 def _draw_line_frequencies(
-    ax: Axes, take: Callable[..., Array], number: int, colour: Any, unit: HertzPrefix
+    ax: Axes, read_variable: Callable[..., Array], number: int, colour: Any, unit: HertzPrefix
 ) -> None:
     """Draw the frequencies of the lines of one polarisation in a state over the path, whose length
     is 1, with bars as long as the width where the width is resolved.
 
-    ``take`` returns the values of a variable in the state; ``number`` is that of the polarisation.
+    ``read_variable`` returns the values of a variable in the state; ``number`` is that of the
+    polarisation.
     """
-    x = take("path_distance") / take("path_corners")[-1]
-    peak = take("line_frequency", number) / unit.hertz
-    width = take("line_width", number) / unit.hertz
-    is_resolved = take("line_resolved", number) >= _RESOLVED
+    x = read_variable("path_distance") / read_variable("path_corners")[-1]
+    peak = read_variable("line_frequency", number) / unit.hertz
+    width = read_variable("line_width", number) / unit.hertz
+    is_resolved = read_variable("line_resolved", number) >= _RESOLVED
     half_width = np.where(is_resolved, 0.5 * width, 0.0)
     style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "color": colour}
     dots, *_ = ax.errorbar(x, peak, half_width, elinewidth=0.8, zorder=3, **style)
@@ -479,25 +515,26 @@ def _draw_line_frequencies(
 
 def _draw_attenuation(
     ax: Axes,
-    take: Callable[..., Array],
+    read_variable: Callable[..., Array],
     number: int,
     colour: Any,
     unit: HertzPrefix,
+    *,
     has_errors: bool,
 ) -> Array:
     """Draw the attenuation of the resolved lines of one polarisation in a state over their
     frequency, with bars of the standard errors where all are known; return the frequencies (m,) of
     the lines in this ``unit``.
 
-    ``take`` and ``number`` are as in :func:`_draw_line_frequencies`.
+    ``read_variable`` and ``number`` are as in :func:`_draw_line_frequencies`.
     """
-    attenuation = take("attenuation", number)
-    is_resolved = take("line_resolved", number) >= _RESOLVED
+    attenuation = read_variable("attenuation", number)
+    is_resolved = read_variable("line_resolved", number) >= _RESOLVED
     is_drawn = is_resolved & (attenuation > 0.0)  # the axis is logarithmic
-    frequencies = (take("line_frequency", number) / unit.hertz)[is_drawn]
+    frequencies = (read_variable("line_frequency", number) / unit.hertz)[is_drawn]
     bars = None
     if has_errors:
-        errors = take("attenuation_error", number)
+        errors = read_variable("attenuation_error", number)
         if np.all(np.isfinite(errors)):
             bars = _limit_bars(attenuation[is_drawn], errors[is_drawn])
     style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "color": colour}
@@ -506,15 +543,15 @@ def _draw_attenuation(
 
 
 def _scale_attenuation(ax: Axes, frequencies: Array) -> None:
-    """Make the axes of attenuation over ``frequencies`` (n,) logarithmic; without a frequency, say
-    that no line is resolved.
+    """Make the axes of attenuation over ``frequencies`` (n,), in the unit of the axis, logarithmic;
+    without a frequency, write that no line is resolved.
     """
     if frequencies.size:
         ax.set_yscale("log")
         scale_axis(ax, "x", frequencies)
         return
-    place: dict[str, Any] = {"transform": ax.transAxes, "ha": "center", "va": "center"}
-    ax.text(0.5, 0.5, "no line is resolved", color="0.4", **place)
+    style: dict[str, Any] = {"transform": ax.transAxes, "ha": "center", "va": "center"}
+    ax.text(0.5, 0.5, "no line is resolved", color="0.4", **style)
     ax.set(xticks=[], yticks=[])
 
 
@@ -536,40 +573,51 @@ def choose_states(
     """
     if name not in dataset:
         raise InputError(f"the sweep has no {words}", mend="Draw another figure")
+    labels, indices = _list_states(dataset, name)
+    chosen = pick_evenly(len(labels), _STATES)
+    # the light end of the colours is too pale; a single state has a colour of its dark end
+    positions = np.linspace(0.0, 0.85, len(chosen)) if len(chosen) > 1 else [0.3]
+    shades = colormaps["viridis"](positions)
+
+    def read_variable(index: dict[str, int], variable: str, polarisation: int = 0) -> Array:
+        """Return the values of a variable in the state with this ``index``."""
+        # variables without polarisations have no such dimension
+        state_index = index | {"polarisation": polarisation}
+        return np.asarray(dataset[variable].isel(state_index, missing_dims="ignore"), float)
+
+    states = list[tuple[Any, Callable[..., Array]]]()
+    handles = list[Line2D]()
+    for shade, number in zip(shades.tolist(), chosen, strict=True):
+        states.append((tuple(shade), partial(read_variable, indices[number])))
+        handles.append(Line2D([], [], color=tuple(shade), label=labels[number]))
+    if len(labels) > len(chosen):
+        note = f"{len(chosen)} of {len(labels)} are drawn"
+        handles.append(Line2D([], [], linestyle="none", label=note))
+    return states, handles
+
+
+def _list_states(dataset: Dataset, name: str) -> tuple[list[str], list[dict[str, int]]]:
+    """Return the label of each state in which a sweep has the variable ``name``, in order of load,
+    and the index of each state by dimension.
+
+    A label has the load, if the sweep has several, and the facts in which the states differ.
+    """
     load = find_load(dataset)
-    values = dataset[load].values
+    loads = dataset[load].values
     unit = dataset[load].attrs.get("units", "")
     lines = describe_lines(dataset, name)
     kinds, _ = find_differing([facts for facts, _ in lines])
     labels = []
     indices = []
-    for number in np.argsort(values, kind="stable").tolist():
-        size = write_value(float(values[number]), unit)
+    for number in np.argsort(loads, kind="stable").tolist():
+        size = write_value(float(loads[number]), unit)
         for facts, index in lines:
             texts = [facts[kind] for kind in kinds]
-            if len(values) > 1:
+            if len(loads) > 1:
                 texts.insert(0, size)
             labels.append(", ".join(texts) or size)
             indices.append(index | {"load": number})
-    chosen = pick_evenly(len(labels), _STATES)
-    # the light end of the colours is too pale
-    shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(chosen)) if len(chosen) > 1 else [0.3])
-
-    def take(index: dict[str, int], variable: str, polarisation: int = 0) -> Array:
-        return np.asarray(
-            dataset[variable].isel(index | {"polarisation": polarisation}, missing_dims="ignore"),
-            float,
-        )
-
-    states = list[tuple[Any, Callable[..., Array]]]()
-    handles = list[Line2D]()
-    for shade, n in zip(shades.tolist(), chosen, strict=True):
-        states.append((tuple(shade), partial(take, indices[n])))
-        handles.append(Line2D([], [], color=tuple(shade), label=labels[n]))
-    if len(labels) > len(chosen):
-        words_of_rest = f"{len(chosen)} of {len(labels)} are drawn"
-        handles.append(Line2D([], [], linestyle="none", label=words_of_rest))
-    return states, handles
+    return labels, indices
 
 
 def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
@@ -581,21 +629,22 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
     the envelope, if the time of flight is known.
     """
     seconds, unit = prefixed(float(pulse.times[-1]), "s")
-    t = pulse.times / seconds
+    times = pulse.times / seconds
     most = float(np.max(np.abs(pulse.signals)))
     chosen = pick_evenly(len(pulse.signals), balls)
-    traces = [
+    curves = [
         ("sent", pulse.sent / np.max(np.abs(pulse.sent)), GUIDE),
         ("mean", pulse.coherent / most, BLUE),
     ]
-    traces += [
+    curves += [
         (f"at {write_unit(write_quantity(distance, 'm', 3))}", trace / most, BLUE)
         for distance, trace in zip(pulse.plane_distances, pulse.planes, strict=True)
     ]
-    traces += [(f"ball {pulse.receivers[n]}", pulse.signals[n] / most, VERMILION) for n in chosen]
-    for row, (_, trace, colour) in enumerate(traces):
-        ax.plot(t, 0.45 * trace - row, color=colour, linewidth=0.7)
-    ax.set_yticks(-np.arange(len(traces)), [name for name, _, _ in traces])
+    curves += [(f"ball {pulse.receivers[n]}", pulse.signals[n] / most, VERMILION) for n in chosen]
+    for row, (_, trace, colour) in enumerate(curves):
+        # rows are 1 apart: a trace of 0.45 at most leaves a gap to the next row
+        ax.plot(times, 0.45 * trace - row, color=colour, linewidth=0.7)
+    ax.set_yticks(-np.arange(len(curves)), [name for name, _, _ in curves])
     ax.tick_params(axis="y", length=0)
     arrival = ": its arrival is not known"
     if not pulse.why_unknown:
@@ -603,7 +652,7 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
         middle = time + 0.5 * pulse.cycles / pulse.frequency  # of the burst when it arrives
         ax.axvline(middle / seconds, color="black", linewidth=0.6, dashes=(3, 2))
         arrival = f" in {time / seconds:.4g} {write_unit(unit)}: {pulse.distance / time:.4g} m/s"
-    ax.set(xlabel=f"Time ({write_unit(unit)})", xlim=t[[0, -1]], ylim=(-len(traces) + 0.4, 0.6))
+    ax.set(xlabel=f"Time ({write_unit(unit)})", xlim=times[[0, -1]], ylim=(-len(curves) + 0.4, 0.6))
     ax.set_title(f"{write_unit(write_quantity(pulse.distance, 'm', 4))}{arrival}")
     return ax
 
@@ -613,7 +662,7 @@ def pulse_figure(pulse: Pulse) -> Figure:
     with styled_figure(4.2) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.9, 1.0])
         plot_seismogram(pulse, above)
-        above.tick_params(axis="x", labelbottom=True)
+        above.tick_params(axis="x", labelbottom=True)  # a shared axis would hide them
         most = float(max(pulse.envelope.max(), pulse.speckle_amplitude.max()))
         size, unit = prefixed(most, "m/s")
         t = above.lines[0].get_xdata()
@@ -636,7 +685,7 @@ def plot_frame(
     at one of the frames.
 
     ``most`` is the velocity, m/s, of the strongest colour; by default the greatest velocity of the
-    frame.
+    frame. Raises :class:`~granphon.base.errors.InputError` if the pulse has no such frame.
     """
     if not 0 <= frame < len(pulse.frames):
         problem = f"the pulse has no frame {frame}; it has {len(pulse.frames)}"
@@ -664,12 +713,14 @@ def animate_pulse(
     with styled_figure(COLUMN_WIDTH, dpi=150) as new_figure:
         figure = new_figure if figure is None else figure
         ax = figure.subplots()
+        # half of the greatest velocity has the strongest colour, so that weak waves are seen too
         most = 0.5 * float(np.max(np.abs(pulse.velocities @ pulse.polarisation), initial=0.0))
         plot_frame(network, pulse, 0, ax, most)
     (balls,) = ax.collections
     has_radius = np.isfinite(network.radii)
 
     def show(frame: int) -> Any:
+        """Colour the balls by their velocities in a frame; return what has changed."""
         balls.set_array((pulse.velocities[frame] @ pulse.polarisation)[has_radius])
         ax.set_title(f"{1e3 * pulse.frames[frame]:.3f} ms")
         return (balls,)
@@ -697,25 +748,35 @@ def _draw_lines(
     name: str,
     lines: Iterable[tuple[Array, Array, Any, float, str]],
 ) -> None:
-    """Draw magnitudes, and phases below, over frequencies, Hz.
+    """Draw magnitudes of the variable ``name``, in dB, and phases below, in units of pi, over
+    ``frequencies`` (n,), Hz.
 
-    ``lines`` are (magnitude, phase, colour, width, label).
+    ``lines`` are (magnitudes (n,), SI, phases (n,), rad, colour, width in points, label); a line
+    without a label is not in the legend.
     """
     prefix = HertzPrefix.for_top(float(frequencies[-1]))
-    f = frequencies / prefix.hertz
+    shown_frequencies = frequencies / prefix.hertz
     for magnitude, phase, colour, width, label in lines:
-        above.plot(f, _find_decibels(magnitude), color=colour, linewidth=width, label=label or None)
-        below.plot(f, phase / math.pi, color=colour, linewidth=width)
+        above.plot(
+            shown_frequencies,
+            _find_decibels(magnitude),
+            color=colour,
+            linewidth=width,
+            label=label or None,
+        )
+        below.plot(shown_frequencies, phase / math.pi, color=colour, linewidth=width)
     above.set(ylabel=_label_decibels(name))
     below.set(
         xlabel=f"Frequency ({print_hertz(prefix)})",
         ylabel="Phase (π)",
-        xlim=(f[0], f[-1] if len(f) > 1 else None),
+        xlim=(shown_frequencies[0], shown_frequencies[-1] if len(shown_frequencies) > 1 else None),
     )
 
 
 def _mark_peaks(ax: Axes, frequencies: Array, heights: Array, drawn: Array, colour: Any) -> None:
-    """Draw dots at the peaks, Hz, of responses over the frequencies ``drawn``, Hz."""
+    """Draw dots at peaks, at ``frequencies`` (m,), Hz, and of ``heights`` (m,), SI, of responses
+    that are drawn over the frequencies ``drawn`` (n,), Hz.
+    """
     prefix = HertzPrefix.for_top(float(drawn[-1]))
     ax.scatter(frequencies / prefix.hertz, _find_decibels(heights), s=4.0, color=colour, zorder=3)
 
@@ -727,15 +788,18 @@ def plot_response(response: Response, above: Axes, below: Axes) -> tuple[Axes, A
     Of more than six receivers, such as those of a plane, each is a thin grey line, and their mean
     is a strong line.
     """
-    lines: list[tuple[NDArray[Any], Any, float, str]]
+    curves: list[tuple[NDArray[Any], Any, float, str]]  # responses, colour, width of line, label
     if len(response.receivers) <= _FEW:
         balls = zip(response.values.T, COLOURS, response.receivers, strict=False)
-        lines = [(values, colour, 1.2, f"ball {ball}") for values, colour, ball in balls]
+        curves = [(values, colour, 1.2, f"ball {ball}") for values, colour, ball in balls]
     else:
-        lines = [(values, GUIDE, 0.4, "") for values in response.values.T]
-        lines.append((response.coherent, COLOURS[0], 1.4, "mean"))
-    shown = ((np.abs(values), np.unwrap(np.angle(values)), *style) for values, *style in lines)
-    _draw_lines(above, below, response.frequencies, RESPONSES[response.quantity], shown)
+        curves = [(values, GUIDE, 0.4, "") for values in response.values.T]
+        curves.append((response.coherent, COLOURS[0], 1.4, "mean"))
+    lines: list[tuple[Array, Array, Any, float, str]] = []
+    for values, colour, width, label in curves:
+        phase = np.unwrap(np.angle(values))
+        lines.append((np.abs(values), phase, colour, width, label))
+    _draw_lines(above, below, response.frequencies, RESPONSES[response.quantity], lines)
     if len(response.receivers) > 1:
         above.legend()
     return above, below
@@ -765,7 +829,6 @@ def responses_figure(dataset: Dataset) -> Figure:
     if dataset.sizes["load"] >= _LOADS_OF_MAP:
         return _map_figure(dataset, name)
     receivers = dataset["receiver"].values.astype(str).tolist()
-    frequencies = dataset["response_frequency"].values
     is_single = len(states) == 1
     chosen = pick_evenly(len(receivers), _FEW if is_single else _PANELS)
     groups = [chosen] if is_single else [[number] for number in chosen]
@@ -776,22 +839,13 @@ def responses_figure(dataset: Dataset) -> Figure:
             above, below = panels[2 * number_of_group : 2 * number_of_group + 2]
             above.sharex(below)
             above.tick_params(labelbottom=False)
-            rows = [
-                (take, number, COLOURS[row] if is_single else colour)
-                for colour, take in states
-                for row, number in enumerate(group)
-            ]
-            lines = (
-                (take(name)[:, number], take("response_phase")[:, number], colour, 1.2, "")
-                for take, number, colour in rows
-            )
-            _draw_lines(above, below, frequencies, name, lines)
-            if "peaks_frequency" in dataset:
-                # a line narrower than the step of frequencies is higher than its drawn curve
-                for take, number, colour in rows:
-                    peaks = take("peaks_frequency")[number]
-                    heights = take(f"peaks_{name}")[number]
-                    _mark_peaks(above, peaks, heights, frequencies, colour)
+            curves = []
+            for colour, read_variable in states:
+                for row, receiver in enumerate(group):
+                    # of one state the receivers have colours, of several states the states
+                    colour_of_curve = COLOURS[row] if is_single else colour
+                    curves.append((read_variable, receiver, colour_of_curve))
+            _draw_states(above, below, dataset, name, curves)
             if not is_single and len(receivers) > 1:
                 above.set_title(receivers[group[0]])
         if is_single:
@@ -807,8 +861,41 @@ def responses_figure(dataset: Dataset) -> Figure:
     return figure
 
 
+def _draw_states(
+    above: Axes,
+    below: Axes,
+    dataset: Dataset,
+    name: str,
+    curves: Sequence[tuple[Callable[..., Array], int, Any]],
+) -> None:
+    """Draw the variable ``name``, a magnitude of responses, and their phases below, with dots at
+    the peaks if the data set has peaks.
+
+    ``curves`` are (function that returns the values of a variable in a state, number of the
+    receiver, colour).
+    """
+    frequencies = dataset["response_frequency"].values
+    lines: list[tuple[Array, Array, Any, float, str]] = []
+    for read_variable, receiver, colour in curves:
+        magnitude = read_variable(name)[:, receiver]
+        phase = read_variable("response_phase")[:, receiver]
+        lines.append((magnitude, phase, colour, 1.2, ""))
+    _draw_lines(above, below, frequencies, name, lines)
+    if "peaks_frequency" not in dataset:
+        return
+    # a line narrower than the step of frequencies is higher than its drawn curve
+    for read_variable, receiver, colour in curves:
+        peaks = read_variable("peaks_frequency")[receiver]
+        heights = read_variable(f"peaks_{name}")[receiver]
+        _mark_peaks(above, peaks, heights, frequencies, colour)
+
+
 def _map_figure(dataset: Dataset, name: str) -> Figure:
-    """Draw the magnitude of responses as maps over load and frequency, one column wide."""
+    """Draw the variable ``name``, a magnitude of responses, as maps over load and frequency, one
+    column wide.
+
+    Each line of the sweep and each receiver has a map; at most four, evenly taken, are drawn.
+    """
     load = find_load(dataset)
     prefix = HertzPrefix.for_top(float(dataset["response_frequency"].values[-1]))
     order = np.argsort(dataset[load].values, kind="stable")
@@ -817,6 +904,7 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
     lines = describe_lines(dataset, name)
     receivers = dataset["receiver"].values.astype(str).tolist()
     kinds, _ = find_differing([facts for facts, _ in lines])
+    # (facts in words, index of the line in the data set, number of the receiver) of each map
     panels = [(facts, index, number) for facts, index in lines for number in range(len(receivers))]
     chosen = pick_evenly(len(panels), _PANELS)
     with styled_figure(0.3 + 2.7 * len(chosen)) as figure:
@@ -824,19 +912,7 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
         chosen_panels = [panels[number] for number in chosen]
         for ax, (facts, index, receiver) in zip(axes, chosen_panels, strict=True):
             responses = dataset[name].isel(index | {"receiver": receiver}, missing_dims="ignore")
-            shown = _find_decibels(responses.values[order])
-            most = float(np.nanmax(shown))
-            mesh = ax.pcolormesh(
-                x,
-                y,
-                shown.T,
-                shading="nearest",
-                cmap=SPECTRUM,
-                rasterized=True,
-                vmin=max(most - _DECIBELS, float(np.nanmin(shown))),
-                vmax=most,
-            )
-            add_bar(ax, mesh, _label_decibels(name))
+            _draw_decibel_map(ax, x, y, _find_decibels(responses.values[order]), name)
             ax.set(ylabel=f"Frequency ({print_hertz(prefix)})", ylim=(y[0], y[-1]))
             words = [facts[kind] for kind in kinds]
             if len(receivers) > 1:
@@ -850,6 +926,28 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
     return figure
 
 
+def _draw_decibel_map(ax: Axes, x: Array, y: Array, decibels: Array, name: str) -> None:
+    """Draw magnitudes (n_x, n_y) of the variable ``name``, dB, as a map over loads ``x`` (n_x,) and
+    frequencies ``y`` (n_y,), with its colour bar.
+
+    The colours reach from the greatest magnitude down to the least, but no further than
+    ``_DECIBELS``.
+    """
+    most = float(np.nanmax(decibels))
+    least = max(most - _DECIBELS, float(np.nanmin(decibels)))
+    mesh = ax.pcolormesh(
+        x,
+        y,
+        decibels.T,
+        shading="nearest",
+        cmap=SPECTRUM,
+        rasterized=True,
+        vmin=least,
+        vmax=most,
+    )
+    add_bar(ax, mesh, _label_decibels(name))
+
+
 def transfer_fit_figure(fit: DampingFit) -> Figure:
     """Draw a figure, one column wide: data with their errors and the fit, magnitude above, phase in
     units of pi below.
@@ -858,8 +956,8 @@ def transfer_fit_figure(fit: DampingFit) -> Figure:
     order = np.argsort(fit.measured.frequencies)
     prefix = HertzPrefix.for_top(float(np.max(data.frequencies)))
     unit = QUANTITIES[fit.quantity]
-    f = data.frequencies[order] / prefix.hertz
-    points = {
+    frequencies = data.frequencies[order] / prefix.hertz
+    look_of_data = {
         "fmt": "o",
         "color": COLOURS[1],
         "markersize": 2.2,
@@ -871,17 +969,20 @@ def transfer_fit_figure(fit: DampingFit) -> Figure:
     with styled_figure(3.6) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
         errors = None if data.sigma is None else data.sigma[order]
-        above.errorbar(f, data.magnitude[order], errors, **points)
+        above.errorbar(frequencies, data.magnitude[order], errors, **look_of_data)
         if data.phase is not None and data.phase_sigma is not None:
             # a phase is known but for whole turns: the phase nearest to the fit is drawn
             difference = np.angle(np.exp(1j * (data.phase - fit.phase)))[order]
             errors = data.phase_sigma[order] / math.pi
-            below.errorbar(f, (phase + difference) / math.pi, errors, **points)
+            below.errorbar(frequencies, (phase + difference) / math.pi, errors, **look_of_data)
         for axes, values in ((above, fit.magnitude[order]), (below, phase / math.pi)):
-            axes.plot(f, values, color=COLOURS[0], linewidth=1.2, label="fit", zorder=2.0)
-        above.set(yscale="log", ylabel="Magnitude" + ("" if unit == "1" else f" ({unit})"))
+            axes.plot(frequencies, values, color=COLOURS[0], linewidth=1.2, label="fit", zorder=2.0)
+        label = "Magnitude" if unit == "1" else f"Magnitude ({unit})"
+        above.set(yscale="log", ylabel=label)
         below.set(
-            xlabel=f"Frequency ({print_hertz(prefix)})", ylabel="Phase (π)", xlim=(f[0], f[-1])
+            xlabel=f"Frequency ({print_hertz(prefix)})",
+            ylabel="Phase (π)",
+            xlim=(frequencies[0], frequencies[-1]),
         )
         above.legend()
     return figure
@@ -891,20 +992,22 @@ def complex_bands_figure(bands: ComplexBands) -> Figure:
     """Draw wave numbers over the frequency: real parts of running waves to the left, decay of all
     other waves to the right.
 
-    Waves towards higher layers are drawn, in units of pi over the height of a layer. Grey dots to
-    the left are the real parts of waves that decay.
+    Waves towards higher layers are drawn, in units of pi over the height h of a layer. Grey dots to
+    the left are the real parts of waves that decay. Waves that decay faster than 1.5 pi/h are left
+    out.
     """
     unit = HertzPrefix.for_top(float(bands.frequencies.max()))
-    number = bands.forward * bands.height / math.pi
-    f = np.broadcast_to(bands.frequencies[:, None] / unit.hertz, number.shape)
-    runs = np.arange(number.shape[1]) < bands.running[:, None]
-    decays = ~runs & (number.imag < _MOST_DECAY)
+    wave_numbers = bands.forward * bands.height / math.pi
+    f = np.broadcast_to(bands.frequencies[:, None] / unit.hertz, wave_numbers.shape)
+    # running waves stand first in each row
+    is_running = np.arange(wave_numbers.shape[1]) < bands.running[:, None]
+    is_decaying = ~is_running & (wave_numbers.imag < _MOST_DECAY)
     with styled_figure(2.8) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         dots = {"linestyle": "none", "marker": "o", "markersize": 1.4, "markeredgewidth": 0.0}
-        left.plot(number.real[decays], f[decays], color=GUIDE, **dots)
-        left.plot(number.real[runs], f[runs], color=BLUE, **dots)
-        right.plot(number.imag[decays], f[decays], color=VERMILION, **dots)
+        left.plot(wave_numbers.real[is_decaying], f[is_decaying], color=GUIDE, **dots)
+        left.plot(wave_numbers.real[is_running], f[is_running], color=BLUE, **dots)
+        right.plot(wave_numbers.imag[is_decaying], f[is_decaying], color=VERMILION, **dots)
         left.set(
             xlabel="Re $k$ ($\\pi/h$)", ylabel=f"Frequency ({print_hertz(unit)})", xlim=(-1.0, 1.0)
         )
@@ -915,21 +1018,30 @@ def complex_bands_figure(bands: ComplexBands) -> Figure:
 
 def plot_transmission(result: Transmission, ax: Axes) -> Axes:
     """Draw the transmitted and the reflected part of the energy over the frequency, where a wave
-    runs in.
+    runs in; return ``ax``.
+
+    Raises :class:`~granphon.base.errors.InputError` for one frequency.
     """
     if len(result.frequencies) < 2:
         raise InputError("a curve needs several frequencies", mend="Give more of them")
     unit = HertzPrefix.for_top(float(result.frequencies.max()))
-    runs = result.modes[:, 0] > 0
-    f = result.frequencies / unit.hertz
-    for values, colour, style, label in (
+    has_incoming = result.modes[:, 0] > 0
+    frequencies = result.frequencies / unit.hertz
+    for energy, colour, style, label in (
         (result.transmitted, BLUE, "-", "transmitted"),
         (result.reflected, VERMILION, "--", "reflected"),
     ):
-        ax.plot(f, np.where(runs, values, np.nan), style, color=colour, linewidth=1.0, label=label)
+        ax.plot(
+            frequencies,
+            np.where(has_incoming, energy, np.nan),
+            style,
+            color=colour,
+            linewidth=1.0,
+            label=label,
+        )
     ax.set(
         xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Part of the energy", ylim=(-0.02, 1.02)
     )
-    ax.set_xlim(float(f[0]), float(f[-1]))
+    ax.set_xlim(float(frequencies[0]), float(frequencies[-1]))
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
     return ax

@@ -46,6 +46,7 @@ def describe_medium(label: str, periods: int = 2, balls: int = 1) -> str:
     ``simulation(samples=4, shape=32 32)``.
 
     ``periods`` is the number of periods of the lattice, ``balls`` the number of balls in its cell.
+    The ``label`` itself is returned for a medium that is not known.
     """
     name, options = split_label(label)
     try:
@@ -103,7 +104,8 @@ def describe_parameter(name: str, value: Any) -> tuple[str, str]:
     """Return the kind of fact of a parameter of a packing, and its value in words: ("spread",
     "W = 2 µm").
 
-    A parameter of a kind of ball, "A.diameter", has the kind in its words: "d = 8 mm of A".
+    A parameter of a kind of ball, "A.diameter", has the kind in its words: "d = 8 mm of A". A
+    number is in SI units.
     """
     kind, _, parameter = name.rpartition(".")
     if kind:
@@ -130,8 +132,10 @@ def describe_parameter(name: str, value: Any) -> tuple[str, str]:
 
 
 def list_facts(packing: Packing) -> dict[str, str]:
-    """Return facts of balls and their contacts, in words by kind; two packings with the same value
-    have the same words.
+    """Return facts of balls and their contacts, in words by kind of fact: {"diameter": "d = 8 mm"}.
+
+    Two packings with the same value have the same words. The overlap counts as small beside the
+    diameter.
     """
     ball = packing.material
     spread = packing.spread
@@ -153,7 +157,7 @@ def list_facts(packing: Packing) -> dict[str, str]:
     )
     if spread is not None and packing.width and kind != "uniform":
         facts["spread"] += f" ({kind})"
-    return facts | {"overlap": describe_overlap(False)}
+    return facts | {"overlap": describe_overlap(finite=False)}
 
 
 def describe_overlap(finite: bool) -> str:
@@ -162,12 +166,14 @@ def describe_overlap(finite: bool) -> str:
 
 
 def find_differing(facts: Sequence[Mapping[str, str]]) -> tuple[list[str], list[str]]:
-    """Return the kinds of the facts in which several mappings differ, and the facts that all share,
-    without :data:`DEFAULTS`.
+    """Return the kinds of the facts in which several mappings, from kind to words, differ, and the
+    words of the facts that all share, without :data:`DEFAULTS`.
     """
     kinds = list(dict.fromkeys(kind for facts_of_packing in facts for kind in facts_of_packing))
-    values = {kind: {facts_of_packing.get(kind) for facts_of_packing in facts} for kind in kinds}
-    differing = [kind for kind in kinds if len(values[kind]) > 1]
+    values_of_kind = {
+        kind: {facts_of_packing.get(kind) for facts_of_packing in facts} for kind in kinds
+    }
+    differing = [kind for kind in kinds if len(values_of_kind[kind]) > 1]
     common = [facts[0][kind] for kind in kinds if kind not in differing]
     return differing, [text for text in common if text not in DEFAULTS]
 

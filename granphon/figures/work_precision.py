@@ -50,29 +50,32 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
     are the spread of times, and the standard errors of the errors of random samples. The floor is
     the condition number times rounding; random samples have their scatter in place of a floor.
     Points without an error, because there is no reference or no difference from the reference, are
-    marks at the bottom. Points that were not run are counted above the axes, by method.
+    marks at the bottom. Points that were not run are counted above the axes, by method. Returns
+    ``ax``.
     """
     points = result.points
     ax.set(xscale="log", yscale="log", xlabel="Time (s)", ylabel="Relative error", title="Media")
-    ran = [point for point in points if point.ran]
-    slowest = max((point.seconds for point in ran), default=0.0)
+    points_run = [point for point in points if point.ran]
+    slowest = max((point.seconds for point in points_run), default=0.0)
     methods = list(dict.fromkeys(point.method for point in points))
     for method, (colour, marker) in zip(methods, itertools.cycle(_LOOKS), strict=False):
-        points_of_method = [point for point in ran if point.method == method]
+        points_of_method = [point for point in points_run if point.method == method]
         _draw_method(ax, method, points_of_method, {"color": colour, "marker": marker})
-        _label_points(
-            ax, [point for point in points_of_method if point.error > 0.0], slowest, colour
-        )
+        points_with_error = [point for point in points_of_method if point.error > 0.0]
+        _label_points(ax, points_with_error, slowest, colour)
     ax.margins(0.14)
-    errors = [point.error for point in ran if point.error > 0.0]
-    times = [point.seconds + side * _limit_spread(point) for point in ran for side in (-1.0, 1.0)]
-    for which, values in (("x", np.array(times or _TIMES)), ("y", np.array(errors or _ERRORS))):
-        scale_axis(ax, which, values, 100.0)  # plain small numbers take much room
-        widen_axis(ax, which, values)
-    if not ran:
+    errors = [point.error for point in points_run if point.error > 0.0]
+    times = []  # the ends of the bars of time, s
+    for point in points_run:
+        spread = _limit_spread(point)
+        times += [point.seconds - spread, point.seconds + spread]
+    for axis, numbers in (("x", np.array(times or _TIMES)), ("y", np.array(errors or _ERRORS))):
+        scale_axis(ax, axis, numbers, 100.0)  # plain small numbers take much room
+        widen_axis(ax, axis, numbers)
+    if not points_run:
         ax.set_xlim(*_TIMES)
     _draw_floor(ax, points)
-    if ran:
+    if points_run:
         ax.legend(
             ncols=2,
             handlelength=1.4,
@@ -97,18 +100,21 @@ def _limit_spread(point: MeasuredPoint) -> float:
 def _draw_method(
     ax: Axes, method: str, points: Sequence[MeasuredPoint], look: dict[str, Any]
 ) -> None:
-    """Draw the curve of a method, with open markers without a good reference, and the points
-    without an error at the bottom.
+    """Draw the curve of a method through its ``points``, with open markers where the reference is
+    not much better than the point, and the points without an error at the bottom.
+
+    ``look`` has matplotlib's colour and marker of the method.
     """
-    drawn = [point for point in points if point.error > 0.0]
+    with_error = [point for point in points if point.error > 0.0]
+    # an error that is not known is nan, which is not above zero
     without_error = [point for point in points if not point.error > 0.0]
     label = method
-    if drawn:
+    if with_error:
         bars = ax.errorbar(
-            [point.seconds for point in drawn],
-            [point.error for point in drawn],
-            [min(point.stderr, _BAR * point.error) for point in drawn],
-            [_limit_spread(point) for point in drawn],
+            [point.seconds for point in with_error],
+            [point.error for point in with_error],
+            [min(point.stderr, _BAR * point.error) for point in with_error],
+            [_limit_spread(point) for point in with_error],
             label=label,
             ms=_MARKER,
             lw=0.9,
@@ -116,7 +122,7 @@ def _draw_method(
             **look,
         )
         bars[0].set_zorder(2.5)
-        label = "_"
+        label = "_"  # the legend has one entry for the method
     if without_error:
         ax.plot(
             [point.seconds for point in without_error],
@@ -129,7 +135,7 @@ def _draw_method(
             gid="without-error",
             **look,
         )
-    for point in drawn:
+    for point in with_error:
         if not point.resolved:
             ax.plot(
                 point.seconds,
@@ -144,8 +150,10 @@ def _draw_method(
 
 
 def _label_points(ax: Axes, points: Sequence[MeasuredPoint], slowest: float, colour: str) -> None:
-    """Write the settings of several points beside the points; of points that are close together the
-    first has a label, so that labels can be read.
+    """Write the settings of several points of a method beside the points; of points that are close
+    together the first has a label, so that labels can be read.
+
+    ``slowest`` is the longest time of all methods, s.
     """
     labelled: list[MeasuredPoint] = []
     for point in points if len(points) > 1 else ():
@@ -172,25 +180,27 @@ def _label_points(ax: Axes, points: Sequence[MeasuredPoint], slowest: float, col
         )
 
 
-def _explain_no_errors(ran: Sequence[MeasuredPoint]) -> str:
+def _explain_no_errors(points_run: Sequence[MeasuredPoint]) -> str:
     """Return in words why none of the points that were run has an error."""
-    if not ran:
+    if not points_run:
         return "nothing was run"
-    if any(not point.failure for point in ran):
+    if any(not point.failure for point in points_run):
         return "no error above rounding"
     return "run, but without a reference"
 
 
 def _draw_floor(ax: Axes, points: Sequence[MeasuredPoint]) -> None:
-    """Draw the floor of rounding, or a note below it; or say why no point has an error."""
+    """Draw the floor of rounding as a line; write its value at the bottom if the floor is far below
+    all errors, or, where no point has an error, why.
+    """
     style: dict[str, Any] = {"xycoords": "axes fraction", "color": "0.4"}
     floors = [point.floor for point in points if not point.failure and not point.random]
     floor = max(floors, default=0.0)
     errors = [point.error for point in points if point.error > 0.0]
-    ran = [point for point in points if point.ran]
-    if not any(point.error > 0.0 for point in ran):
+    points_run = [point for point in points if point.ran]
+    if not any(point.error > 0.0 for point in points_run):
         ax.set_ylim(*_ERRORS)
-        ax.annotate(_explain_no_errors(ran), (0.5, 0.5), ha="center", **style)
+        ax.annotate(_explain_no_errors(points_run), (0.5, 0.5), ha="center", **style)
     elif floor > _LEAST_FLOOR * min(errors):
         ax.axhline(floor, color="0.4", lw=0.8, ls=":", zorder=0)
         ax.annotate(
@@ -208,7 +218,10 @@ def _draw_floor(ax: Axes, points: Sequence[MeasuredPoint]) -> None:
 
 
 def _count_missing(ax: Axes, missing: dict[str, int], n_points: int) -> None:
-    """Write above the axes how many of ``n_points`` points were not run, by method."""
+    """Write above the axes how many of ``n_points`` points were not run, ``missing`` by method.
+
+    Where that takes several lines, the sum alone is written.
+    """
     counts = ", ".join(f"{count} of {method}" for method, count in missing.items() if count)
     if not counts:
         return

@@ -96,8 +96,10 @@ def compute_probability(chi2: float, dof: int) -> float:
 
 
 def judge_residuals(chi2: float, dof: int, parameters: int) -> list[str]:
-    """Return a warning where errors of the given sigma hardly make ``chi2``, or where no degrees of
-    freedom are left to judge the fit.
+    """Return a warning where errors of the given sigma hardly make ``chi2``, too large or too small
+    a sum of (residual/sigma)^2, or where no degrees of freedom, ``dof``, are left to judge the fit.
+
+    ``parameters`` is the number of fitted parameters.
     """
     if dof == 0:
         fault = f"as many data as fitted parameters ({parameters}) leave 0 degrees of freedom"
@@ -105,12 +107,14 @@ def judge_residuals(chi2: float, dof: int, parameters: int) -> list[str]:
     p = compute_probability(chi2, dof)
     if _LEAST_CHANCE <= p <= 1.0 - _LEAST_CHANCE:
         return []
-    small = "the model does not fit, or sigma is too small"
-    large = "sigma is too large, or the errors are not independent"
+    if p < _LEAST_CHANCE:
+        why = "the model does not fit, or sigma is too small"
+    else:
+        why = "sigma is too large, or the errors are not independent"
     return [
         f"the residuals are {math.sqrt(chi2 / dof):.3g} times what sigma says (chi^2 is"
         f" {chi2:.4g} for {dof} degrees of"
-        f" freedom, p = {p:.2g}): {small if p < _LEAST_CHANCE else large}"
+        f" freedom, p = {p:.2g}): {why}"
     ]
 
 
@@ -124,13 +128,14 @@ def compute_leverages(matrix: Array) -> Array:
 
 def find_rounding(values: Array) -> float:
     """Return the unit of the last decimal of ``values``: the largest power of ten of which all are
-    multiples.
+    multiples; 1e-11 of the largest value if they have more decimals.
     """
     largest = float(np.max(values))
     highest = math.floor(math.log10(largest))
     lowest = math.floor(math.log10(_FINEST_ROUNDING * largest))
     for power in range(highest, lowest, -1):
         steps = values / 10.0**power
+        # a decimal number in double precision, and the division, are rounded
         if np.all(np.abs(steps - np.rint(steps)) <= 4.0 * np.finfo(float).eps * steps):
             return 10.0**power
     return _FINEST_ROUNDING * largest
@@ -152,6 +157,7 @@ def find_warnings(
     dof = problem.dof
     residuals, matrix = problem(logs)
     leverages = compute_leverages(matrix)
+    # sigma from the scatter is such that chi^2 is the number of degrees of freedom
     chi2 = float(residuals @ residuals) if sigma_given else float(dof)
     warnings = list[str]()
     if sigma_given or not dof:
@@ -180,7 +186,9 @@ def find_warnings(
 
 
 def _judge_waves(problem: FitProblem) -> list[str]:
-    """Return a warning if the wave of a pulse is longer than any array of balls."""
+    """Return a warning if the wave of a pulse, velocity over frequency, is longer than any array of
+    balls; no warning for long waves, which have no frequency.
+    """
     frequency = problem.model.waves.frequency
     if frequency is None:
         return []
@@ -190,8 +198,8 @@ def _judge_waves(problem: FitProblem) -> list[str]:
     if balls[longest] <= _LONGEST_WAVE:
         return []
     hertz = np.broadcast_to(frequency, problem.velocity.shape)[longest]
-    size = f"{wavelength[longest]:.3g} m long, {balls[longest]:.3g} diameters"
-    fault = f"the wave of a pulse at {hertz:.4g} Hz is {size}"
+    length = f"{wavelength[longest]:.3g} m long, {balls[longest]:.3g} diameters"
+    fault = f"the wave of a pulse at {hertz:.4g} Hz is {length}"
     return [f"{fault}: its velocity is that of long waves. Is the frequency in Hz?"]
 
 
@@ -208,7 +216,7 @@ def _judge_leverage(problem: FitProblem, leverages: Array) -> list[str]:
 
 def _judge_excess(problem: FitProblem, logs: Array, sigma_given: bool) -> list[str]:
     """Return a warning if data are above the velocity of equal balls by more than their noise,
-    which no width explains.
+    which no width explains; ``logs`` are the logarithms (p,) of the fitted parameters.
     """
     from scipy.special import ndtr, stdtr
 
@@ -222,16 +230,18 @@ def _judge_excess(problem: FitProblem, logs: Array, sigma_given: bool) -> list[s
         chances = ndtr(-excess / np.maximum(problem.sigma / equal_balls, noise))
     else:
         chances = stdtr(problem.dof, -excess / noise)
-    count = np.count_nonzero((excess > _NO_EFFECT) & (chances < _LEAST_CHANCE / len(excess)))
+    # the more data there are, the more likely one of them is above by chance
+    is_above = (excess > _NO_EFFECT) & (chances < _LEAST_CHANCE / len(excess))
+    count = np.count_nonzero(is_above)
     if not count:
         return []
-    most = int(np.argmax(excess))
+    highest = int(np.argmax(excess))
     verb = "is" if count == 1 else "are"
-    where = f"{count} of {len(excess)} data {verb} above the velocity of equal balls at that load"
-    by = f"by up to {100.0 * excess[most]:.2g} % ({problem.describe(most)})"
+    fault = f"{count} of {len(excess)} data {verb} above the velocity of equal balls at that load"
+    amount = f"by up to {100.0 * excess[highest]:.2g} % ({problem.describe(highest)})"
     why = "a spread only slows sound, so that what is fitted is not a width"
     mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
-    return [f"{where}, {by}: {why}. {mend}"]
+    return [f"{fault}, {amount}: {why}. {mend}"]
 
 
 def _find_noise(force: Array, velocity: Array) -> float:
@@ -239,42 +249,49 @@ def _find_noise(force: Array, velocity: Array) -> float:
     logarithms from lines through their neighbours in force; infinite if there are no neighbours.
     """
     order = np.lexsort((velocity, force))
-    x = np.log(force[order])
-    y = np.log(velocity[order])
-    # (n - 2,): where each datum lies between its two neighbours, 0 to 1
-    reach = x[2:] - x[:-2]
-    is_apart = reach > 0.0
-    step = x[1:-1] - x[:-2]
-    weight = np.where(is_apart, step / np.where(is_apart, reach, 1.0), 0.5)
-    distances = y[1:-1] - (1.0 - weight) * y[:-2] - weight * y[2:]
+    log_force = np.log(force[order])
+    log_velocity = np.log(velocity[order])
+    # the position (n - 2,) of each datum between its two neighbours is 0 at the lower force, 1 at
+    # the higher, and 1/2 where all three forces are equal
+    gap_of_neighbours = log_force[2:] - log_force[:-2]
+    are_apart = gap_of_neighbours > 0.0
+    gap_below = log_force[1:-1] - log_force[:-2]
+    position = np.where(are_apart, gap_below / np.where(are_apart, gap_of_neighbours, 1.0), 0.5)
+    distances = (
+        log_velocity[1:-1] - (1.0 - position) * log_velocity[:-2] - position * log_velocity[2:]
+    )
     if not distances.size:
         return math.inf
-    variance_of_distance = 1.0 + weight**2 + (1.0 - weight) ** 2
-    square = float(np.mean(distances**2 / variance_of_distance))
-    return max(math.sqrt(square), float(np.finfo(float).eps))
+    variance_of_distance = 1.0 + position**2 + (1.0 - position) ** 2
+    mean_square = float(np.mean(distances**2 / variance_of_distance))
+    return max(math.sqrt(mean_square), float(np.finfo(float).eps))
 
 
 def _judge_farthest(
     problem: FitProblem, residuals: Array, leverages: Array, chi2: float, sigma_given: bool
 ) -> list[str]:
-    """Return a warning if one datum is off the fit of the others."""
+    """Return a warning if one datum is off the fit of the others.
+
+    ``residuals`` (n,) are over sigma, ``chi2`` is the sum of their squares, and ``leverages`` (n,)
+    say how far the fit follows each datum.
+    """
     from scipy.special import ndtr, stdtr
 
     dof = problem.dof
     # the distance of each datum from the fit of the others, over the standard error of the
     # distance: residual/(1 - leverage)^1/2
-    r = np.abs(residuals) / np.sqrt(np.maximum(1.0 - leverages, 1e-12))
-    farthest = int(np.argmax(r))
-    distance = float(r[farthest])
-    # chi-squared of the others about their own fit
+    distances = np.abs(residuals) / np.sqrt(np.maximum(1.0 - leverages, 1e-12))
+    farthest = int(np.argmax(distances))
+    distance = float(distances[farthest])
+    # what chi-squared of the others is about their own fit, which the datum does not bend
     chi2_of_others = max(chi2 - distance**2, 1e-12)
-    agree = compute_probability(chi2_of_others, dof - 1) >= _CHANCE_OF_AGREEMENT
-    if sigma_given and agree:
+    others_agree = compute_probability(chi2_of_others, dof - 1) >= _CHANCE_OF_AGREEMENT
+    if sigma_given and others_agree:
         tail = float(ndtr(-distance))
     else:  # judged by the scatter of the others: Student's distribution
         distance *= math.sqrt((dof - 1) / chi2_of_others)
         tail = float(stdtr(dof - 1, -distance))
-    chance = min(2.0 * len(r) * tail, 1.0)  # any of the len(r) data may be the farthest
+    chance = min(2.0 * len(distances) * tail, 1.0)  # any of the data may be the farthest
     if chance >= _LEAST_CHANCE:
         return []
     return [
@@ -322,11 +339,13 @@ class FitProblem:
 
     @property
     def widths(self) -> Array:
-        """Widths to try, m, ascending; the packing's own is one of them."""
+        """Widths to try, (w,), m, ascending: from where disorder has no effect on the data to where
+        it rules them. The packing's own is one of them unless it is narrower than all.
+        """
         force = self.model.force
         packing = self.model.packing
-        units = np.array([np.min(force) / _NARROWEST_AT, np.max(force) / _WIDEST_AT])
-        low, high = packing.law.overlap(units)
+        forces = np.array([np.min(force) / _NARROWEST_AT, np.max(force) / _WIDEST_AT])
+        low, high = packing.law.overlap(forces)
         count = math.ceil(_TRIALS_PER_DECADE * math.log10(high / low)) + 1
         return np.unique(np.append(np.geomspace(low, high, count), max(packing.width, low)))
 
@@ -375,16 +394,25 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
         below, square, above = bounded[trial : trial + 3]
         if square <= min(below, above):
             minima.append(_descend(problem, start))
-    return problem, min(minima, key=lambda logs: float(np.sum(problem(logs)[0] ** 2)))
+
+    def sum_squares(logs: Array) -> float:
+        """Return the sum of squared residuals, over sigma, at these logarithms (p,)."""
+        residuals, _ = problem(logs)
+        return float(np.sum(residuals**2))
+
+    return problem, min(minima, key=sum_squares)
 
 
 def _find_best_of_samples(problem: FitProblem) -> tuple[FitProblem, Array]:
-    """Return what :func:`find_best` returns, for a simulation: its samples are simulated again
-    until they belong to the minimum.
+    """Return the problem with its last samples, and the logarithms (p,) of the parameters at the
+    minimum, for a simulation: samples are simulated again until they belong to the minimum.
+
+    Raises :class:`~granphon.base.errors.InputError` if the minimum still moves after a dozen
+    simulations.
     """
     model = problem.model
-    of_medium = replace(problem, model=replace(model, choice=MediumChoice("ema")))
-    _, best = find_best(of_medium)
+    medium_problem = replace(problem, model=replace(model, choice=MediumChoice("ema")))
+    _, best = find_best(medium_problem)
     problem = replace(problem, model=model.settle_geometry(best)).simulate_at(best)
     for _ in range(_MOST_SIMULATED):
         best = _descend(problem, best)
@@ -404,10 +432,10 @@ def _try_widths(problem: FitProblem, index: int) -> tuple[list[Array], list[floa
 
     Raises :class:`~granphon.base.errors.InputError` if velocities do not depend on the width.
     """
-    is_other = np.arange(len(problem.model.names)) != index
+    is_not_width = np.arange(len(problem.model.names)) != index
     starts: list[Array] = []
     squares: list[float] = []
-    effect = 0.0
+    effect = 0.0  # the greatest d log v / d log W at any datum and width
     for width in problem.widths.tolist():
         logs = problem.model.find_start(width)
         try:
@@ -416,12 +444,13 @@ def _try_widths(problem: FitProblem, index: int) -> tuple[list[Array], list[floa
             if not starts:  # even the narrowest width fails: the width is not the cause
                 raise
             break
-        derivatives = matrix[:, is_other]
-        step = np.linalg.lstsq(derivatives, residuals, rcond=SAME_EFFECT)[0]
+        derivatives = matrix[:, is_not_width]
+        step, *_ = np.linalg.lstsq(derivatives, residuals, rcond=SAME_EFFECT)
         starts.append(logs)
         squares.append(float(np.sum((residuals - derivatives @ step) ** 2)))
-        fitted = problem.velocity / problem.sigma - residuals
-        effect = max(effect, float(np.max(np.abs(matrix[:, index] / fitted))))
+        # velocities of the model in units of sigma, as the derivatives are
+        scaled_velocities = problem.velocity / problem.sigma - residuals
+        effect = max(effect, float(np.max(np.abs(matrix[:, index] / scaled_velocities))))
     if effect < _NO_EFFECT:
         raise _explain_no_effect(problem.model)
     return starts, squares
@@ -478,8 +507,8 @@ def _descend(problem: FitProblem, start: Array) -> Array:
 
 
 def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> InputError:
-    """Return the error that says why the data do not determine the parameters; ``errors`` are those
-    of the logarithms.
+    """Return the error that says why the data do not determine the parameters: ``logs`` are their
+    logarithms (p,), ``errors`` the standard errors (p,) of these, which are relative errors.
     """
     model = problem.model
     worst = int(np.argmax(errors))
@@ -507,18 +536,18 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
 
 def _explain_excess(problem: FitProblem, logs: Array) -> InputError | None:
     """Return the error that says that velocities are above those of equal balls on average; None if
-    they are not.
+    they are not. ``logs`` are the logarithms (p,) of the parameters.
     """
     model = problem.model
     equal_balls = model.equal_balls(logs)[0]
-    weights = (equal_balls / problem.sigma) ** 2
+    weights = (equal_balls / problem.sigma) ** 2  # inverse variances of the relative excess
     excess = float(np.average(problem.velocity / equal_balls - 1.0, weights=weights))
     if excess <= _NO_EFFECT:
         return None
-    above = f"the velocities are on average {100.0 * excess:.2g} % above those"
+    fault_start = f"the velocities are on average {100.0 * excess:.2g} % above those"
     if model.waves.frequency is not None:
-        of_long_waves = replace(model.equal_balls, waves=replace(model.waves, frequency=None))
-        long_waves = of_long_waves(logs)[0]
+        long_wave_model = replace(model.equal_balls, waves=replace(model.waves, frequency=None))
+        long_waves = long_wave_model(logs)[0]
         excess_over_long = np.average(problem.velocity / long_waves - 1.0, weights=weights)
         if excess_over_long <= _NO_EFFECT:
             why = (
@@ -526,10 +555,10 @@ def _explain_excess(problem: FitProblem, logs: Array) -> InputError | None:
                 f" {model.equal_balls.describe_nearest_to_top(logs)}"
             )
             mend = "Check the frequency; leave it out for long waves"
-            return InputError(f"{above} of pulses of equal balls", why, mend)
+            return InputError(f"{fault_start} of pulses of equal balls", why, mend)
     mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
     why = "A spread of diameters slows sound, so that no width fits"
-    return InputError(f"{above} of equal balls", why, mend)
+    return InputError(f"{fault_start} of equal balls", why, mend)
 
 
 def _explain_no_width(problem: FitProblem, width: float, error: float) -> InputError:
@@ -552,18 +581,20 @@ def _explain_no_width(problem: FitProblem, width: float, error: float) -> InputE
 
 def _explain_widest(problem: FitProblem, logs: Array, width: float) -> InputError:
     """Return the error of a sum of squares that still falls at the widest ``width``, m, that can be
-    computed.
+    computed; ``logs`` are the logarithms (p,) of the parameters there.
     """
     model = problem.model
-    falling = f"no width fits: the sum of squares still falls at {write_quantity(width, 'm', 3)}"
+    fault_start = (
+        f"no width fits: the sum of squares still falls at {write_quantity(width, 'm', 3)}"
+    )
     frequency = model.waves.frequency
     tops = None if frequency is None else model.find_tops(logs)
     if tops is not None and np.any(frequency > _NEAR_TOP * tops):
-        fault = f"{falling}, beyond which the balls do not carry the frequency"
+        fault = f"{fault_start}, beyond which the balls do not carry the frequency"
         return InputError(
             fault, model.describe_nearest_to_top(logs), "Check the frequency and the velocities"
         )
-    fault = f"{falling}, beyond which the medium {model.choice.label!r} cannot be used"
+    fault = f"{fault_start}, beyond which the medium {model.choice.label!r} cannot be used"
     why = "The velocities are too low, or do not rise with the force as in an array of balls"
     return InputError(
         fault, why, "Check the units of the data, the Young modulus, diameter and density"
@@ -574,12 +605,12 @@ def _require_units(model: VelocityModel, velocity: Array) -> None:
     """Raise InputError if velocities (n,), m/s, are so far from those of equal balls that a unit is
     wrong.
     """
-    start = model.find_start(1e-9 * model.packing.diameter)
-    with np.errstate(all="ignore"):
+    start = model.find_nearly_equal()
+    with np.errstate(all="ignore"):  # a ratio beyond all floats is refused below
         ratio = velocity / model.equal_balls(start)[0]
-    least = _LEAST_RATIO_OF_MODULUS if "young_modulus" in model.names else _LEAST_RATIO
+    least_ratio = _LEAST_RATIO_OF_MODULUS if "young_modulus" in model.names else _LEAST_RATIO
     mean_ratio = math.exp(float(np.mean(np.log(ratio))))
-    if least < mean_ratio < 1.0 / least:
+    if least_ratio < mean_ratio < 1.0 / least_ratio:
         return
     fault = (
         f"the velocities are {np.min(ratio):.3g} to {np.max(ratio):.3g} times those of equal balls"
@@ -589,7 +620,9 @@ def _require_units(model: VelocityModel, velocity: Array) -> None:
 
 
 def _require_plain_errors(relative_error: Array) -> None:
-    """Raise InputError for relative standard errors that no measurement has."""
+    """Raise InputError for relative standard errors of velocities, (n,) or (1,), that no
+    measurement has.
+    """
     if np.any(relative_error <= _MODEL_ERROR):
         fault = f"sigma is as small as {np.min(relative_error):.3g} times the velocity"
         why = f"Those of a model have relative errors of {_MODEL_ERROR:g}"
@@ -602,7 +635,9 @@ def _require_plain_errors(relative_error: Array) -> None:
 
 
 def _require_enough(names: Sequence[str], count: int, sigma_given: bool) -> None:
-    """Raise InputError if the parameters are too many for this ``count`` of measurements."""
+    """Raise InputError if the parameters with these ``names`` are too many for this ``count`` of
+    measurements.
+    """
     least = len(names) if sigma_given else len(names) + 1
     if count >= least:
         return
@@ -644,8 +679,8 @@ class Fitted(Result):
         return compute_probability(self.chi2, self.dof) if self.sigma_given else math.nan
 
     def _field_units(self) -> dict[str, str]:
-        """Return units by name; those of ``values`` are separated by commas, the rows of
-        ``covariance`` by semicolons.
+        """Return the SI units of the fields by name; those of ``values`` are separated by commas,
+        the rows of ``covariance``, products of two units, by semicolons.
         """
         units = [self._units_of_parameters[name] or "1" for name in self.parameters]
         rows = []
@@ -775,8 +810,8 @@ class WidthFit(Fitted):
         return bool(state.is_isotropic)
 
     def velocity_at(self, force: ArrayLike, medium: str | None = None) -> Any:
-        """Return the velocity of the fitted packing, m/s, at other forces, N; in another ``medium``
-        if one is named.
+        """Return the velocity of the fitted packing, m/s, at other forces, N, in their shape; in
+        another ``medium`` if one is named.
 
         Raises :class:`~granphon.base.errors.InputError` if every measured pulse had a frequency of
         its own.
@@ -789,7 +824,7 @@ class WidthFit(Fitted):
         # media
         requested = self.waves.finite_overlap and not self.choice.is_exact
         waves = replace(self.waves, finite_overlap=choice.has_finite_overlap(requested))
-        if choice.stand_in != choice:
+        if choice.stand_in != choice:  # velocities in samples follow from a curve, as in the fit
             forces = real_array("force", force, "N")
             model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), waves)
             start = model.find_start(self.packing.width)
@@ -799,6 +834,7 @@ class WidthFit(Fitted):
         return waves.velocity(state)[0][()]
 
     def _list_columns(self) -> dict[str, Any]:
+        """The columns of fit.csv, (n,), by their headings."""
         columns = {
             "force (N)": self.force,
             "velocity (m/s)": self.velocity,
@@ -914,20 +950,20 @@ def fit_width(
     waves = problem.model.waves
     state = problem.model.choice.of(fitted).at_force(loads, finite_overlap=waves.finite_overlap)
     return WidthFit(
-        fitted,
-        problem.model.choice,
-        waves,
-        names,
-        values,
-        covariance * np.outer(values, values),
-        data.force,
-        data.velocity,
-        problem.sigma,
-        sigma_given,
-        data.velocity - residuals * problem.sigma,
-        chi2 if sigma_given else float(problem.dof),
-        problem.dof,
-        (*warnings, *validity(state).warnings),
+        packing=fitted,
+        choice=problem.model.choice,
+        waves=waves,
+        parameters=names,
+        values=values,
+        covariance=covariance * np.outer(values, values),  # from that of the logarithms
+        force=data.force,
+        velocity=data.velocity,
+        sigma=problem.sigma,
+        sigma_given=sigma_given,
+        velocities=data.velocity - residuals * problem.sigma,
+        chi2=chi2 if sigma_given else float(problem.dof),
+        dof=problem.dof,
+        warnings=(*warnings, *validity(state).warnings),
     )
 
 
@@ -950,20 +986,21 @@ def _find_covariance(problem: FitProblem, logs: Array) -> Array:
     directions, singular, right = np.linalg.svd(
         matrix / np.maximum(norms, 1e-300), full_matrices=False
     )
-    is_same = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
-    are_all = len(names) == len(VARIABLE)  # no data can tell all three apart
+    have_same_effect = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
+    are_all_fitted = len(names) == len(VARIABLE)  # no data can tell all three apart
     # if the other parameters were known, the standard error of a parameter would be 1/norm
     index = problem.model.width_index
-    vanishes = index is not None and logs[index] < math.log(problem.widths[0])
-    is_undetermined = np.any(norms < 1.0) or vanishes
-    if is_undetermined and not (is_same and are_all):
+    width_vanishes = index is not None and logs[index] < math.log(problem.widths[0])
+    is_undetermined = np.any(norms < 1.0) or width_vanishes
+    if is_undetermined and not (have_same_effect and are_all_fitted):
         raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
-    if is_same:
+    if have_same_effect:
         why = ""
-        if are_all:
+        if are_all_fitted:
             why = "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only"
         mend = "Measure over a wider range of force, or fit fewer parameters"
         raise InputError(f"the data cannot tell {' and '.join(names)} apart", why, mend)
+    # (A^T A)^-1 of the derivatives A from their singular values: (p, p) root times its transpose
     root = (right / singular[:, None]).T / norms[:, None]
     covariance = root @ root.T
     errors = np.sqrt(np.diag(covariance))
@@ -1000,10 +1037,12 @@ def convert_pressure(
             "the diameter is fitted, and pressures are given", why, "Give contact forces"
         )
     choice = MediumChoice.parse(medium)
-    finite = choice.has_finite_overlap(finite_overlap)
-    if not finite:  # in the paper's limit the medium does not matter
+    has_finite_overlap = choice.has_finite_overlap(finite_overlap)
+    if not has_finite_overlap:  # in the paper's limit the medium does not matter
         choice = MediumChoice("ala")
-    return float(choice.stand_in.of(packing).at_pressure(pressure, finite_overlap=finite).force)
+    return float(
+        choice.stand_in.of(packing).at_pressure(pressure, finite_overlap=has_finite_overlap).force
+    )
 
 
 def convert_cutoff(
@@ -1031,9 +1070,11 @@ def convert_cutoff(
             "the diameter is fitted, and cut-off frequencies are given", why, "Give velocities"
         )
     waves = Waves(branch, _along(packing, direction), None, finite_overlap)
-    equal = VelocityModel(packing, ("young_modulus",), MediumChoice("ala"), force, waves)
-    start = equal.find_start(packing.width)
-    return np.asarray(cutoff * equal(start)[0] / equal.find_tops(start))
+    equal_balls = VelocityModel(packing, ("young_modulus",), MediumChoice("ala"), force, waves)
+    start = equal_balls.find_start(packing.width)
+    velocities, _ = equal_balls(start)
+    tops = equal_balls.find_tops(start)
+    return np.asarray(cutoff * velocities / tops)
 
 
 def _along(packing: Packing, direction: ArrayLike | None) -> Array:

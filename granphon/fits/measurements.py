@@ -90,7 +90,7 @@ class Measurements(Result):
     frequency: Annotated[Any, "", "Hz"] = None
 
     def __post_init__(self) -> None:
-        counts = {}  # of the numbers of each field
+        counts = {}  # how many numbers each field has
         for name in self.units:
             values = getattr(self, name)
             is_required = name in ("force", "velocity")
@@ -104,6 +104,7 @@ class Measurements(Result):
             is_array = is_required or bool(np.ndim(values))
             object.__setattr__(self, name, array if is_array else float(array[0]))
         n = counts["force"]
+        # one number stands for all loads
         optional = [values for values in (self.sigma, self.frequency) if np.ndim(values)]
         if counts["velocity"] != n or any(np.size(values) != n for values in optional):
             shown = ", ".join(f"{count} of {name}" for name, count in counts.items())
@@ -193,8 +194,11 @@ class _SourceColumns:
     def read(
         cls, path: str | os.PathLike[str], names: Mapping[str, str], periods: int
     ) -> _SourceColumns:
-        """Read a table; InputError if it cannot be read, or ``names`` has a kind that is not
-        known.
+        """Return the columns of the table at ``path``; ``names`` are headings by kind, ``periods``
+        the number of periods of the lattice, which gives a pressure its unit.
+
+        Raises :class:`~granphon.base.errors.InputError` for a table that cannot be read, or a kind
+        in ``names`` that is not known.
         """
         table = Table.read(path)
         unknown = [kind for kind in names if kind not in COLUMNS]
@@ -226,8 +230,9 @@ class _SourceColumns:
         return self.table.column(self.heading(kind), self.quantities[kind], _explain_column(kind))
 
     def read_velocity(self, kind: str, distance: float | None) -> Array:
-        """Return the velocities (n,), m/s, from the column of this ``kind``: velocities, or times
-        for a ``distance``, m, by default that of a column.
+        """Return the velocities (n,), m/s, from the column of this ``kind``, "velocity" or "time".
+
+        Times are those for a ``distance``, m, by default that of the column of distances.
         """
         if kind == "velocity":
             return self.column("velocity")
@@ -270,8 +275,9 @@ class _SourceColumns:
         )
 
     def read_force(self, load: str, convert: Callable[[float], float] | None) -> Array:
-        """Return the contact forces, (n,), N, from the column of a kind of ``load``, which
-        ``convert`` converts to forces; None for a column of forces.
+        """Return the contact forces, (n,), N, from the column of a kind of ``load``.
+
+        ``convert`` returns the force under one load, SI; it is None for a column of forces.
         """
         values = self.column(load)
         if convert is None:
@@ -282,7 +288,7 @@ class _SourceColumns:
         """Return the standard errors of velocities (n,), m/s, from the column of the kind
         ``error``.
 
-        An error in per cent, or of a time or a cut-off, is relative: a velocity has the same.
+        A velocity has the same relative error as the time or the cut-off from which it follows.
         """
         heading = self.heading(error)
         if PERCENT.measures(self.table.unit(heading)):
@@ -299,8 +305,8 @@ def _require_conversion(
     frame: Callable[[float], float] | None,
     pressed: Callable[[float], float] | None,
 ) -> None:
-    """Raise InputError if the table has side forces or pressures, and no function that converts
-    them to contact forces.
+    """Raise InputError if the table at ``path`` has a ``load`` of side forces or pressures, and the
+    function that converts these to contact forces, ``frame`` or ``pressed``, is None.
     """
     if load == "side_force" and frame is None:
         why = "The contact forces depend on the number of balls on a side too"
@@ -326,8 +332,8 @@ def _require_long_waves(path: Any, can_convert: bool, has_pulses: bool) -> None:
 
 
 def _require_no_second_distance(source: _SourceColumns, measured: str) -> None:
-    """Raise InputError if the table has a column that stands against a distance given beside the
-    table: one of distances, or of velocities where no times are measured.
+    """Raise InputError if the table has a column that contradicts a distance given beside the
+    table: distances, or velocities where the ``measured`` kind is not "time".
     """
     has_times = measured == "time"
     column = source.choose("distance" if has_times else "velocity")

@@ -165,8 +165,11 @@ class _SourceColumns:
     def read(
         cls, path: str | os.PathLike[str], names: Mapping[str, str], quantity: str
     ) -> _SourceColumns:
-        """Read a table; InputError if it cannot be read, or ``names`` has a kind that is not
-        known.
+        """Return the columns of the table at ``path`` of a ``quantity``; ``names`` are headings by
+        kind.
+
+        Raises :class:`~granphon.base.errors.InputError` for a table that cannot be read, or a kind
+        in ``names`` that is not known.
         """
         table = Table.read(path)
         unknown = [kind for kind in names if kind not in _COLUMNS]
@@ -275,6 +278,7 @@ class _Model:
         """
 
         def find_pair(name: str, fixed: tuple[Any, Any]) -> tuple[Any, Any]:
+            """Return the normal and tangential loss of a kind; ``fixed`` are those not fitted."""
             normal = values.get(name, fixed[0])
             default = normal if name in values else fixed[1]
             return normal, values.get(f"tangential_{name}", default)
@@ -282,7 +286,9 @@ class _Model:
         return find_pair("damping", self.damping), find_pair("loss_factor", self.loss_factor)
 
     def __call__(self, parameters: Array) -> NDArray[np.complex128]:
-        """Return the complex transfer function (n,), in the unit of the measured one."""
+        """Return the complex transfer function (n,), in the unit of the measured one, at these
+        ``parameters`` (p,), SI.
+        """
         values = dict(zip(self.names, parameters.tolist(), strict=True))
         network = self.network
         load = values.get("load", 1.0)
@@ -297,6 +303,7 @@ class _Model:
         }
         if network.tangential_force is not None:
             scaled["tangential_force"] = load * network.tangential_force
+        # a frequency that was measured several times is solved once
         frequencies, inverse = np.unique(self.frequencies, return_inverse=True)
         damping, losses = self.losses(values)
         response = Waves(replace(network, **scaled)).response(
@@ -350,6 +357,7 @@ class DampingFit(Fitted):
         return super()._field_units() | {"magnitude": QUANTITIES[self.quantity]}
 
     def _list_columns(self) -> dict[str, Any]:
+        """The columns of fit.csv, (n,), by their headings."""
         data = self.measured
         unit = QUANTITIES[self.quantity]
         columns: dict[str, Any] = {
@@ -397,6 +405,8 @@ def find_secant(
         """Return by how much the change at a step, of this logarithm, exceeds the scatter."""
         return float(np.linalg.norm(change(math.exp(logarithm)))) - scatter
 
+    # the loss is doubled until the residuals change by their scatter, then found between the last
+    # two losses
     logarithm = math.log(_LEAST_LOSS)
     while rise(logarithm) < 0.0:
         logarithm += math.log(2.0)
@@ -480,7 +490,7 @@ def fit_damping(
     dof = comparison.dof
     _require_data(dof, len(names), sigma_given)
     best = comparison.find_best()
-    chi2 = 2.0 * float(best.cost)
+    chi2 = 2.0 * float(best.cost)  # scipy's cost is half the sum of squares
     scatter = 1.0 if sigma_given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
     jacobian = comparison.find_jacobian(best, scatter)
     covariance = comparison.find_covariance(jacobian, scatter)
@@ -496,19 +506,19 @@ def fit_damping(
         phase_sigma=None if measured.phase is None else comparison.phase_sigma * scatter,
     )
     return DampingFit(
-        names,
-        values,
-        covariance,
-        _average_contacts(damping_pair),
-        _average_contacts(loss_pair),
-        with_errors,
-        quantity,
-        sigma_given,
-        np.abs(comparison.respond(best.x)),
-        comparison.find_phases(best.x),
-        chi2 if sigma_given else float(dof),
-        dof,
-        tuple(warnings),
+        parameters=names,
+        values=values,
+        covariance=covariance,
+        damping=_average_contacts(damping_pair),
+        loss_factor=_average_contacts(loss_pair),
+        measured=with_errors,
+        quantity=quantity,
+        sigma_given=sigma_given,
+        magnitude=np.abs(comparison.respond(best.x)),
+        phase=comparison.find_phases(best.x),
+        chi2=chi2 if sigma_given else float(dof),
+        dof=dof,
+        warnings=tuple(warnings),
     )
 
 
@@ -537,9 +547,9 @@ class _Comparison:
         self.phasor: Any = np.ones(magnitude.size)
         if measured.phase is not None:
             self.phasor = np.exp(1j * measured.phase)
-        middle = 2.0 * math.pi * float(np.median(measured.frequencies))
+        median_frequency = 2.0 * math.pi * float(np.median(measured.frequencies))
         is_time = [PARAMETERS[name] == "s" for name in self.names]
-        self.scale = np.where(is_time, 1.0 / middle, 1.0)
+        self.scale = np.where(is_time, 1.0 / median_frequency, 1.0)
         self.is_loss = np.array([name not in ("stiffness", "load", "gain") for name in self.names])
         self._respond = lru_cache(maxsize=16)(self._find_response)
 
@@ -554,7 +564,7 @@ class _Comparison:
         return self.model(np.array(parameters))
 
     def respond(self, scaled: Array) -> NDArray[np.complex128]:
-        """Return the transfer function of the model, (n,).
+        """Return the complex transfer function (n,) of the model at ``scaled`` parameters (p,).
 
         The last few responses of the network are kept: another gain needs no other response.
         """
@@ -567,8 +577,8 @@ class _Comparison:
         return np.asarray(gain * self._respond(tuple(parameters.tolist())))
 
     def compare(self, scaled: Array) -> Array:
-        """Return the residuals of magnitudes, and of phases if they are known, over sigma: (n,) or
-        (2 n,).
+        """Return the residuals of magnitudes, and of phases if they are known, over sigma, (n,) or
+        (2 n,), at ``scaled`` parameters (p,).
         """
         response = self.respond(scaled)
         residuals = (self.measured.magnitude - np.abs(response)) / self.sigma
@@ -597,6 +607,7 @@ class _Comparison:
         if "stiffness" in self.names:
             scaled[self.names.index("stiffness")] = stiffer
         if "load" in self.names:
+            # Hertz: a stiffness rises with the cubic root of the load
             scaled[self.names.index("load")] = stiffer**3
         differences = self.compare_logarithms(scaled)
         if "gain" in self.names:
@@ -634,6 +645,7 @@ class _Comparison:
         """Return scipy's result at the minimum that is reached from scaled parameters (p,)."""
         from scipy.optimize import least_squares
 
+        # a loss may vanish; a stiffness, load or gain of zero has no response
         low = np.where(self.is_loss, 0.0, 1e-3)
         high = np.full(low.shape, np.inf)
         return least_squares(
@@ -670,12 +682,15 @@ class _Comparison:
         if np.any(norms == 0.0) or singular[-1] < SAME_EFFECT * singular[0]:
             fault = f"the data cannot tell {' and '.join(self.names)} apart"
             raise InputError(fault, mend="Measure a wider range, or fit fewer parameters")
+        # (J^T J)^-1 of the derivatives J is a root (p, p) times its transpose
         scaled_root = (right / singular[:, None]).T / norms[:, None]
         root = scaled_root * self.scale[:, None] * scatter
         return np.asarray(root @ root.T)
 
     def find_phases(self, scaled: Array) -> Array:
-        """Return the phases (n,) of the model, rad, on the turn of the measured phases."""
+        """Return the phases (n,) of the model, rad, at ``scaled`` parameters (p,): less than half a
+        turn from the measured phases, if these are known.
+        """
         response = self.respond(scaled)
         if self.measured.phase is None:
             return np.angle(response)
@@ -695,7 +710,9 @@ def _average_contacts(pair: tuple[Any, Any]) -> Array:
 
 
 def _require_data(dof: int, parameters: int, sigma_given: bool) -> None:
-    """Raise InputError if degrees of freedom are too few for this number of parameters."""
+    """Raise InputError if the degrees of freedom ``dof``, numbers less parameters, are too few for
+    this number of ``parameters``.
+    """
     least = 0 if sigma_given else 1
     if dof >= least:
         return

@@ -94,21 +94,22 @@ class Waves(Result):
         super().__post_init__()
 
     def find_tops(self, state: ContactState) -> Array:
-        """Return the highest frequency of a pulse on the branch at each load, Hz."""
+        """Return the highest frequency of a pulse on the branch at each load, (n,), Hz."""
         # in the paper's limit one dispersion relation serves all loads
         is_shared = state.has_one_lattice
         states = [state] if is_shared else [state[n] for n in range(len(state.force))]
         tops = []
-        for single in states:
-            branches = follow_acoustic_branches(single.contact_lattice(), self.direction)
+        for state_at_load in states:
+            branches = follow_acoustic_branches(state_at_load.contact_lattice(), self.direction)
             tops.append(branches[self.branch].top)
-        reduced = np.array(tops)[0] if is_shared else np.array(tops)
+        reduced_tops = np.array(tops)[0] if is_shared else np.array(tops)
+        # the branches of a lattice are angular frequencies in units of (k/M)^(1/2)
         rates = np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass)
-        return np.asarray(reduced * rates / (2.0 * np.pi))
+        return np.asarray(reduced_tops * rates / (2.0 * np.pi))
 
     def velocity(self, state: ContactState) -> tuple[Array, Array]:
         """Return the velocity at each load, m/s, of long waves or of pulses (group), and d log v /
-        d log frequency.
+        d log frequency, 0 for long waves; both have the shape of the loads.
         """
         if self.frequency is None:
             wave = state.wave_names.index(self.branch)
@@ -121,6 +122,7 @@ class Waves(Result):
         frequencies = self.frequency * (1.0 - steps)
         pulses = pulse_velocities(state, frequencies, self.direction, branches=self.branch)
         velocities, one_step, two_steps = pulses.group[0]
+        # the one-sided difference of second order
         difference = 1.5 * velocities - 2.0 * one_step + 0.5 * two_steps
         return velocities, difference / (_FREQUENCY_STEP * velocities)
 
@@ -167,7 +169,7 @@ class _SampleCurve:
         self._known: dict[int, float] = {}
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
-        """Return value and slope of the curve at each log f*, (n,)."""
+        """Return the curve, log(k/c W^(1/2)), and its slope at each log f*, all (n,)."""
         cell, fraction = np.divmod(logs / _NODE_SPACING, 1.0)
         # (n, 6): two nodes below the cell of each, the two ends of the cell, and two above
         nodes = cell.astype(int)[:, None] + np.arange(-2, 4)
@@ -175,7 +177,8 @@ class _SampleCurve:
         if lacking:
             self._known |= zip(lacking, self._solve(lacking), strict=True)
         rows = [[self._known[node] for node in row] for row in nodes.tolist()]
-        y = np.array(rows).T
+        y = np.array(rows).T  # (6, n): the values at these nodes
+        # slopes at the two ends of the cell, per cell, by central differences of fourth order
         slope_below = (y[0] - 8.0 * y[1] + 8.0 * y[3] - y[4]) / 12.0
         slope_above = (y[1] - 8.0 * y[2] + 8.0 * y[4] - y[5]) / 12.0
         # the cubic polynomial in the fraction of the cell with these slopes
@@ -187,7 +190,12 @@ class _SampleCurve:
         return value, slope / _NODE_SPACING
 
     def _solve(self, nodes: list[int]) -> list[float]:
-        """Return the values of the curve at nodes, by equilibria of samples."""
+        """Return the values of the curve at nodes, log f* in units of their spacing, by equilibria
+        of samples.
+
+        The stiffness of the regular lattice is corrected until its long waves have the velocity
+        that they have in the samples.
+        """
         packing = self.medium.packing
         force = np.exp(_NODE_SPACING * np.array(nodes)) * packing.width_units.force
         state = self.medium.at_force(force)
@@ -195,8 +203,8 @@ class _SampleCurve:
         even = _make_even(packing, force, self.waves.finite_overlap)
         stiffness = np.asarray(state.normal_stiffness)
         for _ in range(_CORRECTIONS):
-            of_even = self.waves.velocity(replace(even, normal_stiffness=stiffness))[0]
-            ratio = (velocities / of_even) ** 2
+            even_velocities = self.waves.velocity(replace(even, normal_stiffness=stiffness))[0]
+            ratio = (velocities / even_velocities) ** 2
             stiffness = stiffness * ratio
             if np.max(np.abs(ratio - 1.0)) < _CORRECTED:
                 break
@@ -265,9 +273,15 @@ class VelocityModel:
         }
         return np.log([values[name] for name in self.names])
 
+    def find_nearly_equal(self) -> Array:
+        """Logarithms (p,) of the packing's own parameters, with balls that differ by 1e-9 of their
+        diameter: a width of zero has no logarithm.
+        """
+        return self.find_start(1e-9 * self.packing.diameter)
+
     def settle_geometry(self, logs: Array) -> VelocityModel:
-        """Return the model with one geometry for its samples: that at ``logs``, exact if it is so
-        at one of the forces.
+        """Return the model with one geometry for its samples: that at the logarithms ``logs`` (p,)
+        of the parameters, exact if the geometry is exact at one of the forces.
         """
         choice = self.choice.settle(
             self._make_packing(logs), Load("force", self.force), self.waves.finite_overlap
@@ -293,8 +307,8 @@ class VelocityModel:
         return not (self.choice.is_exact or starts_at_load or self.packing.torsion == MINDLIN)
 
     def simulate_at(self, logs: Array) -> VelocityModel:
-        """Return the model whose samples are those at ``logs``; this one if its samples serve
-        there.
+        """Return the model whose samples are those at the logarithms ``logs`` (p,) of the
+        parameters; this model itself if its samples serve there.
         """
         if not self.is_sampled or self._scales:
             return self
@@ -314,12 +328,12 @@ class VelocityModel:
         return replace(self, choice=MediumChoice(AveragedLattice.name))
 
     def require_carried(self) -> None:
-        """Raise UnreachableFrequencyError if equal balls do not carry one of the pulses, as no
-        other balls do then.
+        """Raise UnreachableFrequencyError if equal balls do not carry one of the pulses: no other
+        balls carry that pulse then.
         """
         if self.waves.frequency is None:
             return
-        logs = self.find_start(1e-9 * self.packing.diameter)
+        logs = self.find_nearly_equal()
         beyond = int(np.sum(self.waves.frequency >= self.equal_balls.find_tops(logs)))
         if beyond:
             fault = f"the balls do not carry the frequency of {beyond} of {len(self.force)} data"
@@ -330,8 +344,8 @@ class VelocityModel:
             raise UnreachableFrequencyError(fault, why, "Check the frequency (Hz)")
 
     def describe_nearest_to_top(self, logs: Array) -> str:
-        """Describe the pulse whose frequency is nearest to the top of its branch, or farthest above
-        it.
+        """Return in words the pulse whose frequency is nearest to the top of its branch, or
+        farthest above the top, for the logarithms ``logs`` (p,) of the parameters.
         """
         tops = self.find_tops(logs)
         frequencies = np.broadcast_to(self.waves.frequency, tops.shape)
@@ -342,26 +356,26 @@ class VelocityModel:
         )
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
-        """Return velocities (n,), m/s, and the derivatives (n, p) of their logarithms, with the
-        same samples.
+        """Return velocities (n,), m/s, and the derivatives (n, p) of their logarithms by the
+        logarithms ``logs`` (p,) of the parameters, with the same samples.
 
         Raises :class:`~granphon.base.errors.InputError` where the packing, or the medium at these
         forces, has none.
         """
         state, exponent = self._find_state(self._make_packing(logs))
         velocities, power = self.waves.velocity(state)
-        constant, factor = np.array([VARIABLE[name] for name in self.names]).T
-        slopes = constant + np.multiply.outer(exponent, factor)
+        constants, factors = np.array([VARIABLE[name] for name in self.names]).T
+        slopes = constants + np.multiply.outer(exponent, factors)
         if self.waves.finite_overlap:
             slopes = self._find_differences(logs)
         # a pulse has v = s g(nu d/s), with s in proportion to the velocity of long waves and power
         # = d log g / d log nu
-        of_diameter = np.array([float(name == "diameter") for name in self.names])
-        return velocities, slopes + power[:, None] * (of_diameter - slopes)
+        is_diameter = np.array([float(name == "diameter") for name in self.names])
+        return velocities, slopes + power[:, None] * (is_diameter - slopes)
 
     def _find_differences(self, logs: Array) -> Array:
-        """Return the derivatives (n, p) of the logarithms of velocities of long waves by those of
-        parameters, as central differences.
+        """Return the derivatives (n, p) of the logarithms of velocities of long waves by the
+        logarithms ``logs`` (p,) of the parameters, as central differences.
         """
         long_waves = replace(self.waves, frequency=None)
         columns = []
@@ -377,6 +391,7 @@ class VelocityModel:
         """Return the packing whose parameters have these logarithms (p,); its spread has the same
         shape to the last bit at every width.
         """
+        # a parameter beyond all floats is refused by the packing
         with np.errstate(over="ignore", under="ignore"):
             values: dict[str, Any] = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
         width = values.pop("width", self.packing.width)
@@ -390,7 +405,10 @@ class VelocityModel:
 
     def _find_state(self, packing: Packing) -> tuple[ContactState, Array]:
         """Return a state with the long-wave velocities of the medium under the loads, and their
-        local exponent.
+        local exponents d log v / d log f, (n,).
+
+        Where samples are simulated, that is a regular lattice with the stiffness of their curve;
+        InputError, which names the lowest datum, if the lowest load is too low for samples.
         """
         if not self.is_sampled:
             state = self.choice.of(packing).at_force(
@@ -412,6 +430,7 @@ class VelocityModel:
                 f"{where}, and the curve through simulated loads begins lower: {error}"
             ) from None
         stiffness = packing.width_units.stiffness * np.exp(value)
+        # v is proportional to k^(1/2)
         return replace(even, normal_stiffness=stiffness), 0.5 * slope
 
     @property
@@ -429,8 +448,8 @@ class VelocityModel:
         return _SampleCurve(self._sampled, self.choice, self.waves)
 
     def fit_packing(self, logs: Array) -> Packing:
-        """Return the packing with these parameters; listed diameters are shifted so that their mean
-        is the diameter.
+        """Return the packing whose parameters have these logarithms (p,); listed diameters are
+        shifted so that their mean is the diameter.
         """
         values = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
         spread = self.packing.spread
