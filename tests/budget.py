@@ -1,9 +1,10 @@
 """The budget of the default tests: a case has half a second of processor, or it is marked ``slow``.
 
 The exceptions are the guards, each of which alone guards a subject that costs more. With
-``GRANPHON_TEST_BUDGET=1``, as in ``.ci/run all``, a default case that is no guard fails if its call, or
-one of the fixtures made for it alone, takes more than one second of processor, that of child processes
-included. The limit is twice the budget, as processors differ. A case above the limit runs once more,
+``GRANPHON_TEST_BUDGET=1``, as in ``.ci/run`` on the newest Python, a default case that is no guard
+fails if its call, or one of the fixtures made for it alone, takes more than one second of processor,
+that of child processes included. The limit is twice the budget, as processors differ, and a busy
+machine takes up to twice the time of a quiet one. A case above the limit runs once more,
 and the second count decides: the first one may hold what a process does only once. What each process
 is known to pay once (imports, compiled loops, the first figure) is paid before the first test there,
 and is told with its time.

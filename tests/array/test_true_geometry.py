@@ -570,13 +570,13 @@ def test_an_equilibrium_does_not_depend_on_the_other_loads():
     """Loose balls come to rest where their way leads them: it begins on the lattice, under the same
     load.
     """
-    x = balls((12, 12), 3)
+    x = balls((10, 10), 3)
     load = ReducedLoad(overlap=-0.03)
     alone = find_equilibria(x, TRIANGULAR, [load], 1, STEEL_WIDTH)[0]
     among = find_equilibria(
         x, TRIANGULAR, [ReducedLoad(overlap=0.1), load, ReducedLoad(overlap=0.0)], 1, STEEL_WIDTH
     )[1]
-    again = find_equilibrium(x, Stencils((12, 12)), load, (0.0, among.balls), STEEL_WIDTH)
+    again = find_equilibrium(x, Stencils((10, 10)), load, (0.0, among.balls), STEEL_WIDTH)
     for other in (among, again):
         np.testing.assert_array_equal(other.balls, alone.balls)
 
@@ -1108,7 +1108,7 @@ def test_where_rows_of_balls_roll_the_response_is_found_by_factors(monkeypatch):
     assert 0.0 < at_once[3, 3] < 0.9 * sample.elastic_tensor[3, 3]
 
 
-@pytest.mark.parametrize(("lattice", "shape"), [("triangular", (12, 12)), ("fcc", (3, 3, 3))])
+@pytest.mark.parametrize(("lattice", "shape"), [("triangular", (12, 12)), ("fcc", (3, 3, 2))])
 def test_iterations_find_the_response_that_factors_find(monkeypatch, lattice, shape):
     packing = gp.Packing(
         gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(4e-5), lattice=lattice

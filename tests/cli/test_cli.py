@@ -1,6 +1,7 @@
 import io
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -26,6 +27,16 @@ def command(*arguments: str, **options: object) -> subprocess.CompletedProcess[s
     return subprocess.run(
         [sys.executable, "-m", "granphon", *arguments], capture_output=True, text=True, **options
     )
+
+
+@pytest.fixture(scope="module")
+def spectra(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The result of that scene without its figure."""
+    folder = tmp_path_factory.mktemp("spectra")
+    (folder / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
+    scene, out = str(folder / "scene.yaml"), folder / "out"
+    assert main(["run", scene, "-o", str(out), "--quiet", "--no-figures"]) == 0
+    return out
 
 
 def tree(folder: Path) -> set[str]:
@@ -168,9 +179,8 @@ def test_finite_overlap_reaches_every_result(work):
     np.testing.assert_array_equal(result.bands.frequencies, expected.frequencies)
 
 
-def test_plot_draws_the_figure_of_a_run(work, capsys):
-    (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
-    assert main(["run", "scene.yaml", "-o", "out", "--quiet", "--no-figures"]) == 0
+def test_plot_draws_the_figure_of_a_run(work, spectra, capsys):
+    shutil.copytree(spectra, work / "out")
     assert main(["plot", "out"]) == 0
     assert (work / "out" / "bands.png").read_bytes().startswith(b"\x89PNG")
     capsys.readouterr()
@@ -207,9 +217,8 @@ def test_plot_of_nothing(work, capsys):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="links and pipes of POSIX")
-def test_plot_leaves_out_nothing_that_the_run_wrote(work, capsys):
-    (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
-    assert main(["run", "scene.yaml", "-o", "out", "--quiet", "--no-figures"]) == 0
+def test_plot_leaves_out_nothing_that_the_run_wrote(work, spectra, capsys):
+    shutil.copytree(spectra, work / "out")
     bands = work / "out" / "band.yaml"
     told = "band.yaml cannot be read: "
     whole = bands.read_bytes()

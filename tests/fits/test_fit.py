@@ -360,14 +360,12 @@ def test_a_fit_without_the_frequency_of_its_data_finds_another_width(pulses):
 
 def test_a_frequency_in_another_unit_is_told(pulses):
     """6.5 for 6.5 kHz: a wave of some 75 m, thousands of balls."""
-    told = [
-        line for line in fit_width(BALLS, FORCE, pulses, frequency=6.5).warnings if "6.5 Hz" in line
-    ]
-    assert len(told) == 1
-    assert not any(
-        "Is the frequency" in line
-        for line in fit_width(BALLS, FORCE, pulses, frequency=6500.0).warnings
+    warnings, right = (
+        fit_width(BALLS, FORCE[::6], pulses[::6], frequency=hertz).warnings
+        for hertz in (6.5, 6500.0)
     )
+    assert len([line for line in warnings if "6.5 Hz" in line]) == 1
+    assert not any("Is the frequency" in line for line in right)
 
 
 def test_every_pulse_may_have_a_frequency_of_its_own():
@@ -911,7 +909,7 @@ def test_derivatives_with_finite_overlap(medium, frequency):
 
 def test_two_parameters_are_fitted_with_finite_overlap():
     """At overlaps of 4 % of the diameter, to data that scatter."""
-    force = HIGH[::2]
+    force = HIGH[::4]
     clean = velocities(WIDE, "ema", force, finite_overlap=True)
     noisy = clean * (1.0 + 0.004 * np.random.default_rng(0).standard_normal(len(force)))
     fit = fit_width(
@@ -1102,7 +1100,7 @@ def test_pressures_are_contact_forces_of_the_packing(folder, capsys):
         encoding="utf-8",
     )
     packing = change_packing(spread_over(20e-6), {"young_modulus": 1e9})
-    pressure = np.geomspace(600.0, 4000.0, 3)
+    pressure = np.geomspace(600.0, 4000.0, 2)
     state = gp.EffectiveMedium(packing).at_pressure(pressure, finite_overlap=True)
     speeds = sound_velocities(state, (0.0, 1.0)).longitudinal
     rows = "".join(

@@ -55,7 +55,7 @@ def crystals(draw):
     return crystal
 
 
-@settings(max_examples=6, deadline=None, phases=(Phase.explicit, Phase.generate))
+@settings(max_examples=4, deadline=None, phases=(Phase.explicit, Phase.generate))
 @given(
     crystals(),
     st.floats(-3.0, 3.0),

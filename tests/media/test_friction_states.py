@@ -1001,23 +1001,35 @@ def test_a_path_that_ends_early_keeps_the_loads_before(tmp_path, monkeypatch, sa
     assert not list(out.glob("*incomplete*"))
 
 
-def test_media_of_a_sweep_that_ends_early_have_the_same_loads(tmp_path, monkeypatch):
-    end_at(monkeypatch, 0.01)
+def loaded_in_steps(ordered):
+    """A medium of a small array that is loaded with friction."""
     history = {
         "friction_history": True,
         "friction_coefficient": 0.2,
         "step_tolerance": 1.0,
         "shape": (3, 3),
     }
-    given = {"overlap": np.array([0.005, 0.1, 0.2]) * W, "packing": PACKING}
-    falling, rising = ({"simulation": history | {"ordered": ordered}} for ordered in (True, False))
+    return {"simulation": history | {"ordered": ordered}}
+
+
+def test_a_sweep_of_media_of_which_one_does_not_reach_its_first_load_has_none(
+    tmp_path, monkeypatch
+):
+    end_at(monkeypatch, 0.01)
+    media = ["ema", *(loaded_in_steps(ordered) for ordered in (True, False))]
+    overlaps = np.array([0.005, 0.1, 0.2]) * W
     with pytest.raises(ConvergenceError, match=r"ordered=true.*apart") as caught:
-        gp.sweep(media=["ema", falling, rising], path=tmp_path / "x.nc", **given)
-    assert caught.value.reached is None  # its first load is not reached
-    given["overlap"] = given["overlap"][::-1]
+        gp.sweep(PACKING, media=media, overlap=overlaps, path=tmp_path / "x.nc")
+    assert caught.value.reached is None
+
+
+def test_media_of_a_sweep_that_ends_early_have_the_same_loads(tmp_path, monkeypatch):
+    end_at(monkeypatch, 0.01)
+    media = ["ema", loaded_in_steps(True)]
+    overlaps = np.array([0.2, 0.1, 0.005]) * W
     with pytest.raises(ConvergenceError, match=r"ordered=true.*x_incomplete.nc") as caught:
-        gp.sweep(media=["ema", falling], path=tmp_path / "x.nc", overwrite=True, **given)
-    known = gp.sweep(PACKING, media=["ema", falling], overlap=given["overlap"][:2])
+        gp.sweep(PACKING, media=media, overlap=overlaps, path=tmp_path / "x.nc")
+    known = gp.sweep(PACKING, media=media, overlap=overlaps[:2])
     assert caught.value.reached.drop_attrs(deep=False).identical(known.drop_attrs(deep=False))
     assert caught.value.load_index == 2
     assert not (tmp_path / "x.nc").exists()

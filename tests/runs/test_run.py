@@ -1031,27 +1031,45 @@ def test_an_interruption_after_the_exchange_says_that_the_result_is_there(
     assert "out is complete" in capsys.readouterr().out
 
 
-def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys):
-    """Interrupted and gone on with, they have the files of what went through; another state is
-    refused.
-    """
+@pytest.fixture(scope="module")
+def whole_samples(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The result of the samples of one state, carried out in one go."""
+    folder = tmp_path_factory.mktemp("samples")
+    (folder / "scene.yaml").write_text(SAMPLES)
+    scene, out = str(folder / "scene.yaml"), folder / "out"
+    assert main(["run", scene, "-q", "--no-figures", "-o", str(out)]) == 0
+    return out
+
+
+@pytest.fixture
+def interrupted_samples(
+    work: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Path:
+    """The same, interrupted after the first sample."""
     (work / "scene.yaml").write_text(SAMPLES)
-    run = ["run", "scene.yaml", "-q", "--no-figures", "-o"]
-    assert main([*run, "whole"]) == 0
     with monkeypatch.context() as patch:
         interrupted_after(1, patch, KeyboardInterrupt())
-        assert main([*run, "out"]) == 130
+        assert main(["run", "scene.yaml", "-q", "--no-figures", "-o", "out"]) == 130
     assert "kept" in one_error(capsys)
-    assert (listed(work / "out"), count_parts(work / "out")) == ({WORK_FILE}, 1)
-    (work / "other.yaml").write_text((work / "scene.yaml").read_text().replace("3 N", "4 N"))
+    return work / "out"
+
+
+def test_the_samples_of_one_state_are_tasks(whole_samples, interrupted_samples, monkeypatch):
+    """Interrupted and gone on with, they have the files of what went through."""
+    assert listed(interrupted_samples) == {WORK_FILE}
+    assert count_parts(interrupted_samples) == 1
+    begun = interrupted_after(99, monkeypatch, KeyboardInterrupt())
+    assert main(["run", "scene.yaml", "-q", "--no-figures", "-o", "out"]) == 0
+    assert [where.rpartition(", ")[2] for where in begun] == ["seed 1"]
+    for name in listed(whole_samples):
+        assert (interrupted_samples / name).read_bytes() == (whole_samples / name).read_bytes()
+
+
+def test_the_samples_of_another_state_are_refused(interrupted_samples, capsys):
+    Path("other.yaml").write_text(SAMPLES.replace("3 N", "4 N"))
     assert main(["run", "other.yaml", "-o", "out", "-q"]) == 1
     assert re.search(r"force\[0\] is 3\.0 .*4\.0 ", capsys.readouterr().err)
-    with monkeypatch.context() as patch:
-        begun = interrupted_after(99, patch, KeyboardInterrupt())
-        assert main([*run, "out"]) == 0
-    assert [where.rpartition(", ")[2] for where in begun] == ["seed 1"]
-    for name in listed(work / "whole"):
-        assert (work / "out" / name).read_bytes() == (work / "whole" / name).read_bytes()
+    assert (listed(interrupted_samples), count_parts(interrupted_samples)) == ({WORK_FILE}, 1)
 
 
 def test_what_is_no_mistake_in_the_scene_is_not_told_as_one(work, capsys):
@@ -1209,11 +1227,14 @@ def test_what_cannot_be_plotted_is_one_line(work, whole, capsys):
     assert "cannot be read" in capsys.readouterr().err
 
 
-def test_only_a_data_set_has_variables(work, capsys):
-    scene = Scene.from_text(ONE)
-    scene.run("out", figures=False)
+def test_a_data_set_of_one_state_has_variables(work):
+    Scene.from_text(ONE).run("out", figures=False)
     assert main(["plot", "out", "--variable", "bulk", "-o", "bulk.svg"]) == 0
+
+
+def test_only_a_data_set_has_variables(work, capsys):
+    state = Scene.from_text(ONE.replace("ema", "ala")).state()
     (work / "alone").mkdir()
-    gp.Phonons(scene.state()).dos((4, 4), points=12).write_csv(work / "alone" / "dos.csv")
+    gp.Phonons(state).dos((4, 4), points=12).write_csv(work / "alone" / "dos.csv")
     assert main(["plot", "alone", "--variable", "bulk", "--force"]) == 2
     assert "holds no sweep" in capsys.readouterr().err

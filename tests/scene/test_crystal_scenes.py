@@ -619,7 +619,8 @@ def test_a_file_whose_numbers_are_nan_is_not_damaged(steel, tmp_path, monkeypatc
     monkeypatch.setattr(dataset, "_try_elsewhere", lambda *_: None)
     path = tmp_path / "sweep.nc"
     packing = gp.Packing(steel, 8e-3)
-    data = gp.sweep(packing, force=[1.0, 2.0], motions=["in_plane", "out_of_plane"], path=path)
+    data = gp.sweep(packing, force=1.0, motions=["in_plane", "out_of_plane"], path=path)
+    assert np.isnan(data["longitudinal"]).any()
     assert data.equals(gp.load_sweep(path))
     path.write_bytes(dataset.netcdf_bytes(data))
     with pytest.warns(UnverifiedFileWarning):

@@ -81,7 +81,7 @@ def chain(force, layers, speed, time, frames, **words):
 )
 def test_a_solitary_wave_through_a_scene(layers, tmp_path):
     """V = 0.90553 d A^(1/3) m^(-1/2) F_m^(1/6), from the summary and the table of contacts."""
-    tested = chain("1 nN", layers, "0.1 m/s", f"{25 * layers} us", 15 * layers + 1)
+    tested = chain("1 nN", layers, "0.1 m/s", f"{25 * layers} us", 10 * layers + 1)
     result = tested.run(tmp_path, figures=False)
     table = np.genfromtxt(tmp_path / "motion_contacts.csv", delimiter=",", names=True)
     force = table["greatest_force_N"][layers // 2]

@@ -61,7 +61,7 @@ def test_a_diatomic_chain_has_the_edges_of_its_bands_and_its_gap(tmp_path):
 def test_what_a_sweep_finds_is_what_states_have(tmp_path):
     text = (
         BALLS + "crystal: {lattice: chain, kinds: [A, S]}\nload: {force: {from: 1 N, to: 20 N,"
-        " points: 3}}\n"
+        " points: 2}}\n"
     )
     scene = gp.Scene.from_text(
         text + "sweep: {A.diameter: [12 mm, 19.05 mm], S.density: [8000 kg/m^3, 7000 kg/m^3]}\n"

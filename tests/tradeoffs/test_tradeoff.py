@@ -379,7 +379,7 @@ def test_without_a_reference_no_point_has_an_error(clock):
     assert result.points[0].failure == "there is no reference: it cannot be found."
     assert result.reference == ""
     assert result.points[0].ran
-    ax = axes_of(result)
+    (ax,) = tradeoff_figure(result).axes
     assert [text.get_text() for text in ax.texts] == ["run, but without a reference"]
     assert [line.get_xdata() for line in ax.lines if line.get_gid() == "without-error"] == [
         [result.points[0].seconds]
