@@ -52,6 +52,7 @@ from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import (
+    choice,
     finite_array,
     index_array,
     label,
@@ -67,7 +68,7 @@ from granphon.dynamics.elasticity import voigt_pairs
 from granphon.media.limits import Check, check_limit
 from granphon.media.state import read_finite_overlap
 from granphon.networks.network import ContactNetwork
-from granphon.statics.configuration import AppliedLoad, Geometry
+from granphon.statics.configuration import BOUNDARIES, AppliedLoad, Boundary, Geometry
 from granphon.statics.rest import Rest, find_rest
 
 #: most cells of a supercell along a period, and most layers of a cut
@@ -1022,6 +1023,7 @@ class Crystal(Result):
         *,
         gravity: ArrayLike | None = None,
         finite_overlap: bool | None = None,
+        boundary: Boundary = "stress",
     ) -> CrystalState:
         """Return the state at rest under a hydrostatic pressure.
 
@@ -1035,6 +1037,11 @@ class Crystal(Result):
         finite_overlap : the true geometry: contacts turn, the cell deforms, P acts on the deformed
             cell, and static forces enter the response. By default overlaps are small, which drops
             terms of relative order delta/d.
+        boundary : "stress" (the default of crystals): the whole stress of the periods is
+            hydrostatic, and the cell takes the shape that this asks for. "isotropic" (as in
+            :class:`~granphon.DirectSimulation`): the cell keeps its shape and takes the size at
+            which the mean of its principal stresses is -P; the stress of a sample need not be
+            hydrostatic then.
 
         Raises
         ------
@@ -1057,7 +1064,7 @@ class Crystal(Result):
             self._load_hydrostatic(value, field, f"a pressure of {value:g}")
             for value, field in loads
         )
-        return self._solve_each(values, applied, finite_overlap)
+        return self._solve_each(values, applied, finite_overlap, boundary=boundary)
 
     def at_force(
         self,
@@ -1065,15 +1072,16 @@ class Crystal(Result):
         *,
         gravity: ArrayLike | None = None,
         finite_overlap: bool | None = None,
+        boundary: Boundary = "stress",
     ) -> CrystalState:
         """Return the state at rest under the hydrostatic pressure at which contacts carry the mean
         ``force``, N.
 
         The mean is taken over the contacts that carry a load, or touch if they adhere; of balls
-        that differ in diameter, over all contacts. ``gravity``, ``finite_overlap`` and the errors
-        are as in :meth:`at_pressure`.
+        that differ in diameter, over all contacts. ``gravity``, ``finite_overlap``, ``boundary``
+        and the errors are as in :meth:`at_pressure`.
         """
-        return self._at_mean("force", force, gravity, finite_overlap)
+        return self._at_mean("force", force, gravity, finite_overlap, boundary)
 
     def at_overlap(
         self,
@@ -1081,11 +1089,12 @@ class Crystal(Result):
         *,
         gravity: ArrayLike | None = None,
         finite_overlap: bool | None = None,
+        boundary: Boundary = "stress",
     ) -> CrystalState:
         """Return the state at which contacts have the mean ``overlap``, m; see :meth:`at_force`,
-        ``gravity`` too.
+        ``gravity`` and ``boundary`` too.
         """
-        return self._at_mean("overlap", overlap, gravity, finite_overlap)
+        return self._at_mean("overlap", overlap, gravity, finite_overlap, boundary)
 
     def at_stress(
         self,
@@ -1322,7 +1331,12 @@ class Crystal(Result):
         return self._load(words, None, stress, pressure=pressure)
 
     def _at_mean(
-        self, kind: str, values: ArrayLike, gravity: ArrayLike | None, finite_overlap: bool | None
+        self,
+        kind: str,
+        values: ArrayLike,
+        gravity: ArrayLike | None,
+        finite_overlap: bool | None,
+        boundary: Boundary,
     ) -> CrystalState:
         """Return the state at which contacts have a mean force or overlap, by a search for the
         pressure.
@@ -1338,9 +1352,13 @@ class Crystal(Result):
                 mend = "Use at_pressure, which may be zero or below"
             raise InputError(f"{kind} is {sign}", why, mend)
         follows = read_finite_overlap(finite_overlap)
+        require("boundary", partial(choice, options=BOUNDARIES), boundary)
         with _in_double_precision(goals):
             loads = zip(goals.ravel().tolist(), fields, strict=True)
-            solutions = [self._find_mean(kind, goal, field, follows) for goal, field in loads]
+            solutions = [
+                self._find_mean(kind, goal, field, follows=follows, boundary=boundary)
+                for goal, field in loads
+            ]
             return self._stack(goals, solutions, 0, follows)
 
     def _require_pressable(self) -> None:
@@ -1350,7 +1368,7 @@ class Crystal(Result):
             raise InputError(problem, mend="Give a cell")
 
     def _find_mean(
-        self, kind: str, goal: float, field: Array | None, follows: bool
+        self, kind: str, goal: float, field: Array | None, *, follows: bool, boundary: Boundary
     ) -> tuple[Rest, AppliedLoad]:
         """Return the state at rest at which the mean force (N) or overlap (m) of contacts is
         ``goal``, and its load.
@@ -1371,12 +1389,12 @@ class Crystal(Result):
         tolerance = _SAMPLED if differ else _MEAN
         for _ in range(_MEANS):
             load = self._load_hydrostatic(pressure, field, f"{words} {pressure:.6g}")
-            small = find_rest(assembly, load, start=start)
+            small = find_rest(assembly, load, boundary=boundary, start=start)
             if follows:
                 # where balls differ the search goes on from the last state: from another state
                 # loose balls would come to rest elsewhere, and the mean would jump
                 nearest = state if differ and state else small
-                state = find_rest(assembly, load, "exact", start=nearest)
+                state = find_rest(assembly, load, "exact", boundary, start=nearest)
             else:
                 state = small
             contacts = _MeanContacts.of(state, laws, differ)
@@ -1437,15 +1455,17 @@ class Crystal(Result):
         loads: Iterable[AppliedLoad],
         finite_overlap: bool | None,
         rank: int = 0,
+        boundary: Boundary = "stress",
     ) -> CrystalState:
         """Return the state at each load of ``values``, numbers or tensors of ``rank`` 2, of which
         ``loads`` are the forces.
         """
         follows = read_finite_overlap(finite_overlap)
+        require("boundary", partial(choice, options=BOUNDARIES), boundary)
         assembly = self._assembly
         geometry: Geometry = "exact" if follows else "lattice"
         with _in_double_precision(values):
-            solutions = [(find_rest(assembly, load, geometry), load) for load in loads]
+            solutions = [(find_rest(assembly, load, geometry, boundary), load) for load in loads]
             return self._stack(values, solutions, rank, follows)
 
     def _stack(

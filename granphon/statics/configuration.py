@@ -19,7 +19,7 @@ import itertools
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from granphon.contacts.columns import Columns
 Geometry = Literal["lattice", "exact"]
 #: whether the cell keeps its shape and changes its size alone, or has the stress of the load
 Boundary = Literal["isotropic", "stress"]
+BOUNDARIES: tuple[Boundary, ...] = get_args(Boundary)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

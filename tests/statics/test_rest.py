@@ -23,8 +23,10 @@ from granphon.statics.newton import Equations, IteratedEquations
 from granphon.statics.options import RestOptions
 from granphon.statics.rest import find_rest
 
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+
 D = 8e-3
-BALL = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), D, spread=gp.Uniform(4e-6))
+BALL = gp.Ball(STEEL, D, spread=gp.Uniform(4e-6))
 NEVER = {1: 2**62, 2: 2**62, 3: 2**62}
 ALWAYS = {1: 0, 2: 0, 3: 0}
 
@@ -241,3 +243,34 @@ def test_conjugate_gradients_solve_and_say_whether_they_do():
     assert_allclose(solution, np.linalg.solve(matrix, right), rtol=1e-10)
     _, has_converged = conjugate_gradients(*solve, right, 1e-13, 0.0, 3)
     assert not has_converged
+
+
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize(("lattice", "shape"), [("triangular", (10, 10)), ("fcc", (4, 4, 4))])
+def test_a_sample_of_a_crystal_is_the_array_of_the_same_balls(lattice, shape, exact):
+    """On a boundary that keeps its shape; where the whole stress is hydrostatic it changes."""
+    spread = gp.Uniform(2.04e-6)
+    packing = gp.Packing(STEEL, 8e-3, spread=spread, lattice=lattice)
+    pressure = 5.0 * packing.pressure_per_force
+    geometry = "exact" if exact else "lattice"
+    array = gp.DirectSimulation(packing, shape, seed=3, geometry=geometry).at_pressure(pressure)
+    sample = gp.Crystal.on(lattice, [gp.Ball(STEEL, 8e-3, spread=spread)]).sample(shape, seed=3)
+    state = sample.at_pressure(pressure, finite_overlap=exact, boundary="isotropic")
+    forces = np.sort(np.ravel(array.sample.contact_forces))
+    assert np.any(forces == 0.0)
+    atol = 1e-10 * np.mean(forces)
+    np.testing.assert_allclose(np.sort(state.normal_force), forces, rtol=0.0, atol=atol)
+    np.testing.assert_allclose(np.trace(state.stress) / len(shape), -pressure, rtol=1e-12)
+    sheared = sample.at_pressure(pressure, finite_overlap=exact)
+    np.testing.assert_allclose(sheared.stress, -pressure * np.eye(len(shape)), atol=1e-9 * pressure)
+    assert np.max(np.abs(np.sort(sheared.normal_force) - forces)) > 1e-4 * np.mean(forces)
+    by_force = sample.at_force(array.force, finite_overlap=exact, boundary="isotropic")
+    np.testing.assert_allclose(by_force.normal_force, state.normal_force, atol=10.0 * atol)
+
+
+def test_a_boundary_has_one_of_two_words():
+    crystal = gp.Crystal.on("triangular", [gp.Ball(STEEL, 8e-3)])
+    with pytest.raises(InputError, match="isotropic, stress"):
+        crystal.at_pressure(1.0, boundary="isotropc")
+    with pytest.raises(InputError, match="isotropic, stress"):
+        crystal.at_force(1.0, boundary=["stress"])
