@@ -5,10 +5,9 @@ The exceptions are the guards, each of which alone guards a subject that costs m
 fails if its call, or one of the fixtures made for it alone, takes more than one second of processor,
 that of child processes included. The limit is twice the budget, as processors differ, and a busy
 machine takes up to twice the time of a quiet one; that of a property grows with its examples. A case
-above the limit runs once more,
-and the second count decides: the first one may hold what a process does only once. What each process
-is known to pay once (imports, compiled loops, the first figure) is paid before the first test there,
-and is told with its time.
+above the limit runs once more, and the second count decides: the first one may hold what a process
+does only once. What each process is known to pay once (imports, compiled loops, the first figure) is
+paid before the first test there, and is told with its time.
 """
 
 from __future__ import annotations
