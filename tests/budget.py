@@ -4,10 +4,10 @@ The exceptions are the guards, each of which alone guards a subject that costs m
 ``GRANPHON_TEST_BUDGET=1``, as in ``.ci/run`` on the newest Python, a default case that is no guard
 fails if its call, or one of the fixtures made for it alone, takes more than one second of processor,
 that of child processes included. The limit is twice the budget, as processors differ, and a busy
-machine takes up to twice the time of a quiet one. A case above the limit runs once more,
-and the second count decides: the first one may hold what a process does only once. What each process
-is known to pay once (imports, compiled loops, the first figure) is paid before the first test there,
-and is told with its time.
+machine takes up to twice the time of a quiet one; that of a property grows with its examples. A case
+above the limit runs once more, and the second count decides: the first one may hold what a process
+does only once. What each process is known to pay once (imports, compiled loops, the first figure) is
+paid before the first test there, and is told with its time.
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ from _pytest.runner import runtestprotocol
 
 #: s of processor that a default case may take where the budget is held
 LIMIT = 1.0
+#: examples of each property, and how many of them the limit is for; ".ci/run all" tries more
+USUAL_EXAMPLES = 25
+EXAMPLES = int(os.environ.get("GRANPHON_TEST_EXAMPLES", USUAL_EXAMPLES))
 IS_HELD = os.environ.get("GRANPHON_TEST_BUDGET") == "1"
 #: whether a case has taken more than the limit, and whether it runs for the second time
 _IS_LONG = pytest.StashKey[bool]()
@@ -220,17 +223,25 @@ def pytest_fixture_setup(
     return outcome
 
 
+def find_limit(item: pytest.Item) -> float:
+    """Return the limit of a case in seconds of processor; that of a property grows with its
+    examples.
+    """
+    is_property = item.get_closest_marker("hypothesis") is not None
+    return LIMIT * (max(1.0, EXAMPLES / USUAL_EXAMPLES) if is_property else 1.0)
+
+
 def require_budget(item: pytest.Item, what: str, spent: float) -> None:
     """Fail a test of which ``what`` takes more seconds of processor than the limit, if the test is
     run for the second time.
     """
-    if not IS_HELD or spent <= LIMIT or may_be_long(item):
+    if not IS_HELD or spent <= find_limit(item) or may_be_long(item):
         return
     item.stash[_IS_LONG] = True
     if not item.stash.get(_IS_REPEATED, False):
         return
     pytest.fail(
-        f"{what} took {spent:.1f} s of processor, and a default case has {LIMIT / 2:g} s."
+        f"{what} took {spent:.1f} s of processor, and has {find_limit(item) / 2:g} s."
         " Give it a smaller case, or mark it slow",
         pytrace=False,
     )

@@ -35,14 +35,13 @@ from hypothesis import settings
 import granphon as gp
 from granphon.base.registry import Registry
 from tests.budget import (  # noqa: F401  (pytest calls the hooks of this module)
+    EXAMPLES,
     pytest_fixture_setup,
     pytest_runtest_call,
     pytest_runtest_protocol,
     pytest_sessionstart,
 )
 
-#: of each property; ".ci/run all" tries more
-EXAMPLES = int(os.environ.get("GRANPHON_TEST_EXAMPLES", "25"))
 settings.register_profile("granphon", deadline=None, derandomize=True, max_examples=EXAMPLES)
 settings.load_profile("granphon")
 

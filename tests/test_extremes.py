@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 import granphon as gp
 from granphon.base.errors import GranphonError
-from tests.conftest import EXAMPLES, only
+from tests.budget import EXAMPLES
+from tests.conftest import only
 from tests.extreme_cases import CASES, STEEL, Case, D, worst
 from tests.extreme_crystals import CRYSTALS
 from tests.extreme_refusals import REFUSALS, Refusal, printed, tables

@@ -144,10 +144,7 @@ BORDERS = {
     "fit, force": (lambda pair: gp.fit_width(BALLS, pair, SPEED), FORCE),
     "fit, velocity": (lambda pair: gp.fit_width(BALLS, FORCE, pair), SPEED),
     "fit, sigma": (lambda pair: gp.fit_width(BALLS, FORCE, SPEED, pair), (2.0, 3.0)),
-    "fit, frequency": (
-        lambda pair: gp.fit_width(BALLS, FORCE, SPEED, 5.0, pair, medium="afa"),
-        (10.0, 20.0),
-    ),
+    "fit, frequency": (lambda pair: gp.fit_width(BALLS, FORCE, SPEED, 5.0, pair), (6e3, 6.5e3)),
     "fit.velocity_at": (lambda pair: fit_velocities().velocity_at(pair), FORCE),
     "harmonic_diameter": (lambda pair: harmonic_diameter(pair, 1.0), (1.0, 2.0)),
     "mindlin_reduction": (lambda pair: mindlin_reduction(pair, 10.0, 0.5), (1.0, 2.0)),

@@ -18,6 +18,7 @@ from pathlib import Path
 import ase.io
 import numpy as np
 import pytest
+import xarray as xr
 import yaml
 from numpy.testing import assert_array_equal
 
@@ -314,9 +315,17 @@ def test_samples_of_a_sweep_are_shared_by_workers(work):
     assert (work / "one" / "sweep.csv").read_text() == (work / "two" / "sweep.csv").read_text()
 
 
-def test_a_sweep_goes_on_in_the_midst_of_a_sample(work, monkeypatch, capsys):
-    text = SAMPLED.replace("16 16", "2 4").replace("samples: 3", "samples: 2")
-    (work / "scene.yaml").write_text(text)
+FEW_SAMPLED = SAMPLED.replace("16 16", "2 4").replace("samples: 3", "samples: 2")
+
+
+@pytest.fixture(scope="module")
+def few_sampled() -> xr.Dataset:
+    """The sweep of few samples, carried out in one go."""
+    return Scene.from_text(FEW_SAMPLED).sweep()
+
+
+def test_a_sweep_goes_on_in_the_midst_of_a_sample(work, few_sampled, monkeypatch, capsys):
+    (work / "scene.yaml").write_text(FEW_SAMPLED)
     run = ["run", "scene.yaml", "-q", "--no-figures", "-o", "out"]
     with monkeypatch.context() as patch:
         begun = interrupted_after(1, patch, KeyboardInterrupt())
@@ -328,7 +337,7 @@ def test_a_sweep_goes_on_in_the_midst_of_a_sample(work, monkeypatch, capsys):
         begun = interrupted_after(99, patch, KeyboardInterrupt())
         assert main(run) == 0
     assert begun == [f"{sample}{seed}" for seed in (4, 5, 5)]
-    assert load_sweep("out/sweep.nc").identical(Scene.from_text(text).sweep())
+    assert load_sweep("out/sweep.nc").identical(few_sampled)
     head = (work / "out" / "sweep.csv").read_text().splitlines()[0]
     assert "longitudinal_error (m/s)" in head
 
