@@ -420,6 +420,25 @@ def draw_run() -> Any:
         )
 
 
+def draw_rest() -> Any:
+    """Steps of Newton's method, and iterations in them, until an array is at rest, over its load."""
+    reduced_force = np.geomspace(1e-3, 5.0, 20)
+    force = reduced_force * REAL.width_units.force
+    figure, axes = panels(1.0, 1.0, height=2.4)
+    colours = {"lattice": BLUE, "exact": VERMILION}
+    for geometry, colour in colours.items():
+        medium = gp.DirectSimulation(REAL, (32, 32), seed=0, geometry=geometry)
+        rests = [state.equilibrium for state in medium.at_force(force).samples]
+        for axis, counts in zip(axes, ("newton", "conjugate"), strict=True):
+            numbers = [getattr(rest, counts) for rest in rests]
+            axis.loglog(reduced_force, numbers, ".-", color=colour, label=f"{geometry} directions")
+    for axis, label in zip(axes, ("steps of Newton's method", "iterations, in all"), strict=True):
+        axis.set(xlabel="reduced force f*", ylabel=label)
+    axes[0].set(yscale="linear", ylim=(0.0, None))
+    axes[0].legend()
+    return figure
+
+
 def of_example(name: str) -> Callable[[], Any]:
     """The figure of an example."""
     return lambda: runpy.run_path(str(EXAMPLES / f"{name}.py"))["figure"]
@@ -440,6 +459,7 @@ IMAGES: dict[str, Callable[[], Any] | str] = {
     "machines": draw_machines,
     "python": of_example("pulse_dispersion"),
     "figure": draw_figure,
+    "rest": draw_rest,
     "several_runs": of_example("several_runs"),
     "lattices": draw_lattices,
     "crystal": draw_crystal,

@@ -135,6 +135,7 @@ def test_a_cell_that_keeps_its_shape_takes_the_pressure(geometry):
     assert_allclose(again.overlap, rest.overlap, rtol=0.0, atol=1e-10 * np.max(rest.overlap))
 
 
+@pytest.mark.claim("rest-is-minimum")
 def test_exact_rest_is_the_minimum_that_scipy_finds():
     assembly = make_sample(shape=(3, 3))._assembly
     strain = -2e-3 * np.array([[1.0, 0.1], [0.1, 0.7]])
@@ -245,6 +246,7 @@ def test_conjugate_gradients_solve_and_say_whether_they_do():
     assert not has_converged
 
 
+@pytest.mark.claim("sample-is-array")
 @pytest.mark.parametrize("exact", [False, True])
 @pytest.mark.parametrize(("lattice", "shape"), [("triangular", (10, 10)), ("fcc", (4, 4, 4))])
 def test_a_sample_of_a_crystal_is_the_array_of_the_same_balls(lattice, shape, exact):
