@@ -421,7 +421,7 @@ def draw_run() -> Any:
 
 
 def draw_rest() -> Any:
-    """Steps of Newton's method, and iterations in them, until an array is at rest, over the load."""
+    """Steps of Newton's method, and iterations in all, until an array is at rest, over its load."""
     reduced_force = np.geomspace(1e-3, 5.0, 20)
     force = reduced_force * REAL.width_units.force
     figure, axes = panels(1.0, 1.0, height=2.4)
