@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls import hertz
-from granphon.base.arrays import Array, Flags
+from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 
 #: contacts of a chunk, whose rows stay in the processor's first cache
@@ -66,40 +66,41 @@ _ACROSS = 17
 _ACROSS_END = 20
 _TURN_I = 23
 _TURN_J = 26
-#: n before the step, in its mean and after it, and r and |r| with which forces act
+#: n before the step, in its mean and after it, r and |r| with which forces act, and the mean of r
 _START = 29
 _MIDDLE = 32
 _END = 35
 _R = 38
 _R_LENGTH = 41
+_R_MIDDLE = 42
 #: elongations before and after
-_E_START = 42
-_E = 43
-#: tangent of half of the angle by which forces turn about n in half of the step
-_HALF = 44
+_E_START = 45
+_E = 46
+#: tangent of half of the angle by which forces turn about n in half of the step, and the cosine of
+#: the whole angle and one
+_HALF = 47
+_COSINE = 48
 #: deformations of the step; forces before it, turned to its middle; after it; and their mean
-_SIDES = 45
-_HELD = 52
-_PULL = 59
-_MEAN = 66
+_SIDES = 49
+_HELD = 56
+_PULL = 63
+_MEAN = 70
 #: f - f_0, stiffnesses
-_CHANGE = 73
-_K_START = 74
-_K = 75
-_PUNCH_START = 76
-_PUNCH = 77
-_WORK = 78
+_CHANGE = 77
+_K_START = 78
+_K = 79
+_PUNCH_START = 80
+_PUNCH = 81
+_WORK = 82
 #: forces and torques on ball i, and on ball j
-_ON_I = 79
-_ON_J = 85
+_ON_I = 83
+_ON_J = 89
 #: dashpots: rates of elongation and of deformations, forces before and after, energy lost
-_RATE = 91
-_RATES = 92
-_DASH_START = 99
-_DASH = 107
-_LOSS = 115
-_R_MIDDLE = 116
-_COSINE = 119
+_RATE = 95
+_RATES = 96
+_DASH_START = 103
+_DASH = 111
+_LOSS = 119
 _N_ROWS = 120
 #: rows from that of slip to those of twist and of roll
 _TWIST = 3
@@ -144,12 +145,11 @@ class Moment(NamedTuple):
 
     Attributes
     ----------
-    motions : (n, 6) displacements and rotations of all balls.
+    motions : (n, m) displacements and rotations of all balls.
     e : (n_c,) elongations since rest.
     pull : (4 or 8, n_c) change f - f_0 of normal forces, forces T of slip (3), and with 8 rows
         torques of twist and of roll (3).
     k, punch : (n_c,) normal stiffnesses, and those of flat punches as wide as the contacts.
-    joined : (n_c,) whether contacts are, (0,) where no force jumps.
     """
 
     motions: Array
@@ -157,7 +157,6 @@ class Moment(NamedTuple):
     pull: Array
     k: Array
     punch: Array
-    joined: Flags
 
 
 _Vector = tuple[float, float, float]
@@ -187,11 +186,10 @@ def _scale(factor: float, a: _Vector) -> _Vector:
 
 
 @compiled
-def _turn(
-    force: _Vector, start: _Vector, end: _Vector, half: float, cosine: float
-) -> _Vector:
+def _turn(force: _Vector, start: _Vector, end: _Vector, half: float, cosine: float) -> _Vector:
     """Turn a force across the unit vector ``start`` by the smallest rotation to ``end``, by which
-    it is mirrored between both, and about ``end`` by the angle of whose half this is the tangent.
+    it is mirrored between both, and about ``end`` by the angle of whose half this is the tangent;
+    ``cosine`` is that of the angle, and one.
     """
     both = _add(start, 1.0, end)
     carried = _add(force, -_dot(both, force) / max(1.0 + _dot(start, end), _NONE), both)
@@ -241,7 +239,7 @@ def _set(rows: Array, row: int, c: int, a: _Vector) -> None:
     rows[place + 2 * _CHUNK] = a[2]
 
 
-# -- between arrays of all contacts or balls and the n rows of a chunk, which begins with a contact -
+# -- between arrays of all contacts or balls and the rows of a chunk of n contacts from the first ---
 
 
 @compiled
@@ -387,7 +385,7 @@ def _find_directions(rows: Array, n: int, is_mean: bool) -> None:
         mean_length = 0.5 * (start_length + end_length)
         _put(rows, _R_LENGTH, c, mean_length if is_mean else end_length)
         _set(rows, _R_MIDDLE, c, middle)
-        _set(rows, _R, c, end)
+        _set(rows, _R, c, middle if is_mean else end)
 
 
 @compiled
@@ -399,9 +397,7 @@ def _slip_turning(rows: Array, n: int) -> None:
         turn_j = _get(rows, _TURN_J, c)
         normal = _get(rows, _MIDDLE, c)
         across = _add(_get(rows, _ACROSS_END, c), -1.0, _get(rows, _ACROSS, c))
-        _set(
-            rows, _SIDES, c, _slip(across, turn_i, turn_j, arms, _get(rows, _R_MIDDLE, c), normal)
-        )
+        _set(rows, _SIDES, c, _slip(across, turn_i, turn_j, arms, _get(rows, _R_MIDDLE, c), normal))
         # half of the mean of both rotations
         half = 0.125 * _dot(normal, _add(turn_i, 1.0, turn_j))
         _put(rows, _HALF, c, half)
@@ -603,18 +599,20 @@ def _sum(rows: Array, n: int, row: int, sums: Array) -> None:
 
 
 @compiled
-def measure(contacts: Columns, motions: Array, axes: NDArray[np.int64], turns: bool, e: Array) -> None:
-    """Set the elongations ``e`` (n_c,) of contacts whose balls have moved (n, 6) along ``axes``."""
+def measure(
+    contacts: Columns, motions: Array, axes: NDArray[np.int64], turns: bool, e: Array
+) -> None:
+    """Set the elongations ``e`` (n_c,) of contacts whose balls have the ``motions`` (n, m) along
+    ``axes`` (m,), 0 to 2 of displacements, 3 to 5 of rotations.
+    """
     ends = (contacts.i, contacts.j)
-    separate = contacts.separate
-    lines = contacts.lines
     rows = _begin(contacts.shared)
     for first in range(0, len(e), _CHUNK):
         n = min(_CHUNK, len(e) - first)
-        _read_separate(rows, separate, lines, first, n)
+        _read_separate(rows, contacts.separate, contacts.lines, first, n)
         _gather(rows, ends, motions, motions, axes, first, n)
         if turns:
-            _go_turning(rows, n, False)
+            _find_directions(rows, n, False)
         else:
             _go_along(rows, n)
         _write(rows, _E, e, first, n)
@@ -633,7 +631,22 @@ def follow(
     dash: Array,
     forces: Array,
 ) -> tuple[float, float]:
-    """doc"""
+    """Set the forces across contacts after a step, and those on balls; return the energies that
+    slip, twist and roll, and dashpots take up, J.
+
+    Parameters
+    ----------
+    axes : (m,) those of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
+    before, after : motions are known, and forces across contacts before. Normal forces and
+        stiffnesses after the step, and stiffnesses of punches before it, are known too, unless
+        all follow Hertz's law: they are then neither read nor set. Both may have one pull.
+    mean : (n_c,) means of f - f_0 over the step: forces on balls are then those of its mean, so
+        that it keeps the energy. (0,) where they are those after the step.
+    speeds : (n, m) velocities of balls after the step, for dashpots, unless there are means.
+    step : s.
+    dash : (rows, n_c) forces of dashpots before the step, set anew; (rows, 0) without dashpots.
+    forces : (n, m) forces and torques on balls.
+    """
     ends = (contacts.i, contacts.j)
     separate = contacts.separate
     columns = contacts.lines
@@ -709,9 +722,38 @@ def follow(
 
 
 @compiled
-def go(x: Array, v: Array, acceleration: Array, step: float, inverse: Array, x_after: Array, motions: Array) -> None:
+def spread(x: Array, places: NDArray[np.int64], weights: Array, motions: Array) -> None:
+    """Set what is at these ``places`` of the motions (n, m) to x times ``weights``, (size,)."""
     flat = motions.reshape(motions.size)
     for place in range(len(x)):
-        a = x[place] + step * (v[place] + 0.5 * step * acceleration[place])
-        x_after[place] = a
-        flat[place] = inverse[place] * a
+        flat[places[place]] = weights[place] * x[place]
+
+
+@compiled
+def drift(
+    x: Array, v: Array, acceleration: Array, step: float, x_after: Array, v_mean: Array
+) -> None:
+    """Set x after a step, and the mean velocity in the step, (size,)."""
+    for place in range(len(x)):
+        mean = v[place] + 0.5 * step * acceleration[place]
+        v_mean[place] = mean
+        x_after[place] = x[place] + step * mean
+
+
+@compiled
+def gather(
+    forces: Array, places: NDArray[np.int64], weights: Array, steady: Array, acceleration: Array
+) -> None:
+    """Set accelerations (size,) to what is at these places of the forces (n, m), times ``weights``,
+    and what is ``steady``.
+    """
+    flat = forces.reshape(forces.size)
+    for place in range(len(acceleration)):
+        acceleration[place] = weights[place] * flat[places[place]] + steady[place]
+
+
+@compiled
+def kick(v: Array, acceleration: Array, step: float) -> None:
+    """Add to velocities (size,) what a step adds."""
+    for place in range(len(v)):
+        v[place] += step * acceleration[place]

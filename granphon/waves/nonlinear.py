@@ -4,11 +4,10 @@ Mass-weighted motions x = M^1/2 u (rotations carried by w = R_g phi) obey
 
     x'' = A^T ((f(h) - f_0) e_n - (T - T_0)) + forces,    A = C M^-1/2
 
-where C x are the deformations of contacts, in the directions of the network or in the true ones
-(:mod:`granphon.waves.directions`), and f and T are their forces
-(:mod:`granphon.waves.contact_forces`). f_0 and T_0 are the static forces, which the load holds in
-balance. In the directions of the network displacements are small against the balls, not against the
-overlaps.
+where C x are the deformations of contacts, in the directions of the network or in the true ones,
+and f and T are their forces (:mod:`granphon.contacts.motion`). f_0 and T_0 are the static forces,
+which the load holds in balance. In the directions of the network displacements are small against
+the balls, not against the overlaps.
 
 There are two schemes. Verlet's steps in velocity form are explicit, symplectic and, without losses,
 the same backwards; the sum of energies, each known in closed form, differs from a constant by the
@@ -65,13 +64,14 @@ from granphon.base.validation import (
     whole_number,
 )
 from granphon.contacts.laws import ContactLaws
+from granphon.contacts.motion import MetPairs, MovingContacts, measure_along
+from granphon.contacts.motion_laws import PairLaws, Powers
+from granphon.contacts.motion_loops import Moment, drift, gather, kick, spread
 from granphon.dynamics.damping import ContactDamping
 from granphon.media.cost import motion_memory
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.limits import check_limit
 from granphon.networks.network import ContactNetwork, given_network
-from granphon.waves.contact_forces import ContactForces, PairLaws, Powers, Touch
-from granphon.waves.directions import FixedDirections, Moment, TrueDirections
 from granphon.waves.motion import Frames, Motion
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_vector, require_moves
@@ -429,7 +429,7 @@ class NonlinearWaves:
             squares = np.sum(system.operator.values(v) ** 2, axis=1)
             stiffness = system.press(x, 0.5 * float(np.max(squares, initial=0.0)))
             stable = system.choose_step(stiffness)
-            top = system.fixed.top(stiffness)
+            top = system.bound.find(stiffness)
         wanted = stable if step is None else positive("step", step, "s")
         if wanted * _LEAST_STEPS > _STEPS * stable:
             what = (
@@ -551,22 +551,22 @@ def _root_radius(radii: Array, i: Index, j: Index) -> Array:
 
 
 class _Trial(NamedTuple):
-    """A step that ends with these ways and forces of drives, after motions (size,) ``moved``, with
-    contacts ``at`` there.
+    """A step that ends with these ways and forces of drives, and with contacts ``after``; balls
+    have the mean velocity ``drift`` (size,), and come to ``x`` (size,).
 
-    An implicit one also has its mean acceleration, contacts ``touch``, the work of slip, twist and
-    roll, the mean forces of dashpots, and the forces that resist drives.
+    An implicit one also has its mean acceleration, the energies that slip, twist and roll, and
+    dashpots take up, and the forces that resist drives.
     """
 
     step: float
     ways: Array
     lifts: Array
-    moved: Array
-    at: Moment
+    x: Array
+    drift: Array
+    after: Moment
     acceleration: Any = None
-    touch: Any = None
     spent: float = 0.0
-    dash: Any = None
+    damped: float = 0.0
     resist: Any = None
 
 
@@ -584,10 +584,39 @@ def _find_stiffest(normal: Powers | PairLaws, e: Array) -> Array:
     return stiffness
 
 
-class _System:
-    """The equations of motion of a network with drives, and where it has come to."""
+class _RateBound:
+    """A bound of the angular frequencies of the contacts of a network, whose other stiffnesses are
+    in proportion to ``punch`` (n_c,), those of flat punches as wide as the contacts.
+    """
 
-    touch: Touch
+    def __init__(self, operator: WaveOperator, punch: Array) -> None:
+        rows = operator.law_rows
+        self._ratios = [row.stiffness / punch for row in rows[1:]]
+        self._count = operator.network.n_contacts
+        deform = abs(operator.compose(rows))
+        self._deform = deform
+        self._pull = deform.T.tocsr()
+        self._largest = deform @ np.ones(operator.size)
+
+    def find(self, stiffness: Array) -> float:
+        """Return the bound, rad/s, of contacts of a normal ``stiffness`` (n_c,), N/m, those of the
+        network first.
+        """
+        count = self._count
+        if len(stiffness) > count:  # balls have met
+            stiffness = np.maximum(stiffness[:count], stiffness[count:].max())
+        springs = np.concatenate([stiffness, *(ratio * stiffness for ratio in self._ratios)])
+        return float(np.sqrt(np.max(self._pull @ (springs * self._largest))))
+
+
+class _System:
+    """The equations of motion of a network with drives, and where it has come to.
+
+    ``at`` are contacts now, and ``joined`` says which of them are, None where no force jumps.
+    """
+
+    at: Moment
+    joined: Any
     ways: Array
     lifts: Array
     worked: Array
@@ -632,7 +661,14 @@ class _System:
             )
         self.network = replace(network, masses=masses) if self.moved else network
         self.operator = operator = WaveOperator(self.network)
-        self.fixed = FixedDirections(operator, self.moved, waves.punch)
+        axes = list(operator.motions.translations)
+        self._along = [(balls, along[axes]) for balls, along in self.moved]
+        self.bound = _RateBound(operator, waves.punch)
+        # where each motion of a vector is among those of all balls (n, m), and over the
+        # mass-weighted one
+        indices = operator.indices
+        self._places = np.flatnonzero(indices.ravel() >= 0)
+        _, self._scale = operator.in_balls
         self._ways = [one.displacement for one in drives if one.displacement is not None]
         self._lifts = [one.force for one in drives if one.force is not None]
         self._push = np.reshape(
@@ -649,30 +685,38 @@ class _System:
         when they close.
         """
         waves = self.waves
-        normal = self.waves.normal
+        law = waves.normal
+        ratio = np.zeros(0)
+        self._unknown: list[tuple[Index, str]] = []
+        times = waves.damping
         radii = self.network.radii
         ends = np.append(self.network.i, i), np.append(self.network.j, j)
         # Hertz's radius of a contact over that of the smaller ball, over the root of the overlap
         self._wide = _root_radius(radii, *ends) / np.minimum(*(radii[end] for end in ends))
-        if waves.geometry == "exact":
-            normal, ratio, self._unknown = (
-                waves._join_laws(i, j) if len(i) else (normal, np.zeros(0), [])
-            )
-            more = (i, j, shift, ratio)
-            rest = waves.normal.rest, waves.punch
-            self.where: Any = TrueDirections(
-                self.operator, self.fixed, self.moved, *rest, more, self._bulge
-            )
-        else:
-            self.where = self.fixed
-        times = waves.damping
+        turns = waves.geometry == "exact"
         if len(i):
-            times = np.concatenate(
-                [times, np.repeat(times.mean(axis=1, keepdims=True), len(i), axis=1)], axis=1
-            )
-        self.forces = ContactForces(normal, self.where.ratio, self.where.slips, waves.mu, times)
-        self._steady: Array = self.where.load + self._weight
-        self._spare: Any = (None, None)  # a moment and a touch that are not needed any more
+            law, ratio, self._unknown = waves._join_laws(i, j)
+            mean_times = np.repeat(times.mean(axis=1, keepdims=True), len(i), axis=1)
+            times = np.concatenate([times, mean_times], axis=1)
+        pairs = MetPairs(i, j, shift, ratio, self._bulge if turns else 0.0)
+        self.contacts = MovingContacts(
+            self.network, pairs, law, waves.punch, times, waves.mu, turns
+        )
+        load = -self._accelerate(self.contacts.still, np.zeros(self.operator.size))
+        self._steady: Array = load + self._weight
+        self._knows_law = self.contacts.knows_law and self._explicit and not self._unknown
+
+    def _accelerate(self, forces: Array, steady: Array) -> Array:
+        """Return the accelerations (size,) by forces on balls (n, m), and ``steady`` ones."""
+        acceleration = np.empty(self.operator.size)
+        gather(forces, self._places, self._scale, steady, acceleration)
+        return acceleration
+
+    def _spread(self, x: Array, ways: Array, motions: Array) -> None:
+        """Set the motions (n, m) of all balls."""
+        spread(x, self._places, self._scale, motions)
+        for (balls, along), way in zip(self._along, ways, strict=True):
+            motions[balls, : len(along)] = way * along
 
     @property
     def _bulge(self) -> float:
@@ -730,7 +774,9 @@ class _System:
         energy, J, would press.
         """
         normal = self.waves.normal
-        e = self.fixed.locate(x, np.zeros(len(self.moved))).e
+        motions = np.zeros(self.operator.indices.shape)
+        self._spread(x, np.zeros(len(self.moved)), motions)
+        e = measure_along(self.network, motions)
         if not (energy < math.inf and np.all(np.isfinite(e))):
             raise InputError(
                 "balls are too fast, or too far away, for double precision",
@@ -762,24 +808,26 @@ class _System:
         Dashpots slow motions down at the rate tau w^2. Steps h are stable for tau w^2 h < 1, and
         for w h < 2.
         """
-        top = self.fixed.top(stiffness)
+        top = self.bound.find(stiffness)
         return max(top, 2.0 * float(np.max(self.waves.damping, initial=0.0)) * top**2)
 
     def integrate(
         self, x: Array, v: Array, step: float, each: int, count: int, scheme: str, kept: Frames
     ) -> Any:
         """Make ``count`` frames of ``each`` steps, and yield after each whether it is kept."""
+        explicit = scheme == "verlet"
+        self._explicit = explicit
         self._begin(x, v, step)
         self._keep(0, kept)
         yield False
         limit = 2.0 * math.pi / _LEAST_STEPS / step
-        explicit = scheme == "verlet"
         for number in range(1, each * (count - 1) + 1):
             if self.waves.geometry == "exact":
                 self._watch(self._follow(number * step)[0])
             self._advance(number * step, explicit)
             if number % each == 0:
-                stiffest = np.maximum(self.touch.k, self.touch.punch)
+                self._refresh()
+                stiffest = np.maximum(self.at.k, self.at.punch)
                 if not (
                     self._top(stiffest) <= limit
                     and np.all(np.isfinite(self.v))
@@ -803,8 +851,6 @@ class _System:
         none = np.zeros(0, np.intp)
         self._keys: dict[tuple[int, ...], int] = {}
         self._join(none, none, np.zeros((0, 3), np.intp))
-        where = self.where
-        forces = self.forces
         self.x = x.copy()
         self.v = v.copy()
         self.step = step
@@ -814,79 +860,91 @@ class _System:
             raise InputError(
                 "a displacement does not begin at zero", mend="Give a function that is zero at zero"
             )
-        still = where.locate(np.zeros_like(x), np.zeros_like(self.ways))
-        self.at = where.locate(x, self.ways)
-        where.step(still, self.at, np.zeros((where.count, len(self.at.e))))
-        self.touch = forces.begin(self.at.e, where.way, where.held)
-        nothing = np.zeros(self.network.n_contacts)
-        rest = forces.take(nothing, None)
-        forces.press(rest)
-        rest.pull[1:] = where.held
-        self._at_rest = forces.springs(rest)
+        contacts = self.contacts
+        rest = contacts.make_moment()
+        contacts.press(rest, None)
+        rest.pull[1:] = contacts.held
+        self._at_rest = contacts.shear_energy(rest)
+        self.at = contacts.make_moment()
+        self._spread(self.x, self.ways, self.at.motions)
+        self.joined = contacts.begin(self.at)
+        self._make_spare()
         if self.waves.geometry == "exact":
             self._list()
-            where = self.where
-            forces = self.forces
         # of slip, twist and roll, of dashpots, of drives, and of contacts that join and part
-        self.worked, self._springs = np.zeros(4), forces.springs(self.touch)
+        self.worked = np.zeros(4)
+        self._springs = self.contacts.shear_energy(self.at)
         self._start(np.zeros_like(self.ways))
+
+    def _make_spare(self) -> None:
+        """Make arrays for a step."""
+        self._spare = self.contacts.make_spare(self.at, has_pull=not self._explicit)
+        self._spare_x = np.empty_like(self.x)
+        self._spare_v = np.empty_like(self.x)
+        self._speeds = np.zeros_like(self.at.motions)
 
     def _start(self, speeds: Array) -> None:
         """Set what a step begins with, at these speeds of the drives."""
-        where = self.where
-        forces = self.forces
-        pull = self.touch.pull
-        self.dash = _NOTHING
-        if forces.is_damped:
-            self.dash = forces.damp(self.touch, where.rate(self.at, self.v, speeds))
-            pull = pull + self.dash
-        self.acceleration, self.resist = self._act(self.at, pull, self.lifts)
+        self._spread(self.v, speeds, self._speeds)
+        self.contacts.act(self.at, self._speeds)
+        self.acceleration = self._accelerate(self.contacts.on_balls, self._steady_push(self.lifts))
+        self.resist = self._find_resistance()
         self.last = self.acceleration
 
-    def _act(self, at: Any, pull: Array, lifts: Array, before: Any = None) -> tuple[Array, Array]:
-        """Return the accelerations (size,), and the forces with which contacts and loads resist
-        displacements of drives.
+    def _steady_push(self, lifts: Array) -> Array:
+        """Return the accelerations (size,) by loads, weights and the forces ``lifts`` of drives."""
+        return self._steady + lifts @ self._push if len(lifts) else self._steady
+
+    def _find_resistance(self) -> Array:
+        """Return the forces with which contacts and loads resist displacements of drives."""
+        forces = self.contacts.still - self.contacts.on_balls if self._along else _NOTHING
+        resistances = [np.sum(forces[balls, : len(along)] @ along) for balls, along in self._along]
+        return np.array(resistances)
+
+    def _refresh(self) -> None:
+        """Set elongations, normal forces and stiffnesses, which steps do not set whose loops know
+        the law.
         """
-        found, resist = self.where.push(at, pull, before)
-        found += self._steady
-        if len(lifts):
-            found += lifts @ self._push
-        return found, resist
+        if self._knows_law:
+            self.contacts.measure(self.at)
+            self.contacts.press(self.at, self.joined)
 
     def _advance(self, end: float, explicit: bool) -> None:
         """Make a step that ends at a time, in parts where contacts join or part within it."""
         left = self.step
-        jumps = self.forces.normal.jumps
-        often: Index = np.zeros(len(self.at.e) if len(jumps) else 0, np.intp)
+        has_jumps = len(self.contacts.law.jumps) > 0
+        often: Index = np.zeros(len(self.at.e) if has_jumps else 0, np.intp)
         while left > 0.0:
             trial = self._try(left, end, explicit)
-            if len(jumps) and self._passed(trial.at) > 0.0:
+            if has_jumps and self._passed(trial.after) > 0.0:
                 trial = self._cut(trial, end, explicit)
             speeds = (trial.ways - self.ways) / trial.step
+            before = self.at
+            if len(trial.lifts):
+                mean_lifts = 0.5 * (self.lifts + trial.lifts)
+                moved = trial.step * (self._push @ trial.drift)
+                self.worked[2] += float(mean_lifts @ moved)
             if explicit:
-                self._leap(trial)
+                self._leap(trial, speeds)
             else:
                 self._settle(trial)
-            if len(trial.lifts):
-                self.worked[2] += float(
-                    0.5 * (self.lifts + trial.lifts) @ (self._push @ trial.moved)
-                )
+            self._spare = before
             self.ways = trial.ways
             self.lifts = trial.lifts
             left -= trial.step
-            if len(jumps) and self._passed(self.at) > 0.0:
-                self.touch, switched, lost = self.forces.switch(self.touch)
+            if has_jumps and self._passed(self.at) > 0.0:
+                self.joined, switched, lost = self.contacts.switch(self.at, self.joined)
                 self.worked[3] += lost
                 self._start(speeds)
                 often[switched] += 1
                 if np.max(often) > _RATTLES:
                     raise _Stop(_RATTLED)
 
-    def _passed(self, at: Moment) -> float:
+    def _passed(self, moment: Moment) -> float:
         """Return how far the first of the contacts has passed where it joins or parts, m; below
         zero before it.
         """
-        return float(np.max(self.forces.pass_ends(at.e, self.touch.joined)))
+        return float(np.max(self.contacts.pass_ends(moment.e, self.joined)))
 
     def _cut(self, trial: _Trial, end: float, explicit: bool) -> _Trial:
         """Return the part of a step in which the first contacts come to where they join or part.
@@ -900,12 +958,12 @@ class _System:
         high = whole
         side = 0
         before = self._passed(self.at)
-        after = self._passed(trial.at)
+        after = self._passed(trial.after)
         near = _TOGETHER * self.step
         while high - low > near:
             middle = low - before * (high - low) / (after - before)
             middle = min(max(middle, low + 0.5 * near), high - 0.5 * near)
-            passed = self._passed(self._try(middle, start + middle, explicit).at)
+            passed = self._passed(self._try(middle, start + middle, explicit).after)
             if passed > 0.0:
                 high = middle
                 after = passed
@@ -927,118 +985,93 @@ class _System:
         ways, lifts = self._follow(end)
         if not explicit:
             return self._solve(step, ways, lifts)
-        # half of the kick, and the way that all balls go
-        moved = step * (self.v + 0.5 * step * self.acceleration)
-        return _Trial(
-            step, ways, lifts, moved, self.where.locate(self.x + moved, ways, self._spare[0])
-        )
+        after = self._go(step, ways, self.acceleration)
+        return _Trial(step, ways, lifts, self._spare_x, self._spare_v, after)
 
-    def _leap(self, trial: _Trial) -> None:
+    def _go(self, step: float, ways: Array, acceleration: Array) -> Moment:
+        """Return contacts after a ``step`` with an ``acceleration`` (size,), in spare arrays."""
+        after = self._spare
+        drift(self.x, self.v, acceleration, step, self._spare_x, self._spare_v)
+        self._spread(self._spare_x, ways, after.motions)
+        if not self._knows_law:
+            self.contacts.measure(after)
+        return after
+
+    def _leap(self, trial: _Trial, speeds: Array) -> None:
         """Make a step of Verlet's."""
-        where = self.where
-        forces = self.forces
-        old_at = self.at
-        old = self.touch
-        step = trial.step
-        at = trial.at
-        kick = 0.5 * step * self.acceleration
-        self.v += kick
-        self.x += trial.moved
-        # contacts follow: their slips, how their forces turn, and the forces
-        self.touch, spent = self._follow_balls(at)
-        where.turn_on(self.touch.pull, at)
-        self.at = at
-        pull = self.touch.pull
-        self._spare = (old_at, old)
+        contacts = self.contacts
+        before = self.at
+        after = trial.after
+        half = 0.5 * trial.step
+        # the speed in the middle of the step, and at its end but for what dashpots change within it
+        self.x, self._spare_x = trial.x, self.x
+        self.v, self._spare_v = trial.drift, self.v
+        if contacts.is_damped:
+            self._spread(self.v, speeds, self._speeds)
+        if not self._knows_law:
+            contacts.press(after, self.joined)
+        spent, damped = contacts.follow(before, after, self._knows_law, self._speeds)
+        self.at = after
         self.worked[0] += spent
-        way = trial.ways - self.ways
-        if forces.is_damped:
-            # the speed at the end of the step, but for what dashpots change within it
-            rate = where.rate(at, self.v + kick, way / step)
-            before = self.dash
-            self.dash = forces.damp(self.touch, rate)
-            pull = pull + self.dash
-            mean = 0.5 * (before + self.dash) if np.shape(before) == self.dash.shape else self.dash
-            self.worked[1] += _lose(mean, at.e - old.e, where.way)
-        # the other half
-        self.acceleration, resist = self._act(at, pull, trial.lifts)
-        np.multiply(0.5 * step, self.acceleration, out=kick)
-        self.v += kick
-        self.worked[2] += 0.5 * (self.resist + resist) @ way
+        self.worked[1] += damped
+        steady = self._steady_push(trial.lifts)
+        gather(contacts.on_balls, self._places, self._scale, steady, self.acceleration)
+        resist = self._find_resistance()
+        self.worked[2] += 0.5 * (self.resist + resist) @ (trial.ways - self.ways)
         self.resist = resist
-
-    def _follow_balls(self, at: Moment) -> tuple[Touch, float]:
-        """Return contacts when balls have come to a moment, their forces half turned, and the work
-        of slip, twist, roll.
-        """
-        where = self.where
-        old = self.touch
-        touch = self.forces.take(at.e, old.joined, self._spare[1])
-        where.step(self.at, at, old.pull)
-        return touch, self.forces.follow(old, touch, where.way, where.turned)
+        kick(self.v, self.acceleration, half)
 
     def _solve(self, step: float, ways: Array, lifts: Array) -> _Trial:
         """Return where an implicit ``step``, whose energies add up, comes to."""
-        where = self.where
-        forces = self.forces
-        old_at = self.at
-        old = self.touch
+        contacts = self.contacts
+        steady = self._steady_push(0.5 * (self.lifts + lifts))
         guess = 2.0 * self.acceleration - self.last
         change = math.inf
         for _ in range(_ITERATIONS):
-            moved = step * (self.v + 0.5 * step * guess)
-            at = where.locate(self.x + moved, ways, self._spare[0])
-            touch, spent = self._follow_balls(at)
-            mean = forces.normal.mean(old.e, at.e, old.joined)
-            pull = np.concatenate([mean[None], 0.5 * (where.turned + touch.pull[1:])])
-            dash = None
-            if forces.is_damped:
-                half = touch._replace(
-                    k=0.5 * (old.k + touch.k), punch=0.5 * (old.punch + touch.punch)
-                )
-                dash = forces.damp(half, np.concatenate([(at.e - old.e)[None], where.way]) / step)
-                pull += dash
-            found, resist = self._act(at, pull, 0.5 * (self.lifts + lifts), old_at)
+            after = self._go(step, ways, guess)
+            contacts.press(after, self.joined)
+            spent, damped = contacts.follow_mean(self.at, after, self.joined, step)
+            found = self._accelerate(contacts.on_balls, steady)
             last = change
             change = float(np.max(np.abs(found - guess)))
             size = max(float(np.max(np.abs(found))), float(np.max(np.abs(self.v))) / step)
             if change <= _SOLVED * size or last <= change <= _ROUNDED * size:
-                return _Trial(step, ways, lifts, moved, at, guess, touch, spent, dash, resist)
+                resist = self._find_resistance()
+                x = self._spare_x
+                return _Trial(
+                    step, ways, lifts, x, self._spare_v, after, guess, spent, damped, resist
+                )
             guess = found
         raise _Stop(_UNSOLVED)
 
     def _settle(self, trial: _Trial) -> None:
         """Make the implicit step that has been solved last."""
-        where = self.where
-        old = self.touch
-        touch = trial.touch
-        where.turn_on(touch.pull, trial.at)
         self.last = self.acceleration
         self.acceleration = trial.acceleration
-        self.at = trial.at
-        self.touch = touch
-        self.x += trial.moved
-        self.v += trial.step * trial.acceleration
+        self.at = trial.after
+        self.x, self._spare_x = trial.x, self.x
+        kick(self.v, trial.acceleration, trial.step)
         self.worked[0] += trial.spent
-        if trial.dash is not None:
-            self.worked[1] += _lose(trial.dash, touch.e - old.e, where.way)
+        self.worked[1] += trial.damped
         self.worked[2] += trial.resist @ (trial.ways - self.ways)
 
     def _keep(self, number: int, kept: Frames) -> None:
         """Keep the frame after this number of steps."""
-        touch = self.touch
-        normal = self.forces.normal
+        at = self.at
+        contacts = self.contacts
+        joined = self.joined
+        normal = contacts.law
         step = self.step
         operator = self.operator
         square = self.v * self.v
-        springs = self.forces.springs(touch)
+        springs = contacts.shear_energy(at)
         stored = (
-            float(np.sum(normal.store(touch.e, touch.joined)))
+            float(np.sum(normal.store(at.e, joined)))
             + springs
             - self._at_rest
             - float(self._weight @ self.x)
         )
-        wide = self._wide * np.sqrt(np.maximum(normal.overlap - touch.e, 0.0))
+        wide = self._wide * np.sqrt(np.maximum(normal.overlap - at.e, 0.0))
         self.widest = max(self.widest, float(np.max(wide, initial=0.0)))
         time = number * step
         both = (self._displace(), operator.to_balls(self.v))
@@ -1059,15 +1092,15 @@ class _System:
                 "spins": spins,
                 "translation": 0.5 * float(np.sum(square[~operator.is_rotation])),
                 "rotation": 0.5 * float(np.sum(square[operator.is_rotation])),
-                "stored": stored + self.where.rest_energy(self.at),
+                "stored": stored + contacts.rest_energy(at),
                 "lost": self.worked[0]
                 - (springs - self._springs)
                 + self.worked[1]
                 + self.worked[3],
                 "work": self.worked[2],
             },
-            np.where(normal.is_closed(touch.e, touch.joined), touch.pull[0] + normal.rest, 0.0),
-            np.sqrt(np.sum(touch.pull[1 : 1 + self.where.slips] ** 2, axis=0)),
+            np.where(normal.is_closed(at.e, joined), at.pull[0] + normal.rest, 0.0),
+            contacts.shears(at),
             list(self._keys),
         )
 
@@ -1102,7 +1135,7 @@ class _System:
         """
         from scipy.linalg.blas import idamax
 
-        if met := [said for at, said in self._unknown if np.any(self.touch.e[at] < 0.0)]:
+        if met := [said for at, said in self._unknown if np.any(self.at.e[at] < 0.0)]:
             raise _Stop(met[0])
         # no ball is faster
         speed = math.sqrt(3.0) * abs(float(self.v[idamax(self.v)])) / self._lightest
@@ -1118,7 +1151,6 @@ class _System:
     def _list(self) -> None:
         """List the balls that may meet; contacts that are listed again keep their state."""
         network = self.network
-        touch = self.touch
         radii = self.network.radii
         places = self._listed = network.positions + self._displace()[:, :3]
         self._travelled = 0.0
@@ -1156,19 +1188,34 @@ class _System:
             return
         before = np.array([self._keys.get(key, -1) for key in keys], np.intp)
         self._keys = {key: n + place for place, key in enumerate(keys)}
+        before_dash = self.contacts.dash
         self._join(table[:, 0], table[:, 1], table[:, 2:])
-        self.at = self.where.locate(self.x, self.ways)
-        old = np.flatnonzero(before >= 0)
-        joined = self.forces.normal.begin(self.at.e)
-        if joined is not None and touch.joined is not None:
-            joined[:n], joined[n + old] = touch.joined[:n], touch.joined[before[old]]
-        self.touch = self.forces.take(self.at.e, joined)
-        pull = self.touch.pull
-        pull[:] = 0.0
-        pull[:, :n], pull[:, n + old] = touch.pull[:, :n], touch.pull[:, before[old]]
-        self.forces.press(self.touch)
+        self._carry_over(np.flatnonzero(before >= 0), before[before >= 0], before_dash)
 
+    def _carry_over(self, listed: Index, before: Index, dash: Array) -> None:
+        """Let contacts that have been listed anew keep their state: those of the network, and of
+        the pairs ``listed``, which are numbered from zero, those that had the numbers ``before``.
 
-def _lose(dash: Array, stretched: Array, moved: Array) -> float:
-    """Return the energy that forces of dashpots take up over deformations."""
-    return float(np.sum(dash[1:] * moved) - np.sum(dash[0] * stretched))
+        ``dash`` are the forces of dashpots before.
+        """
+        contacts = self.contacts
+        n = self.network.n_contacts
+        old = self.at
+        old_joined = self.joined
+        self.at = contacts.make_moment()
+        self.at.motions[:] = old.motions
+        contacts.measure(self.at)
+        joined = contacts.law.begin(self.at.e)
+        if joined is not None and old_joined is not None:
+            joined[:n] = old_joined[:n]
+            joined[n + listed] = old_joined[before]
+        self.joined = joined
+        pairs = [(self.at.pull, old.pull)]
+        if contacts.is_damped:
+            pairs.append((contacts.dash, dash))
+        for rows, old_rows in pairs:
+            rows[:] = 0.0
+            rows[:, :n] = old_rows[:, :n]
+            rows[:, n + listed] = old_rows[:, before]
+        contacts.press(self.at, joined)
+        self._make_spare()
