@@ -239,7 +239,7 @@ def _set(rows: Array, row: int, c: int, a: _Vector) -> None:
     rows[place + 2 * _CHUNK] = a[2]
 
 
-# -- between arrays of all contacts or balls and the rows of a chunk of n contacts from the first ---
+# -- between arrays of all contacts or balls and rows of a chunk: n contacts from the first ---------
 
 
 @compiled
@@ -310,6 +310,32 @@ def _gather(
                 j = balls_j[c]
                 rows[of_i + c] = after[i, motion] - before[i, motion]
                 rows[of_j + c] = after[j, motion] - before[j, motion]
+
+
+@compiled
+def _gather_speeds(
+    rows: Array,
+    ends: tuple[NDArray[np.uint32], NDArray[np.uint32]],
+    speeds: Array,
+    axes: NDArray[np.int64],
+    first: int,
+    n: int,
+) -> None:
+    """Set the velocity of ball j less that of ball i, and the spins of both, in place of
+    displacements and rotations.
+    """
+    balls_i = ends[0][first : first + n]
+    balls_j = ends[1][first : first + n]
+    for motion in range(len(axes)):
+        axis = axes[motion]
+        for c in range(n):
+            speed_i = speeds[balls_i[c], motion]
+            speed_j = speeds[balls_j[c], motion]
+            if axis < 3:
+                rows[(_ACROSS + axis) * _CHUNK + c] = speed_j - speed_i
+            else:
+                rows[(_TURN_I + axis - 3) * _CHUNK + c] = speed_i
+                rows[(_TURN_J + axis - 3) * _CHUNK + c] = speed_j
 
 
 @compiled
@@ -705,7 +731,7 @@ def follow(
             if not is_mean:
                 if not rules.is_hertz:
                     _read(rows, _K, k_after, first, n)
-                _gather(rows, ends, speeds, speeds, axes, first, n)
+                _gather_speeds(rows, ends, speeds, axes, first, n)
                 _take_rates(rows, n, rules.turns)
             for line in range(len(dash)):
                 _read(rows, _DASH_START + line, dash[line], first, n)

@@ -1003,11 +1003,12 @@ class _System:
         before = self.at
         after = trial.after
         half = 0.5 * trial.step
-        # the speed in the middle of the step, and at its end but for what dashpots change within it
         self.x, self._spare_x = trial.x, self.x
         self.v, self._spare_v = trial.drift, self.v
         if contacts.is_damped:
-            self._spread(self.v, speeds, self._speeds)
+            # the speed at the end of the step, but for what dashpots change within it
+            end_speed = self.v + half * self.acceleration
+            self._spread(end_speed, speeds, self._speeds)
         if not self._knows_law:
             contacts.press(after, self.joined)
         spent, damped = contacts.follow(before, after, self._knows_law, self._speeds)
