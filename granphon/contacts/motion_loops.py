@@ -239,7 +239,7 @@ def _set(rows: Array, row: int, c: int, a: _Vector) -> None:
     rows[place + 2 * _CHUNK] = a[2]
 
 
-# -- between arrays of all contacts or balls and rows of a chunk: n contacts from the first ---------
+# -- from arrays of contacts or balls to the rows of a chunk, n contacts from the first, and back --
 
 
 @compiled
