@@ -114,7 +114,9 @@ class MovingContacts:
         self.held = np.zeros_like(self.ratios)
         if network.tangential_force is not None:
             self.held[:_N_SLIPS, : network.n_contacts] = -network.tangential_force.T
-        columns: dict[int, Any] = {loops.REST + axis: geometry.r[:, axis] for axis in range(3)}
+        columns: dict[int, Any] = {
+            loops.REST + axis * loops.CHUNK: geometry.r[:, axis] for axis in range(3)
+        }
         columns |= {
             loops.LENGTH: geometry.length,
             loops.GAP: geometry.gap,
@@ -310,9 +312,8 @@ def measure_along(network: ContactNetwork, motions: Array) -> Array:
         ]
     )
     r = network.normal
-    columns = _make_columns(
-        (network.i, network.j), {loops.REST + axis: r[:, axis] for axis in range(3)}
-    )
+    directions = {loops.REST + axis * loops.CHUNK: r[:, axis] for axis in range(3)}
+    columns = _make_columns((network.i, network.j), directions)
     e = np.empty(network.n_contacts)
     loops.measure(columns, motions, axes, False, e)
     return e
@@ -320,10 +321,10 @@ def measure_along(network: ContactNetwork, motions: Array) -> Array:
 
 def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:
     """Return what loops read, of ``values`` (n_c,) by row; those of other rows are zero."""
-    shared = np.zeros(loops.N_COLUMNS)
+    shared = np.zeros(loops.N_COLUMNS // loops.CHUNK)
     separate = {}
     for row, column in values.items():
-        shared[row] = column[0]
+        shared[row // loops.CHUNK] = column[0]
         if not np.all(column == column[0]):
             separate[row] = column
     n_contacts = len(ends[0])

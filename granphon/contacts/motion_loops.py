@@ -33,79 +33,82 @@ from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 
 #: contacts of a chunk, whose rows stay in the processor's first cache
-_CHUNK = 64
+CHUNK = 64
 #: what stands for zero where it divides zero
 _NONE = hertz.LEAST_NORMAL
 #: the stiffness of Hertz's law, over c h^(1/2)
 _STIFFNESS = hertz.EXPONENT
 
-# Rows of a chunk. Vectors have three; slip, twist and roll, or forces against these, seven.
+# Where the rows of a chunk begin. Vectors have three; slip, twist and roll, or forces against
+# these, seven.
 
 #: what contacts are at rest: r, |r|, the distance of the bodies, whether r follows the balls (one
 #: or zero), the arms of the balls over |r|, and the normal force
-REST = 0
-LENGTH = 3
-GAP = 4
-FREE = 5
-NEAR = 6
-FAR = 7
-FORCE = 8
+REST = 0 * CHUNK
+LENGTH = 3 * CHUNK
+GAP = 4 * CHUNK
+FREE = 5 * CHUNK
+NEAR = 6 * CHUNK
+FAR = 7 * CHUNK
+FORCE = 8 * CHUNK
 #: their law: stiffnesses of slip, twist and roll over those of flat punches as wide as the
 #: contacts, times of dashpots, and Hertz's coefficient, overlap at rest, and its root
-SLIP_RATIO = 9
-TWIST_RATIO = 10
-ROLL_RATIO = 11
-NORMAL_TIME = 12
-SIDE_TIME = 13
-COEFFICIENT = 14
-OVERLAP = 15
-ROOT = 16
-N_COLUMNS = 17
+SLIP_RATIO = 9 * CHUNK
+TWIST_RATIO = 10 * CHUNK
+ROLL_RATIO = 11 * CHUNK
+NORMAL_TIME = 12 * CHUNK
+SIDE_TIME = 13 * CHUNK
+COEFFICIENT = 14 * CHUNK
+OVERLAP = 15 * CHUNK
+ROOT = 16 * CHUNK
+N_COLUMNS = 17 * CHUNK
 #: displacement of ball j from ball i before and after the step; rotations in the step
-_ACROSS = 17
-_ACROSS_END = 20
-_TURN_I = 23
-_TURN_J = 26
+_ACROSS = 17 * CHUNK
+_ACROSS_END = 20 * CHUNK
+_TURN_I = 23 * CHUNK
+_TURN_J = 26 * CHUNK
 #: n before the step, in its mean and after it, r and |r| with which forces act, and the mean of r
-_START = 29
-_MIDDLE = 32
-_END = 35
-_R = 38
-_R_LENGTH = 41
-_R_MIDDLE = 42
+_START = 29 * CHUNK
+_MIDDLE = 32 * CHUNK
+_END = 35 * CHUNK
+_R = 38 * CHUNK
+_R_LENGTH = 41 * CHUNK
+_R_MIDDLE = 42 * CHUNK
 #: elongations before and after
-_E_START = 45
-_E = 46
+_E_START = 45 * CHUNK
+_E = 46 * CHUNK
 #: tangent of half of the angle by which forces turn about n in half of the step, and the cosine of
 #: the whole angle and one
-_HALF = 47
-_COSINE = 48
+_HALF = 47 * CHUNK
+_COSINE = 48 * CHUNK
 #: deformations of the step; forces before it, turned to its middle; after it; and their mean
-_SIDES = 49
-_HELD = 56
-_PULL = 63
-_MEAN = 70
+_SIDES = 49 * CHUNK
+_HELD = 56 * CHUNK
+_PULL = 63 * CHUNK
+_MEAN = 70 * CHUNK
 #: f - f_0, stiffnesses
-_CHANGE = 77
-_K_START = 78
-_K = 79
-_PUNCH_START = 80
-_PUNCH = 81
-_WORK = 82
+_CHANGE = 77 * CHUNK
+_K_START = 78 * CHUNK
+_K = 79 * CHUNK
+_PUNCH_START = 80 * CHUNK
+_PUNCH = 81 * CHUNK
+_WORK = 82 * CHUNK
 #: forces and torques on ball i, and on ball j
-_ON_I = 83
-_ON_J = 89
+_ON_I = 83 * CHUNK
+_ON_I_TORQUE = 86 * CHUNK
+_ON_J = 89 * CHUNK
+_ON_J_TORQUE = 92 * CHUNK
 #: dashpots: rates of elongation and of deformations, forces before and after, energy lost
-_RATE = 95
-_RATES = 96
-_DASH_START = 103
-_DASH = 111
-_LOSS = 119
-_N_ROWS = 120
+_RATE = 95 * CHUNK
+_RATES = 96 * CHUNK
+_DASH_START = 103 * CHUNK
+_DASH = 111 * CHUNK
+_LOSS = 119 * CHUNK
+_N_ROWS = 120 * CHUNK
 #: rows from that of slip to those of twist and of roll
-_TWIST = 3
-_ROLL = 4
-_N_SIDES = 7
+_TWIST = 3 * CHUNK
+_ROLL = 4 * CHUNK
+_N_SIDES = 7 * CHUNK
 
 
 class Columns(NamedTuple):
@@ -114,8 +117,8 @@ class Columns(NamedTuple):
     Attributes
     ----------
     i, j : (n_c,) numbers of the two balls.
-    shared : (N_COLUMNS,) numbers that all contacts share, by row.
-    separate : (n_s, n_c) those that differ, and ``lines`` (n_s,) their rows.
+    shared : (n_k,) numbers that all contacts share, by row.
+    separate : (n_s, n_c) those that differ, and ``lines`` (n_s,) where their rows begin.
     """
 
     i: NDArray[np.uint32]
@@ -212,31 +215,17 @@ def _slip(
 
 
 @compiled
-def _at(rows: Array, row: int, c: int) -> float:
-    """Return a number of a contact of the chunk."""
-    return rows[row * _CHUNK + c]
+def _get(rows: Array, place: int) -> _Vector:
+    """Return the vector of a contact whose first component is at a ``place`` of the rows."""
+    return rows[place], rows[place + CHUNK], rows[place + 2 * CHUNK]
 
 
 @compiled
-def _put(rows: Array, row: int, c: int, value: float) -> None:
-    """Set a number of a contact of the chunk."""
-    rows[row * _CHUNK + c] = value
-
-
-@compiled
-def _get(rows: Array, row: int, c: int) -> _Vector:
-    """Return a vector of a contact of the chunk."""
-    place = row * _CHUNK + c
-    return rows[place], rows[place + _CHUNK], rows[place + 2 * _CHUNK]
-
-
-@compiled
-def _set(rows: Array, row: int, c: int, a: _Vector) -> None:
-    """Set a vector of a contact of the chunk."""
-    place = row * _CHUNK + c
+def _set(rows: Array, place: int, a: _Vector) -> None:
+    """Set the vector of a contact whose first component is at a ``place`` of the rows."""
     rows[place] = a[0]
-    rows[place + _CHUNK] = a[1]
-    rows[place + 2 * _CHUNK] = a[2]
+    rows[place + CHUNK] = a[1]
+    rows[place + 2 * CHUNK] = a[2]
 
 
 # -- from arrays of contacts or balls to the rows of a chunk, n contacts from the first, and back --
@@ -245,10 +234,10 @@ def _set(rows: Array, row: int, c: int, a: _Vector) -> None:
 @compiled
 def _begin(shared: Array) -> Array:
     """Return rows with the numbers that all contacts share."""
-    rows = np.zeros(_N_ROWS * _CHUNK)
-    for row in range(N_COLUMNS):
-        for c in range(_CHUNK):
-            rows[row * _CHUNK + c] = shared[row]
+    rows = np.zeros(_N_ROWS)
+    for row in range(0, N_COLUMNS, CHUNK):
+        for c in range(CHUNK):
+            rows[row + c] = shared[row // CHUNK]
     return rows
 
 
@@ -265,18 +254,16 @@ def _read_separate(
 def _read(rows: Array, row: int, values: Array, first: int, n: int) -> None:
     """Set a row to numbers of contacts."""
     part = values[first : first + n]
-    place = row * _CHUNK
     for c in range(n):
-        rows[place + c] = part[c]
+        rows[row + c] = part[c]
 
 
 @compiled
 def _write(rows: Array, row: int, values: Array, first: int, n: int) -> None:
     """Set numbers of contacts to a row."""
     part = values[first : first + n]
-    place = row * _CHUNK
     for c in range(n):
-        part[c] = rows[place + c]
+        part[c] = rows[row + c]
 
 
 @compiled
@@ -295,16 +282,16 @@ def _gather(
     for motion in range(len(axes)):
         axis = axes[motion]
         if axis < 3:
-            start = (_ACROSS + axis) * _CHUNK
-            end = (_ACROSS_END + axis) * _CHUNK
+            start = _ACROSS + axis * CHUNK
+            end = _ACROSS_END + axis * CHUNK
             for c in range(n):
                 i = balls_i[c]
                 j = balls_j[c]
                 rows[start + c] = before[j, motion] - before[i, motion]
                 rows[end + c] = after[j, motion] - after[i, motion]
         else:
-            of_i = (_TURN_I + axis - 3) * _CHUNK
-            of_j = (_TURN_J + axis - 3) * _CHUNK
+            of_i = _TURN_I + (axis - 3) * CHUNK
+            of_j = _TURN_J + (axis - 3) * CHUNK
             for c in range(n):
                 i = balls_i[c]
                 j = balls_j[c]
@@ -332,10 +319,10 @@ def _gather_speeds(
             speed_i = speeds[balls_i[c], motion]
             speed_j = speeds[balls_j[c], motion]
             if axis < 3:
-                rows[(_ACROSS + axis) * _CHUNK + c] = speed_j - speed_i
+                rows[_ACROSS + axis * CHUNK + c] = speed_j - speed_i
             else:
-                rows[(_TURN_I + axis - 3) * _CHUNK + c] = speed_i
-                rows[(_TURN_J + axis - 3) * _CHUNK + c] = speed_j
+                rows[_TURN_I + (axis - 3) * CHUNK + c] = speed_i
+                rows[_TURN_J + (axis - 3) * CHUNK + c] = speed_j
 
 
 @compiled
@@ -351,8 +338,8 @@ def _scatter(
     balls_i = ends[0][first : first + n]
     balls_j = ends[1][first : first + n]
     for motion in range(len(axes)):
-        on_i = (_ON_I + axes[motion]) * _CHUNK
-        on_j = (_ON_J + axes[motion]) * _CHUNK
+        on_i = _ON_I + axes[motion] * CHUNK
+        on_j = _ON_J + axes[motion] * CHUNK
         for c in range(n):
             forces[balls_i[c], motion] += rows[on_i + c]
             forces[balls_j[c], motion] += rows[on_j + c]
@@ -365,29 +352,29 @@ def _scatter(
 def _go_along(rows: Array, n: int) -> None:
     """Find elongations and slips where n stays."""
     for c in range(n):
-        normal = _get(rows, REST, c)
-        gap = _at(rows, GAP, c)
-        across = _get(rows, _ACROSS, c)
-        end = _get(rows, _ACROSS_END, c)
-        arms = (_at(rows, NEAR, c), _at(rows, FAR, c))
-        turn_i = _get(rows, _TURN_I, c)
-        turn_j = _get(rows, _TURN_J, c)
-        _put(rows, _E_START, c, gap + _dot(normal, across))
-        _put(rows, _E, c, gap + _dot(normal, end))
+        normal = _get(rows, REST + c)
+        gap = rows[GAP + c]
+        across = _get(rows, _ACROSS + c)
+        end = _get(rows, _ACROSS_END + c)
+        arms = (rows[NEAR + c], rows[FAR + c])
+        turn_i = _get(rows, _TURN_I + c)
+        turn_j = _get(rows, _TURN_J + c)
+        rows[_E_START + c] = gap + _dot(normal, across)
+        rows[_E + c] = gap + _dot(normal, end)
         across = _add(end, -1.0, across)
-        _set(rows, _SIDES, c, _slip(across, turn_i, turn_j, arms, normal, normal))
-        _set(rows, _R, c, normal)
+        _set(rows, _SIDES + c, _slip(across, turn_i, turn_j, arms, normal, normal))
+        _set(rows, _R + c, normal)
 
 
 @compiled
 def _find_directions(rows: Array, n: int, is_mean: bool) -> None:
     """Find r, its directions and elongations where n turns."""
     for c in range(n):
-        rest = _get(rows, REST, c)
-        length = _at(rows, LENGTH, c)
-        gap = _at(rows, GAP, c)
-        free = _at(rows, FREE, c)
-        across = _get(rows, _ACROSS, c)
+        rest = _get(rows, REST + c)
+        length = rows[LENGTH + c]
+        gap = rows[GAP + c]
+        free = rows[FREE + c]
+        across = _get(rows, _ACROSS + c)
         start = _add(rest, free, across)
         # |r|^2 - |r_0|^2, no difference of near-equal lengths
         square = _dot(_add(rest, 1.0, start), across)
@@ -395,39 +382,41 @@ def _find_directions(rows: Array, n: int, is_mean: bool) -> None:
         # of one division, 1/|r| and e, which is the square over |r| + |r_0|
         both = length + start_length
         quotient = 1.0 / (start_length * both)
-        _put(rows, _E_START, c, gap + square * (start_length * quotient))
-        _set(rows, _START, c, _scale(both * quotient, start))
-        across_end = _get(rows, _ACROSS_END, c)
+        rows[_E_START + c] = gap + square * (start_length * quotient)
+        _set(rows, _START + c, _scale(both * quotient, start))
+        across_end = _get(rows, _ACROSS_END + c)
         end = _add(rest, free, across_end)
         square = _dot(_add(rest, 1.0, end), across_end)
         end_length = math.sqrt(length * length + free * square)
         both = length + end_length
         quotient = 1.0 / (end_length * both)
-        _put(rows, _E, c, gap + square * (end_length * quotient))
-        _set(rows, _END, c, _scale(both * quotient, end))
+        rows[_E + c] = gap + square * (end_length * quotient)
+        _set(rows, _END + c, _scale(both * quotient, end))
         middle = _scale(0.5, _add(start, 1.0, end))
         normal = _scale(1.0 / math.sqrt(_dot(middle, middle)), middle)
-        _set(rows, _MIDDLE, c, normal)
+        _set(rows, _MIDDLE + c, normal)
         mean_length = 0.5 * (start_length + end_length)
-        _put(rows, _R_LENGTH, c, mean_length if is_mean else end_length)
-        _set(rows, _R_MIDDLE, c, middle)
-        _set(rows, _R, c, middle if is_mean else end)
+        rows[_R_LENGTH + c] = mean_length if is_mean else end_length
+        _set(rows, _R_MIDDLE + c, middle)
+        _set(rows, _R + c, middle if is_mean else end)
 
 
 @compiled
 def _slip_turning(rows: Array, n: int) -> None:
     """Find slips where n turns."""
     for c in range(n):
-        arms = (_at(rows, NEAR, c), _at(rows, FAR, c))
-        turn_i = _get(rows, _TURN_I, c)
-        turn_j = _get(rows, _TURN_J, c)
-        normal = _get(rows, _MIDDLE, c)
-        across = _add(_get(rows, _ACROSS_END, c), -1.0, _get(rows, _ACROSS, c))
-        _set(rows, _SIDES, c, _slip(across, turn_i, turn_j, arms, _get(rows, _R_MIDDLE, c), normal))
+        arms = (rows[NEAR + c], rows[FAR + c])
+        turn_i = _get(rows, _TURN_I + c)
+        turn_j = _get(rows, _TURN_J + c)
+        normal = _get(rows, _MIDDLE + c)
+        across = _add(_get(rows, _ACROSS_END + c), -1.0, _get(rows, _ACROSS + c))
+        _set(
+            rows, _SIDES + c, _slip(across, turn_i, turn_j, arms, _get(rows, _R_MIDDLE + c), normal)
+        )
         # half of the mean of both rotations
         half = 0.125 * _dot(normal, _add(turn_i, 1.0, turn_j))
-        _put(rows, _HALF, c, half)
-        _put(rows, _COSINE, c, 2.0 / (1.0 + half * half))
+        rows[_HALF + c] = half
+        rows[_COSINE + c] = 2.0 / (1.0 + half * half)
 
 
 @compiled
@@ -435,13 +424,13 @@ def _turn_rows(rows: Array, n: int, row: int, start: int, end: int) -> None:
     """Turn the vectors of three rows from a direction to another, and about that."""
     for c in range(n):
         turned = _turn(
-            _get(rows, row, c),
-            _get(rows, start, c),
-            _get(rows, end, c),
-            _at(rows, _HALF, c),
-            _at(rows, _COSINE, c),
+            _get(rows, row + c),
+            _get(rows, start + c),
+            _get(rows, end + c),
+            rows[_HALF + c],
+            rows[_COSINE + c],
         )
-        _set(rows, row, c, turned)
+        _set(rows, row + c, turned)
 
 
 @compiled
@@ -455,11 +444,11 @@ def _go_turning(rows: Array, n: int, is_mean: bool) -> None:
 def _roll(rows: Array, n: int, turns: bool) -> None:
     """Find twists and rolls of a step, and turn torques of roll to its middle."""
     for c in range(n):
-        normal = _get(rows, _MIDDLE, c) if turns else _get(rows, REST, c)
-        roll = _add(_get(rows, _TURN_J, c), -1.0, _get(rows, _TURN_I, c))
+        normal = _get(rows, _MIDDLE + c) if turns else _get(rows, REST + c)
+        roll = _add(_get(rows, _TURN_J + c), -1.0, _get(rows, _TURN_I + c))
         twist = _dot(normal, roll)
-        _put(rows, _SIDES + _TWIST, c, twist)
-        _set(rows, _SIDES + _ROLL, c, _add(roll, -twist, normal))
+        rows[_SIDES + _TWIST + c] = twist
+        _set(rows, _SIDES + _ROLL + c, _add(roll, -twist, normal))
     if turns:
         _turn_rows(rows, n, _HELD + _ROLL, _START, _MIDDLE)
 
@@ -470,18 +459,18 @@ def _press(rows: Array, n: int) -> None:
     before and after the step.
     """
     for c in range(n):
-        coefficient = _at(rows, COEFFICIENT, c)
-        overlap = _at(rows, OVERLAP, c)
-        loss = min(_at(rows, _E, c), overlap)  # of h_+
+        coefficient = rows[COEFFICIENT + c]
+        overlap = rows[OVERLAP + c]
+        loss = min(rows[_E + c], overlap)  # of h_+
         root = math.sqrt(overlap - loss)
         # the difference of the powers 3/2, over that of h and y, is h^(1/2) + y/(h^(1/2) + y^(1/2))
-        factor = root + overlap / (root + _at(rows, ROOT, c))
-        _put(rows, _CHANGE, c, -coefficient * (loss * factor))
+        factor = root + overlap / (root + rows[ROOT + c])
+        rows[_CHANGE + c] = -coefficient * (loss * factor)
         stiffness = coefficient * _STIFFNESS * root
-        _put(rows, _K, c, stiffness)
-        _put(rows, _PUNCH, c, stiffness)
-        root = math.sqrt(max(overlap - _at(rows, _E_START, c), 0.0))
-        _put(rows, _PUNCH_START, c, coefficient * _STIFFNESS * root)
+        rows[_K + c] = stiffness
+        rows[_PUNCH + c] = stiffness
+        root = math.sqrt(max(overlap - rows[_E_START + c], 0.0))
+        rows[_PUNCH_START + c] = coefficient * _STIFFNESS * root
 
 
 @compiled
@@ -489,42 +478,42 @@ def _resist(rows: Array, n: int, mu: float) -> None:
     """Find the forces against slip at the end of a step, up to Coulomb's limit, and their work."""
     slides = mu < math.inf
     for c in range(n):
-        before = _at(rows, _PUNCH_START, c)
-        punch = _at(rows, _PUNCH, c)
+        before = rows[_PUNCH_START + c]
+        punch = rows[_PUNCH + c]
         least = min(punch, before)
         # the share of a force that the law keeps: nothing where contacts were open
         kept = least / max(before, _NONE)
-        stiffness = 0.5 * (least + punch) * _at(rows, SLIP_RATIO, c)
-        sides = _get(rows, _SIDES, c)
-        held = _get(rows, _HELD, c)
+        stiffness = 0.5 * (least + punch) * rows[SLIP_RATIO + c]
+        sides = _get(rows, _SIDES + c)
+        held = _get(rows, _HELD + c)
         pull = _add(_scale(kept, held), stiffness, sides)
         if slides:
-            limit = mu * max(_at(rows, _CHANGE, c) + _at(rows, FORCE, c), 0.0)
+            limit = mu * max(rows[_CHANGE + c] + rows[FORCE + c], 0.0)
             size = math.sqrt(_dot(pull, pull))
             pull = _scale(limit / size if size > limit else 1.0, pull)
-        _set(rows, _PULL, c, pull)
-        _put(rows, _WORK, c, 0.5 * _dot(_add(pull, 1.0, held), sides))
+        _set(rows, _PULL + c, pull)
+        rows[_WORK + c] = 0.5 * _dot(_add(pull, 1.0, held), sides)
 
 
 @compiled
 def _resist_roll(rows: Array, n: int) -> None:
     """Find the torques against twist and roll at the end of a step, and add their work."""
     for c in range(n):
-        before = _at(rows, _PUNCH_START, c)
-        punch = _at(rows, _PUNCH, c)
+        before = rows[_PUNCH_START + c]
+        punch = rows[_PUNCH + c]
         least = min(punch, before)
         kept = least / max(before, _NONE)
         stiffness = 0.5 * (least + punch)
-        twist = _at(rows, _SIDES + _TWIST, c)
-        held_twist = _at(rows, _HELD + _TWIST, c)
-        pull_twist = kept * held_twist + stiffness * _at(rows, TWIST_RATIO, c) * twist
-        roll = _get(rows, _SIDES + _ROLL, c)
-        held = _get(rows, _HELD + _ROLL, c)
-        pull = _add(_scale(kept, held), stiffness * _at(rows, ROLL_RATIO, c), roll)
-        _put(rows, _PULL + _TWIST, c, pull_twist)
-        _set(rows, _PULL + _ROLL, c, pull)
+        twist = rows[_SIDES + _TWIST + c]
+        held_twist = rows[_HELD + _TWIST + c]
+        pull_twist = kept * held_twist + stiffness * rows[TWIST_RATIO + c] * twist
+        roll = _get(rows, _SIDES + _ROLL + c)
+        held = _get(rows, _HELD + _ROLL + c)
+        pull = _add(_scale(kept, held), stiffness * rows[ROLL_RATIO + c], roll)
+        rows[_PULL + _TWIST + c] = pull_twist
+        _set(rows, _PULL + _ROLL + c, pull)
         work = (pull_twist + held_twist) * twist + _dot(_add(pull, 1.0, held), roll)
-        _put(rows, _WORK, c, _at(rows, _WORK, c) + 0.5 * work)
+        rows[_WORK + c] = rows[_WORK + c] + 0.5 * work
 
 
 @compiled
@@ -532,41 +521,41 @@ def _average(rows: Array, n: int) -> None:
     """Find the means of forces in a step, before which and after which these are turned to its
     middle.
     """
-    for row in range(_N_SIDES):
+    for row in range(0, _N_SIDES, CHUNK):
         for c in range(n):
-            held = rows[(_HELD + row) * _CHUNK + c]
-            rows[(_MEAN + row) * _CHUNK + c] = 0.5 * (held + rows[(_PULL + row) * _CHUNK + c])
+            held = rows[_HELD + row + c]
+            rows[_MEAN + row + c] = 0.5 * (held + rows[_PULL + row + c])
 
 
 @compiled
 def _take_mean(rows: Array, n: int, step: float) -> None:
     """Let mean forces, stiffnesses and rates of a step be those that act."""
     for c in range(n):
-        _put(rows, _K, c, 0.5 * (_at(rows, _K_START, c) + _at(rows, _K, c)))
-        _put(rows, _PUNCH, c, 0.5 * (_at(rows, _PUNCH_START, c) + _at(rows, _PUNCH, c)))
-        _put(rows, _RATE, c, (_at(rows, _E, c) - _at(rows, _E_START, c)) / step)
-    for row in range(_N_SIDES):
+        rows[_K + c] = 0.5 * (rows[_K_START + c] + rows[_K + c])
+        rows[_PUNCH + c] = 0.5 * (rows[_PUNCH_START + c] + rows[_PUNCH + c])
+        rows[_RATE + c] = (rows[_E + c] - rows[_E_START + c]) / step
+    for row in range(0, _N_SIDES, CHUNK):
         for c in range(n):
-            rows[(_PULL + row) * _CHUNK + c] = rows[(_MEAN + row) * _CHUNK + c]
-            rows[(_RATES + row) * _CHUNK + c] = rows[(_SIDES + row) * _CHUNK + c] / step
+            rows[_PULL + row + c] = rows[_MEAN + row + c]
+            rows[_RATES + row + c] = rows[_SIDES + row + c] / step
 
 
 @compiled
 def _take_rates(rows: Array, n: int, turns: bool) -> None:
     """Find the rates of deformations after a step, of balls whose velocities are gathered."""
     for c in range(n):
-        r = _get(rows, _R, c)
-        normal = _get(rows, _END, c) if turns else r
-        across = _get(rows, _ACROSS, c)
-        spin_i = _get(rows, _TURN_I, c)
-        spin_j = _get(rows, _TURN_J, c)
-        arms = (_at(rows, NEAR, c), _at(rows, FAR, c))
-        _put(rows, _RATE, c, _dot(normal, across))
-        _set(rows, _RATES, c, _slip(across, spin_i, spin_j, arms, r, normal))
+        r = _get(rows, _R + c)
+        normal = _get(rows, _END + c) if turns else r
+        across = _get(rows, _ACROSS + c)
+        spin_i = _get(rows, _TURN_I + c)
+        spin_j = _get(rows, _TURN_J + c)
+        arms = (rows[NEAR + c], rows[FAR + c])
+        rows[_RATE + c] = _dot(normal, across)
+        _set(rows, _RATES + c, _slip(across, spin_i, spin_j, arms, r, normal))
         roll = _add(spin_j, -1.0, spin_i)
         twist = _dot(normal, roll)
-        _put(rows, _RATES + _TWIST, c, twist)
-        _set(rows, _RATES + _ROLL, c, _add(roll, -twist, normal))
+        rows[_RATES + _TWIST + c] = twist
+        _set(rows, _RATES + _ROLL + c, _add(roll, -twist, normal))
 
 
 @compiled
@@ -575,50 +564,50 @@ def _damp(rows: Array, n: int, is_mean: bool) -> None:
     up: by their means of before and after the step, or as those of its mean.
     """
     for c in range(n):
-        normal_dash = -_at(rows, NORMAL_TIME, c) * _at(rows, _K, c) * _at(rows, _RATE, c)
-        _put(rows, _DASH, c, normal_dash)
-        _put(rows, _CHANGE, c, _at(rows, _CHANGE, c) + normal_dash)
-        mean = normal_dash if is_mean else 0.5 * (_at(rows, _DASH_START, c) + normal_dash)
-        _put(rows, _LOSS, c, mean * (_at(rows, _E_START, c) - _at(rows, _E, c)))
-    for row in range(_N_SIDES):
+        normal_dash = -rows[NORMAL_TIME + c] * rows[_K + c] * rows[_RATE + c]
+        rows[_DASH + c] = normal_dash
+        rows[_CHANGE + c] = rows[_CHANGE + c] + normal_dash
+        mean = normal_dash if is_mean else 0.5 * (rows[_DASH_START + c] + normal_dash)
+        rows[_LOSS + c] = mean * (rows[_E_START + c] - rows[_E + c])
+    for row in range(0, _N_SIDES, CHUNK):
         ratio = TWIST_RATIO if row == _TWIST else ROLL_RATIO
         ratio = SLIP_RATIO if row < _TWIST else ratio
         for c in range(n):
-            viscosity = rows[SIDE_TIME * _CHUNK + c] * rows[_PUNCH * _CHUNK + c]
-            dash = viscosity * rows[ratio * _CHUNK + c] * rows[(_RATES + row) * _CHUNK + c]
-            mean = dash if is_mean else 0.5 * (rows[(_DASH_START + 1 + row) * _CHUNK + c] + dash)
-            rows[(_DASH + 1 + row) * _CHUNK + c] = dash
-            rows[(_PULL + row) * _CHUNK + c] += dash
-            rows[_LOSS * _CHUNK + c] += mean * rows[(_SIDES + row) * _CHUNK + c]
+            viscosity = rows[SIDE_TIME + c] * rows[_PUNCH + c]
+            dash = viscosity * rows[ratio + c] * rows[_RATES + row + c]
+            mean = dash if is_mean else 0.5 * (rows[_DASH_START + CHUNK + row + c] + dash)
+            rows[_DASH + CHUNK + row + c] = dash
+            rows[_PULL + row + c] += dash
+            rows[_LOSS + c] += mean * rows[_SIDES + row + c]
 
 
 @compiled
 def _act(rows: Array, n: int, turns: bool, rolls: bool) -> None:
     """Find forces and torques on the two balls."""
     for c in range(n):
-        r = _get(rows, _R, c)
-        pull = _get(rows, _PULL, c)
-        push = _at(rows, _CHANGE, c)
+        r = _get(rows, _R + c)
+        pull = _get(rows, _PULL + c)
+        push = rows[_CHANGE + c]
         if turns:
-            push = (push + _at(rows, FORCE, c)) / _at(rows, _R_LENGTH, c)
+            push = (push + rows[FORCE + c]) / rows[_R_LENGTH + c]
         force = _add(_scale(push, r), -1.0, pull)
         moment = _cross(r, pull)
-        _set(rows, _ON_I, c, _scale(-1.0, force))
-        _set(rows, _ON_J, c, force)
-        _set(rows, _ON_I + 3, c, _scale(_at(rows, NEAR, c), moment))
-        _set(rows, _ON_J + 3, c, _scale(_at(rows, FAR, c), moment))
+        _set(rows, _ON_I + c, _scale(-1.0, force))
+        _set(rows, _ON_J + c, force)
+        _set(rows, _ON_I_TORQUE + c, _scale(rows[NEAR + c], moment))
+        _set(rows, _ON_J_TORQUE + c, _scale(rows[FAR + c], moment))
         if rolls:
-            twist = _at(rows, _PULL + _TWIST, c) / math.sqrt(_dot(r, r))
-            roll = _add(_get(rows, _PULL + _ROLL, c), twist, r)
-            _set(rows, _ON_I + 3, c, _add(_get(rows, _ON_I + 3, c), 1.0, roll))
-            _set(rows, _ON_J + 3, c, _add(_get(rows, _ON_J + 3, c), -1.0, roll))
+            twist = rows[_PULL + _TWIST + c] / math.sqrt(_dot(r, r))
+            roll = _add(_get(rows, _PULL + _ROLL + c), twist, r)
+            _set(rows, _ON_I_TORQUE + c, _add(_get(rows, _ON_I_TORQUE + c), 1.0, roll))
+            _set(rows, _ON_J_TORQUE + c, _add(_get(rows, _ON_J_TORQUE + c), -1.0, roll))
 
 
 @compiled
 def _sum(rows: Array, n: int, row: int, sums: Array) -> None:
     """Add a row to sums."""
     for c in range(n):
-        sums[c] += rows[row * _CHUNK + c]
+        sums[c] += rows[row + c]
 
 
 # -- all contacts ----------------------------------------------------------------------------------
@@ -633,8 +622,8 @@ def measure(
     """
     ends = (contacts.i, contacts.j)
     rows = _begin(contacts.shared)
-    for first in range(0, len(e), _CHUNK):
-        n = min(_CHUNK, len(e) - first)
+    for first in range(0, len(e), CHUNK):
+        n = min(CHUNK, len(e) - first)
         _read_separate(rows, contacts.separate, contacts.lines, first, n)
         _gather(rows, ends, motions, motions, axes, first, n)
         if turns:
@@ -689,15 +678,15 @@ def follow(
     is_mean = len(mean) > 0
     is_damped = dash.shape[1] > 0
     rows = _begin(contacts.shared)
-    work = np.zeros(_CHUNK)
-    loss = np.zeros(_CHUNK)
+    work = np.zeros(CHUNK)
+    loss = np.zeros(CHUNK)
     forces[:] = 0.0
-    for first in range(0, len(contacts.i), _CHUNK):
-        n = min(_CHUNK, len(contacts.i) - first)
+    for first in range(0, len(contacts.i), CHUNK):
+        n = min(CHUNK, len(contacts.i) - first)
         _read_separate(rows, separate, columns, first, n)
         _gather(rows, ends, motions, motions_after, axes, first, n)
         for line in range(n_lines):
-            _read(rows, _HELD + line, pull[1 + line], first, n)
+            _read(rows, _HELD + line * CHUNK, pull[1 + line], first, n)
         if rules.turns:
             _go_turning(rows, n, is_mean)
         else:
@@ -721,7 +710,7 @@ def follow(
             if rolls:
                 _turn_rows(rows, n, _PULL + _ROLL, _MIDDLE, _END)
         for line in range(n_lines):
-            _write(rows, _PULL + line, pull_after[1 + line], first, n)
+            _write(rows, _PULL + line * CHUNK, pull_after[1 + line], first, n)
         if is_mean:
             _read(rows, _K_START, k, first, n)
             _read(rows, _K, k_after, first, n)
@@ -734,10 +723,10 @@ def follow(
                 _gather_speeds(rows, ends, speeds, axes, first, n)
                 _take_rates(rows, n, rules.turns)
             for line in range(len(dash)):
-                _read(rows, _DASH_START + line, dash[line], first, n)
+                _read(rows, _DASH_START + line * CHUNK, dash[line], first, n)
             _damp(rows, n, is_mean)
             for line in range(len(dash)):
-                _write(rows, _DASH + line, dash[line], first, n)
+                _write(rows, _DASH + line * CHUNK, dash[line], first, n)
             _sum(rows, n, _LOSS, loss)
         _act(rows, n, rules.turns, rolls)
         _scatter(rows, ends, forces, axes, first, n)
