@@ -221,7 +221,7 @@ before after next_ last_ nothing lost
 """
 PRONOUNS = frozenset(_PRONOUNS.split())
 #: places that are to be written anew, and keep their names until then
-KEEP_NAMES = ("array/", "waves/nonlinear.py", "waves/directions.py")
+KEEP_NAMES = ("array/",)
 
 
 class TextFacts:

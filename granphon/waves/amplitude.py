@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from granphon.base.arrays import Array, Complex
 from granphon.base.errors import InputError
 from granphon.base.validation import real_array, whole_number
+from granphon.contacts.motion_laws import Powers
 from granphon.dynamics.compatibility import require_digits
 from granphon.networks.network import ContactNetwork
-from granphon.waves.contact_forces import Powers
 from granphon.waves.nonlinear import NonlinearWaves
 from granphon.waves.operator import WaveOperator
 

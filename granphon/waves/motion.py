@@ -507,7 +507,7 @@ class Frames:
         if path is not None:
             _require_writable(path)
         self._network = network
-        self._step = step
+        self.step = step
         self._path = None if path is None else Path(path)
         # the column of each contact beside those of the network, by (i, j, shift)
         self._columns: dict[tuple[int, ...], int] = {}
@@ -578,7 +578,7 @@ class Frames:
             self._file.close()
             earlier_arrays, _ = read_records(path, _ABOUT)
         with put_beside(path) as beside:
-            self._file = _begin_file(beside, self._network, self._step, self._met, frame)
+            self._file = _begin_file(beside, self._network, self.step, self._met, frame)
             for number in range(self._count):
                 earlier_frame = {
                     name: _pad(earlier_arrays[name][number], shapes[name]) for name in frame
@@ -603,7 +603,7 @@ class Frames:
         for name in last:
             shape = np.shape(last[name])
             arrays[name] = np.array([_pad(frame[name], shape) for frame in self._frames])
-        return Motion(**arrays, network=self._network, met=self._met, step=self._step)
+        return Motion(**arrays, network=self._network, met=self._met, step=self.step)
 
 
 def _require_writable(path: Any) -> None:

@@ -4,11 +4,10 @@ Mass-weighted motions x = M^1/2 u (rotations carried by w = R_g phi) obey
 
     x'' = A^T ((f(h) - f_0) e_n - (T - T_0)) + forces,    A = C M^-1/2
 
-where C x are the deformations of contacts, in the directions of the network or in the true ones
-(:mod:`granphon.waves.directions`), and f and T are their forces
-(:mod:`granphon.waves.contact_forces`). f_0 and T_0 are the static forces, which the load holds in
-balance. In the directions of the network displacements are small against the balls, not against the
-overlaps.
+where C x are the deformations of contacts, in the directions of the network or in the true ones,
+and f and T are their forces (:mod:`granphon.contacts.motion`). f_0 and T_0 are the static forces,
+which the load holds in balance. In the directions of the network displacements are small against
+the balls, not against the overlaps.
 
 There are two schemes. Verlet's steps in velocity form are explicit, symplectic and, without losses,
 the same backwards; the sum of energies, each known in closed form, differs from a constant by the
@@ -65,13 +64,14 @@ from granphon.base.validation import (
     whole_number,
 )
 from granphon.contacts.laws import ContactLaws
+from granphon.contacts.motion import MetPairs, MovingContacts, measure_along
+from granphon.contacts.motion_laws import PairLaws, Powers
+from granphon.contacts.motion_loops import Moment, drift, gather, kick, spread
 from granphon.dynamics.damping import ContactDamping
 from granphon.media.cost import motion_memory
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.limits import check_limit
 from granphon.networks.network import ContactNetwork, given_network
-from granphon.waves.contact_forces import ContactForces, PairLaws, Powers, Touch
-from granphon.waves.directions import FixedDirections, Moment, TrueDirections
 from granphon.waves.motion import Frames, Motion
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_vector, require_moves
@@ -189,17 +189,7 @@ class NonlinearWaves:
         )
         self._damped = ContactDamping.of(network, damping)
         self.damping = self._damped.times
-        field = np.zeros(3)
-        if gravity is not None:
-            given = real_array("gravity", gravity)
-            if given.shape not in ((network.dimension,), (3,)) or not np.all(np.isfinite(given)):
-                raise InputError(
-                    f"gravity is {brief(gravity)}",
-                    mend=f"Give {network.dimension} finite numbers, m/s2",
-                )
-            field[: len(given)] = given
-            require_moves("gravity", field, network)
-        self.gravity: Array = field
+        self.gravity: Array = _read_gravity(gravity, network)
 
     def __repr__(self) -> str:
         of = f", f ~ overlap^{self.normal.exponent:g}" if isinstance(self.normal, Powers) else ""
@@ -217,83 +207,99 @@ class NonlinearWaves:
         """Return the laws of the contacts; keep them, what finds the law of two kinds that meet,
         kappa/2E*a, and E*, and the stiffnesses 2E*a of contacts at rest.
         """
-        network = self.network
-        force = self.network.normal_force
-        stiffness = self.network.normal_stiffness
         self._known: Powers | ContactLaws
         self._find: Callable[..., tuple[Any, Any, Any]]
-        self.punch = stiffness
-        pairs = self._group(network.i, network.j)
+        self.punch = self.network.normal_stiffness
         crystal = state.crystal if state is not None and law is None else law
         if isinstance(crystal, Crystal) and not (unloaded and law is not None):
-            kinds = {name: name for name in (*crystal.names, RIGID_PLANE.name)}
-            if not network.kinds and len(crystal.names) == 1:
-                kinds[_BALL] = crystal.names[0]
-            elif not network.kinds or not set(network.kinds) <= set(kinds):
-                raise InputError(
-                    "the balls of the network are not of the kinds of the crystal",
-                    mend="Give a law",
-                )
-            self._find = lambda name, other: crystal.contact_model.law_of(kinds[name], kinds[other])
-            groups = list[tuple[Any, Index]]()
-            modulus = np.ones(force.size)
-            for pair, at in pairs.items():
-                found, _, modulus[at] = self._find(*pair)
-                groups.append((found, at))
-            self._known = ContactLaws(groups, force.size, modulus)
-            self._rest_on(self._known)
-            return _take_laws(
-                self._known, self._known.overlap(np.zeros_like(force) if unloaded else force)
-            )
-        eta = network.shear_stiffness / stiffness
+            return self._take_crystal(crystal, unloaded)
         if unloaded or isinstance(law, DMT | JKR):
             why = "Its contacts are those of balls of known materials, or of no load"
             raise InputError(
                 f"law is {brief(law)}", why, "Give the law to the Crystal, and the Crystal here"
             )
-        if not isinstance(law, Hertz | PowerLaw | None):
-            one = law_between(law, RIGID_PLANE, RIGID_PLANE)
-            overlap = np.asarray(one.overlap(force), float)
-            # of balls that are not known, a modulus with which punches are as stiff at rest as
-            # contacts
-            radius = punch_stiffness(one, overlap, 0.5)
-            modulus = (
-                0.5 * np.asarray(one.stiffness(overlap)) / np.where(radius > 0.0, radius, np.inf)
-            )
-            self._known = ContactLaws([(one, np.arange(force.size))], force.size, modulus)
-            self._rest_on(self._known)
-            eta = network.shear_stiffness / self.punch
+        if isinstance(law, Hertz | PowerLaw | None):
+            return self._take_power(law)
+        return self._take_law(law)
 
-            def find_alike(*pair: str) -> tuple[Any, Any, Any]:
-                alike = pairs.get(pair, slice(None))
-                return one, np.mean(eta[alike]), np.mean(modulus[alike])
-
-            self._find = find_alike
-            return _take_laws(self._known, overlap)
-        if not np.all(force > 0.0):
-            what = f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts have no force"
+    def _take_crystal(self, crystal: Crystal, unloaded: bool) -> Powers | PairLaws:
+        """Return the laws of the pairs of a crystal, and keep what :meth:`_find_laws` keeps."""
+        network = self.network
+        force = network.normal_force
+        kinds = {name: name for name in (*crystal.names, RIGID_PLANE.name)}
+        if not network.kinds and len(crystal.names) == 1:
+            kinds[_BALL] = crystal.names[0]
+        elif not network.kinds or not set(network.kinds) <= set(kinds):
             raise InputError(
-                what,
+                "the balls of the network are not of the kinds of the crystal", mend="Give a law"
+            )
+        self._find = lambda name, other: crystal.contact_model.law_of(kinds[name], kinds[other])
+        groups = list[tuple[Any, Index]]()
+        modulus = np.ones(force.size)
+        for pair, contacts in self._group(network.i, network.j).items():
+            law, _, modulus[contacts] = self._find(*pair)
+            groups.append((law, contacts))
+        laws = ContactLaws(groups, force.size, modulus)
+        self._known = laws
+        self._rest_on(laws)
+        return _take_laws(laws, laws.overlap(np.zeros_like(force) if unloaded else force))
+
+    def _take_law(self, law: Any) -> Powers | PairLaws:
+        """Return one ``law`` of all contacts, and keep what :meth:`_find_laws` keeps."""
+        network = self.network
+        force = network.normal_force
+        pairs = self._group(network.i, network.j)
+        pair_law = law_between(law, RIGID_PLANE, RIGID_PLANE)
+        overlap = np.asarray(pair_law.overlap(force), float)
+        # of balls that are not known, a modulus with which punches are as stiff at rest as contacts
+        radius = punch_stiffness(pair_law, overlap, 0.5)
+        finite_radius = np.where(radius > 0.0, radius, np.inf)
+        modulus = 0.5 * np.asarray(pair_law.stiffness(overlap)) / finite_radius
+        laws = ContactLaws([(pair_law, np.arange(force.size))], force.size, modulus)
+        self._known = laws
+        self._rest_on(laws)
+        eta = network.shear_stiffness / self.punch
+
+        def find_alike(*pair: str) -> tuple[Any, Any, Any]:
+            alike = pairs.get(pair, slice(None))
+            return pair_law, np.mean(eta[alike]), np.mean(modulus[alike])
+
+        self._find = find_alike
+        return _take_laws(laws, overlap)
+
+    def _take_power(self, law: Any) -> Powers:
+        """Return powers of the overlap with the exponent of a ``law``, whose coefficients follow
+        from forces and stiffnesses at rest; keep what :meth:`_find_laws` keeps.
+        """
+        network = self.network
+        force = network.normal_force
+        stiffness = network.normal_stiffness
+        pairs = self._group(network.i, network.j)
+        eta = network.shear_stiffness / stiffness
+        if not np.all(force > 0.0):
+            raise InputError(
+                f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts have no force",
                 "Their overlap is not known",
                 "Press the network, leave them out, or give a Crystal",
             )
         exponent = law.exponent if isinstance(law, PowerLaw) else hertz.EXPONENT
         overlap = exponent * force / stiffness
-        self._known = powers = Powers(exponent, force / overlap**exponent, overlap)
+        powers = Powers(exponent, force / overlap**exponent, overlap)
+        self._known = powers
         # Hertz's coefficients go with the root of the radius of contacts, and a power has one
         # whatever the balls
         self._sizes = np.ones_like(network.radii) if isinstance(law, PowerLaw) else network.radii
-        each = powers.coefficient / _root_radius(self._sizes, network.i, network.j)
+        per_root = powers.coefficient / _root_radius(self._sizes, network.i, network.j)
 
-        def find(*pair: str) -> tuple[Any, Any, Any]:
+        def find_alike(*pair: str) -> tuple[Any, Any, Any]:
             alike = pairs.get(pair, slice(None))
-            if np.ptp(each[alike]) > _ALIKE * np.mean(each[alike]):
+            if np.ptp(per_root[alike]) > _ALIKE * np.mean(per_root[alike]):
                 raise InputError(
                     f"contacts of {pair} have no law that is known", mend="Give a Crystal"
                 )
-            return np.mean(each[alike]), np.mean(eta[alike]), 1.0
+            return np.mean(per_root[alike]), np.mean(eta[alike]), 1.0
 
-        self._find = find
+        self._find = find_alike
         return powers
 
     def _rest_on(self, springs: ContactLaws) -> None:
@@ -310,28 +316,29 @@ class NonlinearWaves:
         Pairs without a law do not push: the numbers of their contacts come with what is wrong once
         they meet.
         """
-        known = self._known
+        laws = self._known
         n = self.network.n_contacts
         groups = []
         unknown = list[tuple[Index, str]]()
         overlap = np.append(self.overlap, np.zeros(len(i)))
         ratio = np.zeros(len(i))
         modulus = np.ones(len(i))
-        for pair, at in self._group(i, j).items():
+        for pair, members in self._group(i, j).items():
             try:
-                law, ratio[at], modulus[at] = self._find(*pair)
-                groups.append((law, n + at))
+                law, ratio[members], modulus[members] = self._find(*pair)
+                groups.append((law, n + members))
             except InputError as error:
-                unknown.append((n + at, str(error).rstrip(".")))
-        if isinstance(known, ContactLaws):
-            both = ContactLaws(
-                [*known.groups, *groups], len(overlap), np.append(known.modulus, modulus)
+                unknown.append((n + members, str(error).rstrip(".")))
+        if isinstance(laws, ContactLaws):
+            joint_laws = ContactLaws(
+                [*laws.groups, *groups], len(overlap), np.append(laws.modulus, modulus)
             )
-            return _take_laws(both, overlap, len(i)), ratio, unknown
-        coefficient = np.append(known.coefficient, np.zeros(len(i)))
-        for each, at in groups:
-            coefficient[at] = each * _root_radius(self._sizes, i[at - n], j[at - n])
-        return Powers(known.exponent, coefficient, overlap), ratio, unknown
+            return _take_laws(joint_laws, overlap, len(i)), ratio, unknown
+        coefficient = np.append(laws.coefficient, np.zeros(len(i)))
+        for per_root, members in groups:
+            pair_roots = _root_radius(self._sizes, i[members - n], j[members - n])
+            coefficient[members] = per_root * pair_roots
+        return Powers(laws.exponent, coefficient, overlap), ratio, unknown
 
     def _group(self, i: Index, j: Index) -> dict[tuple[str, ...], Index]:
         """Return the numbers of the contacts (i, j) of each pair of kinds of balls."""
@@ -400,10 +407,10 @@ class NonlinearWaves:
         length = positive("duration", duration, "s")
         count = whole_number("frames", frames, 2, _MOST_STEPS)
         one_of("scheme", scheme, SCHEMES)
-        held = 2 if file is not None else count  # frames of a file are not held in memory
-        needed = motion_memory(self.network.n_balls, self.network.n_contacts, held)
-        what = f"{count:,} frames of a motion of {self.network.n_balls:,} balls"
-        require_memory(what, needed, "Give fewer frames")
+        n_held = 2 if file is not None else count  # frames of a file are not held in memory
+        memory = motion_memory(self.network.n_balls, self.network.n_contacts, n_held)
+        frames_text = f"{count:,} frames of a motion of {self.network.n_balls:,} balls"
+        require_memory(frames_text, memory, "Give fewer frames")
         if UNCOMPILED:
             warnings.warn(UNCOMPILED, stacklevel=2)
         if positions is not None:
@@ -414,66 +421,31 @@ class NonlinearWaves:
             displacements = places - self.network.positions[:, : places.shape[1]]
         drives = list(drive) if isinstance(drive, list | tuple) else [drive]
         system = _System(self, [] if drive is None else drives)
-        start = [
-            system.read(name, one)
-            for name, one in (
-                ("displacements", displacements),
-                ("velocities", velocities),
-                ("rotations", rotations),
-                ("spins", spins),
-            )
-        ]
-        x = start[0] + start[2]
-        v = start[1] + start[3]
-        with np.errstate(over="ignore", invalid="ignore"):
-            squares = np.sum(system.operator.values(v) ** 2, axis=1)
-            stiffness = system.press(x, 0.5 * float(np.max(squares, initial=0.0)))
-            stable = system.choose_step(stiffness)
-            top = system.fixed.top(stiffness)
-        wanted = stable if step is None else positive("step", step, "s")
-        if wanted * _LEAST_STEPS > _STEPS * stable:
-            what = (
-                f"the step of {wanted:.3g} s is too long for the stiffest contact, or its damping"
-            )
-            raise InputError(what, "It would not be stable", "Leave step out")
-        least = wanted * 2.0**-_HALVINGS
-        require_steps(length / wanted)  # which may be infinite
+        moved = system.read("displacements", displacements)
+        speeds = system.read("velocities", velocities)
+        x = moved + system.read("rotations", rotations)
+        v = speeds + system.read("spins", spins)
+        trial_step, top = self._choose_step(system, x, v, step)
+        least = trial_step * 2.0**-_HALVINGS
+        require_steps(length / trial_step)  # which may be infinite
         # no motion of the run is slower than the run is long, or faster than contacts are
         for sentence in self._damped.find_warnings(min(1.0 / length, top / (2.0 * math.pi))):
             warnings.warn(f"in the motion {sentence.rstrip('.')}", LimitWarning, stacklevel=2)
         while True:
-            require_steps(length / wanted)
-            each = max(1, math.ceil(length / (count - 1) / wanted * (1.0 - _ROUNDING)))
-            require_steps(each * (count - 1))
-            exact = length / (count - 1) / each
-            stopped = ""
-            if not exact >= hertz.LEAST_NORMAL:
-                raise InputError(
-                    f"a step of {length:.3g} s over {count - 1} frames is beyond double precision"
-                )
-            kept = Frames(self.network, exact, file)
+            each = _count_steps(length, trial_step, count)
+            kept = Frames(self.network, length / (count - 1) / each, file)
             # what leaves the floating range ends the run
             floating = np.errstate(over="ignore", invalid="ignore")
             with kept, single_products(), floating, progress.step("motion", count - 1) as told:
-                try:
-                    for frame in system.integrate(x, v, exact, each, count, scheme, kept):
-                        if frame:
-                            told.advance()
-                except KeyboardInterrupt:
-                    if not len(kept):  # it came while loops were compiled, or a file was begun
-                        raise
-                    stopped = _CTRL_C
-                except _Stop as stop:
-                    stopped = str(stop)
-            if stopped in (_TOO_LONG, _UNSOLVED, _RATTLED) and step is None and wanted > least:
-                wanted *= 0.5
+                stopped = _record(system, x, v, each, count, scheme, kept, told)
+            is_unstable = stopped in (_TOO_LONG, _UNSOLVED, _RATTLED)
+            if is_unstable and step is None and trial_step > least:
+                trial_step *= 0.5
                 continue
-            if (wide := check_limit("contact_radius", system.widest).warning) is not None:
-                warnings.warn(
-                    f"in the motion {wide[0].lower()}{wide[1:].rstrip('.')}",
-                    LimitWarning,
-                    stacklevel=2,
-                )
+            wide = check_limit("contact_radius", system.widest).warning
+            if wide is not None:
+                sentence = f"in the motion {wide[0].lower()}{wide[1:].rstrip('.')}"
+                warnings.warn(sentence, LimitWarning, stacklevel=2)
             if stopped:
                 early = StoppedEarlyWarning(
                     f"the motion ends after {kept.last_time:.4g} s of {length:.4g} s: {stopped}"
@@ -481,6 +453,27 @@ class NonlinearWaves:
                 early.interrupted = stopped == _CTRL_C
                 warnings.warn(early, stacklevel=2)
             return kept.join()
+
+    def _choose_step(
+        self, system: _System, x: Array, v: Array, step: float | None
+    ) -> tuple[float, float]:
+        """Return the step, s, of a run that starts at x with velocities v (size,), and a bound of
+        the frequencies of contacts, rad/s; raise :class:`~granphon.base.errors.InputError` if the
+        ``step`` that the user gives is too long.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            squares = np.sum(system.operator.values(v) ** 2, axis=1)
+            stiffness = system.press(x, 0.5 * float(np.max(squares, initial=0.0)))
+            stable = system.choose_step(stiffness)
+            top = system.bound.find(stiffness)
+        chosen = stable if step is None else positive("step", step, "s")
+        if chosen * _LEAST_STEPS > _STEPS * stable:
+            raise InputError(
+                f"the step of {chosen:.3g} s is too long for the stiffest contact, or its damping",
+                "It would not be stable",
+                "Leave step out",
+            )
+        return chosen, top
 
     def find_step(self, speed: float = 0.0) -> float:
         """Return the step, s, of a run from rest, or in which the heaviest ball has a ``speed``,
@@ -499,13 +492,11 @@ class NonlinearWaves:
     def _require_shape(self, name: str, values: Array) -> None:
         n = self.network.n_balls
         d = self.network.dimension
-        if (wrong := values.shape not in ((n, 3), (n, d))) or not np.all(np.isfinite(values)):
-            what = (
-                f"{name} has the shape {values.shape}"
-                if wrong
-                else f"{name} has a number that is not finite"
-            )
-            raise InputError(what, mend=f"Give ({n}, 3) finite numbers, one row for each ball")
+        mend = f"Give ({n}, 3) finite numbers, one row for each ball"
+        if values.shape not in ((n, 3), (n, d)):
+            raise InputError(f"{name} has the shape {values.shape}", mend=mend)
+        if not np.all(np.isfinite(values)):
+            raise InputError(f"{name} has a number that is not finite", mend=mend)
 
 
 def require_steps(count: float) -> None:
@@ -515,6 +506,56 @@ def require_steps(count: float) -> None:
         raise InputError(
             f"the run takes {count:.3g} steps", f"More than {_MOST_STEPS:.0e} are not made", mend
         )
+
+
+def _read_gravity(gravity: Any, network: ContactNetwork) -> Array:
+    """Return the acceleration (3,) of the balls, m/s2; zero without ``gravity``."""
+    field = np.zeros(3)
+    if gravity is None:
+        return field
+    components = real_array("gravity", gravity)
+    is_vector = components.shape in ((network.dimension,), (3,))
+    if not is_vector or not np.all(np.isfinite(components)):
+        raise InputError(
+            f"gravity is {brief(gravity)}", mend=f"Give {network.dimension} finite numbers, m/s2"
+        )
+    field[: len(components)] = components
+    require_moves("gravity", field, network)
+    return field
+
+
+def _count_steps(length: float, step: float, count: int) -> int:
+    """Return the number of steps from frame to frame, of at most ``step``, s, of ``count`` frames
+    in a ``length``, s.
+    """
+    require_steps(length / step)
+    interval = length / (count - 1)
+    each = max(1, math.ceil(interval / step * (1.0 - _ROUNDING)))
+    require_steps(each * (count - 1))
+    if not interval / each >= hertz.LEAST_NORMAL:
+        raise InputError(
+            f"a step of {length:.3g} s over {count - 1} frames is beyond double precision"
+        )
+    return each
+
+
+def _record(
+    system: _System, x: Array, v: Array, each: int, count: int, scheme: str, kept: Frames, told: Any
+) -> str:
+    """Make ``count`` frames of ``each`` steps from x with velocities v (size,), and return why the
+    run ended early; empty if it did not.
+    """
+    try:
+        for frame in system.integrate(x, v, kept.step, each, count, scheme, kept):
+            if frame:
+                told.advance()
+    except KeyboardInterrupt:
+        if not len(kept):  # it came while loops were compiled, or a file was begun
+            raise
+        return _CTRL_C
+    except _Stop as stop:
+        return str(stop)
+    return ""
 
 
 class _Stop(Exception):
@@ -532,17 +573,14 @@ def _take_laws(springs: ContactLaws, overlap: Array, apart: int = 0) -> Powers |
     """Return laws as for :class:`PairLaws`, or as powers of one exponent, which are faster, if they
     are.
     """
-    exponents = {getattr(one, "exponent", hertz.EXPONENT) for one, _ in springs.groups} or {
-        hertz.EXPONENT
-    }
-    if len(exponents) > 1 or not all(
-        isinstance(one, HertzLaw | PowerLaw) for one, _ in springs.groups
-    ):
+    exponents = {getattr(law, "exponent", hertz.EXPONENT) for law, _ in springs.groups}
+    are_powers = all(isinstance(law, HertzLaw | PowerLaw) for law, _ in springs.groups)
+    if len(exponents) > 1 or not are_powers:
         return PairLaws(springs, overlap, apart)
     coefficient = np.zeros(len(overlap))
-    for one, at in springs.groups:
-        coefficient[at] = one.coefficient  # type: ignore[attr-defined]  # a power
-    return Powers(exponents.pop(), coefficient, overlap)
+    for law, contacts in springs.groups:
+        coefficient[contacts] = law.coefficient  # type: ignore[attr-defined]  # a power
+    return Powers(exponents.pop() if exponents else hertz.EXPONENT, coefficient, overlap)
 
 
 def _root_radius(radii: Array, i: Index, j: Index) -> Array:
@@ -551,22 +589,22 @@ def _root_radius(radii: Array, i: Index, j: Index) -> Array:
 
 
 class _Trial(NamedTuple):
-    """A step that ends with these ways and forces of drives, after motions (size,) ``moved``, with
-    contacts ``at`` there.
+    """A step that ends with these ways and forces of drives, and with contacts ``after``; balls
+    have the mean velocity ``drift`` (size,), and come to ``x`` (size,).
 
-    An implicit one also has its mean acceleration, contacts ``touch``, the work of slip, twist and
-    roll, the mean forces of dashpots, and the forces that resist drives.
+    An implicit one also has its mean acceleration, the energies that slip, twist and roll, and
+    dashpots take up, and the forces that resist drives.
     """
 
     step: float
     ways: Array
     lifts: Array
-    moved: Array
-    at: Moment
+    x: Array
+    drift: Array
+    after: Moment
     acceleration: Any = None
-    touch: Any = None
     spent: float = 0.0
-    dash: Any = None
+    damped: float = 0.0
     resist: Any = None
 
 
@@ -578,16 +616,83 @@ def _find_stiffest(normal: Powers | PairLaws, e: Array) -> Array:
     if isinstance(normal, PairLaws):
         if normal.know_radii:
             stiffness = np.maximum(stiffness, normal.punch(e, np.empty_like(stiffness)))
-        for law, at in normal.springs.groups:
+        for law, contacts in normal.springs.groups:
             if isinstance(law, TabulatedLaw):
-                stiffness[at] = law.find_stiffest((normal.overlap - e)[at])
+                stiffness[contacts] = law.find_stiffest((normal.overlap - e)[contacts])
     return stiffness
 
 
-class _System:
-    """The equations of motion of a network with drives, and where it has come to."""
+def _read_drives(
+    drives: Sequence[Any], network: ContactNetwork
+) -> tuple[list[tuple[Index, Array]], list[tuple[Index, Array]]]:
+    """Return the balls (k,) and the direction (3,) of each drive that is a displacement, and of
+    each that is a force.
+    """
+    moved = []
+    pushed = []
+    for drive in drives:
+        if not isinstance(drive, Drive) or (drive.displacement is None) == (drive.force is None):
+            raise InputError(
+                f"drive is {brief(drive)}", mend="Give a Drive with a displacement or a force"
+            )
+        function = drive.force if drive.displacement is None else drive.displacement
+        if not callable(function):
+            raise InputError(
+                f"what a drive does is {brief(function)}",
+                mend="Give a function of the time, s, that returns a number",
+            )
+        balls = index_array("drive", drive.balls, network.n_balls)
+        along = read_vector("direction", drive.direction, network.dimension)
+        require_moves("drive", along, network)
+        if drive.force is None:
+            moved.append((balls, along))
+            continue
+        if not np.all(network.moving[balls]):
+            raise InputError("a force acts on a body that is held", mend="Give its displacement")
+        pushed.append((balls, along))
+    driven = np.concatenate([balls for balls, _ in moved] or [np.zeros(0, np.intp)])
+    is_moved_twice = len(np.unique(driven)) < len(driven)
+    if is_moved_twice or any(np.any(np.isin(balls, driven)) for balls, _ in pushed):
+        raise InputError(
+            "a ball has two drives, of which one is a displacement",
+            "It moves as that says, whatever acts on it",
+            "Give it one drive",
+        )
+    return moved, pushed
 
-    touch: Touch
+
+class _RateBound:
+    """A bound of the angular frequencies of the contacts of a network, whose other stiffnesses are
+    in proportion to ``punch`` (n_c,), those of flat punches as wide as the contacts.
+    """
+
+    def __init__(self, operator: WaveOperator, punch: Array) -> None:
+        rows = operator.law_rows
+        self._ratios = [row.stiffness / punch for row in rows[1:]]
+        self._count = operator.network.n_contacts
+        deform = abs(operator.compose(rows))
+        self._pull = deform.T.tocsr()
+        self._largest = deform @ np.ones(operator.size)
+
+    def find(self, stiffness: Array) -> float:
+        """Return the bound, rad/s, of contacts of a normal ``stiffness`` (n_c,), N/m, those of the
+        network first.
+        """
+        count = self._count
+        if len(stiffness) > count:  # balls have met
+            stiffness = np.maximum(stiffness[:count], stiffness[count:].max())
+        springs = np.concatenate([stiffness, *(ratio * stiffness for ratio in self._ratios)])
+        return float(np.sqrt(np.max(self._pull @ (springs * self._largest))))
+
+
+class _System:
+    """The equations of motion of a network with drives, and where it has come to.
+
+    ``at`` are contacts now, and ``joined`` says which of them are, None where no force jumps.
+    """
+
+    at: Moment
+    joined: Any
     ways: Array
     lifts: Array
     worked: Array
@@ -599,46 +704,24 @@ class _System:
         network = waves.network
         self.waves = waves
         self.drives = drives
+        self.moved, pushed = _read_drives(drives, network)
         masses = network.masses.copy()
-        self.moved = []
-        pushed = []
-        for one in drives:
-            if not isinstance(one, Drive) or (one.displacement is None) == (one.force is None):
-                raise InputError(
-                    f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force"
-                )
-            if not callable(given := one.force if one.displacement is None else one.displacement):
-                what = f"what a drive does is {brief(given)}"
-                raise InputError(what, mend="Give a function of the time, s, that returns a number")
-            balls = index_array("drive", one.balls, network.n_balls)
-            along = read_vector("direction", one.direction, network.dimension)
-            require_moves("drive", along, network)
-            if one.force is not None and not np.all(network.moving[balls]):
-                raise InputError(
-                    "a force acts on a body that is held", mend="Give its displacement"
-                )
-            if one.displacement is not None:
-                masses[balls] = np.inf
-                self.moved.append((balls, along))
-            else:
-                pushed.append((balls, along))
-        driven = np.concatenate([balls for balls, _ in self.moved] or [np.zeros(0, np.intp)])
-        if len(np.unique(driven)) < len(driven) or any(
-            np.any(np.isin(balls, driven)) for balls, _ in pushed
-        ):
-            what = "a ball has two drives, of which one is a displacement"
-            raise InputError(
-                what, "It moves as that says, whatever acts on it", "Give it one drive"
-            )
+        for balls, _ in self.moved:
+            masses[balls] = np.inf
         self.network = replace(network, masses=masses) if self.moved else network
         self.operator = operator = WaveOperator(self.network)
-        self.fixed = FixedDirections(operator, self.moved, waves.punch)
-        self._ways = [one.displacement for one in drives if one.displacement is not None]
-        self._lifts = [one.force for one in drives if one.force is not None]
-        self._push = np.reshape(
-            [operator.push(*one, 1.0 / np.sqrt(masses[one[0]])) for one in pushed],
-            (-1, operator.size),
-        )
+        axes = list(operator.motions.translations)
+        self._along = [(balls, along[axes]) for balls, along in self.moved]
+        self.bound = _RateBound(operator, waves.punch)
+        # where each motion of a vector is among those of all balls (n, m), and over the
+        # mass-weighted one
+        indices = operator.indices
+        self._places = np.flatnonzero(indices.ravel() >= 0)
+        _, self._scale = operator.in_balls
+        self._ways = [drive.displacement for drive in drives if drive.displacement is not None]
+        self._lifts = [drive.force for drive in drives if drive.force is not None]
+        pushes = [operator.push(*push, 1.0 / np.sqrt(masses[push[0]])) for push in pushed]
+        self._push = np.reshape(pushes, (-1, operator.size))
         self._weight = operator.push(operator.balls, waves.gravity, np.sqrt(masses[operator.balls]))
         self._lightest = math.sqrt(float(np.min(masses[self.network.moving], initial=np.inf)))
         # balls that may meet are listed anew when one has moved by half of the margin
@@ -649,30 +732,38 @@ class _System:
         when they close.
         """
         waves = self.waves
-        normal = self.waves.normal
+        law = waves.normal
+        ratio = np.zeros(0)
+        self._unknown: list[tuple[Index, str]] = []
+        times = waves.damping
         radii = self.network.radii
         ends = np.append(self.network.i, i), np.append(self.network.j, j)
         # Hertz's radius of a contact over that of the smaller ball, over the root of the overlap
         self._wide = _root_radius(radii, *ends) / np.minimum(*(radii[end] for end in ends))
-        if waves.geometry == "exact":
-            normal, ratio, self._unknown = (
-                waves._join_laws(i, j) if len(i) else (normal, np.zeros(0), [])
-            )
-            more = (i, j, shift, ratio)
-            rest = waves.normal.rest, waves.punch
-            self.where: Any = TrueDirections(
-                self.operator, self.fixed, self.moved, *rest, more, self._bulge
-            )
-        else:
-            self.where = self.fixed
-        times = waves.damping
+        turns = waves.geometry == "exact"
         if len(i):
-            times = np.concatenate(
-                [times, np.repeat(times.mean(axis=1, keepdims=True), len(i), axis=1)], axis=1
-            )
-        self.forces = ContactForces(normal, self.where.ratio, self.where.slips, waves.mu, times)
-        self._steady: Array = self.where.load + self._weight
-        self._spare: Any = (None, None)  # a moment and a touch that are not needed any more
+            law, ratio, self._unknown = waves._join_laws(i, j)
+            mean_times = np.repeat(times.mean(axis=1, keepdims=True), len(i), axis=1)
+            times = np.concatenate([times, mean_times], axis=1)
+        pairs = MetPairs(i, j, shift, ratio, self._bulge if turns else 0.0)
+        self.contacts = MovingContacts(
+            self.network, pairs, law, waves.punch, times, waves.mu, turns
+        )
+        load = -self._accelerate(self.contacts.still, np.zeros(self.operator.size))
+        self._steady: Array = load + self._weight
+        self._knows_law = self.contacts.knows_law and self._explicit and not self._unknown
+
+    def _accelerate(self, forces: Array, steady: Array) -> Array:
+        """Return the accelerations (size,) by forces on balls (n, m), and ``steady`` ones."""
+        acceleration = np.empty(self.operator.size)
+        gather(forces, self._places, self._scale, steady, acceleration)
+        return acceleration
+
+    def _spread(self, x: Array, ways: Array, motions: Array) -> None:
+        """Set the motions (n, m) of all balls."""
+        spread(x, self._places, self._scale, motions)
+        for (balls, along), way in zip(self._along, ways, strict=True):
+            motions[balls, : len(along)] = way * along
 
     @property
     def _bulge(self) -> float:
@@ -700,10 +791,10 @@ class _System:
             )
         values = np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
         require_moves(name, values, network, turns)
-        if np.any(fast := np.any(values, axis=1) & ~network.moving):
-            what = f"{name} of ball {np.flatnonzero(fast)[0]} are not zero"
+        is_wrong = np.any(values, axis=1) & ~network.moving
+        if np.any(is_wrong):
             raise InputError(
-                what,
+                f"{name} of ball {np.flatnonzero(is_wrong)[0]} are not zero",
                 "It is held, or is displaced by a drive, whatever acts on it",
                 "Let them be zero",
             )
@@ -730,7 +821,9 @@ class _System:
         energy, J, would press.
         """
         normal = self.waves.normal
-        e = self.fixed.locate(x, np.zeros(len(self.moved))).e
+        motions = np.zeros(self.operator.indices.shape)
+        self._spread(x, np.zeros(len(self.moved)), motions)
+        e = measure_along(self.network, motions)
         if not (energy < math.inf and np.all(np.isfinite(e))):
             raise InputError(
                 "balls are too fast, or too far away, for double precision",
@@ -762,24 +855,26 @@ class _System:
         Dashpots slow motions down at the rate tau w^2. Steps h are stable for tau w^2 h < 1, and
         for w h < 2.
         """
-        top = self.fixed.top(stiffness)
+        top = self.bound.find(stiffness)
         return max(top, 2.0 * float(np.max(self.waves.damping, initial=0.0)) * top**2)
 
     def integrate(
         self, x: Array, v: Array, step: float, each: int, count: int, scheme: str, kept: Frames
     ) -> Any:
         """Make ``count`` frames of ``each`` steps, and yield after each whether it is kept."""
+        explicit = scheme == "verlet"
+        self._explicit = explicit
         self._begin(x, v, step)
         self._keep(0, kept)
         yield False
         limit = 2.0 * math.pi / _LEAST_STEPS / step
-        explicit = scheme == "verlet"
         for number in range(1, each * (count - 1) + 1):
             if self.waves.geometry == "exact":
                 self._watch(self._follow(number * step)[0])
             self._advance(number * step, explicit)
             if number % each == 0:
-                stiffest = np.maximum(self.touch.k, self.touch.punch)
+                self._refresh()
+                stiffest = np.maximum(self.at.k, self.at.punch)
                 if not (
                     self._top(stiffest) <= limit
                     and np.all(np.isfinite(self.v))
@@ -803,8 +898,6 @@ class _System:
         none = np.zeros(0, np.intp)
         self._keys: dict[tuple[int, ...], int] = {}
         self._join(none, none, np.zeros((0, 3), np.intp))
-        where = self.where
-        forces = self.forces
         self.x = x.copy()
         self.v = v.copy()
         self.step = step
@@ -814,79 +907,91 @@ class _System:
             raise InputError(
                 "a displacement does not begin at zero", mend="Give a function that is zero at zero"
             )
-        still = where.locate(np.zeros_like(x), np.zeros_like(self.ways))
-        self.at = where.locate(x, self.ways)
-        where.step(still, self.at, np.zeros((where.count, len(self.at.e))))
-        self.touch = forces.begin(self.at.e, where.way, where.held)
-        nothing = np.zeros(self.network.n_contacts)
-        rest = forces.take(nothing, None)
-        forces.press(rest)
-        rest.pull[1:] = where.held
-        self._at_rest = forces.springs(rest)
+        contacts = self.contacts
+        rest = contacts.make_moment()
+        contacts.press(rest, None)
+        rest.pull[1:] = contacts.held
+        self._at_rest = contacts.shear_energy(rest)
+        self.at = contacts.make_moment()
+        self._spread(self.x, self.ways, self.at.motions)
+        self.joined = contacts.begin(self.at)
+        self._make_spare()
         if self.waves.geometry == "exact":
             self._list()
-            where = self.where
-            forces = self.forces
         # of slip, twist and roll, of dashpots, of drives, and of contacts that join and part
-        self.worked, self._springs = np.zeros(4), forces.springs(self.touch)
+        self.worked = np.zeros(4)
+        self._springs = self.contacts.shear_energy(self.at)
         self._start(np.zeros_like(self.ways))
+
+    def _make_spare(self) -> None:
+        """Make arrays for a step."""
+        self._spare = self.contacts.make_spare(self.at, has_pull=not self._explicit)
+        self._spare_x = np.empty_like(self.x)
+        self._spare_v = np.empty_like(self.x)
+        self._speeds = np.zeros_like(self.at.motions)
 
     def _start(self, speeds: Array) -> None:
         """Set what a step begins with, at these speeds of the drives."""
-        where = self.where
-        forces = self.forces
-        pull = self.touch.pull
-        self.dash = _NOTHING
-        if forces.is_damped:
-            self.dash = forces.damp(self.touch, where.rate(self.at, self.v, speeds))
-            pull = pull + self.dash
-        self.acceleration, self.resist = self._act(self.at, pull, self.lifts)
+        self._spread(self.v, speeds, self._speeds)
+        self.contacts.act(self.at, self._speeds)
+        self.acceleration = self._accelerate(self.contacts.on_balls, self._steady_push(self.lifts))
+        self.resist = self._find_resistance()
         self.last = self.acceleration
 
-    def _act(self, at: Any, pull: Array, lifts: Array, before: Any = None) -> tuple[Array, Array]:
-        """Return the accelerations (size,), and the forces with which contacts and loads resist
-        displacements of drives.
+    def _steady_push(self, lifts: Array) -> Array:
+        """Return the accelerations (size,) by loads, weights and the forces ``lifts`` of drives."""
+        return self._steady + lifts @ self._push if len(lifts) else self._steady
+
+    def _find_resistance(self) -> Array:
+        """Return the forces with which contacts and loads resist displacements of drives."""
+        forces = self.contacts.still - self.contacts.on_balls if self._along else _NOTHING
+        resistances = [np.sum(forces[balls, : len(along)] @ along) for balls, along in self._along]
+        return np.array(resistances)
+
+    def _refresh(self) -> None:
+        """Set elongations, normal forces and stiffnesses, which steps do not set whose loops know
+        the law.
         """
-        found, resist = self.where.push(at, pull, before)
-        found += self._steady
-        if len(lifts):
-            found += lifts @ self._push
-        return found, resist
+        if self._knows_law:
+            self.contacts.measure(self.at)
+            self.contacts.press(self.at, self.joined)
 
     def _advance(self, end: float, explicit: bool) -> None:
         """Make a step that ends at a time, in parts where contacts join or part within it."""
         left = self.step
-        jumps = self.forces.normal.jumps
-        often: Index = np.zeros(len(self.at.e) if len(jumps) else 0, np.intp)
+        has_jumps = len(self.contacts.law.jumps) > 0
+        often: Index = np.zeros(len(self.at.e) if has_jumps else 0, np.intp)
         while left > 0.0:
             trial = self._try(left, end, explicit)
-            if len(jumps) and self._passed(trial.at) > 0.0:
+            if has_jumps and self._passed(trial.after) > 0.0:
                 trial = self._cut(trial, end, explicit)
             speeds = (trial.ways - self.ways) / trial.step
+            before = self.at
+            if len(trial.lifts):
+                mean_lifts = 0.5 * (self.lifts + trial.lifts)
+                moved = trial.step * (self._push @ trial.drift)
+                self.worked[2] += float(mean_lifts @ moved)
             if explicit:
-                self._leap(trial)
+                self._leap(trial, speeds)
             else:
                 self._settle(trial)
-            if len(trial.lifts):
-                self.worked[2] += float(
-                    0.5 * (self.lifts + trial.lifts) @ (self._push @ trial.moved)
-                )
+            self._spare = before
             self.ways = trial.ways
             self.lifts = trial.lifts
             left -= trial.step
-            if len(jumps) and self._passed(self.at) > 0.0:
-                self.touch, switched, lost = self.forces.switch(self.touch)
+            if has_jumps and self._passed(self.at) > 0.0:
+                self.joined, switched, lost = self.contacts.switch(self.at, self.joined)
                 self.worked[3] += lost
                 self._start(speeds)
                 often[switched] += 1
                 if np.max(often) > _RATTLES:
                     raise _Stop(_RATTLED)
 
-    def _passed(self, at: Moment) -> float:
+    def _passed(self, moment: Moment) -> float:
         """Return how far the first of the contacts has passed where it joins or parts, m; below
         zero before it.
         """
-        return float(np.max(self.forces.pass_ends(at.e, self.touch.joined)))
+        return float(np.max(self.contacts.pass_ends(moment.e, self.joined)))
 
     def _cut(self, trial: _Trial, end: float, explicit: bool) -> _Trial:
         """Return the part of a step in which the first contacts come to where they join or part.
@@ -900,12 +1005,12 @@ class _System:
         high = whole
         side = 0
         before = self._passed(self.at)
-        after = self._passed(trial.at)
+        after = self._passed(trial.after)
         near = _TOGETHER * self.step
         while high - low > near:
             middle = low - before * (high - low) / (after - before)
             middle = min(max(middle, low + 0.5 * near), high - 0.5 * near)
-            passed = self._passed(self._try(middle, start + middle, explicit).at)
+            passed = self._passed(self._try(middle, start + middle, explicit).after)
             if passed > 0.0:
                 high = middle
                 after = passed
@@ -927,129 +1032,104 @@ class _System:
         ways, lifts = self._follow(end)
         if not explicit:
             return self._solve(step, ways, lifts)
-        # half of the kick, and the way that all balls go
-        moved = step * (self.v + 0.5 * step * self.acceleration)
-        return _Trial(
-            step, ways, lifts, moved, self.where.locate(self.x + moved, ways, self._spare[0])
-        )
+        after = self._go(step, ways, self.acceleration)
+        return _Trial(step, ways, lifts, self._spare_x, self._spare_v, after)
 
-    def _leap(self, trial: _Trial) -> None:
+    def _go(self, step: float, ways: Array, acceleration: Array) -> Moment:
+        """Return contacts after a ``step`` with an ``acceleration`` (size,), in spare arrays."""
+        after = self._spare
+        drift(self.x, self.v, acceleration, step, self._spare_x, self._spare_v)
+        self._spread(self._spare_x, ways, after.motions)
+        if not self._knows_law:
+            self.contacts.measure(after)
+        return after
+
+    def _leap(self, trial: _Trial, speeds: Array) -> None:
         """Make a step of Verlet's."""
-        where = self.where
-        forces = self.forces
-        old_at = self.at
-        old = self.touch
-        step = trial.step
-        at = trial.at
-        kick = 0.5 * step * self.acceleration
-        self.v += kick
-        self.x += trial.moved
-        # contacts follow: their slips, how their forces turn, and the forces
-        self.touch, spent = self._follow_balls(at)
-        where.turn_on(self.touch.pull, at)
-        self.at = at
-        pull = self.touch.pull
-        self._spare = (old_at, old)
-        self.worked[0] += spent
-        way = trial.ways - self.ways
-        if forces.is_damped:
+        contacts = self.contacts
+        before = self.at
+        after = trial.after
+        half = 0.5 * trial.step
+        self.x, self._spare_x = trial.x, self.x
+        self.v, self._spare_v = trial.drift, self.v
+        if contacts.is_damped:
             # the speed at the end of the step, but for what dashpots change within it
-            rate = where.rate(at, self.v + kick, way / step)
-            before = self.dash
-            self.dash = forces.damp(self.touch, rate)
-            pull = pull + self.dash
-            mean = 0.5 * (before + self.dash) if np.shape(before) == self.dash.shape else self.dash
-            self.worked[1] += _lose(mean, at.e - old.e, where.way)
-        # the other half
-        self.acceleration, resist = self._act(at, pull, trial.lifts)
-        np.multiply(0.5 * step, self.acceleration, out=kick)
-        self.v += kick
-        self.worked[2] += 0.5 * (self.resist + resist) @ way
+            end_speed = self.v + half * self.acceleration
+            self._spread(end_speed, speeds, self._speeds)
+        if not self._knows_law:
+            contacts.press(after, self.joined)
+        spent, damped = contacts.follow(before, after, self._knows_law, self._speeds)
+        self.at = after
+        self.worked[0] += spent
+        self.worked[1] += damped
+        steady = self._steady_push(trial.lifts)
+        gather(contacts.on_balls, self._places, self._scale, steady, self.acceleration)
+        resist = self._find_resistance()
+        self.worked[2] += 0.5 * (self.resist + resist) @ (trial.ways - self.ways)
         self.resist = resist
-
-    def _follow_balls(self, at: Moment) -> tuple[Touch, float]:
-        """Return contacts when balls have come to a moment, their forces half turned, and the work
-        of slip, twist, roll.
-        """
-        where = self.where
-        old = self.touch
-        touch = self.forces.take(at.e, old.joined, self._spare[1])
-        where.step(self.at, at, old.pull)
-        return touch, self.forces.follow(old, touch, where.way, where.turned)
+        kick(self.v, self.acceleration, half)
 
     def _solve(self, step: float, ways: Array, lifts: Array) -> _Trial:
         """Return where an implicit ``step``, whose energies add up, comes to."""
-        where = self.where
-        forces = self.forces
-        old_at = self.at
-        old = self.touch
+        contacts = self.contacts
+        steady = self._steady_push(0.5 * (self.lifts + lifts))
         guess = 2.0 * self.acceleration - self.last
         change = math.inf
         for _ in range(_ITERATIONS):
-            moved = step * (self.v + 0.5 * step * guess)
-            at = where.locate(self.x + moved, ways, self._spare[0])
-            touch, spent = self._follow_balls(at)
-            mean = forces.normal.mean(old.e, at.e, old.joined)
-            pull = np.concatenate([mean[None], 0.5 * (where.turned + touch.pull[1:])])
-            dash = None
-            if forces.is_damped:
-                half = touch._replace(
-                    k=0.5 * (old.k + touch.k), punch=0.5 * (old.punch + touch.punch)
-                )
-                dash = forces.damp(half, np.concatenate([(at.e - old.e)[None], where.way]) / step)
-                pull += dash
-            found, resist = self._act(at, pull, 0.5 * (self.lifts + lifts), old_at)
+            after = self._go(step, ways, guess)
+            contacts.press(after, self.joined)
+            spent, damped = contacts.follow_mean(self.at, after, self.joined, step)
+            found = self._accelerate(contacts.on_balls, steady)
             last = change
             change = float(np.max(np.abs(found - guess)))
             size = max(float(np.max(np.abs(found))), float(np.max(np.abs(self.v))) / step)
             if change <= _SOLVED * size or last <= change <= _ROUNDED * size:
-                return _Trial(step, ways, lifts, moved, at, guess, touch, spent, dash, resist)
+                resist = self._find_resistance()
+                x = self._spare_x
+                return _Trial(
+                    step, ways, lifts, x, self._spare_v, after, guess, spent, damped, resist
+                )
             guess = found
         raise _Stop(_UNSOLVED)
 
     def _settle(self, trial: _Trial) -> None:
         """Make the implicit step that has been solved last."""
-        where = self.where
-        old = self.touch
-        touch = trial.touch
-        where.turn_on(touch.pull, trial.at)
         self.last = self.acceleration
         self.acceleration = trial.acceleration
-        self.at = trial.at
-        self.touch = touch
-        self.x += trial.moved
-        self.v += trial.step * trial.acceleration
+        self.at = trial.after
+        self.x, self._spare_x = trial.x, self.x
+        kick(self.v, trial.acceleration, trial.step)
         self.worked[0] += trial.spent
-        if trial.dash is not None:
-            self.worked[1] += _lose(trial.dash, touch.e - old.e, where.way)
+        self.worked[1] += trial.damped
         self.worked[2] += trial.resist @ (trial.ways - self.ways)
 
     def _keep(self, number: int, kept: Frames) -> None:
         """Keep the frame after this number of steps."""
-        touch = self.touch
-        normal = self.forces.normal
+        at = self.at
+        contacts = self.contacts
+        joined = self.joined
+        normal = contacts.law
         step = self.step
         operator = self.operator
         square = self.v * self.v
-        springs = self.forces.springs(touch)
+        springs = contacts.shear_energy(at)
         stored = (
-            float(np.sum(normal.store(touch.e, touch.joined)))
+            float(np.sum(normal.store(at.e, joined)))
             + springs
             - self._at_rest
             - float(self._weight @ self.x)
         )
-        wide = self._wide * np.sqrt(np.maximum(normal.overlap - touch.e, 0.0))
+        wide = self._wide * np.sqrt(np.maximum(normal.overlap - at.e, 0.0))
         self.widest = max(self.widest, float(np.max(wide, initial=0.0)))
         time = number * step
         both = (self._displace(), operator.to_balls(self.v))
         (places, turns), (speeds, spins) = (np.split(one, 2, axis=1) for one in both)
-        before, after = (
-            (self._follow(max(time + shift * step, 0.0))[0] for shift in (-1, 1))
-            if self._ways
-            else ((), ())
-        )
-        for (balls, along), low, high in zip(self.moved, before, after, strict=True):
-            speeds[balls] = (high - low) / (step * (2 if number else 1)) * along
+        if self._ways:
+            start, _ = self._follow(max(time - step, 0.0))
+            end, _ = self._follow(time + step)
+            drive_speeds = (end - start) / (step * (2 if number else 1))
+            for (balls, along), speed in zip(self.moved, drive_speeds, strict=True):
+                speeds[balls] = speed * along
         kept.keep(
             {
                 "times": time,
@@ -1059,15 +1139,15 @@ class _System:
                 "spins": spins,
                 "translation": 0.5 * float(np.sum(square[~operator.is_rotation])),
                 "rotation": 0.5 * float(np.sum(square[operator.is_rotation])),
-                "stored": stored + self.where.rest_energy(self.at),
+                "stored": stored + contacts.rest_energy(at),
                 "lost": self.worked[0]
                 - (springs - self._springs)
                 + self.worked[1]
                 + self.worked[3],
                 "work": self.worked[2],
             },
-            np.where(normal.is_closed(touch.e, touch.joined), touch.pull[0] + normal.rest, 0.0),
-            np.sqrt(np.sum(touch.pull[1 : 1 + self.where.slips] ** 2, axis=0)),
+            np.where(normal.is_closed(at.e, joined), at.pull[0] + normal.rest, 0.0),
+            contacts.shears(at),
             list(self._keys),
         )
 
@@ -1075,24 +1155,21 @@ class _System:
         """Return the ways of moved bodies and the forces on pushed balls at a time."""
         if not self.drives:
             return _NOTHING, _NOTHING
-        ways, lifts = (
-            np.array([real_number(one(time)) for one in each]) for each in (self._ways, self._lifts)
-        )
+        ways = np.array([real_number(displacement(time)) for displacement in self._ways])
+        lifts = np.array([real_number(force(time)) for force in self._lifts])
         if not (np.all(np.isfinite(ways)) and np.all(np.isfinite(lifts))):
-            what = f"a drive is not a finite number at {time:.4g} s"
-            raise (
-                _Stop(what)
-                if time
-                else InputError(what, mend="Give a function of the time that returns one")
-            )
+            fault = f"a drive is not a finite number at {time:.4g} s"
+            if time:
+                raise _Stop(fault)
+            raise InputError(fault, mend="Give a function of the time that returns one")
         return ways, lifts
 
     def _displace(self) -> Array:
         """Return displacements, m, and rotations, rad, (n, 6) of all balls and bodies."""
-        found = self.operator.to_balls(self.x)
+        motions = self.operator.to_balls(self.x)
         for (balls, along), way in zip(self.moved, self.ways, strict=True):
-            found[balls, :3] = way * along
-        return found
+            motions[balls, :3] = way * along
+        return motions
 
     def _watch(self, ways: Array) -> None:
         """List anew the balls that may meet, if one may move in a step to ``ways`` by more than
@@ -1102,8 +1179,9 @@ class _System:
         """
         from scipy.linalg.blas import idamax
 
-        if met := [said for at, said in self._unknown if np.any(self.touch.e[at] < 0.0)]:
-            raise _Stop(met[0])
+        for contacts, reason in self._unknown:
+            if np.any(self.at.e[contacts] < 0.0):
+                raise _Stop(reason)
         # no ball is faster
         speed = math.sqrt(3.0) * abs(float(self.v[idamax(self.v)])) / self._lightest
         self._travelled += self.step * speed + (
@@ -1117,11 +1195,25 @@ class _System:
 
     def _list(self) -> None:
         """List the balls that may meet; contacts that are listed again keep their state."""
-        network = self.network
-        touch = self.touch
-        radii = self.network.radii
-        places = self._listed = network.positions + self._displace()[:, :3]
         self._travelled = 0.0
+        self._listed = self.network.positions + self._displace()[:, :3]
+        table = self._find_pairs(self._listed)
+        n = self.network.n_contacts
+        keys = [tuple(key) for key in table.tolist()]
+        if set(keys) == set(self._keys):
+            return
+        numbers = np.array([self._keys.get(key, -1) for key in keys], np.intp)
+        self._keys = {key: n + place for place, key in enumerate(keys)}
+        dash = self.contacts.dash
+        self._join(table[:, 0], table[:, 1], table[:, 2:])
+        self._carry_over(np.flatnonzero(numbers >= 0), numbers[numbers >= 0], dash)
+
+    def _find_pairs(self, places: Array) -> Index:
+        """Return the pairs (i, j, shift) (n_p, 5) of balls at ``places`` (n, 3) that may meet, each
+        once, and that are no contacts of the network.
+        """
+        network = self.network
+        radii = network.radii
         round_ones = np.flatnonzero(np.isfinite(radii))
         periods = network.cell[list(network.pbc)]
         margin = self._skin + max(self._bulge, 0.0)
@@ -1136,39 +1228,47 @@ class _System:
         for wall, (place, toward) in network.walls.items():
             moved = places[wall] - network.positions[wall]
             gap = (place + moved - places[round_ones]) @ toward - radii[round_ones]
-            near = round_ones[gap < self._skin]
-            i = np.append(i, near)
-            j = np.append(j, np.full(len(near), wall))
-            shift = np.concatenate([shift, np.zeros((len(near), 3), np.intp)])
-        # pairs that are no contacts of the network, each once; contacts begin with the ball that
-        # pairs begin with, and those with a flat wall, which is at any place, with the other
+            balls = round_ones[gap < self._skin]
+            i = np.append(i, balls)
+            j = np.append(j, np.full(len(balls), wall))
+            shift = np.concatenate([shift, np.zeros((len(balls), 3), np.intp)])
+        # contacts begin with the ball that pairs begin with, and those with a flat wall, which is
+        # at any place, with the other
         flat = np.isinf(network.distance)
-        n = network.n_contacts
-        moves = network.moving
-        own = np.column_stack([network.i, network.j, np.where(flat[:, None], 0, network.shift)])
-        back = ~(select_once(network.i, network.j, network.shift) | flat)
-        own[back] = np.column_stack([network.j, network.i, -network.shift])[back]
-        pairs = np.column_stack([i, j, shift])[moves[i] | moves[j]]
-        table, first = np.unique(np.concatenate([own, pairs]), axis=0, return_index=True)
-        table = table[first >= n]
-        keys = [tuple(key) for key in table.tolist()]
-        if set(keys) == set(self._keys):
-            return
-        before = np.array([self._keys.get(key, -1) for key in keys], np.intp)
-        self._keys = {key: n + place for place, key in enumerate(keys)}
-        self._join(table[:, 0], table[:, 1], table[:, 2:])
-        self.at = self.where.locate(self.x, self.ways)
-        old = np.flatnonzero(before >= 0)
-        joined = self.forces.normal.begin(self.at.e)
-        if joined is not None and touch.joined is not None:
-            joined[:n], joined[n + old] = touch.joined[:n], touch.joined[before[old]]
-        self.touch = self.forces.take(self.at.e, joined)
-        pull = self.touch.pull
-        pull[:] = 0.0
-        pull[:, :n], pull[:, n + old] = touch.pull[:, :n], touch.pull[:, before[old]]
-        self.forces.press(self.touch)
+        contacts = np.column_stack(
+            [network.i, network.j, np.where(flat[:, None], 0, network.shift)]
+        )
+        is_reversed = ~(select_once(network.i, network.j, network.shift) | flat)
+        reverse = np.column_stack([network.j, network.i, -network.shift])
+        contacts[is_reversed] = reverse[is_reversed]
+        pairs = np.column_stack([i, j, shift])[network.moving[i] | network.moving[j]]
+        table, first = np.unique(np.concatenate([contacts, pairs]), axis=0, return_index=True)
+        return np.asarray(table[first >= network.n_contacts])
 
+    def _carry_over(self, listed: Index, numbers: Index, dash: Array) -> None:
+        """Let contacts that have been listed anew keep their state: those of the network, and the
+        pairs ``listed``, numbered from zero, whose contacts had the ``numbers`` until now.
 
-def _lose(dash: Array, stretched: Array, moved: Array) -> float:
-    """Return the energy that forces of dashpots take up over deformations."""
-    return float(np.sum(dash[1:] * moved) - np.sum(dash[0] * stretched))
+        ``dash`` are the forces of dashpots until now.
+        """
+        contacts = self.contacts
+        n = self.network.n_contacts
+        old = self.at
+        old_joined = self.joined
+        self.at = contacts.make_moment()
+        self.at.motions[:] = old.motions
+        contacts.measure(self.at)
+        joined = contacts.law.begin(self.at.e)
+        if joined is not None and old_joined is not None:
+            joined[:n] = old_joined[:n]
+            joined[n + listed] = old_joined[numbers]
+        self.joined = joined
+        pairs = [(self.at.pull, old.pull)]
+        if contacts.is_damped:
+            pairs.append((contacts.dash, dash))
+        for rows, old_rows in pairs:
+            rows[:] = 0.0
+            rows[:, :n] = old_rows[:, :n]
+            rows[:, n + listed] = old_rows[:, numbers]
+        contacts.press(self.at, joined)
+        self._make_spare()

@@ -1,14 +1,7 @@
-"""The forces of contacts in motion: normal laws of any overlap, and tangential forces with
-Coulomb's limit.
+"""The laws of contacts that move, as functions of what contacts are stretched by since rest.
 
 A contact at rest has the overlap h_0 and the force f_0; it is stretched by e, so that its overlap
-is h = h_0 - e. It pushes by its law and is open where that is zero. Slip, twist and rolling s are
-resisted by forces T whose stiffness is in proportion to that of a flat punch as wide as the
-contact, k_t = eta 2 E* a(h), which without adhesion is the normal stiffness k: dT = k_t ds while a
-rises, and the elastic part T/k_t is kept while a falls. Slip ends at Coulomb's limit |T| <= mu f,
-of the force f of the law, without that of dashpots. It is the law of
-:mod:`granphon.array.friction`. Dashpots add tau k(h) times the rate of an elongation (G. Kuwabara
-and K. Kono, Jpn. J. Appl. Phys. 26, 1230, 1987), and tau' k_t(h) times those of other deformations.
+is h = h_0 - e. It pushes by its law and is open where that is zero.
 
 Some laws jump: of balls that adhere, the force is not zero where they touch or part. Such a contact
 is joined or not. It joins where the balls come to touch, and parts where the law ends, which may be
@@ -19,18 +12,15 @@ joined, until a step ends at which they join or part.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls import hertz
 from granphon.base.arrays import Array, Index
-from granphon.base.compiled import compiled
 from granphon.contacts.laws import ContactLaws
 
-#: contacts that a loop works on at a time, which stay in the processor's first cache
-_CHUNK = 256
 #: divisor in place of zero, of quotients whose numerator is zero too
 _NONE = hertz.LEAST_NORMAL
 #: change of an overlap, over the overlap, up to which forces are averaged: a difference of energies
@@ -288,213 +278,3 @@ def _mean_of(law: Powers | PairLaws, e: Array, end: Array, joined: Any = None) -
     energy_lost = law.store(e, joined) - law.store(end, joined)
     mean = _mean_near(law, e, end, joined)
     return np.divide(energy_lost, distance, out=mean, where=is_far | opens)
-
-
-class Touch(NamedTuple):
-    """Contacts at a moment.
-
-    ``e`` (n,) are elongations, m. ``pull`` (rows, n) has f - f_0, then the forces T of slips, then
-    those of the other deformations, N. ``k`` (n,) are normal stiffnesses, ``punch`` (n,) those of
-    flat punches as wide as the contacts, N/m. ``joined`` (n,) says which contacts are joined; it is
-    None where no force jumps.
-    """
-
-    e: Array
-    pull: Array
-    k: Array
-    punch: Array
-    joined: Any
-
-
-class ContactForces:
-    """The law of all contacts of a motion.
-
-    Attributes
-    ----------
-    normal : the law of the normal forces.
-    ratio : (rows - 1, n) stiffnesses against slip, twist and rolling over those of flat punches;
-        slips come first.
-    slips : number of slips.
-    mu : friction coefficient of Coulomb's limit.
-    times : (2,) or (2, n) times of dashpots, s: tau of normal motion, and tau' of all other.
-    is_damped : whether there are dashpots.
-    """
-
-    def __init__(
-        self, normal: Powers | PairLaws, ratio: Array, slips: int, mu: float, times: Array
-    ) -> None:
-        self.normal = normal
-        self.ratio = ratio
-        self.slips = slips
-        self.mu = mu
-        self.times = times
-        self.is_damped = bool(np.any(times))
-        self._half_ratio = 0.5 * ratio
-        self._rest_force = np.array(normal.rest)
-
-    def begin(self, e: Array, moved: Array, held: Array) -> Touch:
-        """Return contacts that have come from rest to the elongations e (n,) and the deformations
-        ``moved`` (rows - 1, n), m, in one step, at the end of which they slide to Coulomb's limit.
-
-        ``held`` (rows - 1, n) are the tangential forces at rest, N.
-        """
-        touch = self.take(e, self.normal.begin(e))
-        self.follow(touch, touch, moved, held)  # contacts are as stiff before as after
-        return touch
-
-    def take(self, e: Array, joined: Any, spare: Touch | None = None) -> Touch:
-        """Return contacts at elongations e (n,) that are ``joined`` (n,), whose forces and
-        stiffnesses are still to be set; they use the arrays of ``spare`` if that is given.
-        """
-        if spare is not None:
-            return Touch(e, spare.pull, spare.k, spare.punch, joined)
-        pull = np.empty((1 + len(self.ratio), len(e)))
-        k = np.empty_like(e)
-        # laws that do not know radii have k for punches
-        punch = np.empty_like(e) if self.normal.know_radii else k
-        return Touch(e, pull, k, punch, joined)
-
-    def press(self, touch: Touch) -> None:
-        """Set normal forces and stiffnesses."""
-        self.normal.press(touch.e, (touch.pull[0], touch.k), touch.joined)
-        if isinstance(self.normal, PairLaws) and self.normal.know_radii:
-            self.normal.punch(touch.e, touch.punch, touch.joined)
-
-    def follow(self, before: Touch, after: Touch, moved: Array, held: Array) -> float:
-        """Set forces and stiffnesses of the contacts ``after`` a step from those ``before``, and
-        return the work of slip, twist and roll in the step, J.
-
-        ``moved`` (rows - 1, n) are the deformations of the step, m. ``held`` (rows - 1, n) are the
-        tangential forces before it, N, turned with the contacts.
-        """
-        self.press(after)
-        n_limited = self.slips if self.mu < math.inf else 0
-        return _resist(
-            after.pull,
-            after.punch,
-            before.punch,
-            moved,
-            held,
-            self._half_ratio,
-            self._rest_force,
-            n_limited,
-            self.mu,
-        )
-
-    def pass_ends(self, e: Array, joined: Any) -> Array:
-        """Return how far contacts whose force jumps have passed where they join or part, m; below
-        zero before it.
-        """
-        if isinstance(self.normal, PairLaws):
-            return self.normal.pass_ends(e, joined)
-        return np.zeros(0)
-
-    def switch(self, touch: Touch) -> tuple[Touch, Index, float]:
-        """Join or part the contacts that have passed their ends.
-
-        Returns the contacts after that, the numbers of those that have joined or parted, and the
-        energy lost, J. Contacts that part have no force of slip, twist and roll any more.
-        """
-        normal = self.normal
-        have_passed = self.pass_ends(touch.e, touch.joined) > 0.0
-        switched = normal.jumps[have_passed]
-        joined = touch.joined.copy()
-        joined[switched] = ~joined[switched]
-        renewed = self.take(touch.e, joined)
-        renewed.pull[1:] = touch.pull[1:]
-        renewed.pull[1:, switched] = 0.0
-        self.press(renewed)
-        energy_before = normal.store(touch.e, touch.joined)[switched]
-        energy_after = normal.store(touch.e, joined)[switched]
-        return renewed, switched, float(np.sum(energy_before - energy_after))
-
-    def damp(self, touch: Touch, rates: Array) -> Array:
-        """Return the forces (rows, n), N, that dashpots add to a ``pull`` at the ``rates``
-        (rows, n) of deformations, m/s.
-        """
-        forces = np.empty_like(rates)
-        forces[0] = -self.times[0] * touch.k * rates[0]  # a rising elongation lessens the push
-        forces[1:] = self.times[1] * self.ratio * touch.punch * rates[1:]
-        return forces
-
-    def springs(self, touch: Touch) -> float:
-        """Return the energy T^2/2k_t of slip, twist and rolling, J, of all contacts."""
-        t = touch.pull[1:]
-        double_stiffness = 2.0 * self.ratio * touch.punch
-        is_closed = double_stiffness > 0.0
-        energies = np.divide(t * t, double_stiffness, out=np.zeros_like(t), where=is_closed)
-        return float(np.sum(energies))
-
-
-@compiled
-def _resist(
-    pull: Array,
-    punch_after: Array,
-    punch_before: Array,
-    moved: Array,
-    held: Array,
-    half_ratios: Array,
-    rest_forces: Array,
-    n_limited: int,
-    mu: float,
-) -> float:
-    """Set the tangential forces in a ``pull`` (1 + rows, n) as :meth:`ContactForces.follow`, and
-    return the work of slip, twist and roll, J.
-
-    ``punch_after`` and ``punch_before`` (n,) are the stiffnesses of punches after and before the
-    step, N/m, ``moved`` (rows, n) the deformations in the step, m, ``held`` (rows, n) the forces
-    before it, N, ``half_ratios`` (rows, n) half of the ratios of stiffnesses, ``rest_forces`` (n,)
-    the normal forces at rest, N. Coulomb's limit holds for the size of the force in the first
-    ``n_limited`` rows. Contacts are taken in chunks, on whose rows the processor works several
-    numbers at a time: a loop over the contacts of a chunk does one step for all of these.
-    """
-    work = 0.0
-    buffers = np.empty((5, _CHUNK))
-    for first in range(0, len(punch_after), _CHUNK):
-        chunk = slice(first, min(first + _CHUNK, len(punch_after)))
-        k_after = punch_after[chunk]
-        k_before = punch_before[chunk]
-        change = pull[0, chunk]
-        force_at_rest = rest_forces[chunk]
-        stiffness_sum = buffers[0]
-        kept_share = buffers[1]
-        square = buffers[2]
-        scale = buffers[3]
-        double_work = buffers[4]
-        for c in range(len(k_after)):
-            least = min(k_after[c], k_before[c])
-            stiffness_sum[c] = least + k_after[c]
-            # the share of a force that the law keeps: nothing where contacts were open
-            kept_share[c] = least / max(k_before[c], _NONE)
-            square[c] = 0.0
-        # forces without a limit: springs with the mean of two stiffnesses add to what is kept
-        for row in range(len(held)):
-            t = pull[1 + row, chunk]
-            slip = moved[row, chunk]
-            force_before = held[row, chunk]
-            half_ratio = half_ratios[row, chunk]
-            for c in range(len(k_after)):
-                elastic = half_ratio[c] * stiffness_sum[c] * slip[c]
-                t[c] = elastic + kept_share[c] * force_before[c]
-            if row < n_limited:
-                for c in range(len(k_after)):
-                    square[c] += t[c] * t[c]
-        # the factor that brings a force down to Coulomb's limit
-        if n_limited:
-            for c in range(len(k_after)):
-                limit = mu * max(change[c] + force_at_rest[c], 0.0)
-                size = math.sqrt(square[c])
-                scale[c] = limit / size if size > limit else 1.0
-        # the work of the mean of the forces before and after
-        double_work[:] = 0.0
-        for row in range(len(held)):
-            t = pull[1 + row, chunk]
-            slip = moved[row, chunk]
-            force_before = held[row, chunk]
-            if row < n_limited:
-                for c in range(len(k_after)):
-                    t[c] *= scale[c]
-            for c in range(len(k_after)):
-                double_work[c] += (t[c] + force_before[c]) * slip[c]
-        work += 0.5 * np.sum(double_work)
-    return work

@@ -1,0 +1,397 @@
+"""Contacts whose balls move: how they deform, what forces they then have, and how these act on the
+balls, in the directions of rest or in the true ones.
+
+Slip, twist and rolling s are resisted by forces T whose stiffness is in proportion to that of a
+flat punch as wide as the contact, k_t = eta 2 E* a(h), which without adhesion is the normal
+stiffness k: dT = k_t ds while a rises, and the elastic part T/k_t is kept while a falls. Slip ends
+at Coulomb's limit |T| <= mu f, of the force f of the law, without that of dashpots. It is the law
+of :mod:`granphon.array.friction`. Dashpots add tau k(h) times the rate of an elongation (G.
+Kuwabara and K. Kono, Jpn. J. Appl. Phys. 26, 1230, 1987), and tau' k_t(h) times those of other
+deformations.
+
+Loops over contacts are those of :mod:`granphon.contacts.motion_loops`. Where all normal forces are
+Hertz's, the loops know the law; other laws are asked between two loops.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granphon.balls import hertz
+from granphon.base.arrays import Array, Index
+from granphon.contacts import motion_loops as loops
+from granphon.contacts.motion_laws import PairLaws, Powers
+from granphon.contacts.motion_loops import Columns, Moment, Rules
+from granphon.networks.network import ContactNetwork
+
+#: rows of a pull: normal force and slip, and with torques of twist and of rolling
+_N_SLIPS = 3
+_ROWS_OF_SLIP = 1 + _N_SLIPS
+_ROWS_OF_ROLLING = _ROWS_OF_SLIP + 4
+
+
+class MetPairs(NamedTuple):
+    """Pairs of balls that may meet, beside the contacts of a network.
+
+    Attributes
+    ----------
+    i, j : (n_p,) numbers of the balls.
+    shift : (n_p, 3) whole periods by which ball j is displaced.
+    slip_ratio : (n_p,) stiffness of slip over that of a flat punch as wide as the contact.
+    bulge : the pairs push where their distance is that of their radii and this, m.
+    """
+
+    i: Index
+    j: Index
+    shift: Index
+    slip_ratio: Array
+    bulge: float
+
+
+class _Geometry(NamedTuple):
+    """Contacts at rest, as :mod:`granphon.contacts.motion_loops` has them: r (n_c, 3), its length,
+    gaps, whether r follows the balls, and the arms (n_c,).
+    """
+
+    r: Array
+    length: Array
+    gap: Array
+    is_free: Array
+    near: Array
+    far: Array
+
+
+class MovingContacts:
+    """The contacts of balls in motion.
+
+    Motions of balls, and forces on them, are (n, m), for the m motions of each ball.
+
+    Parameters
+    ----------
+    network : the balls at rest, and their contacts.
+    pairs : pairs of balls that may meet, whose contacts come behind those of the network.
+    law : of the normal forces of all contacts.
+    punch : stiffnesses of flat punches as wide as the contacts of the network at rest, N/m.
+    times : (2, n_c) times of dashpots, s: tau of normal motion, and tau' of all other.
+    mu : friction coefficient of Coulomb's limit.
+    turns : whether directions are the true ones, or those of rest.
+
+    Attributes
+    ----------
+    axes : (m,) those of the motions, 0 to 2 of displacements, 3 to 5 of rotations.
+    ratios : (rows - 1, n_c) stiffnesses against slip (3), twist and rolling (3) over those of flat
+        punches.
+    held : (rows - 1, n_c) forces across contacts at rest.
+    on_balls : (n, m) forces of contacts on balls, of the last step.
+    is_damped : whether there are dashpots.
+    """
+
+    def __init__(
+        self,
+        network: ContactNetwork,
+        pairs: MetPairs,
+        law: Powers | PairLaws,
+        punch: Array,
+        times: Array,
+        mu: float,
+        turns: bool,
+    ) -> None:
+        motions = network.ball_motions
+        self.law = law
+        self.mu = mu
+        self.axes = np.array([*motions.translations, *(3 + axis for axis in motions.rotations)])
+        self.is_damped = bool(np.any(times))
+        self._turns = turns
+        is_hertz = isinstance(law, Powers) and law.exponent == hertz.EXPONENT
+        self._is_hertz = is_hertz
+        ends = (np.append(network.i, pairs.i), np.append(network.j, pairs.j))
+        n_contacts = len(ends[0])
+        geometry = _find_true_geometry(network, pairs) if turns else _find_geometry(network)
+        self.ratios = _find_ratios(network, pairs, punch)
+        self.held = np.zeros_like(self.ratios)
+        if network.tangential_force is not None:
+            self.held[:_N_SLIPS, : network.n_contacts] = -network.tangential_force.T
+        columns: dict[int, Any] = {
+            loops.REST + axis * loops.CHUNK: geometry.r[:, axis] for axis in range(3)
+        }
+        columns |= {
+            loops.LENGTH: geometry.length,
+            loops.GAP: geometry.gap,
+            loops.FREE: geometry.is_free,
+            loops.NEAR: geometry.near,
+            loops.FAR: geometry.far,
+            loops.FORCE: law.rest,
+            loops.SLIP_RATIO: self.ratios[0],
+            loops.NORMAL_TIME: times[0],
+            loops.SIDE_TIME: times[1],
+        }
+        if len(self.ratios) > _N_SLIPS:
+            columns |= {loops.TWIST_RATIO: self.ratios[3], loops.ROLL_RATIO: self.ratios[4]}
+        if isinstance(law, Powers) and is_hertz:
+            columns |= {
+                loops.COEFFICIENT: law.coefficient,
+                loops.OVERLAP: law.overlap,
+                loops.ROOT: law.root,
+            }
+        self._columns = _make_columns(ends, columns)
+        self.on_balls = np.zeros((network.n_balls, len(self.axes)))
+        self._no_speeds = np.zeros((0, len(self.axes)))
+        self._no_dash = np.zeros((len(self.ratios) + 1, 0))
+        self.dash = (
+            np.zeros((len(self.ratios) + 1, n_contacts)) if self.is_damped else self._no_dash
+        )
+        still = self.make_moment()
+        self._go(still, still._replace(pull=still.pull.copy()), Rules(turns, False, math.inf))
+        self.still = self.on_balls.copy()
+
+    def make_moment(self) -> Moment:
+        """Return contacts of balls at rest, that bear what they bear at rest; stiffnesses are still
+        to be set.
+        """
+        n_contacts = len(self._columns.i)
+        pull = np.concatenate([np.zeros((1, n_contacts)), self.held])
+        k = np.ones(n_contacts)
+        # laws that do not know radii have k for punches
+        punch = np.ones(n_contacts) if self.law.know_radii else k
+        return Moment(np.zeros_like(self.on_balls), np.zeros(n_contacts), pull, k, punch)
+
+    def make_spare(self, moment: Moment, has_pull: bool) -> Moment:
+        """Return a moment whose arrays may be written over; with a pull of its own, or with that of
+        another ``moment``.
+        """
+        k = np.empty_like(moment.k)
+        return Moment(
+            np.zeros_like(moment.motions),
+            np.empty_like(moment.e),
+            np.empty_like(moment.pull) if has_pull else moment.pull,
+            k,
+            np.empty_like(k) if self.law.know_radii else k,
+        )
+
+    def measure(self, moment: Moment) -> None:
+        """Set the elongations of contacts whose balls have moved."""
+        loops.measure(self._columns, moment.motions, self.axes, self._turns, moment.e)
+
+    def press(self, moment: Moment, joined: Any) -> None:
+        """Set normal forces and stiffnesses at the elongations of a moment."""
+        self.law.press(moment.e, (moment.pull[0], moment.k), joined)
+        if isinstance(self.law, PairLaws) and self.law.know_radii:
+            self.law.punch(moment.e, moment.punch, joined)
+
+    def begin(self, moment: Moment) -> Any:
+        """Let contacts come from rest to where a ``moment`` has the balls, in one step, at the end
+        of which they slide to Coulomb's limit; contacts are as stiff before as after. Return which
+        contacts are joined.
+        """
+        self.measure(moment)
+        joined = self.law.begin(moment.e)
+        self.press(moment, joined)
+        rest = self.make_moment()._replace(k=moment.k, punch=moment.punch)
+        self._go(rest, moment, Rules(self._turns, False, self.mu))
+        return joined
+
+    def act(self, moment: Moment, speeds: Array) -> None:
+        """Set the forces on balls of contacts that a step begins with, of which dashpots have those
+        of the ``speeds`` (n, m) of the balls.
+        """
+        after = moment._replace(pull=moment.pull.copy())
+        self._go(moment, after, Rules(self._turns, False, math.inf), speeds=speeds)
+
+    def follow(
+        self, before: Moment, after: Moment, knows_law: bool, speeds: Array
+    ) -> tuple[float, float]:
+        """Set forces of contacts ``after`` a step and those on balls, with dashpots at the
+        ``speeds`` (n, m) after it; return the energies that slip, twist and roll, and dashpots take
+        up, J.
+
+        If the loops know the law, they set neither elongations nor normal forces nor stiffnesses.
+        """
+        return self._go(before, after, Rules(self._turns, knows_law, self.mu), speeds=speeds)
+
+    def follow_mean(
+        self, before: Moment, after: Moment, joined: Any, step: float
+    ) -> tuple[float, float]:
+        """As :meth:`follow`, with the mean forces of a ``step``, s, on balls, so that it keeps the
+        energy.
+        """
+        mean = self.law.mean(before.e, after.e, joined)
+        return self._go(before, after, Rules(self._turns, False, self.mu), mean=mean, step=step)
+
+    @property
+    def knows_law(self) -> bool:
+        """Whether the loops know the law of normal forces."""
+        return self._is_hertz
+
+    def _go(
+        self,
+        before: Moment,
+        after: Moment,
+        rules: Rules,
+        *,
+        mean: Array | None = None,
+        speeds: Array | None = None,
+        step: float = 0.0,
+    ) -> tuple[float, float]:
+        """Make a step; without speeds or a mean, there are no dashpots."""
+        has_dash = speeds is not None or mean is not None
+        spent, lost = loops.follow(
+            self._columns,
+            rules,
+            self.axes,
+            before,
+            after,
+            np.zeros(0) if mean is None else mean,
+            self._no_speeds if speeds is None else speeds,
+            step,
+            self.dash if has_dash else self._no_dash,
+            self.on_balls,
+        )
+        return spent, lost
+
+    def rest_energy(self, moment: Moment) -> float:
+        """Return the energy of the loads that hold the balls at rest, J, less what the laws count
+        of it.
+        """
+        energy = float(np.sum(self.still * moment.motions))
+        if self._turns:
+            energy -= float(np.sum(self.law.rest * moment.e))
+        return energy
+
+    def shear_energy(self, moment: Moment) -> float:
+        """Return the energy T^2/2k_t of slip, twist and rolling, J, of all contacts."""
+        sides = moment.pull[1:]
+        double_stiffness = 2.0 * self.ratios * moment.punch
+        is_closed = double_stiffness > 0.0
+        energies = np.divide(
+            sides * sides, double_stiffness, out=np.zeros_like(sides), where=is_closed
+        )
+        return float(np.sum(energies))
+
+    def shears(self, moment: Moment) -> Array:
+        """Return the sizes of the forces across contacts (n_c,), N."""
+        return np.asarray(np.sqrt(np.sum(moment.pull[1:_ROWS_OF_SLIP] ** 2, axis=0)))
+
+    def pass_ends(self, e: Array, joined: Any) -> Array:
+        """Return how far contacts whose force jumps have passed where they join or part, m; below
+        zero before it.
+        """
+        if isinstance(self.law, PairLaws):
+            return self.law.pass_ends(e, joined)
+        return np.zeros(0)
+
+    def switch(self, moment: Moment, joined: Any) -> tuple[Any, Index, float]:
+        """Join or part the contacts of a moment that have passed their ends.
+
+        Returns which contacts are joined after that, the numbers of those that have joined or
+        parted, and the energy lost, J. Contacts that part have no force of slip, twist and roll any
+        more.
+        """
+        law = self.law
+        have_passed = self.pass_ends(moment.e, joined) > 0.0
+        switched = law.jumps[have_passed]
+        renewed = joined.copy()
+        renewed[switched] = ~renewed[switched]
+        moment.pull[1:, switched] = 0.0
+        self.press(moment, renewed)
+        energy_before = law.store(moment.e, joined)[switched]
+        energy_after = law.store(moment.e, renewed)[switched]
+        return renewed, switched, float(np.sum(energy_before - energy_after))
+
+
+def measure_along(network: ContactNetwork, motions: Array) -> Array:
+    """Return the elongations (n_c,) of the contacts of a network, in the directions of rest, whose
+    balls have moved by ``motions`` (n, m).
+    """
+    axes = np.array(
+        [
+            *network.ball_motions.translations,
+            *(3 + axis for axis in network.ball_motions.rotations),
+        ]
+    )
+    r = network.normal
+    directions = {loops.REST + axis * loops.CHUNK: r[:, axis] for axis in range(3)}
+    columns = _make_columns((network.i, network.j), directions)
+    e = np.empty(network.n_contacts)
+    loops.measure(columns, motions, axes, False, e)
+    return e
+
+
+def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:
+    """Return what loops read, of ``values`` (n_c,) by row; those of other rows are zero."""
+    shared = np.zeros(loops.N_COLUMNS // loops.CHUNK)
+    separate = {}
+    for row, column in values.items():
+        shared[row // loops.CHUNK] = column[0]
+        if not np.all(column == column[0]):
+            separate[row] = column
+    n_contacts = len(ends[0])
+    return Columns(
+        ends[0].astype(np.uint32),
+        ends[1].astype(np.uint32),
+        shared,
+        np.array([*separate.values()], float).reshape(-1, n_contacts),
+        np.array([*separate], np.int64),
+    )
+
+
+def _find_geometry(network: ContactNetwork) -> _Geometry:
+    """Return contacts whose directions stay."""
+    zeros = np.zeros(network.n_contacts)
+    return _Geometry(network.normal, zeros + 1.0, zeros, zeros, network.arm_i, network.arm_j)
+
+
+def _find_true_geometry(network: ContactNetwork, pairs: MetPairs) -> _Geometry:
+    """Return contacts whose directions turn, but for those with flat walls."""
+    i = pairs.i
+    j = pairs.j
+    is_flat = np.isinf(network.distance)
+    is_wall = np.isinf(network.radii[j])
+    radii_j = np.where(is_wall, 0.0, network.radii[j])
+    vectors = np.where(is_flat[:, None], network.normal, network.vector)
+    apart = network.positions[j] + pairs.shift @ network.cell - network.positions[i]
+    gap = np.linalg.norm(apart, axis=1) - network.radii[i] - radii_j - pairs.bulge
+    for wall, (spot, toward) in network.walls.items():
+        at_wall = j == wall
+        balls = i[at_wall]
+        apart[at_wall] = toward
+        gap[at_wall] = (spot - network.positions[balls]) @ toward - network.radii[balls]
+    r = np.concatenate([vectors, apart])
+    is_flat = np.append(is_flat, is_wall)
+    # arms share the distance, so that torques balance the moment of forces across contacts
+    arm_i = np.append(network.arm_i, network.radii[i])
+    near = np.where(is_flat, arm_i, arm_i / _find_arms(network, pairs))
+    return _Geometry(
+        r,
+        np.sqrt(np.sum(r * r, axis=1)),
+        np.append(np.zeros(network.n_contacts), np.maximum(gap, 0.0)),  # no pair pushes at rest
+        np.where(is_flat, 0.0, 1.0),
+        near,
+        np.where(is_flat, 0.0, 1.0 - near),
+    )
+
+
+def _find_arms(network: ContactNetwork, pairs: MetPairs) -> Array:
+    """Return the sums of both arms (n_c,) of all contacts, m."""
+    radii_j = np.where(np.isinf(network.radii[pairs.j]), 0.0, network.radii[pairs.j])
+    of_pairs = network.radii[pairs.i] + radii_j
+    return np.append(network.arm_i + network.arm_j, of_pairs)
+
+
+def _find_ratios(network: ContactNetwork, pairs: MetPairs, punch: Array) -> Array:
+    """Return stiffnesses (3, or with twist and rolling 7, n_c) over those of flat punches.
+
+    Twists and rolls of pairs are resisted as in the mean of contacts, with the square of the
+    distance of the balls.
+    """
+    slip = np.append(network.shear_stiffness / punch, pairs.slip_ratio)
+    squares, pair_squares = np.split(_find_arms(network, pairs) ** 2, [network.n_contacts])
+    twist, roll = (
+        np.append(stiffness / punch, np.mean(stiffness / punch / squares) * pair_squares)
+        for stiffness in (network.torsion_stiffness, network.bending_stiffness)
+    )
+    if np.any(twist) or np.any(roll):
+        return np.array([slip, slip, slip, twist, roll, roll, roll])
+    return np.array([slip, slip, slip])

@@ -1,0 +1,774 @@
+"""Loops over contacts whose balls move, compiled: how contacts deform in a step, what forces they
+then have, and how these act on the balls.
+
+Between the centres of two balls lies r, and n = r/|r|. Of a free contact r follows the balls, and
+the arms of the balls are parts of r, which add up to one. Of others r is a unit vector that stays
+as it is at rest, and arms are lengths: the normal of a flat wall, or in the directions of the
+network that of any contact.
+
+A step takes slip, twist and roll across the mean of r before and after. In true directions, forces
+across contacts turn with n by the smallest rotation that takes n along, and about n with the mean
+spin of the two balls: by one half to the mean of r, where the law adds what the step changes, and
+by the other half from there. So |T| stays, and pairs of forces and torques keep momentum and
+angular momentum exactly. Static normal forces then press along n. In the directions of the network
+nothing turns: the loads that hold the balls at rest balance static forces at any time, and changes
+of forces act alone.
+
+A step is one pass over the contacts (:func:`follow`), in chunks. Motions of balls are gathered for
+a chunk, and forces are scattered to balls. In between each number of a contact has a row of the
+chunk. A few loops go over the rows, on several contacts at a time, as the processor can where a
+loop has no index of a ball, no branch, and one array: rows at fixed places do not overlap.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls import hertz
+from granphon.base.arrays import Array
+from granphon.base.compiled import compiled
+
+#: contacts of a chunk, whose rows stay in the processor's first cache
+CHUNK = 64
+#: what stands for zero where it divides zero
+_NONE = hertz.LEAST_NORMAL
+#: the stiffness of Hertz's law, over c h^(1/2)
+_STIFFNESS = hertz.EXPONENT
+
+# Where the rows of a chunk begin. Vectors have three; slip, twist and roll, or forces against
+# these, seven.
+
+#: what contacts are at rest: r, |r|, the distance of the bodies, whether r follows the balls (one
+#: or zero), the arms of the balls over |r|, and the normal force
+REST = 0 * CHUNK
+LENGTH = 3 * CHUNK
+GAP = 4 * CHUNK
+FREE = 5 * CHUNK
+NEAR = 6 * CHUNK
+FAR = 7 * CHUNK
+FORCE = 8 * CHUNK
+#: their law: stiffnesses of slip, twist and roll over those of flat punches as wide as the
+#: contacts, times of dashpots, and Hertz's coefficient, overlap at rest, and its root
+SLIP_RATIO = 9 * CHUNK
+TWIST_RATIO = 10 * CHUNK
+ROLL_RATIO = 11 * CHUNK
+NORMAL_TIME = 12 * CHUNK
+SIDE_TIME = 13 * CHUNK
+COEFFICIENT = 14 * CHUNK
+OVERLAP = 15 * CHUNK
+ROOT = 16 * CHUNK
+N_COLUMNS = 17 * CHUNK
+#: displacement of ball j from ball i before and after the step; rotations in the step
+_ACROSS = 17 * CHUNK
+_ACROSS_END = 20 * CHUNK
+_TURN_I = 23 * CHUNK
+_TURN_J = 26 * CHUNK
+#: n before the step, in its mean and after it, r and |r| with which forces act, and the mean of r
+_START = 29 * CHUNK
+_MIDDLE = 32 * CHUNK
+_END = 35 * CHUNK
+_R = 38 * CHUNK
+_R_LENGTH = 41 * CHUNK
+_R_MIDDLE = 42 * CHUNK
+#: elongations before and after
+_E_START = 45 * CHUNK
+_E = 46 * CHUNK
+#: tangent of half of the angle by which forces turn about n in half of the step, and the cosine of
+#: the whole angle and one
+_HALF = 47 * CHUNK
+_COSINE = 48 * CHUNK
+#: deformations of the step; forces before it, turned to its middle; after it; and their mean
+_SIDES = 49 * CHUNK
+_HELD = 56 * CHUNK
+_PULL = 63 * CHUNK
+_MEAN = 70 * CHUNK
+#: f - f_0, stiffnesses
+_CHANGE = 77 * CHUNK
+_K_START = 78 * CHUNK
+_K = 79 * CHUNK
+_PUNCH_START = 80 * CHUNK
+_PUNCH = 81 * CHUNK
+_WORK = 82 * CHUNK
+#: forces and torques on ball i, and on ball j
+_ON_I = 83 * CHUNK
+_ON_I_TORQUE = 86 * CHUNK
+_ON_J = 89 * CHUNK
+_ON_J_TORQUE = 92 * CHUNK
+#: dashpots: rates of elongation and of deformations, forces before and after, energy lost
+_RATE = 95 * CHUNK
+_RATES = 96 * CHUNK
+_DASH_START = 103 * CHUNK
+_DASH = 111 * CHUNK
+_LOSS = 119 * CHUNK
+_N_ROWS = 120 * CHUNK
+#: rows from that of slip to those of twist and of roll
+_TWIST = 3 * CHUNK
+_ROLL = 4 * CHUNK
+_N_SIDES = 7 * CHUNK
+
+
+class Columns(NamedTuple):
+    """What loops read of n_c contacts.
+
+    Attributes
+    ----------
+    i, j : (n_c,) numbers of the two balls.
+    shared : (n_k,) numbers that all contacts share, by row.
+    separate : (n_s, n_c) those that differ, and ``lines`` (n_s,) where their rows begin.
+    """
+
+    i: NDArray[np.uint32]
+    j: NDArray[np.uint32]
+    shared: Array
+    separate: Array
+    lines: NDArray[np.int64]
+
+
+class Rules(NamedTuple):
+    """What holds for all contacts.
+
+    Attributes
+    ----------
+    turns : whether directions are the true ones.
+    is_hertz : whether normal forces follow Hertz's law; else they are found between two loops.
+    mu : of Coulomb's limit.
+    """
+
+    turns: bool
+    is_hertz: bool
+    mu: float
+
+
+class Moment(NamedTuple):
+    """Contacts at a moment.
+
+    Attributes
+    ----------
+    motions : (n, m) displacements and rotations of all balls.
+    e : (n_c,) elongations since rest.
+    pull : (4 or 8, n_c) change f - f_0 of normal forces, forces T of slip (3), and with 8 rows
+        torques of twist and of roll (3).
+    k, punch : (n_c,) normal stiffnesses, and those of flat punches as wide as the contacts.
+    """
+
+    motions: Array
+    e: Array
+    pull: Array
+    k: Array
+    punch: Array
+
+
+_Vector = tuple[float, float, float]
+
+
+# -- vectors ---------------------------------------------------------------------------------------
+
+
+@compiled
+def _dot(a: _Vector, b: _Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def _cross(a: _Vector, b: _Vector) -> _Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def _add(a: _Vector, factor: float, b: _Vector) -> _Vector:
+    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
+
+
+@compiled
+def _scale(factor: float, a: _Vector) -> _Vector:
+    return factor * a[0], factor * a[1], factor * a[2]
+
+
+@compiled
+def _turn(force: _Vector, start: _Vector, end: _Vector, half: float, cosine: float) -> _Vector:
+    """Turn a force across the unit vector ``start`` by the smallest rotation to ``end``, by which
+    it is mirrored between both, and about ``end`` by the angle of whose half this is the tangent;
+    ``cosine`` is that of the angle, and one.
+    """
+    both = _add(start, 1.0, end)
+    carried = _add(force, -_dot(both, force) / max(1.0 + _dot(start, end), _NONE), both)
+    return _add(_scale(cosine - 1.0, carried), half * cosine, _cross(end, carried))
+
+
+@compiled
+def _slip(
+    across: _Vector,
+    turn_i: _Vector,
+    turn_j: _Vector,
+    arms: tuple[float, float],
+    r: _Vector,
+    n: _Vector,
+) -> _Vector:
+    """Return the slip across n of two balls that turn, and of which j goes ``across`` from i."""
+    turn = _add(_scale(arms[0], turn_i), arms[1], turn_j)
+    slip = _add(across, -1.0, _cross(turn, r))
+    return _add(slip, -_dot(n, slip), n)
+
+
+@compiled
+def _get(rows: Array, place: int) -> _Vector:
+    """Return the vector of a contact whose first component is at a ``place`` of the rows."""
+    return rows[place], rows[place + CHUNK], rows[place + 2 * CHUNK]
+
+
+@compiled
+def _set(rows: Array, place: int, a: _Vector) -> None:
+    """Set the vector of a contact whose first component is at a ``place`` of the rows."""
+    rows[place] = a[0]
+    rows[place + CHUNK] = a[1]
+    rows[place + 2 * CHUNK] = a[2]
+
+
+# -- from arrays of contacts or balls to the rows of a chunk, n contacts from the first, and back --
+
+
+@compiled
+def _begin(shared: Array) -> Array:
+    """Return rows with the numbers that all contacts share."""
+    rows = np.zeros(_N_ROWS)
+    for row in range(0, N_COLUMNS, CHUNK):
+        for c in range(CHUNK):
+            rows[row + c] = shared[row // CHUNK]
+    return rows
+
+
+@compiled
+def _read_separate(
+    rows: Array, separate: Array, lines: NDArray[np.int64], first: int, n: int
+) -> None:
+    """Set the rows of numbers that contacts do not share."""
+    for line in range(len(lines)):
+        _read(rows, lines[line], separate[line], first, n)
+
+
+@compiled
+def _read(rows: Array, row: int, values: Array, first: int, n: int) -> None:
+    """Set a row to numbers of contacts."""
+    part = values[first : first + n]
+    for c in range(n):
+        rows[row + c] = part[c]
+
+
+@compiled
+def _write(rows: Array, row: int, values: Array, first: int, n: int) -> None:
+    """Set numbers of contacts to a row."""
+    part = values[first : first + n]
+    for c in range(n):
+        part[c] = rows[row + c]
+
+
+@compiled
+def _gather(
+    rows: Array,
+    ends: tuple[NDArray[np.uint32], NDArray[np.uint32]],
+    before: Array,
+    after: Array,
+    axes: NDArray[np.int64],
+    first: int,
+    n: int,
+) -> None:
+    """Set the displacements between two balls, and their rotations in the step."""
+    balls_i = ends[0][first : first + n]
+    balls_j = ends[1][first : first + n]
+    for motion in range(len(axes)):
+        axis = axes[motion]
+        if axis < 3:
+            start = _ACROSS + axis * CHUNK
+            end = _ACROSS_END + axis * CHUNK
+            for c in range(n):
+                i = balls_i[c]
+                j = balls_j[c]
+                rows[start + c] = before[j, motion] - before[i, motion]
+                rows[end + c] = after[j, motion] - after[i, motion]
+        else:
+            of_i = _TURN_I + (axis - 3) * CHUNK
+            of_j = _TURN_J + (axis - 3) * CHUNK
+            for c in range(n):
+                i = balls_i[c]
+                j = balls_j[c]
+                rows[of_i + c] = after[i, motion] - before[i, motion]
+                rows[of_j + c] = after[j, motion] - before[j, motion]
+
+
+@compiled
+def _gather_speeds(
+    rows: Array,
+    ends: tuple[NDArray[np.uint32], NDArray[np.uint32]],
+    speeds: Array,
+    axes: NDArray[np.int64],
+    first: int,
+    n: int,
+) -> None:
+    """Set the velocity of ball j less that of ball i, and the spins of both, in place of
+    displacements and rotations.
+    """
+    balls_i = ends[0][first : first + n]
+    balls_j = ends[1][first : first + n]
+    for motion in range(len(axes)):
+        axis = axes[motion]
+        for c in range(n):
+            speed_i = speeds[balls_i[c], motion]
+            speed_j = speeds[balls_j[c], motion]
+            if axis < 3:
+                rows[_ACROSS + axis * CHUNK + c] = speed_j - speed_i
+            else:
+                rows[_TURN_I + (axis - 3) * CHUNK + c] = speed_i
+                rows[_TURN_J + (axis - 3) * CHUNK + c] = speed_j
+
+
+@compiled
+def _scatter(
+    rows: Array,
+    ends: tuple[NDArray[np.uint32], NDArray[np.uint32]],
+    forces: Array,
+    axes: NDArray[np.int64],
+    first: int,
+    n: int,
+) -> None:
+    """Add to the forces and torques on balls."""
+    balls_i = ends[0][first : first + n]
+    balls_j = ends[1][first : first + n]
+    for motion in range(len(axes)):
+        on_i = _ON_I + axes[motion] * CHUNK
+        on_j = _ON_J + axes[motion] * CHUNK
+        for c in range(n):
+            forces[balls_i[c], motion] += rows[on_i + c]
+            forces[balls_j[c], motion] += rows[on_j + c]
+
+
+# -- a chunk of n contacts -------------------------------------------------------------------------
+
+
+@compiled
+def _go_along(rows: Array, n: int) -> None:
+    """Find elongations and slips where n stays."""
+    for c in range(n):
+        normal = _get(rows, REST + c)
+        gap = rows[GAP + c]
+        across = _get(rows, _ACROSS + c)
+        end = _get(rows, _ACROSS_END + c)
+        arms = (rows[NEAR + c], rows[FAR + c])
+        turn_i = _get(rows, _TURN_I + c)
+        turn_j = _get(rows, _TURN_J + c)
+        rows[_E_START + c] = gap + _dot(normal, across)
+        rows[_E + c] = gap + _dot(normal, end)
+        across = _add(end, -1.0, across)
+        _set(rows, _SIDES + c, _slip(across, turn_i, turn_j, arms, normal, normal))
+        _set(rows, _R + c, normal)
+
+
+@compiled
+def _find_directions(rows: Array, n: int, is_mean: bool) -> None:
+    """Find r, its directions and elongations where n turns."""
+    for c in range(n):
+        rest = _get(rows, REST + c)
+        length = rows[LENGTH + c]
+        gap = rows[GAP + c]
+        free = rows[FREE + c]
+        across = _get(rows, _ACROSS + c)
+        start = _add(rest, free, across)
+        # |r|^2 - |r_0|^2, no difference of near-equal lengths
+        square = _dot(_add(rest, 1.0, start), across)
+        start_length = math.sqrt(length * length + free * square)
+        # of one division, 1/|r| and e, which is the square over |r| + |r_0|
+        both = length + start_length
+        quotient = 1.0 / (start_length * both)
+        rows[_E_START + c] = gap + square * (start_length * quotient)
+        _set(rows, _START + c, _scale(both * quotient, start))
+        across_end = _get(rows, _ACROSS_END + c)
+        end = _add(rest, free, across_end)
+        square = _dot(_add(rest, 1.0, end), across_end)
+        end_length = math.sqrt(length * length + free * square)
+        both = length + end_length
+        quotient = 1.0 / (end_length * both)
+        rows[_E + c] = gap + square * (end_length * quotient)
+        _set(rows, _END + c, _scale(both * quotient, end))
+        middle = _scale(0.5, _add(start, 1.0, end))
+        normal = _scale(1.0 / math.sqrt(_dot(middle, middle)), middle)
+        _set(rows, _MIDDLE + c, normal)
+        mean_length = 0.5 * (start_length + end_length)
+        rows[_R_LENGTH + c] = mean_length if is_mean else end_length
+        _set(rows, _R_MIDDLE + c, middle)
+        _set(rows, _R + c, middle if is_mean else end)
+
+
+@compiled
+def _slip_turning(rows: Array, n: int) -> None:
+    """Find slips where n turns."""
+    for c in range(n):
+        arms = (rows[NEAR + c], rows[FAR + c])
+        turn_i = _get(rows, _TURN_I + c)
+        turn_j = _get(rows, _TURN_J + c)
+        normal = _get(rows, _MIDDLE + c)
+        across = _add(_get(rows, _ACROSS_END + c), -1.0, _get(rows, _ACROSS + c))
+        _set(
+            rows, _SIDES + c, _slip(across, turn_i, turn_j, arms, _get(rows, _R_MIDDLE + c), normal)
+        )
+        # half of the mean of both rotations
+        half = 0.125 * _dot(normal, _add(turn_i, 1.0, turn_j))
+        rows[_HALF + c] = half
+        rows[_COSINE + c] = 2.0 / (1.0 + half * half)
+
+
+@compiled
+def _turn_rows(rows: Array, n: int, row: int, start: int, end: int) -> None:
+    """Turn the vectors of three rows from a direction to another, and about that."""
+    for c in range(n):
+        turned = _turn(
+            _get(rows, row + c),
+            _get(rows, start + c),
+            _get(rows, end + c),
+            rows[_HALF + c],
+            rows[_COSINE + c],
+        )
+        _set(rows, row + c, turned)
+
+
+@compiled
+def _go_turning(rows: Array, n: int, is_mean: bool) -> None:
+    _find_directions(rows, n, is_mean)
+    _slip_turning(rows, n)
+    _turn_rows(rows, n, _HELD, _START, _MIDDLE)
+
+
+@compiled
+def _roll(rows: Array, n: int, turns: bool) -> None:
+    """Find twists and rolls of a step, and turn torques of roll to its middle."""
+    for c in range(n):
+        normal = _get(rows, _MIDDLE + c) if turns else _get(rows, REST + c)
+        roll = _add(_get(rows, _TURN_J + c), -1.0, _get(rows, _TURN_I + c))
+        twist = _dot(normal, roll)
+        rows[_SIDES + _TWIST + c] = twist
+        _set(rows, _SIDES + _ROLL + c, _add(roll, -twist, normal))
+    if turns:
+        _turn_rows(rows, n, _HELD + _ROLL, _START, _MIDDLE)
+
+
+@compiled
+def _press(rows: Array, n: int) -> None:
+    """Find f - f_0 by Hertz's law, without a difference of near-equal forces, and stiffnesses
+    before and after the step.
+    """
+    for c in range(n):
+        coefficient = rows[COEFFICIENT + c]
+        overlap = rows[OVERLAP + c]
+        loss = min(rows[_E + c], overlap)  # of h_+
+        root = math.sqrt(overlap - loss)
+        # the difference of the powers 3/2, over that of h and y, is h^(1/2) + y/(h^(1/2) + y^(1/2))
+        factor = root + overlap / (root + rows[ROOT + c])
+        rows[_CHANGE + c] = -coefficient * (loss * factor)
+        stiffness = coefficient * _STIFFNESS * root
+        rows[_K + c] = stiffness
+        rows[_PUNCH + c] = stiffness
+        root = math.sqrt(max(overlap - rows[_E_START + c], 0.0))
+        rows[_PUNCH_START + c] = coefficient * _STIFFNESS * root
+
+
+@compiled
+def _resist(rows: Array, n: int, mu: float) -> None:
+    """Find the forces against slip at the end of a step, up to Coulomb's limit, and their work."""
+    slides = mu < math.inf
+    for c in range(n):
+        before = rows[_PUNCH_START + c]
+        punch = rows[_PUNCH + c]
+        least = min(punch, before)
+        # the share of a force that the law keeps: nothing where contacts were open
+        kept = least / max(before, _NONE)
+        stiffness = 0.5 * (least + punch) * rows[SLIP_RATIO + c]
+        sides = _get(rows, _SIDES + c)
+        held = _get(rows, _HELD + c)
+        pull = _add(_scale(kept, held), stiffness, sides)
+        if slides:
+            limit = mu * max(rows[_CHANGE + c] + rows[FORCE + c], 0.0)
+            size = math.sqrt(_dot(pull, pull))
+            pull = _scale(limit / size if size > limit else 1.0, pull)
+        _set(rows, _PULL + c, pull)
+        rows[_WORK + c] = 0.5 * _dot(_add(pull, 1.0, held), sides)
+
+
+@compiled
+def _resist_roll(rows: Array, n: int) -> None:
+    """Find the torques against twist and roll at the end of a step, and add their work."""
+    for c in range(n):
+        before = rows[_PUNCH_START + c]
+        punch = rows[_PUNCH + c]
+        least = min(punch, before)
+        kept = least / max(before, _NONE)
+        stiffness = 0.5 * (least + punch)
+        twist = rows[_SIDES + _TWIST + c]
+        held_twist = rows[_HELD + _TWIST + c]
+        pull_twist = kept * held_twist + stiffness * rows[TWIST_RATIO + c] * twist
+        roll = _get(rows, _SIDES + _ROLL + c)
+        held = _get(rows, _HELD + _ROLL + c)
+        pull = _add(_scale(kept, held), stiffness * rows[ROLL_RATIO + c], roll)
+        rows[_PULL + _TWIST + c] = pull_twist
+        _set(rows, _PULL + _ROLL + c, pull)
+        work = (pull_twist + held_twist) * twist + _dot(_add(pull, 1.0, held), roll)
+        rows[_WORK + c] = rows[_WORK + c] + 0.5 * work
+
+
+@compiled
+def _average(rows: Array, n: int) -> None:
+    """Find the means of forces in a step, before which and after which these are turned to its
+    middle.
+    """
+    for row in range(0, _N_SIDES, CHUNK):
+        for c in range(n):
+            held = rows[_HELD + row + c]
+            rows[_MEAN + row + c] = 0.5 * (held + rows[_PULL + row + c])
+
+
+@compiled
+def _take_mean(rows: Array, n: int, step: float) -> None:
+    """Let mean forces, stiffnesses and rates of a step be those that act."""
+    for c in range(n):
+        rows[_K + c] = 0.5 * (rows[_K_START + c] + rows[_K + c])
+        rows[_PUNCH + c] = 0.5 * (rows[_PUNCH_START + c] + rows[_PUNCH + c])
+        rows[_RATE + c] = (rows[_E + c] - rows[_E_START + c]) / step
+    for row in range(0, _N_SIDES, CHUNK):
+        for c in range(n):
+            rows[_PULL + row + c] = rows[_MEAN + row + c]
+            rows[_RATES + row + c] = rows[_SIDES + row + c] / step
+
+
+@compiled
+def _take_rates(rows: Array, n: int, turns: bool) -> None:
+    """Find the rates of deformations after a step, of balls whose velocities are gathered."""
+    for c in range(n):
+        r = _get(rows, _R + c)
+        normal = _get(rows, _END + c) if turns else r
+        across = _get(rows, _ACROSS + c)
+        spin_i = _get(rows, _TURN_I + c)
+        spin_j = _get(rows, _TURN_J + c)
+        arms = (rows[NEAR + c], rows[FAR + c])
+        rows[_RATE + c] = _dot(normal, across)
+        _set(rows, _RATES + c, _slip(across, spin_i, spin_j, arms, r, normal))
+        roll = _add(spin_j, -1.0, spin_i)
+        twist = _dot(normal, roll)
+        rows[_RATES + _TWIST + c] = twist
+        _set(rows, _RATES + _ROLL + c, _add(roll, -twist, normal))
+
+
+@compiled
+def _damp(rows: Array, n: int, is_mean: bool) -> None:
+    """Find the forces of dashpots, add them to those that act, and find the energy that they take
+    up: by their means of before and after the step, or as those of its mean.
+    """
+    for c in range(n):
+        normal_dash = -rows[NORMAL_TIME + c] * rows[_K + c] * rows[_RATE + c]
+        rows[_DASH + c] = normal_dash
+        rows[_CHANGE + c] = rows[_CHANGE + c] + normal_dash
+        mean = normal_dash if is_mean else 0.5 * (rows[_DASH_START + c] + normal_dash)
+        rows[_LOSS + c] = mean * (rows[_E_START + c] - rows[_E + c])
+    for row in range(0, _N_SIDES, CHUNK):
+        ratio = TWIST_RATIO if row == _TWIST else ROLL_RATIO
+        ratio = SLIP_RATIO if row < _TWIST else ratio
+        for c in range(n):
+            viscosity = rows[SIDE_TIME + c] * rows[_PUNCH + c]
+            dash = viscosity * rows[ratio + c] * rows[_RATES + row + c]
+            mean = dash if is_mean else 0.5 * (rows[_DASH_START + CHUNK + row + c] + dash)
+            rows[_DASH + CHUNK + row + c] = dash
+            rows[_PULL + row + c] += dash
+            rows[_LOSS + c] += mean * rows[_SIDES + row + c]
+
+
+@compiled
+def _act(rows: Array, n: int, turns: bool, rolls: bool) -> None:
+    """Find forces and torques on the two balls."""
+    for c in range(n):
+        r = _get(rows, _R + c)
+        pull = _get(rows, _PULL + c)
+        push = rows[_CHANGE + c]
+        if turns:
+            push = (push + rows[FORCE + c]) / rows[_R_LENGTH + c]
+        force = _add(_scale(push, r), -1.0, pull)
+        moment = _cross(r, pull)
+        _set(rows, _ON_I + c, _scale(-1.0, force))
+        _set(rows, _ON_J + c, force)
+        _set(rows, _ON_I_TORQUE + c, _scale(rows[NEAR + c], moment))
+        _set(rows, _ON_J_TORQUE + c, _scale(rows[FAR + c], moment))
+        if rolls:
+            twist = rows[_PULL + _TWIST + c] / math.sqrt(_dot(r, r))
+            roll = _add(_get(rows, _PULL + _ROLL + c), twist, r)
+            _set(rows, _ON_I_TORQUE + c, _add(_get(rows, _ON_I_TORQUE + c), 1.0, roll))
+            _set(rows, _ON_J_TORQUE + c, _add(_get(rows, _ON_J_TORQUE + c), -1.0, roll))
+
+
+@compiled
+def _sum(rows: Array, n: int, row: int, sums: Array) -> None:
+    """Add a row to sums."""
+    for c in range(n):
+        sums[c] += rows[row + c]
+
+
+# -- all contacts ----------------------------------------------------------------------------------
+
+
+@compiled
+def measure(
+    contacts: Columns, motions: Array, axes: NDArray[np.int64], turns: bool, e: Array
+) -> None:
+    """Set the elongations ``e`` (n_c,) of contacts whose balls have the ``motions`` (n, m) along
+    ``axes`` (m,), 0 to 2 of displacements, 3 to 5 of rotations.
+    """
+    ends = (contacts.i, contacts.j)
+    rows = _begin(contacts.shared)
+    for first in range(0, len(e), CHUNK):
+        n = min(CHUNK, len(e) - first)
+        _read_separate(rows, contacts.separate, contacts.lines, first, n)
+        _gather(rows, ends, motions, motions, axes, first, n)
+        if turns:
+            _find_directions(rows, n, False)
+        else:
+            _go_along(rows, n)
+        _write(rows, _E, e, first, n)
+
+
+@compiled
+def follow(
+    contacts: Columns,
+    rules: Rules,
+    axes: NDArray[np.int64],
+    before: Moment,
+    after: Moment,
+    mean: Array,
+    speeds: Array,
+    step: float,
+    dash: Array,
+    forces: Array,
+) -> tuple[float, float]:
+    """Set the forces across contacts after a step, and those on balls; return the energies that
+    slip, twist and roll, and dashpots take up, J.
+
+    Parameters
+    ----------
+    axes : (m,) those of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
+    before, after : motions are known, and forces across contacts before. Normal forces and
+        stiffnesses after the step, and stiffnesses of punches before it, are known too, unless
+        all follow Hertz's law: they are then neither read nor set. Both may have one pull.
+    mean : (n_c,) means of f - f_0 over the step: forces on balls are then those of its mean, so
+        that it keeps the energy. (0,) where they are those after the step.
+    speeds : (n, m) velocities of balls after the step, for dashpots, unless there are means.
+    step : s.
+    dash : (rows, n_c) forces of dashpots before the step, set anew; (rows, 0) without dashpots.
+    forces : (n, m) forces and torques on balls.
+    """
+    ends = (contacts.i, contacts.j)
+    separate = contacts.separate
+    columns = contacts.lines
+    motions = before.motions
+    motions_after = after.motions
+    pull = before.pull
+    pull_after = after.pull
+    k = before.k
+    k_after = after.k
+    punch = before.punch
+    punch_after = after.punch
+    n_lines = len(pull) - 1
+    rolls = n_lines > 3
+    is_mean = len(mean) > 0
+    is_damped = dash.shape[1] > 0
+    rows = _begin(contacts.shared)
+    work = np.zeros(CHUNK)
+    loss = np.zeros(CHUNK)
+    forces[:] = 0.0
+    for first in range(0, len(contacts.i), CHUNK):
+        n = min(CHUNK, len(contacts.i) - first)
+        _read_separate(rows, separate, columns, first, n)
+        _gather(rows, ends, motions, motions_after, axes, first, n)
+        for line in range(n_lines):
+            _read(rows, _HELD + line * CHUNK, pull[1 + line], first, n)
+        if rules.turns:
+            _go_turning(rows, n, is_mean)
+        else:
+            _go_along(rows, n)
+        if rolls:
+            _roll(rows, n, rules.turns)
+        if rules.is_hertz:
+            _press(rows, n)
+        else:
+            _read(rows, _CHANGE, pull_after[0], first, n)
+            _read(rows, _PUNCH_START, punch, first, n)
+            _read(rows, _PUNCH, punch_after, first, n)
+        _resist(rows, n, rules.mu)
+        if rolls:
+            _resist_roll(rows, n)
+        _sum(rows, n, _WORK, work)
+        if is_mean:
+            _average(rows, n)
+        if rules.turns:
+            _turn_rows(rows, n, _PULL, _MIDDLE, _END)
+            if rolls:
+                _turn_rows(rows, n, _PULL + _ROLL, _MIDDLE, _END)
+        for line in range(n_lines):
+            _write(rows, _PULL + line * CHUNK, pull_after[1 + line], first, n)
+        if is_mean:
+            _read(rows, _K_START, k, first, n)
+            _read(rows, _K, k_after, first, n)
+            _read(rows, _CHANGE, mean, first, n)
+            _take_mean(rows, n, step)
+        if is_damped:
+            if not is_mean:
+                if not rules.is_hertz:
+                    _read(rows, _K, k_after, first, n)
+                _gather_speeds(rows, ends, speeds, axes, first, n)
+                _take_rates(rows, n, rules.turns)
+            for line in range(len(dash)):
+                _read(rows, _DASH_START + line * CHUNK, dash[line], first, n)
+            _damp(rows, n, is_mean)
+            for line in range(len(dash)):
+                _write(rows, _DASH + line * CHUNK, dash[line], first, n)
+            _sum(rows, n, _LOSS, loss)
+        _act(rows, n, rules.turns, rolls)
+        _scatter(rows, ends, forces, axes, first, n)
+    return np.sum(work), np.sum(loss)
+
+
+# -- all balls -------------------------------------------------------------------------------------
+
+
+@compiled
+def spread(x: Array, places: NDArray[np.int64], weights: Array, motions: Array) -> None:
+    """Set what is at these ``places`` of the motions (n, m) to x times ``weights``, (size,)."""
+    flat = motions.reshape(motions.size)
+    for place in range(len(x)):
+        flat[places[place]] = weights[place] * x[place]
+
+
+@compiled
+def drift(
+    x: Array, v: Array, acceleration: Array, step: float, x_after: Array, v_mean: Array
+) -> None:
+    """Set x after a step, and the mean velocity in the step, (size,)."""
+    for place in range(len(x)):
+        mean = v[place] + 0.5 * step * acceleration[place]
+        v_mean[place] = mean
+        x_after[place] = x[place] + step * mean
+
+
+@compiled
+def gather(
+    forces: Array, places: NDArray[np.int64], weights: Array, steady: Array, acceleration: Array
+) -> None:
+    """Set accelerations (size,) to what is at these places of the forces (n, m), times ``weights``,
+    and what is ``steady``.
+    """
+    flat = forces.reshape(forces.size)
+    for place in range(len(acceleration)):
+        acceleration[place] = weights[place] * flat[places[place]] + steady[place]
+
+
+@compiled
+def kick(v: Array, acceleration: Array, step: float) -> None:
+    """Add to velocities (size,) what a step adds."""
+    for place in range(len(v)):
+        v[place] += step * acceleration[place]
