@@ -146,8 +146,9 @@ class ResultFiles:
         return Path(self.folder)
 
     def require_free(self) -> None:
-        """Raise if the files cannot be written, as far as can be told without writing. A result that
-        was cut off while its files moved is completed first, unless another run has the lock.
+        """Raise if the files cannot be written, as far as can be told without writing. An earlier
+        result that was cut off while its files moved is completed first, unless another run has the
+        lock.
 
         Raises
         ------

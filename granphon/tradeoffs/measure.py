@@ -416,8 +416,8 @@ class MediaStudy:
 
     @cached_property
     def condition(self) -> float:
-        """Condition number of the velocities: one, for their own rounding, and the largest factor by
-        which relative errors of load and width act on them.
+        """Condition number of the velocities: one, for their own rounding, and the largest factor
+        by which relative errors of load and width act on them.
         """
         state: ContactState = AveragedForce(self.packing).at(self.load)
         if self.has_few_openings:
