@@ -242,7 +242,8 @@ def require_installed(what: str, *packages: str) -> None:
 
 def message(what: str, why: str = "", mend: str = "") -> str:
     """Return the sentences of an error message (what is wrong, why it matters, how to mend it) on
-    one line, each with its full stop.
+    one line, each with its full stop, unless it ends in a question mark or three dots; empty ones
+    are left out.
 
     Letters that cannot be printed are escaped, as a message may quote a file of unknown origin.
     """
@@ -261,7 +262,8 @@ def message(what: str, why: str = "", mend: str = "") -> str:
 def brief(value: object, most: int = 80) -> str:
     """Return a value as a message shows it: its repr on one line, cut to ``most`` characters.
 
-    A whole number beyond the range of floats is described by its number of digits.
+    A whole number beyond the range of floats is described by its number of digits; lists and arrays
+    with such numbers, and lists without end, are described in words.
     """
     if _is_too_large(value):
         digits = int(_DIGITS_PER_BIT * value.bit_length()) + 1

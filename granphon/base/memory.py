@@ -119,7 +119,7 @@ def _free_of_groups(root: Path) -> float:
 
 def require_memory(what: str, needed: float, mend: str) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if work needs more memory, bytes, than this
-    machine has available.
+    machine has available, and more than the 100 MB that any machine is taken to have.
 
     In the message, ``what`` is the subject of "take ... of memory", such as "64 states", and
     ``mend`` says how to take less.

@@ -100,7 +100,7 @@ _QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
 _FACTOR = r"(?:%|[A-Za-zµμÅ_]+)(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
 #: one factor of a unit: what stands before it, its name, and its power
 _FACTORS = re.compile(r"([*/·]?)\s*(%|[A-Za-zµμÅ_]+)(?:\^|\*\*)?(-?[1-9]|[²³])?")
-#: length of a name, from which a last s is that of the plural
+#: number of letters of a name, above which a last s may be that of the plural
 _PLURAL = 3
 _UNIT_PATTERN = re.compile(rf"(?:1/)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR})*")
 _SUPERSCRIPTS = {"²": "2", "³": "3"}
@@ -312,11 +312,11 @@ def _shift_point(text: str, power: int) -> float:
 
 def _multiply(text: str, factor: Fraction) -> float:
     """Return the float nearest to the number in a text times a factor: Python rounds a quotient of
-    whole numbers once.
+    whole numbers once. A number near the ends of the floating range is returned without the factor.
     """
     number = float(text)
     if not _TINY < abs(number) < 1.0 / _TINY:
-        # the caller takes zero alone of such numbers; the exact power of ten of others may be huge
+        # read_many takes zero alone of such numbers; the exact power of ten of others may be huge
         return number
     digits, _, exponent = text.lower().partition("e")
     whole, _, decimals = digits.partition(".")

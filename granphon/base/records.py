@@ -78,8 +78,7 @@ class RecordFile:
         head = _write_head(fixed, growing, units, about)
         if isinstance(path, str | os.PathLike):
             # the file stays open until close is called
-            self._file: BinaryIO = open(path, "wb")  # noqa: SIM115
-            hold(self._file)
+            self._file: BinaryIO = _open_held(path)
         else:
             self._file = path
         self._file.write(_set_count(head, 0))
@@ -102,6 +101,25 @@ class RecordFile:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+def _open_held(path: str | os.PathLike[str]) -> BinaryIO:
+    """Return the file at ``path``, empty and locked; a file that another process has locked raises
+    OutputError, and stays as it is.
+    """
+
+    def open_or_make(name: str, flags: int) -> int:
+        return os.open(name, flags | os.O_CREAT, 0o666)
+
+    # the mode "wb" would cut off what another run may be writing
+    file = open(path, "r+b", opener=open_or_make)  # noqa: SIM115  closed by the caller
+    try:
+        hold(file)
+        file.truncate()
+    except OSError:
+        file.close()
+        raise
+    return file
 
 
 def _write_head(
@@ -150,7 +168,7 @@ def _set_count(data: bytes, count: int) -> bytes:
 
 def _mend(path: str | os.PathLike[str], name: str) -> BytesIO | None:
     """Return the data of a file that was cut, with a header that counts the whole records alone,
-    and warn; None if the file was not cut, or is no file of records.
+    and warn; None if the file was not cut, has no whole record, or is no file of records.
 
     ``name`` names the file in the warning.
     """

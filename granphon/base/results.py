@@ -73,8 +73,8 @@ def _clean(text: str) -> str:
 
 
 def describe_value(value: Any) -> str:
-    """Return a short text of a value of any kind: a number with six digits, an array by its shape
-    and range, a dataclass by its name.
+    """Return a short text of a value of any kind: a float with six digits, an array by its shape
+    and range, a dataclass by its name. Of a long text or mapping the beginning is returned.
     """
     if isinstance(value, str):
         if len(value) <= _MOST_LETTERS:
@@ -102,7 +102,7 @@ def describe_value(value: Any) -> str:
 
 def _describe_list(values: Sequence[Any]) -> str:
     """Return the first entries of a list as text, with the number of entries if more follow; a long
-    list of numbers is described as an array.
+    list of numbers is described as an array, and a list of dataclasses by their number.
     """
     if not values:
         return "none"
@@ -118,8 +118,9 @@ def _describe_list(values: Sequence[Any]) -> str:
 
 
 def _describe_array(values: np.ndarray[Any, Any]) -> str:
-    """Return the entries of a small array of one axis as text; of other arrays the shape, and the
-    least and the greatest entry, of complex entries by their magnitudes.
+    """Return the entries of a small array of at most one axis as text; of other arrays the shape,
+    and the least and the greatest finite entry, of complex entries by their magnitudes, or how many
+    truth values are true.
     """
     kind = values.dtype.kind
     is_small = 0 < values.size <= _MOST_ENTRIES

@@ -146,7 +146,9 @@ class ResultFiles:
         return Path(self.folder)
 
     def require_free(self) -> None:
-        """Raise if the files cannot be written, as far as can be told without writing.
+        """Raise if the files cannot be written, as far as can be told without writing. An earlier
+        result that was cut off while its files moved is completed first, unless another run has the
+        lock.
 
         Raises
         ------
@@ -493,7 +495,7 @@ def write_text(path: StrPath, text: str, replace: bool = False) -> None:
 
     An existing file makes way for a text of its kind: one that names granphon in its head as the
     existing file does or, if the text does not name granphon, one that begins with the same line.
-    With ``replace`` any existing file makes way.
+    An empty file, and with ``replace`` any existing file, makes way.
 
     Raises
     ------

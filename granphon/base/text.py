@@ -581,7 +581,8 @@ def require_schema(what: object, found: Any, known: int) -> None:
 
 def show(value: Any) -> str:
     """Return a value as messages show it: at most 60 characters, on one line, without control
-    characters.
+    characters; of a long list the first entries, and three dots. A mapping is "a block of keys",
+    and None "nothing".
     """
     if isinstance(value, Mapping):
         return "a block of keys"
@@ -593,8 +594,10 @@ def show(value: Any) -> str:
         return brief(value, _MOST_SHOWN)
     entries = value[:_MOST_ENTRIES]
     words = [str(entry) if isinstance(entry, float) else brief(entry) for entry in entries]
-    text = f"[{', '.join(words)}]"
     ellipsis = "..."
+    if len(value) > _MOST_ENTRIES:
+        words.append(ellipsis)
+    text = f"[{', '.join(words)}]"
     return text if len(text) <= _MOST_SHOWN else text[: _MOST_SHOWN - len(ellipsis)] + ellipsis
 
 

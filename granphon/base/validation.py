@@ -151,11 +151,11 @@ def label(value: Any) -> str:
 
 
 def text_list(value: Any) -> tuple[str, ...]:
-    """Return one text, or a list or array of texts, as a tuple."""
-    if isinstance(value, str):
-        return (value,)
+    """Return one text, or a list or array of texts, as a tuple; an array without axes is one."""
     # masked entries of an array become None, which is no text
     entries: Any = value.tolist() if isinstance(value, np.ndarray) else value
+    if isinstance(entries, str):
+        return (entries,)
     if not isinstance(entries, Sequence) or not all(isinstance(entry, str) for entry in entries):
         raise Refused(brief(value), "a text, or a list of texts")
     return tuple(entries)
@@ -212,7 +212,8 @@ def number(value: Any, low: float, high: float) -> float:
 
 def fraction(value: Any, largest: float) -> float:
     """Return a plain number, or that of a text such as "0.5", of a magnitude of at most
-    ``largest``; or the quotient in a text such as "1/3".
+    ``largest``; or the quotient in a text such as "1/3", of whole numbers of at most nine digits
+    each and of any magnitude.
     """
     plain = value
     if isinstance(value, str):
@@ -267,7 +268,8 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
     "64 64", [64, 64], (64, 64) or an array of two.
 
     The message shows the ``example``. If the example has more numbers than there are periods, the
-    value may have as many, of which the last are ones.
+    value may have as many as the example, of which those beyond the periods are ones and are not
+    returned.
     """
     most = len(example.split())
     allowed_ones = ("", " and a 1", " and two ones")[most - periods]
@@ -292,10 +294,9 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
 
 
 def lengths(value: Any, low: int, high: int, periods: int | None = None) -> tuple[int, ...]:
-    """Return the lengths of an array along its ``periods``, whole numbers from ``low`` to ``high``,
-    from the texts, lists and arrays that :func:`grid` takes.
-
-    Without ``periods`` there may be one to three. A single length may stand without a list.
+    """Return the numbers of cells of a sample along each of its ``periods``, from ``low`` to
+    ``high``; ``value`` is a text, list or NumPy array as for :func:`grid`, or for one period a
+    plain number. Without ``periods``, one to three numbers are allowed.
     """
     plain = value.tolist() if hasattr(value, "tolist") else value
     is_single = is_whole(plain) and periods in (None, 1)

@@ -79,8 +79,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line ``argv``, by default that of the process, and return the exit code, one
     of those listed in ``granphon --help``.
 
-    Errors of the input, the file system and the computation become messages; any other exception is
-    a bug and is raised.
+    Errors of the input, of the command line, of the file system and of the computation, a lack of
+    memory and interruptions become messages; a reader of the output that has gone gives the code 1
+    without one. Any other exception is a bug and is raised.
     """
     try:
         with _take_signals_and_warnings():

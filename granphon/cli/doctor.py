@@ -31,7 +31,7 @@ def describe_system() -> None:
     """Show versions, cores, memory and caches, for a report of a bug.
 
     Prints a plain text without the names of the user, of the machine and of the user's folders.
-    Loads no package, and writes no file.
+    Loads no package but plug-ins, and writes no file.
 
     \b
     Example:

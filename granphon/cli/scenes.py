@@ -158,7 +158,7 @@ def run_scene(
 ) -> None:
     """Compute what a scene observes and write it into a folder.
 
-    The folder gets scene.yaml (every default written out), summary.yaml (the main numbers), and
+    The folder gets scene.yaml (defaults written out), summary.yaml (the main numbers), and
     sweep.nc and sweep.csv with every state. Of a single state bands add band.yaml and
     phonopy_params.yaml, the density of states adds dos.csv, a simulation adds sample.extxyz, and
     each a figure. If a run of several states is cut off, those that are finished are kept in the

@@ -295,7 +295,7 @@ def _choose_sigma_and_frequency(
 
 def _choose_direction(path: str, scene: Scene, option: str | None) -> Sequence[float] | None:
     """Return the direction (p,) of the ``option``, else that of the scene in ``path``; None if
-    neither names one.
+    neither names one, and InputError if the scene alone names several.
     """
     from granphon.base.validation import require
 

@@ -220,7 +220,8 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
 
 def _write_number(value: Any, error: Any, unit: str) -> str:
     """Return the text of a value, or of the least and the greatest of several, with the standard
-    ``error`` of each if the error is not None; all in the SI ``unit``.
+    ``error``, or the least and the greatest error, if the error is not None; all in the SI
+    ``unit``.
     """
     import numpy as np
 

@@ -258,8 +258,9 @@ def plot_harmonics(
 def motion_figure(motion: Motion, *, show: Show | None = None, axis: int | None = None) -> Figure:
     """Draw a figure across the page: the motion, and its energies over time.
 
-    Of a chain, and with ``show``, the motion is a map over position and time, see
-    :func:`plot_motion`; of any other array the balls are drawn at three times.
+    Of a chain, and with ``show``, the motion is a map over time and the position along ``axis``,
+    see :func:`plot_motion`. Of any other array the balls are drawn at three frames after the first,
+    at all of them if the motion has fewer than four frames, and ``axis`` is ignored.
     """
     is_map = motion.network.dimension == 1 or show is not None
     if is_map:

@@ -50,7 +50,7 @@ def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
 def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
     """Return the data of the lattice of a network for a page, as :func:`describe_lattice` does.
 
-    Rows have ``weights``, the stiffness of each contact, so that the page takes a stiffness of 1
+    Rows have ``weights``, see :func:`_list_weighted_rows`, so that the page takes a stiffness of 1
     for each kind; each ball has its own mass and radius of gyration. ``complex`` says whether the
     rows of a single ball are complex. In a cut, ``sides`` are -1 for balls in the lower quarter, 1
     for balls in the upper quarter, and 0 for all other balls; without a cut ``sides`` is None.
@@ -93,8 +93,12 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
 
 
 def _list_weighted_rows(lattice: ContactLattice) -> list[tuple[Row, Array]]:
-    """Return the rows of the contacts, for all six motions of each ball, and the stiffness (n_c,)
-    of each contact in units of k, static forces among them.
+    """Return the rows of the contacts, for all six motions of each ball, each with the stiffness
+    (n_c,) of the contacts in units of k.
+
+    Under static forces rows of the kind "push" follow, with f/(k a) of each contact: above zero
+    where the force f presses the balls together, below where it pulls. The page subtracts these
+    rows, as a force that presses weakens a lattice.
     """
     table = lattice.contacts
     gyration = np.append(lattice.gyration, 1.0)  # the last value is that of a body at rest

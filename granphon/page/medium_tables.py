@@ -84,7 +84,10 @@ def tabulate_medium(
     "error", the largest relative error of k from interpolation at the packing's eta, and
     "friction_error", the largest one at any other eta, both found between the nodes; "valid", the
     f* from which the medium is valid; "note", a sentence on what the table leaves out; "refusal",
-    the reason why the medium has no table.
+    the reason why the medium has no table: the lattice is a mechanism.
+
+    Raises :class:`~granphon.base.errors.PrecisionError` if the medium has no solution at any load
+    of the page.
     """
     name = choice.name
     description: dict[str, Any] = {

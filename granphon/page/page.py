@@ -111,8 +111,8 @@ def describe_network_page(
 
     Raises
     ------
-    InputError : the source has no network, the network repeats along no period, or the network has
-        more branches than a browser can compute.
+    InputError : the source has no network, the network repeats along no period, has static
+        tangential forces, or has more branches than a browser can compute.
     """
     state = NetworkState(given_network(source), getattr(source, "warnings", None))
     lattice = state.contact_lattice()
@@ -250,7 +250,9 @@ def describe_page(
 
     Raises
     ------
-    InputError : the balls cannot carry a load; an automatic medium cannot be chosen.
+    InputError : the balls cannot carry a load; an automatic medium cannot be chosen; a medium has
+        no solution at any load of the page (PrecisionError), or no stiffness on the lattice of
+        balls that differ (MechanismError).
     """
     structure = packing.structure
     law = packing.law

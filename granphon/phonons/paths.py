@@ -166,8 +166,10 @@ def interpolate_path(
         pieces = _read_corners(path, periods)
         names = [_name_corner(corner[:periods]) for piece in pieces for corner in piece]
     if labels is not None:
-        # of a string, each letter is a label
-        names = list(labels if isinstance(labels, str) else texts("labels", labels))
+        words = texts("labels", labels)
+        is_one_text = isinstance(labels, str) or getattr(labels, "ndim", 1) == 0
+        # of one text, each letter is a label
+        names = list(words[0] if is_one_text else words)
     corner_count = sum(map(len, pieces))
     if len(names) != corner_count:
         raise InputError(

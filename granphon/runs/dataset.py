@@ -479,7 +479,9 @@ def find_dataset(result: Any) -> Dataset | None:
 
 
 def find_load(dataset: Dataset) -> str:
-    """Return the kind of load that was applied: the name of a coordinate along the loads."""
+    """Return the kind of load that was applied: the name of a coordinate along the loads, by
+    default "force".
+    """
     for name in LOAD_KINDS:
         if name in dataset.coords and dataset[name].dims == ("load",):
             return str(name)
@@ -642,10 +644,10 @@ def _fill_gaps(results: Sequence[TaskResult], periods: int) -> tuple[list[TaskRe
     """Return results in which velocities, moduli, pressures and waves that only some of them have
     are nan in the others.
 
-    For each result, a sentence says which are nan and why; the sentence is empty if none is, and
-    for a mechanism, which has its own warning. Bulk and shear moduli and the anisotropy are left
-    out if one of the lattices has a tensor without them. If no modulus is left out the tensor is.
-    A variable is left out with its standard error.
+    For each result, a sentence says which are nan and why, see :func:`_explain_gaps`. Bulk and
+    shear moduli and the anisotropy are left out if one of the lattices has a tensor without them.
+    The tensor is left out if the bulk modulus, and but on a chain (1 of ``periods``) the shear
+    modulus, are kept, as they say the same. A variable is left out with its standard error.
     """
     # a value of each variable that may be nan, from the first result with the variable
     examples = {
@@ -659,6 +661,7 @@ def _fill_gaps(results: Sequence[TaskResult], periods: int) -> tuple[list[TaskRe
         for name in ("bulk", "shear", "anisotropy")
         if any("tensor" in result and name not in result for result in results)
     }
+    # a chain has no shear modulus that the tensor would have to stand for
     may_lack = {"shear", "anisotropy"} if periods == 1 else {"anisotropy"}
     if "bulk" in examples and left_out <= may_lack:
         left_out.add("tensor")
@@ -678,8 +681,9 @@ def _fill_gaps(results: Sequence[TaskResult], periods: int) -> tuple[list[TaskRe
 
 
 def _explain_gaps(result: TaskResult, gaps: Sequence[str]) -> str:
-    """Return a sentence which says why the variables ``gaps``, which the ``result`` lacks, are nan;
-    empty if none is, and for a mechanism, which has its own warning.
+    """Return a sentence which says why the variables ``gaps``, which the ``result`` lacks, are nan:
+    the pressure, velocities and moduli; of velocities and moduli not for a mechanism, which has its
+    own warning. Empty if there is none of these.
     """
     reasons = list[str]()
     if "pressure" in gaps:
@@ -832,11 +836,12 @@ def _digest_numbers(dataset: Dataset) -> str:
 
 
 def write_waves(dataset: Dataset, path: Path) -> None:
-    """Write a table of the waves in simulated arrays or in networks, by the name of the file.
+    """Write the table ``path`` of waves in simulated arrays, in networks, or of damped bands; the
+    stem of its name says which.
 
-    sweep_dos.csv has a row for each state and frequency, sweep_spectra.csv one for each state,
-    polarisation and wave vector, and that of a block about networks one for each state and each of
-    its coordinates.
+    Each table has rows for every state. Of a state, sweep_dos.csv has a row for each frequency,
+    sweep_spectra.csv for each polarisation and wave vector, response.csv for each frequency and
+    receiver, motion.csv for each time, and damped_bands.csv for each segment, point and branch.
     """
     wave_dims = _TABLE_DIMS[path.stem]
     dims = (*dataset["valid"].dims, *wave_dims)
@@ -845,6 +850,8 @@ def write_waves(dataset: Dataset, path: Path) -> None:
         numbers = {name: np.arange(dataset.sizes[name]) for name in wave_dims}
         dataset = dataset.assign_coords(numbers)
     coordinates = [name for name in wave_dims if name in dataset.coords]
+    # The last dimension decides: without it are numbers of a state and the path of bands (segment,
+    # point); with it alone are wave numbers (wavevector,), which each polarisation repeats.
     variables = [
         name
         for name, data in dataset.data_vars.items()
@@ -854,8 +861,9 @@ def write_waves(dataset: Dataset, path: Path) -> None:
 
 
 def _write_rows(dataset: Dataset, path: Path, dims: Sequence[Any], columns: Sequence[Any]) -> None:
-    """Write the table ``path`` with a row for each point of the grid of the dimensions ``dims``:
-    load, medium and parameters, then the variables or coordinates ``columns``, with all digits.
+    """Write the table ``path`` with a row for each point of the grid of the dimensions ``dims``, of
+    which the last runs fastest: load, medium and parameters, then the variables or coordinates
+    ``columns``, with all digits.
     """
     load = find_load(dataset)
     state_dims = dataset["valid"].dims
@@ -973,7 +981,8 @@ def _is_quantity(name: str, values: Array) -> bool:
 
 def _find_fault(name: str, values: Array, may_lack: bool) -> str:
     """Return words for the first of the ``values`` of a variable that cannot be of a sweep; empty
-    if all can be. With ``may_lack`` velocities and pressures may be nan.
+    if all can be. Standard errors, waves and registered observables may be nan, and with
+    ``may_lack`` velocities, moduli and pressures too.
     """
     if values.dtype.kind not in "iuf":
         return "which are no numbers"

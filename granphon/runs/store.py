@@ -360,8 +360,8 @@ class Store:
         return OutputError(problem, why, f"Run the same command again when it can be {done}")
 
     def close(self) -> None:
-        """Force what has been written to the disk, and close the file; it is opened again when it
-        is needed.
+        """Force what has been written to the disk, and close the file, which is opened again when
+        it is needed; a store in memory loses its results.
         """
         if self._base is not None:
             self._base.close()

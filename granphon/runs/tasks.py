@@ -65,7 +65,7 @@ LATTICE_BANDS = (
 _MISSED = "path.missed"
 #: why the path ended
 _WHY = "path.why"
-#: the index of the load at which the path ended
+#: the index of the load at which the path ended, -1 where it is not known
 _END = "path.at"
 _MARKS = (_MISSED, _WHY, _END)
 #: the marks of a path that did not end early
@@ -222,7 +222,8 @@ class Case:
 
     def join(self, results: Sequence[TaskResult]) -> TaskResult:
         """Return the result of the case, arrays (loads, ...) by name, from the ``results`` of the
-        :attr:`tasks`; variables that only some of several media have are left out.
+        :attr:`tasks`; variables that only some of several media have, chosen automatically, are
+        left out, and those that one medium has in one geometry alone are nan in the other.
         """
         media = self.media
         remaining = iter(results)
@@ -540,7 +541,8 @@ class MediumTask(Task):
 
         If the load of ``error`` is not known, the error of the first load that fails alone is
         returned instead. The ``load_index`` is the index of the load in the sweep. If no load fails
-        alone, ``error`` is returned with the task only.
+        alone, or if ``error`` is about an option, ``error`` is returned with the task only; and the
+        error of a single state with its own message.
         """
         if self.request.alone:
             error.load_index = 0 if error.option is None else None
@@ -871,8 +873,8 @@ class SampleRecord(SimpleNamespace):
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
     def contact_fraction(self) -> float:
-        """Return the fraction of the contacts that carry load, N_c / 6 on the triangular
-        lattice.
+        """Return the fraction of the contacts that carry load: on the triangular lattice N_c / 6,
+        where N_c is the mean number of such contacts of a ball.
         """
         return float(self.fraction)
 

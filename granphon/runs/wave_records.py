@@ -204,8 +204,8 @@ def require_network(
     """Raise GranphonError unless the networks of a case, repeated and cut, have what the ``key`` of
     the settings says of them.
 
-    Networks of packings are of equal balls at a typical force, and of arrays up to ``most`` balls;
-    crystals that are not quickly loaded are left out.
+    Networks of packings are of equal balls at a typical force. Networks of more than ``most`` balls
+    and crystals that are not quickly loaded are left out.
     """
     # the repetition is judged alone: the cut is another key, and has its own errors
     settings = replace(settings, cut=()) if key == "repeat" else settings
@@ -581,11 +581,11 @@ class Passage(NamedTuple):
     arrivals : (n_c,) times at which the front passes, s, as of :meth:`Motion.passages`; nan where
         the time is not known.
     peaks, heights : (n_c,) times, s, and sizes, N, of the greatest force; a time is nan at the ends
-        of the motion.
+        of the motion, and where :meth:`Motion.passages` does not know the time of the peak.
     front, peak : velocities, m/s, at which the front and the peak of :meth:`Motion.passages` pass
-        the contacts between a quarter and three quarters of the greatest distance
-        (:func:`fit_velocity`). nan without a straight line, as where dashpots are so strong that
-        the force diffuses.
+        the contacts between a quarter and three quarters of the greatest distance at which a time
+        is known (:func:`fit_velocity`). nan for fewer than three such contacts, and without a
+        straight line, as where dashpots are so strong that the force diffuses.
     """
 
     distances: Array
@@ -634,8 +634,9 @@ def _find_distances(motion: Motion, source: Index) -> Array:
 
 
 def _find_velocity(distances: Array, times: Array) -> float:
-    """Return the velocity, m/s, of a wave that passes contacts at ``times``, s, fitted between a
-    quarter and three quarters of the greatest distance; nan for fewer than three contacts.
+    """Return the velocity, m/s, of a wave that passes contacts at ``distances``, m, and ``times``,
+    s, nan where a time is not known, fitted between a quarter and three quarters of the greatest
+    distance with a known time; nan for fewer than three contacts, and without a straight line.
     """
     is_fitted = np.isfinite(times)
     greatest = float(np.max(distances, initial=0.0, where=is_fitted))
@@ -877,9 +878,9 @@ def average_waves(
 
 
 def _interpolate_densities(table: Array, points: Array) -> Array:
-    """Return the densities (3, n_f) of a ``table`` at the frequencies ``points`` (n_f,), Hz; zero
-    above the last frequency of the table. The first row of the table (4, n) is its frequencies, Hz,
-    and the others are its densities.
+    """Return the densities (3, n_f) of a ``table`` at the frequencies ``points`` (n_f,), Hz: zero
+    or above, and zero above the last frequency of the table. The first row of the table (4, n) is
+    its frequencies, Hz, and the others are its densities.
     """
     from scipy.interpolate import CubicSpline
 

@@ -243,7 +243,8 @@ def _connect(scheduler: str) -> Any:
 
 
 def count_calls(executor: Executor) -> int:
-    """Return how many calls are to be under way on an ``executor``: one for each of its workers;
-    0 if this process does the calls, one after the other.
+    """Return how many calls are to be under way on an ``executor``: one for each of its workers, or
+    ``_CALLS_ELSEWHERE`` if it does not say how many it has; 0 if this process does the calls, one
+    after the other.
     """
     return int(getattr(executor, "_max_workers", _CALLS_ELSEWHERE))

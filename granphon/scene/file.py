@@ -557,8 +557,10 @@ _ONE_LOAD_OF_CRYSTAL = (
 
 
 def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
-    """Return the blocks of the file of a scene, by name, with every default written out, as plain
-    data.
+    """Return the blocks of the file of a scene, by name, as plain data: defaults are written out,
+    but for None, motions that the lattice has by default, and torsion and bending of zero.
+
+    The ``context`` is that in which :func:`read_blocks` would read them.
     """
     blocks: dict[str, Any] = {}
     absent_blocks = _NEEDED_BLOCKS[:2] if scene.packing.kind_names else _CRYSTAL_BLOCKS
@@ -591,13 +593,15 @@ def _find_value(scene: Any, field: Field) -> Any:
 
 
 def scene_rule(attribute: str, context: Context) -> Any:
-    """Return the rule of an ``attribute`` of a scene."""
+    """Return the rule that reads an ``attribute`` of a scene, the name of the field's attribute, in
+    the ``context`` of the scene.
+    """
     return next(field.kind.rule(context) for field in FIELDS if field.attribute == attribute)
 
 
 def write_preset(name: str) -> str:
-    """Return the text of the scene ``name`` of the package, in which the words of each key stand,
-    as comments, where the key comes first.
+    """Return the text of the scene ``name`` of the package, in which the words of each key stand as
+    comments, once, on the first line whose key has these words.
     """
     text = (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8")
     lines = list[str]()
@@ -634,7 +638,9 @@ def _comment_line(line: str, words: str) -> list[str]:
 
 
 def _explain_key(line: str, block_name: str, key: str) -> str:
-    """Return the words for the ``line`` of a ``key`` in a block; empty where there are none."""
+    """Return the words for the ``line`` of a ``key`` in a block, or, if the key is empty, for the
+    line of the block itself or of a value at the top level; empty where there are none.
+    """
     # kinds of balls have keys of the blocks material and packing
     for name in (block_name, *_NEEDED_BLOCKS[:2]):
         field = _BLOCKS.get(name, {}).get(key)
@@ -654,8 +660,9 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
     that the document names are sought in ``folder``.
 
     :class:`~granphon.base.errors.SceneError` tells one mistake. An unknown key comes first, as a
-    misspelt key is often the reason why another is missing; then the first value that its rule
-    refuses; then a missing key.
+    misspelt key is often the reason why another is missing; then what the rules of the other values
+    depend on, lattices, or balls and crystal; then, block by block in the order of the document, a
+    value that its rule refuses, or else a missing key of that block; at last a missing block.
     """
     data: Any = document.data
     if isinstance(data, list):
@@ -730,8 +737,8 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
 
 
 def _make_arrangement(document: Document, kinds: Any, settings: Mapping[str, Any]) -> Arrangement:
-    """Return the crystal of ``kinds`` of balls from the values of its block; SceneError names the
-    key that fails.
+    """Return the crystal of ``kinds`` of balls from the values of its block. Refused for keys that
+    do not go together; SceneError names the step that fails, or else the block.
     """
     names = [name for name in ("lattice", "cell", "sites") if name in settings]
     if names not in (["lattice"], ["cell", "sites"]):
@@ -758,8 +765,8 @@ def _make_arrangement(document: Document, kinds: Any, settings: Mapping[str, Any
 
 def _find_failing_step(kinds: Any, arguments: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the key of the step in making a crystal that fails, alone in a tuple: the crystal can
-    be made of its ``arguments`` without this step and the later ones. Empty if it cannot be made
-    without any of them.
+    be made of its ``arguments`` without this step and the later ones. Empty if the crystal cannot
+    be made even with none of the steps.
     """
     steps = ("repeat", "cut", "replace", "remove")  # in the order in which they are done
     failing: tuple[str, ...] = ()
@@ -773,7 +780,7 @@ def _find_failing_step(kinds: Any, arguments: Mapping[str, Any]) -> tuple[str, .
 
 def _read_block(name: str, value: Any, context: Context) -> Any:
     """Return the values of the block ``name`` by key, or the value of a key at the top level, in SI
-    units, from its plain ``value``; Refused for a value that a rule refuses.
+    units, from its plain ``value``; Refused for a value that a rule refuses, or a missing key.
     """
     fields = _BLOCKS[name]
     if "" in fields:
@@ -789,7 +796,9 @@ def _read_block(name: str, value: Any, context: Context) -> Any:
 
 
 def _require_one_load(value: Mapping[str, Any], of_crystal: bool) -> None:
-    """Raise Refused unless a block "load" has one kind of load, with the keys that belong to it."""
+    """Raise Refused unless a block "load" has one kind of load, or of a crystal gravity alone, with
+    the keys that belong to it.
+    """
     kinds = [kind for kind in LOAD_KINDS if kind in value]
     allowed = _ONE_LOAD_OF_CRYSTAL if of_crystal else _ONE_LOAD
     crystal_keys = [key for key in ("stress", "strain", "times", "gravity") if key in value]
@@ -818,8 +827,9 @@ def _require_one_load(value: Mapping[str, Any], of_crystal: bool) -> None:
 
 
 def _require_known(data: Any) -> None:
-    """Raise Refused for the first unknown key of a document, which says to which block the key
-    belongs if another block has such a key; and for loads without a key.
+    """Raise Refused for the first unknown key of a document, at the top level and then in the
+    blocks in the order of the table, which says to which block the key belongs if another block has
+    such a key; and for loads without a key.
     """
     keys_of_blocks = {"": list(_BLOCKS)}  # the top level
     for name, fields in _BLOCKS.items():
@@ -856,7 +866,8 @@ def _find_block(key: Any, keys_of_blocks: Mapping[str, Sequence[str]]) -> str:
 
 def _find_lattice(data: Any) -> Lattice:
     """Return the lattice of the plain ``data`` of a scene, on which the rules of the other values
-    depend; Refused for a value that is no lattice.
+    depend: that of the packing, triangular by default, or of a sweep over lattices of another
+    dimension the first. Refused for a value that is no lattice.
     """
     readers = {"packing": PARTS["lattice"].rule(Context()), "sweep": rules.read_lattices}
     lattices = {}
@@ -918,8 +929,9 @@ def _find_key_of_values(block: Mapping[str, Any], kind: str) -> str:
 
 
 def _find_place_of_value(values: Any, index: int, is_list: bool) -> tuple[str, tuple[Any, ...]]:
-    """Return the value number ``index`` of ``values`` in words, and the last keys of its place: one
-    value is at the key itself, that of a list at its index.
+    """Return the value number ``index``, from 0, of ``values`` as they are written, and the last
+    keys of its place: one value, or a tensor, is at the key itself, that of a list at its index.
+    ``is_list`` says whether there is a list of values.
 
     Of a range, the place is "from" for the first value and "to" for the last; a value between them
     has no key of its own.
@@ -968,7 +980,7 @@ class SceneSource:
     @property
     def inputs(self) -> tuple[Path, ...]:
         """Paths of the files that were read: the scene file, and the tables of measured diameters
-        that it names.
+        and of the drives of a motion that it names.
         """
         if self.document is None:
             return ()
@@ -988,6 +1000,9 @@ class SceneSource:
     def at(self, *path: str | int, prefix: str = "") -> Iterator[None]:
         """Raise errors of the with-block anew, placed at the key ``path`` of the document, or
         without it at the key that a rule refused, with ``prefix`` before their text.
+
+        An error that has an ``option`` or a ``block`` is placed there in any case, with words of
+        its own in place of the prefix.
         """
         try:
             yield
@@ -1011,7 +1026,8 @@ class SceneSource:
         option = getattr(error, "option", None)
         if option is not None:
             option_path, words = self._find_option(option)
-            # the load of a history must be one that its start bears
+            # "start" is the one option with which a medium can fail: the load of a history must be
+            # one that its start bears
             allowed = {"start": "a load that the balls bear without friction, or gas"}
             return option_path, f"found {words}; allowed: {allowed[option]}; "
         block_of_error = getattr(error, "block", None)
@@ -1063,8 +1079,8 @@ class SceneSource:
     def at_index(
         self, block: str, key: str, index: int, prefix: str = ""
     ) -> AbstractContextManager[None]:
-        """Place errors of the with-block at the value number ``index`` of the ``key`` of a load, or
-        of a parameter of the sweep, with ``prefix`` before their text.
+        """Place errors of the with-block at the value number ``index``, from 0, of the ``key`` of a
+        block, "load" or "sweep": of a load or of a parameter, with ``prefix`` before their text.
 
         The key holds one value, a list, or a range. Of a range, the place is "from" for the first
         value and "to" for the last; a value between them has no key of its own, and its place is
@@ -1135,8 +1151,9 @@ class SceneSource:
         assert self.document is not None
         data: Any = self.document.data
         values = blocks["packing"]
-        # The scales of the ball are made of all three quantities: of a ball that double precision
-        # cannot hold, the quantity that is farthest from the ordinary is probably wrong.
+        # The scales of the ball are made of Young's modulus, density and diameter: of a ball that
+        # double precision cannot hold, the one that is farthest from the ordinary is probably
+        # wrong.
         quantities = {**blocks["material"], "diameter": values["diameter"]}
         key = _find_strangest(quantities)
         block_name = "packing" if key == "diameter" else "material"
@@ -1147,7 +1164,8 @@ class SceneSource:
             material = Material(**blocks["material"])
             plain = Packing(material, **{name: values[name] for name in names})
         # The motions that balls may have, and the stiffnesses that resist them, depend on the
-        # dimension of the lattices of a sweep.
+        # dimension. If the lattices of a sweep differ in dimension from the packing's own, the
+        # first of them takes its place.
         lattices = dict(blocks.get("sweep", ())).get("lattice", ())
         if choose_lattice(plain.structure, lattices) != plain.structure:
             plain = replace(plain, lattice=lattices[0])

@@ -85,7 +85,7 @@ QUICK_STARTS = 5_000
 _DOS_VECTORS = 20.0
 #: greatest number of directions of sound that the description of a scene names
 _MOST_DESCRIBED = 4
-#: number of balls for which the smallest supercell of a lattice is sought along each period
+#: number of cells along each period below which the smallest possible supercell is sought
 _MOST_CELLS = 100
 
 
@@ -318,12 +318,13 @@ class Plan:
         return len(self.load.values) == len(self.media) == 1 and not self.parameters
 
     def to_yaml(self) -> str:
-        """Return the text of the scene with every default written out and quantities in SI units.
+        """Return the text of the scene, in which defaults are written out as by
+        :func:`~granphon.scene.file.write_blocks`, and quantities are in SI units.
 
         The text gives the same scene, to the last bit, when it is read again. A measured spread of
         more than 1000 diameters is written as the name of a table, whose text is
-        :attr:`diameters`. :class:`~granphon.base.errors.InputError` if a file has no name for the
-        lattice, or the text is too long.
+        :attr:`diameters`. :class:`~granphon.base.errors.InputError` if a file has no words for the
+        law of contacts, or the text is too long.
         """
         text = dump_yaml(write_blocks(self, Context(self.packing.structure)))
         n_bytes = len(text.encode())
@@ -372,7 +373,9 @@ class Plan:
         return [(name, value, unit) for name, value, unit in rows if value is not None]
 
     def _describe_observed(self) -> list[tuple[str, Any, str]]:
-        """Return names, values and SI units of the settings of the observables."""
+        """Return names, values and SI units of the settings of the observables that the scene
+        observes; motions and damped bands are not described.
+        """
         rows: list[tuple[str, Any, str]] = []
         if {"bands", "spectrum"} & set(self.observe):
             path = " ".join(self.path.labels) if self.path.labels else str(self.path)
@@ -537,7 +540,8 @@ class Plan:
         """All cases, or the cases at the ends of the axes if all are more than :data:`MOST_CASES`.
 
         The ends suffice for checks: a packing that is possible at two values of a parameter is
-        possible between them.
+        possible between them. Of a parameter without numbers, as the lattice, every value is an
+        end.
         """
         if self.n_cases <= MOST_CASES:
             return self.cases
@@ -546,8 +550,10 @@ class Plan:
     # -- what can be carried out -------------------------------------------------------------------
 
     def require(self) -> None:
-        """Raise GranphonError if a packing is not rigid or has no such medium, or if a quickly
-        solved medium cannot carry a load.
+        """Raise GranphonError, placed in the file, if a packing cannot have a value of a parameter,
+        is not rigid or has no such medium; if a quickly solved medium cannot carry a load, or a
+        load is below the start of its history; or if arrays or networks lack the waves that are
+        observed. Only the :attr:`checked_cases` and small arrays are looked at.
         """
         self._require_parameters()
         with self.origin.at("sweep"):
@@ -668,8 +674,9 @@ class Plan:
         """Return label and state of every medium at every combination of parameters, one after the
         other.
 
-        Quantities of a state have the shape (n_loads,), or () for one load. A state is solved when
-        its turn comes; with ``quick`` simulations and effective media of long lists are left out.
+        Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if
+        the scene has one load. A state is solved when its turn comes; with ``quick`` simulations
+        and effective media of long lists are left out.
         :class:`~granphon.base.errors.InputError` at the first medium that cannot carry the loads.
         """
         return self._solve(self.cases, quick)
@@ -717,7 +724,7 @@ class Plan:
 
     def expect_warnings(self) -> list[tuple[str, str]]:
         """Return the warnings that are known before simulations are run, as pairs of the label of a
-        case and a sentence.
+        case and a sentence; none of simulations that were chosen automatically.
         """
         labelled = list[tuple[str, str]]()
         for planned in self.checked_cases:
@@ -803,6 +810,7 @@ class Plan:
         n_checked = len(self.checked_cases)
         if n_checked == self.n_cases or not works:
             return sum(works, Cost())
+        # by the number of units of work, whose time is not measured for a comparison
         largest = max(works, key=lambda work: sum(number for number, _ in work.units))
         return largest.times(len(works) * self.n_cases / n_checked)
 
@@ -1100,6 +1108,7 @@ def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings
             duration = pulse.cycles / pulse.frequency + 3.0 * length / ideal.scales.velocity  # s
             n_steps = math.pi * top * duration  # a product for each half period of the top
             n_products += n_steps
+            # the planes of balls that hear the pulse are largest across the shortest side
             n_heard = n_steps * medium.balls / min(medium.cells)
             n_readings = READINGS * pulse.frequency * duration * n_heard * medium.samples
         yield costs.array_waves(
@@ -1125,6 +1134,7 @@ def _count_spectrum_products(
     n_vectors = points_of_leg * sum(len(piece) - 1 for piece in path)
     n_products = 0.5 * MOMENTS  # each product gives two moments
     if spectrum.resolution is not None:
+        # the resolution of M moments is pi top / 2M
         n_products = max(n_products, 0.25 * math.pi * top / spectrum.resolution)
     # a wave is complex, so that each moment takes two products
     return 2.0 * n_products * n_vectors * len(spectrum.polarisation)

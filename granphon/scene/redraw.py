@@ -39,11 +39,13 @@ def redraw(
 
     Parameters
     ----------
-    folder : folder of the run, with sweep.nc, or fit.yaml, or band.yaml, dos.csv, or both.
+    folder : folder of the run, with sweep.nc, or fit.yaml, or band.yaml, dos.csv, or both, or the
+        file of a result of waves.
     out : file of the figure, whose ending .pdf, .png or .svg is the format. A name surface means
         the waves of an edge, spectrum, pulse or sample_dos that result of a simulation, sweep_dos
-        or sweep_spectra that of a sweep of simulations. By default sweep.png, fit.png, bands.png
-        (dos.png without bands, surface.png of these waves alone) in the folder.
+        or sweep_spectra that of a sweep of simulations, response or motion that of the networks.
+        By default, in the folder, bands.png (dos.png without bands), fit.png or sweep.png; of one
+        state without bands the png of its surface, response or motion.
     force : overwrite a file that granphon wrote and that was not changed since.
     asymptotes : add to the bands the long waves (equations 13-15) of the scene in the folder.
     variable : name of the one variable of a sweep to draw.

@@ -162,7 +162,7 @@ def refusing(value: Any, allowed: str, *path: str) -> Iterator[None]:
 
 def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
     """Return the numbers, in SI units, of a value: one that the ``rule`` reads, a list of such
-    values, or a range {from, to, points, scale}, evenly spaced on that scale.
+    values, or a range {from, to, points, scale}, evenly spaced on that scale, by default "log".
     """
     if isinstance(value, list | tuple):
         return each(value, rule, "values")
@@ -344,7 +344,7 @@ def read_lattice(value: Any) -> str | Lattice:
 
 
 def write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
-    """Return the name of a built-in lattice, or the block of another."""
+    """Return the name of a lattice that has one, or the block of another."""
     structure = find_lattice(lattice)
     if LATTICES.peek(structure.name) == structure:
         return structure.name
@@ -703,7 +703,8 @@ def _make_number_kind(entry: Any) -> Kind:
 
 def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
     """Return the kinds of balls, each as its name and a ball, of a block of names, each with a
-    material, a diameter, and a mass and inertia if these are not those of a solid ball.
+    material, a diameter, a mass and inertia if these are not those of a solid ball, and a spread if
+    the diameters differ.
     """
     if not isinstance(value, dict) or not value:
         allowed = "a block of kinds of balls by name, each with its material and diameter"

@@ -13,7 +13,7 @@ single state for other programs. The files are these:
 ====================== ============================================================================
 file                   holds
 ====================== ============================================================================
-scene.yaml             the scene with every default written out, in SI
+scene.yaml             the scene with its defaults written out, in SI
 summary.yaml           the numbers, under the names of the library's attributes, with units,
                        versions, warnings
 band.yaml              of a single state: bands, phonopy's format with eigenvectors
@@ -342,7 +342,8 @@ def _write_result(
     progress: Progress,
 ) -> RunResult:
     """Write the files ``names`` of a result, the ``figure_files`` among them, with ``text`` as its
-    scene, and return the result with their paths.
+    scene, and return the result with the paths of those that are written: not of those that it
+    leaves out, nor of figures that cannot be drawn, whose ``failures`` it has.
     """
     scene = result.scene
     libraries: tuple[str, ...] = ()
@@ -434,7 +435,9 @@ def _list_files_alone(scene: Scene) -> tuple[list[str], list[str]]:
 
 
 def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
-    """Names of the files that a run writes."""
+    """Return the names of the files that a run of a ``scene`` writes, with its ``figures`` or
+    without.
+    """
     numbers, figure_files = list_files(scene)
     return numbers + (figure_files if figures else ())
 
@@ -548,8 +551,9 @@ class RunResult:
         attributes.
 
         Of several states these are the sizes of the dimensions, the number of states, the media,
-        and the least and the greatest force, overlap and velocities; with the direction of sound,
-        if it was given or velocities depend on it.
+        the least and the greatest of each variable of ``_EXTENTS`` that is known (forces, overlaps,
+        velocities, and numbers of waves), and whether all states are valid; with the direction of
+        sound, if it was given or velocities depend on it.
         """
         if not self.scene.is_single:
             return self._summarise_states()
@@ -881,8 +885,9 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 
 def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
-    """Return the matplotlib figure of a data set that the ``name`` of its file means, or that of
-    one ``variable``.
+    """Return the matplotlib figure of one ``variable`` of a data set; without a variable that
+    which the ``name`` of its file means: a block about networks, or one of ``SWEEP_FIGURES``, and
+    for any other name the curves of :func:`~granphon.figures.curves.sweep_figure`.
     """
     stem = Path(name).stem
     if variable is None and stem in NETWORK_BLOCKS:

@@ -18,7 +18,7 @@ import granphon as gp
 from granphon.balls.hertz import HertzLaw, harmonic_diameter, mindlin_reduction
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError, brief, message
-from granphon.base.validation import real_array
+from granphon.base.validation import real_array, texts
 from granphon.dynamics.local_field import local_field
 
 MASKED = np.ma.array([1.0, 2.0], mask=[False, True])
@@ -354,3 +354,16 @@ def test_a_message_is_one_line():
     assert message("a is Packing(1, ...", "b. ", "c?") == "a is Packing(1, ... b. c?"
     with pytest.raises(InputError, match=r"Uniform, .*Measured"):
         gp.Packing(gp.Material(1e9, 0.2, 1e3), 1e-3, spread=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        ("ab", ("ab",)),
+        (np.array("ab"), ("ab",)),  # as an array of xarray gives for a coordinate of one text
+        (["a", "b"], ("a", "b")),
+        (np.array(["ab"]), ("ab",)),
+    ],
+)
+def test_a_text_is_never_taken_for_its_letters(value, expected):
+    assert texts("labels", value) == expected

@@ -15,6 +15,7 @@ from granphon.base.text import (
     parse_yaml,
     plain_yaml,
     read_text,
+    show,
     versions,
     write_float,
 )
@@ -340,3 +341,10 @@ def test_versions_name_the_packages() -> None:
 
     assert versions("numpy")["numpy"] == np.__version__
     assert list(versions("numpy")) == ["granphon", "numpy"]
+
+
+@pytest.mark.parametrize("count", [0, 8, 9, 1000])
+def test_a_list_in_a_message_says_whether_more_follows(count):
+    text = show([1] * count)
+    assert text.count("1") == min(count, 8)
+    assert ("..." in text) == (count > 8)

@@ -91,6 +91,17 @@ def turned(network, seed=1):
     return replace(network, **{name: getattr(network, name) @ turn.T for name in names})
 
 
+def adhering(network):
+    """Two copies of a cell of one ball, whose contacts are pressed and pulled by turns: contacts of
+    two sides of a ball bear the same force, so that the balls are at rest.
+    """
+    sizes = 0.02 * network.normal_stiffness * network.distance
+    signs = (-1.0) ** np.arange(network.n_contacts)
+    forces = sizes * signs
+    pair = replace(network, prestress=True, adhesive=True, normal_force=forces)
+    return pair.repeat((2, 1))
+
+
 def pulled(network, seed=3):
     """The network with prestress, and tangential forces in the directions that its balls can move;
     at rest where it repeats along all of its axes.
@@ -127,6 +138,7 @@ CASES = {
     "fcc": lambda: random_network("fcc", (2, 2, 1)),
     "diamond": lambda: random_network("diamond", (1, 1, 1)),
     "prestress": lambda: balance(random_network("fcc", (2, 1, 1), prestress=True)),
+    "prestress of contacts that pull": lambda: adhering(random_network("triangular", (1, 1))),
     "tangential forces": lambda: pulled(random_network("fcc", (2, 1, 1))),
     "tangential forces in a plane": lambda: pulled(random_network("triangular", (3, 2), "all")),
     "tangential forces, one ball": lambda: pulled(random_network("triangular", (1, 1))),

@@ -236,6 +236,7 @@ FEW = (
     "chain",
     "out of the plane",
     "prestress",
+    "prestress of contacts that pull",
     "turned ribbon",
     "one ball of two that is held",
     "held in space",

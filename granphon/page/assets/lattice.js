@@ -27,7 +27,7 @@ export function makeLattice(data, settings) {
   lattice.complex = lattice.balls > 1 || data.complex === true;
   const stiffness = { elongation: 1, slip: settings.eta, twist: settings.torsion, roll: settings.bending, push: 1 };
   lattice.deforming = weightRows(lattice, KINDS, stiffness);
-  lattice.pushing = settings.push ? weightRows(lattice, ["push"], { push: settings.push }) : null;
+  lattice.pushing = settings.push ? splitSigns(weightRows(lattice, ["push"], { push: settings.push })) : null;
   return lattice;
 }
 
@@ -43,7 +43,7 @@ export function solveModes(lattice, fractions) {
   }
   const matrix = zeroMatrix(lattice.branches, lattice.branches, rows.im !== null);
   addGram(matrix, rows, 1);
-  addGram(matrix, computeRows(lattice, lattice.pushing, folded), -1);
+  for (const { sign, pushes } of lattice.pushing) addGram(matrix, computeRows(lattice, pushes, folded), -sign);
   const { values: squares, vectors } = hermitianEigen(matrix);
   // squares are rounded as multiples of the largest
   const least = ROUNDING * Math.max(Math.abs(squares[0]), Math.abs(squares[squares.length - 1]));
@@ -158,7 +158,14 @@ function makeFrame(n) {
   return frame;
 }
 
-// Rows of C(q) of some kinds, times the root of their stiffness: coefficients of the sine and cosine of the half angle.
+// Rows of the contacts that static forces press (sign 1), and of those that they pull (-1), each with its sign
+function splitSigns(rows) {
+  const parts = [1, -1].map((sign) => ({ sign, pushes: rows.filter((row) => row.sign === sign) }));
+  return parts.filter((part) => part.pushes.length);
+}
+
+// Rows of C(q) of some kinds, times the root of the size of their stiffness, with its sign apart: coefficients of the sine
+// and cosine of the half angle.
 // Rotations and rows are divided by i, rows of rotations alone once more: then those of one ball in the cell are real.
 function weightRows(lattice, kinds, stiffness) {
   const { data, settings, motion, count, balls, branches } = lattice;
@@ -169,7 +176,8 @@ function weightRows(lattice, kinds, stiffness) {
     if (!kinds.includes(row.kind) || !(Math.abs(weight) > 0)) continue;
     const ofTurns = row.kind === "twist" || row.kind === "roll";
     data.contacts.i.forEach((i, contact) => {
-      const root = Math.sqrt(Math.abs(weight * (row.weights ? row.weights[contact] : 1)));
+      const signed = weight * (row.weights ? row.weights[contact] : 1);
+      const root = Math.sqrt(Math.abs(signed));
       if (!(root > 0)) return;
       const j = data.contacts.j[contact];
       const gap = new Float64Array(branches);
@@ -186,7 +194,7 @@ function weightRows(lattice, kinds, stiffness) {
       });
       if (gap.some((one) => one !== 0) || total.some((one) => one !== 0)) {
         const real = Uint8Array.from(gap, (_, place) => (lattice.columns[place % count] >= 3) === ofTurns);
-        found.push({ contact, gap, total, real, kind: row.kind, row, root });
+        found.push({ contact, gap, total, real, kind: row.kind, row, root, sign: Math.sign(signed) });
       }
     });
   }

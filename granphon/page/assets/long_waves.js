@@ -76,7 +76,7 @@ export function voigtMeans(c) {
 // Second derivative of the energy of a cell with respect to the displacement gradient u_i,j, with inner motions relaxed:
 // a real symmetric matrix over pairs (i, j)
 export function gradientStiffness(lattice) {
-  const { translations, data, settings } = lattice;
+  const { translations, data } = lattice;
   const p = data.periods;
   const size = translations.length * p;
   const inner = lattice.branches - translations.length;
@@ -90,7 +90,7 @@ export function gradientStiffness(lattice) {
   }
   const all = zeroMatrix(size + inner, size + inner, false);
   addGram(all, joined, 1);
-  addGram(all, uniformRows(lattice, lattice.pushing), -Math.sign(settings.push));
+  for (const { sign, pushes } of lattice.pushing) addGram(all, uniformRows(lattice, pushes), -sign);
   return clearAcross(lattice, eliminate(all, size));
 }
 

@@ -1,0 +1,32 @@
+"""Files of records that grow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from numpy.testing import assert_array_equal
+
+from granphon.base.errors import OutputError
+from granphon.base.records import RecordFile, read_records
+
+
+def begin(path: Path) -> RecordFile:
+    return RecordFile(path, {}, {"x": ((2,), ("pair",))}, {"x": "m"}, {"kind": "test"})
+
+
+def test_a_file_that_is_being_written_stays_as_it_is_when_another_run_begins_it(tmp_path):
+    pytest.importorskip("fcntl")  # elsewhere there are no such locks
+    path = tmp_path / "x.nc"
+    writer = begin(path)
+    writer.append({"x": [1.0, 2.0]})
+    content = path.read_bytes()
+    with pytest.raises(OutputError, match=r"x\.nc"):
+        begin(path)
+    assert path.read_bytes() == content
+    writer.append({"x": [3.0, 4.0]})
+    writer.close()
+    arrays, _ = read_records(path, {"kind": "test"})
+    assert_array_equal(arrays["x"], [[1.0, 2.0], [3.0, 4.0]])
+    begin(path).close()  # an earlier file makes way, whole
+    assert read_records(path, {"kind": "test"})[0]["x"].shape == (0, 2)
