@@ -181,8 +181,8 @@ class SpreadLaw(EnergyLaw):
 
     @abstractmethod
     def _evaluate_near(self, y: Array, order: int) -> Array:
-        """Return a derivative of the reduced energy, for y below the start of the series; zero if
-        all contacts are open.
+        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy, for y below the
+        start of the series; zero if all contacts are open.
         """
 
     @abstractmethod
@@ -311,7 +311,7 @@ class SpreadLaw(EnergyLaw):
 
     def _find_unit(self, order: int) -> float:
         """Return the SI value of the reduced unit of energy, force, stiffness or slope of the
-        stiffness.
+        stiffness, for an ``order`` of 0 to 3.
         """
         units = self._units
         name = ("energy", "force", "stiffness", "stiffness_slope")[order]
@@ -383,8 +383,8 @@ class SpreadLaw(EnergyLaw):
 
 @dataclass(frozen=True)
 class AveragedLaw(SpreadLaw):
-    """Contact law of balls held at the sites of the lattice: f = <F^QQ'> (equation 25), in closed
-    form.
+    """Contact law of balls held at the sites of the lattice: f = <F^QQ'> (equation 25), the mean
+    over pairs.
 
     ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution.
     """

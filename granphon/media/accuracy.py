@@ -59,7 +59,7 @@ def compute_form_coefficients(shape: Shape) -> tuple[float, float]:
 
 def find_rows(structure: Lattice, truth: FrictionHistory = REST) -> Mapping[str, Any] | None:
     """Return the part of the table for a lattice and the arrays of a ``truth``; None if the table
-    has no such part.
+    has no such part, or if the lattice is not the registered one of its name.
     """
     is_registered = LATTICES.get(structure.name) == structure
     return _find_lattices(truth).get(structure.name) if is_registered else None
@@ -188,6 +188,7 @@ def _find_row(
     """
     shape = packing.spread.shape if packing.spread else None
     is_uniform = isinstance(shape, UniformShape)
+    # normal distributions were measured with cutoffs of 2, 3 and 6 standard deviations
     is_normal = isinstance(shape, NormalShape) and 2.0 <= shape.cutoff <= 6.0
     # anything else takes the row of listed diameters, whose errors are larger: they peak where the
     # contacts between two of the diameters open
@@ -208,8 +209,10 @@ def _interpolate(reduced_load: Array, table_loads: Array, table_errors: Array) -
 def _find_growth_of_overlap(reduced_load: Array, greatest: float, axis: str) -> Array:
     """Return the overlap at each ``reduced_load`` over that at the ``greatest`` load of the table,
     by the law of equal balls; 1 within the table.
+
+    Both loads are a* for the ``axis`` "overlap", and f* for "force".
     """
-    if axis == "overlap":
+    if axis == "overlap":  # in units of W the overlap is a* - 1/2
         growth = (reduced_load - 0.5) / (greatest - 0.5)
     else:
         growth = np.asarray(overlap_of(reduced_load / greatest))
@@ -218,7 +221,7 @@ def _find_growth_of_overlap(reduced_load: Array, greatest: float, axis: str) -> 
 
 def find_least_load(packing: Packing, load: Load, truth: FrictionHistory = REST) -> float:
     """Return the least a* of loads given as overlaps, or else f*, from which errors are known; zero
-    where every medium is exact.
+    where every medium is exact, and for lattices on which no error is known.
     """
     rows = find_rows(packing.structure, truth)
     if rows is None or not packing.spread_matters:

@@ -112,7 +112,7 @@ class Medium(ABC, Generic[StateT]):
 
     def require(self, load: Load) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if an applied load is known not to be
-        borne, solving nothing.
+        borne, solving nothing; a medium that does not simulate raises nothing.
         """
         return
 
@@ -211,8 +211,9 @@ class LawMedium(Medium[ContactState]):
     ----------
     packing : the balls.
 
-    They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not
-    compressive, or presses balls together by their whole diameter, and
+    ``at_*`` raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not
+    compressive, too small or too large for double precision, or presses balls together by their
+    whole diameter, for more loads than memory holds, and
     :class:`~granphon.base.errors.PrecisionError` for one so low that the law is not known there.
     With ``finite_overlap`` every result from the state includes the terms of relative order
     delta/d, and pressure and density count the boundary that shrinks with the balls.
@@ -301,7 +302,8 @@ class LawMedium(Medium[ContactState]):
 
     def _shrink_boundary(self, pressure_over_factor: Array, overlap: Array) -> Array:
         """Return the overlap delta, m, at which the boundary has shrunk with the balls: f(delta) =
-        b (d - delta)^(p - 1), where b is ``pressure_over_factor``.
+        b (d - delta)^(p - 1), where b is ``pressure_over_factor``, the pressure over the lattice's
+        pressure factor, of p = 2 or 3 periods.
 
         The search begins at the larger ``overlap`` of a boundary that does not shrink. The force f
         rises and is convex, and the right side falls, so that Newton's method descends from there.
@@ -476,7 +478,9 @@ class EffectiveMedium(LawMedium):
 
     @property
     def spread_law(self) -> Law:
-        """Contact law of the medium for balls that differ, in SI."""
+        """Contact law of the medium for balls that differ, in SI; that of equal balls on a lattice
+        where the load alone fixes the force of every contact.
+        """
         spread = self.packing.spread
         law = self.packing.law
         if not spread or self.local_field.is_determinate:
