@@ -258,9 +258,9 @@ class _Columns:
         """Return the columns ``names`` side by side, (rows, m), in SI units; None without any of
         them.
 
-        Only the last of the names may be lacking: m is the number of those that are present, or,
-        with ``wide``, of all names, with zeros in place of the lacking columns. InputError for
-        columns in different units.
+        Only names at the end may be lacking: m is the number of those that are present, or, with
+        ``wide``, of all names, with zeros in place of the lacking columns. InputError for another
+        name that lacks, and for columns in different units.
         """
         present = [name for name in names if name in self]
         if not present:
@@ -381,7 +381,8 @@ def _require_columns(columns: Any) -> None:
 
 def _read_cell(cell: Any, pbc: Any) -> tuple[Array, Flags]:
     """Return the vectors of the cell (3, 3), m, from lengths (p,) or vectors (p, d), and which of
-    them are periods (3,).
+    them are periods (3,): by default, without ``pbc``, those that are not zero. InputError for
+    another shape.
     """
     vectors = np.zeros((3, 3))
     is_period = np.zeros(3, bool)
