@@ -52,8 +52,9 @@ def local_exponent(state: ContactState) -> Any:
     the diameters open.
 
     The moduli of a simulation are not all proportional to k. Its exponent is that of the
-    longitudinal velocity, which follows from the mean K + G of the samples: the same samples are
-    solved at two loads, 5 % below and above, and the difference is taken. ``state.exponent_error``
+    longitudinal velocity, which follows from the mean K + G of the samples (K + 4G/3 in space): the
+    same samples are solved at two loads, 5 % below and above (after a history of friction 5 % and
+    15 % above), and the difference is taken. ``state.exponent_error``
     is the standard error over the samples: 0 for a medium that does not sample, nan for one sample.
     The exponent of a crystal is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a.
 

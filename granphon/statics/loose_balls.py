@@ -31,7 +31,7 @@ def lead_loose_balls(
     configuration: Configuration, loose: Flags, least: float, options: RestOptions
 ) -> Configuration:
     """Bring ``loose`` balls (n,) to rest, while the others are held, until no more force than
-    ``least`` of the mean is left on any.
+    ``least`` of the mean is left on any, or for as many steps as ``options`` allow.
     """
     problem = configuration.problem
     assembly = problem.assembly
@@ -169,6 +169,8 @@ def has_soft_motions(equations: Equations) -> bool:
     assembly = problem.assembly
     d = assembly.dimension
     p = assembly.periods
+    # the whole may move along axes that nothing hinders, and turn in each plane of two axes across
+    # the periods
     n_still = len(assembly.free_axes) + (d - p) * (d - p - 1) // 2
     kept = np.flatnonzero(np.repeat(assembly.n_touching > d, d))
     if len(kept) <= n_still + 1:

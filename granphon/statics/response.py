@@ -131,6 +131,9 @@ class LinearResponse:
 
     @property
     def _may_iterate(self) -> bool:
+        """Whether conjugate gradients are tried: of a grid with a symmetric tangent that is well
+        held, or too large for factors.
+        """
         contacts = self._contacts
         if not contacts.grid or not self._symmetric:
             return False
@@ -168,7 +171,9 @@ class LinearResponse:
         return mean if 0.0 < mean < math.inf else 1.0
 
     def _hold(self, spring: float) -> Any:
-        """Return A with springs to the ground, of ``spring`` times the mean stiffness."""
+        """Return A with springs to the ground, of ``spring`` times the mean stiffness, and of the
+        mean stiffness itself at motions that no contact resists.
+        """
         contacts = self._contacts
         pattern = self._tangent.pattern
         diagonal = self._tangent.data[pattern.diagonal].reshape(contacts.n_balls, -1)

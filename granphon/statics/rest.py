@@ -126,7 +126,7 @@ def find_rest(
 
     Raises
     ------
-    InputError : contacts that push, or adhere, cannot bear the load.
+    InputError : contacts that push, or adhere, cannot bear the load; or the load presses nothing.
     ConvergenceError : the search does not come to rest.
     InstabilityError : there is no rest in exact directions near that on the lattice.
     MechanismError : balls differ, and some of their motions, while all touch, cost no energy.
@@ -367,8 +367,10 @@ class _LatticeSearch(_Search):
         )
 
     def _find_length(self, configuration: Configuration, loss: Array, fall: float) -> float:
-        """Return the length of a step at which the energy no longer falls much, at first by
-        ``fall``.
+        """Return the length of a step at which the energy no longer falls much.
+
+        ``loss`` (n_c,) is what contacts lose of their overlaps along the whole step, m, and
+        ``fall`` how fast the energy falls at its start, J per step.
 
         Raises the error of a load that cannot be borne if the energy falls without end.
         """
@@ -463,7 +465,7 @@ class _ExactSearch(_Search):
         return configuration
 
     def _is_stuck(self, configuration: Configuration) -> bool:
-        """Return whether the residual no longer falls, or all contacts are open."""
+        """Return whether the residual no longer falls, or the configuration is not sound."""
         patience = self.options.patience
         if self.problem.assembly.differs:
             patience = 4 * patience
