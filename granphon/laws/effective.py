@@ -560,7 +560,8 @@ class PointAverages:
 
     def _sum_far(self, block: Block, middle: float, half: float, last_far: float) -> list[Array]:
         """Return the four sums of :meth:`balls` over far contacts, by polynomials on the range of
-        the block, whose ``middle`` and ``half`` extent are those of :meth:`_find_range`.
+        the block; ``middle``, ``half`` and ``last_far`` are the first three of
+        :meth:`_find_range`.
 
         The slope of the stiffness is interpolated, and integrated twice.
         """

@@ -142,7 +142,8 @@ def _expand_forces(x: Array, weights: Array) -> Array:
 
 def _solve_orders(balls: Array, weights: Array, xi: float) -> Array:
     """Return the coefficients (n,) of f*, which solve equation (36) order by order, from those of
-    F^Q, ``balls`` (n, n_Q).
+    F^Q, ``balls`` (n, n_Q), for the local-field factor ``xi``; ``weights`` (n_Q,) are those of the
+    balls.
 
     Force and stiffness of all balls agree at leading order, so that a coefficient of the unknown
     force enters its own order of (36) linearly, and the stiffness that belongs to it enters higher

@@ -113,7 +113,7 @@ def _explain_balls(packing: Packing, most: Mapping[str, float]) -> str | None:
 
 def _explain_friction(eta: float, truth: FrictionHistory, rows: Mapping[str, Any]) -> str | None:
     """Return the reason why a Mindlin ratio ``eta`` or a ``truth`` with friction was not measured;
-    None if both were.
+    None if both were. ``rows`` are those of :func:`find_rows`.
     """
     clause = "against arrays loaded with friction they were measured for"
     low, high = rows["mindlin_ratios"]
@@ -184,7 +184,8 @@ def _find_row(
     rows: Mapping[str, Any], medium: str, packing: Packing, axis: str, truth: FrictionHistory
 ) -> Array:
     """Return the errors (n,) of a medium at the loads of the table for an ``axis``, "force" or
-    "overlap".
+    "overlap", from the ``rows`` that :func:`find_rows` has for the lattice of a packing and the
+    arrays of a ``truth``.
     """
     shape = packing.spread.shape if packing.spread else None
     is_uniform = isinstance(shape, UniformShape)

@@ -436,7 +436,7 @@ class MediumChoice:
         indices of the values of the load in that geometry.
 
         The choice names the geometry if the load decides on it; otherwise it is the choice itself,
-        with all values.
+        with all values. With ``finite_overlap`` all values on which the load would decide are exact.
         """
         medium = self.of(packing)
         choices = []
@@ -575,7 +575,7 @@ class ServingMedium:
 
     def by_geometry(self, finite_overlap: bool = False) -> list[ServingMedium]:
         """Return the medium in each geometry in which a simulation serves some of the loads, see
-        :class:`MediumChoice`.
+        :meth:`MediumChoice.by_geometry`.
         """
         choices = self.medium.by_geometry(self.packing, self.load, finite_overlap)
         if len(choices) == 1:
@@ -681,7 +681,7 @@ def default_medium(balls: Balls, differ: bool = False) -> str:
     return CrystalMedium.name if balls.kind_names else name
 
 
-def no_simulation(media: Iterable[MediumChoice]) -> None:
+def require_finite_overlap(media: Iterable[MediumChoice]) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if a medium is a simulation without terms of
     finite overlap.
 

@@ -1354,8 +1354,9 @@ class Crystal(Result):
     def _at_mean(
         self, kind: str, values: ArrayLike, gravity: ArrayLike | None, finite_overlap: bool | None
     ) -> CrystalState:
-        """Return the state at which contacts have a mean force (N) or overlap (m), as the ``kind``
-        says, by a search for the pressure.
+        """Return the state at which contacts have a mean force (N) or overlap (m), ``values`` of
+        the ``kind`` "force" or "overlap", by a search for the pressure; the other arguments and
+        errors are those of :meth:`at_pressure`.
         """
         goals, accelerations = self._read_gravity(finite_array(kind, values), gravity)
         self._require_pressable()
@@ -1385,7 +1386,8 @@ class Crystal(Result):
         self, kind: str, goal: float, acceleration: Array | None, follows: bool
     ) -> tuple[Rest, AppliedLoad]:
         """Return the state at rest at which the mean force (N) or overlap (m) of contacts is
-        ``goal``, and its load; in the exact geometry if it ``follows`` the balls.
+        ``goal``, as the ``kind`` says, and its load; under gravity, an ``acceleration`` (d,),
+        m/s^2, or without (None); in the exact geometry if it ``follows`` the balls.
 
         The next pressure follows from the power with which overlaps grow with the pressure, and
         where balls differ from a secant; the search halves the interval of the pressures if that

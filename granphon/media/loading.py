@@ -512,7 +512,8 @@ def require_above(start: ReducedLoad, path: Sequence[ReducedLoad], from_gas: boo
     the start.
 
     Overlaps are not compared with a start that is prescribed as a force alone, nor forces with a
-    start that is prescribed as an overlap alone.
+    start that is prescribed as an overlap alone. ``from_gas`` says for the message that the start
+    was found by pressing balls from the gas.
     """
     for index, load in enumerate(path):
         if load.overlap is None:

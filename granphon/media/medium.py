@@ -132,7 +132,8 @@ class Medium(ABC, Generic[StateT]):
         self, load: Load, finite_overlap: bool | None = None
     ) -> list[tuple[Self, list[int]]]:
         """Return the medium in each of its geometries at an applied load, and the indices of the
-        values of the load that the geometry serves.
+        values of the load that the geometry serves. ``finite_overlap`` decides on the geometry of a
+        simulation that names none, see :func:`~granphon.media.left_out.choose_geometries`.
         """
         return [(self, list(range(load.size)))]
 

@@ -1082,7 +1082,8 @@ class DirectSimulation(Medium[SimulatedState]):
         return None if self.diameters is not None else self.seed + index
 
     def deviations(self, index: int) -> Array:
-        """Return the reduced deviations x = Delta/W of the diameters of a sample, with mean zero.
+        """Return the reduced deviations x = Delta/W of the diameters of the sample number
+        ``index``, from 0, with mean zero.
 
         The shape is (L1, ..., Lp), and (n, L1, ..., Lp) with n > 1 balls in the cell.
         """

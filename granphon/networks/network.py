@@ -1107,7 +1107,7 @@ class ContactNetwork(Result):
 
     def _finish_reading(self, keep_rattlers: bool, held_by: int | None) -> Self:
         """Return a network that was read without its rattlers, or with them if ``keep_rattlers``;
-        warn if the network is out of balance.
+        warn if the network is out of balance. For ``held_by`` see :meth:`without_rattlers`.
         """
         keeps_all = require("keep_rattlers", truth, keep_rattlers)
         network = self if keeps_all else self.without_rattlers(held_by)

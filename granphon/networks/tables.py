@@ -96,6 +96,10 @@ class _Columns:
     """The columns of a table of balls or contacts, in SI, from a file or from arrays; ``name`` is
     the name of the table in messages.
 
+    ``subject`` is "balls" or "contacts", ``source`` the path of a file or arrays, ``known`` are the
+    quantities of the columns that are read, by name, and ``columns`` the headings of those that go
+    by other names.
+
     ``remark`` has the fields of the whole network in a written table; empty for a table from
     elsewhere. ``sealed`` says whether the file has a digest, which then fits; None for arrays.
     """
@@ -184,6 +188,9 @@ class _Columns:
     ) -> None:
         """Raise :class:`InputError` for a misspelled name of an optional column, which would be
         passed over.
+
+        ``names`` are those of the columns of the table, ``keys`` the same as they are compared,
+        without units; ``known`` and ``columns`` are those of the class.
         """
         requested = {Heading.parse(columns.get(name, name)).key for name in known}
         lacking = [name for name in known if Heading.parse(name).key not in keys]

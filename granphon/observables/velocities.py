@@ -736,8 +736,8 @@ def _find_wavenumbers(
 
 
 def _find_last_frequencies(branches: AcousticBranches, wave: int) -> Array:
-    """Return the reduced angular frequency (n,) at the last point before the maximum of a branch,
-    in each direction; zero where the first point is the maximum.
+    """Return the reduced angular frequency (n,) at the last point before the maximum of the branch
+    number ``wave``, in each direction; zero where the first point is the maximum.
     """
     n_rising = branches.rising[wave]
     directions = np.arange(len(n_rising))

@@ -116,7 +116,9 @@ class LinearResponse:
         return np.asarray(0.5 * (found + found.T))
 
     def _follow(self, forces: Array, for_motions: bool) -> tuple[Array, Array]:
-        """Return the motions under ``forces``, and the forces that these leave."""
+        """Return the motions under ``forces``, and the forces that these leave, both of the same
+        shape; with the smaller error that is due ``for_motions``, or that of an energy.
+        """
         found = self._iterate(forces, for_motions) if self._may_iterate else None
         if found is None:
             found = self._solve_held(forces.reshape(-1, forces.shape[-1]), for_motions)
@@ -280,8 +282,8 @@ def find_elastic_tensor(contacts: ContactList) -> Array:
 
 
 def explain_failure(stable: bool) -> ConvergenceError:
-    """Return the error of a response that is not found, of balls that are at a minimum of the
-    energy or not.
+    """Return the error of a response that is not found, of balls that may be at a minimum of the
+    energy (``stable``) or are not.
     """
     why = (
         ""

@@ -289,8 +289,8 @@ class _LatticeSearch(_Search):
         return self._relax_springs(untouched)
 
     def _relax_springs(self, untouched: Configuration) -> Configuration:
-        """Return where linear springs are at rest that have the law of the contacts at a typical
-        force.
+        """Return where linear springs are at rest that have the force and the stiffness of the
+        contacts at a typical force; ``untouched`` is the configuration on the sites.
         """
         problem = self.problem
         laws = problem.assembly.laws
@@ -323,7 +323,8 @@ class _LatticeSearch(_Search):
     def _solve(
         self, configuration: Configuration, stiffness: Array, pull: Array, reduction: float
     ) -> Array:
-        """Return the step (size,) of springs of a ``stiffness`` (n_c,) under forces ``pull``.
+        """Return the step (size,) of springs of a ``stiffness`` (n_c,), N/m, under forces ``pull``
+        (size,); iterations end where these are left to a part, the ``reduction``.
 
         Iterations are preconditioned by single balls, until these do not suffice, and then by the
         factors of an earlier step.
