@@ -52,7 +52,7 @@ from granphon.base.validation import (
     require,
 )
 
-#: overlaps, over the radius of a contact, at which a user's law is compared with its derivatives
+#: overlaps, over the radius R of two bodies, at which a user's law is compared with its derivatives
 _PROBES = np.array([1e-6, 1e-5, 1e-4, 1e-3])
 #: step of these comparisons, over the overlap, and the relative error that is allowed
 _STEP = 1e-4
@@ -715,8 +715,9 @@ def _check_radius(name: str, law: PairLaw, overlaps: Array) -> None:
 
 def check_law(law: PairLaw, radius: float) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if the methods of a user's law do not agree
-    with each other at overlaps from 1e-6 to 1e-3 of the ``radius`` of a contact, m; of a bond also
-    at minus these overlaps. Laws of granphon are not compared.
+    with each other at overlaps from 1e-6 to 1e-3 of the ``radius`` R of two bodies, m, that of
+    :class:`~granphon.balls.ball.ContactConstants`; of a bond also at minus these overlaps. Laws of
+    granphon are not compared.
 
     They do not agree if a method is not the derivative of the method before, or if the overlap of a
     force is not the overlap that has this force. Refused too are methods that do not take arrays, a

@@ -61,7 +61,7 @@ class CrystalCell(Lattice):
         sites = crystal.positions.copy()
         vectors = crystal.cell
         if not crystal.periods:
-            # two diameters of the largest ball are free between a cluster and its image
+            # the centres of a cluster and of its image are two diameters of the largest ball apart
             length = float(np.ptp(sites[:, 0])) + 4.0 * float(np.max(crystal.radii))
             vectors = np.eye(sites.shape[1])[:1] * length
         p = len(vectors)

@@ -436,7 +436,8 @@ class MediumChoice:
         indices of the values of the load in that geometry.
 
         The choice names the geometry if the load decides on it; otherwise it is the choice itself,
-        with all values. With ``finite_overlap`` all values on which the load would decide are exact.
+        with all values. With ``finite_overlap`` all values on which the load would decide are
+        exact.
         """
         medium = self.of(packing)
         choices = []

@@ -1872,7 +1872,7 @@ class CrystalState(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The reasons to doubt the state, one sentence each; empty if there are none."""
+        """The reasons to doubt the state, a warning each; empty if there are none."""
         warnings = [check.warning for check in self.limits]
         return tuple(warning for warning in warnings if warning is not None)
 

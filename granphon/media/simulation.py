@@ -444,15 +444,15 @@ class SimulatedState(ContactState):
         the lattice; velocities follow from the part of the tensor that has the symmetry.
 
         If samples have the same force, ``normal_stiffness`` k is the inverse of a mean of
-        compliances. For several samples without friction the bulk modulus then differs from
-        (3^(1/2)/2) k/d in second order of the differences of samples.
+        compliances. For several samples without friction the bulk modulus, on the triangular
+        lattice, then differs from (3^(1/2)/2) k/d in second order of the differences of samples.
         """
         return np.asarray(self._average(lambda sample: sample.elastic_tensor))
 
     @property
     def is_isotropic(self) -> bool:
-        """Whether samples are isotropic on average: in the plane if the lattice has that symmetry,
-        in space never.
+        """Whether samples are isotropic on average: on a line always, in the plane if the lattice
+        has that symmetry, in space never.
         """
         periods = self.packing.structure.periods
         return periods == 1 or (periods == 2 and super().is_isotropic)

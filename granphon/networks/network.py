@@ -769,8 +769,8 @@ class ContactNetwork(Result):
 
         Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, for so few
         layers that a contact reaches across all of them, if layers are not connected, if no ball
-        can move, if a clamped ball touches no ball that moves, and for a floor if materials are not
-        known or no force presses a ball on it.
+        can move, if the balls of a clamped layer touch none that moves, and for a floor if
+        materials are not known, or a ball has lost no contact there or is not pressed on it.
         """
         n_layers = whole_number("layers", layers, 1, MOST_CELLS)
         lower_edge, upper_edge = require("edges", read_edges, edges)

@@ -78,7 +78,7 @@ class SoundVelocities(Result):
     transverse : velocity of the (quasi-)transverse wave in the plane; in space, and on a chain that
         moves both ways across itself, (..., 2): the slow and the fast one. None if there is none.
     direction : unit vector (p,), or (n, p).
-    warnings : one sentence for each limit of the model that the state exceeds; where a velocity is
+    warnings : a warning for each limit of the model that the state exceeds; where a velocity is
         zero, one that counts the branches that vanish at every wave vector and says what would stop
         them.
     longitudinal_error, transverse_error : standard errors over the samples of a simulation, m/s;
@@ -174,8 +174,9 @@ def sound_velocities(
     direction : direction of propagation, Cartesian, (p,) for a lattice with p periods, or (n, p)
         for many at once, whose axis follows those of the load. It may be left out where sound is
         isotropic, as on the triangular lattice and on a chain. On other lattices the waves are
-        quasi-longitudinal and quasi-transverse. A simulation is isotropic on average: its
-        velocities follow from its mean bulk and shear modulus. The quasi-longitudinal wave is the
+        quasi-longitudinal and quasi-transverse. A simulation in the plane is isotropic on average
+        if its lattice is: its velocities follow from its mean bulk and shear modulus. The
+        quasi-longitudinal wave is the
         one whose displacement is nearest to the direction. The slow transverse wave comes before
         the fast one. If their velocities are equal, as along [100] and [111] of a cubic lattice,
         the first polarisation is along the axis x, y or z farthest from the longitudinal one, in
@@ -285,8 +286,9 @@ class Moduli(Result):
     ----------
     tensor : (..., n, n), Pa: the shape of the load, then the strains :attr:`components` in Voigt
         order: xx; xx, yy, xy; or xx, yy, zz, yz, xz, xy.
-    isotropic : whether the tensor is the same in all directions. For a simulation it is True,
-        though samples are isotropic only on average.
+    isotropic : whether the tensor is the same in all directions. For a simulation on a lattice in
+        the plane with that symmetry it is True, though samples are isotropic only on average; in
+        space it is False.
     cubic : whether the lattice is square or cubic, in the same sense.
     bulk_error, shear_error : standard errors over the samples of a simulation, Pa, with the shape
         of the load; of the averages :attr:`voigt` where the lattice is not isotropic. None if there
