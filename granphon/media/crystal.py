@@ -1088,7 +1088,8 @@ class Crystal(Result):
 
         The mean is taken over the contacts that carry a load, or touch if they adhere; of balls
         that differ in diameter, over all contacts. ``gravity``, ``finite_overlap`` and the errors
-        are as in :meth:`at_pressure`.
+        are as in :meth:`at_pressure`; but a mean of zero or below is always an InputError, and so
+        is one that contacts have at no pressure, as where gravity presses more.
         """
         return self._at_mean("force", force, gravity, finite_overlap)
 
@@ -1119,7 +1120,8 @@ class Crystal(Result):
             xz, xy; or an array of these. Pa in space, N/m in the plane, N on a line. Of a crystal
             that was cut, the stress acts along the periods that remain, and the faces are not
             pressed.
-        gravity : m/s^2, of a crystal that stands on a floor or clamp; see :meth:`at_pressure`.
+        gravity : m/s^2, of a crystal that stands on a floor or clamp, in the shapes of
+            :meth:`at_pressure`; the periods take the stress all the same.
         finite_overlap : see :meth:`at_pressure`; the stress is then Cauchy's, on the deformed cell.
 
         Raises
@@ -1158,7 +1160,7 @@ class Crystal(Result):
         strain : (p, p) symmetric, or Voigt with twice the shear: (1,), (3,) for xx, yy, 2xy or (6,)
             for xx, yy, zz, 2yz, 2xz, 2xy; or an array of these. Strain is measured from the cell in
             which balls only touch.
-        gravity, finite_overlap : see :meth:`at_stress`.
+        gravity, finite_overlap : see :meth:`at_stress`; the periods keep the strain.
 
         Raises
         ------
@@ -1654,7 +1656,9 @@ class _MeanContacts(NamedTuple):
         ``differ`` in diameter, and contacts may ``adhere``.
         """
         rounding = _ROUNDED_MEAN
-        if differ:  # loose balls leave more: the mean is small against its terms
+        if differ:
+            # ten times the error at which the mean of a sample is reached; loose balls leave more,
+            # as the mean is small against its terms
             ratio = float(np.mean(np.abs(self.overlap)) / np.abs(np.mean(self.overlap)))
             rounding = 10.0 * _SAMPLED * max(1.0, ratio)
         if not adhere:

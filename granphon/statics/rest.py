@@ -359,6 +359,7 @@ class _LatticeSearch(_Search):
         if closed.size:
             added = options.added * min(1.0, residual) * float(np.mean(closed))
         pull = configuration.pull
+        # far from rest a rough solution serves
         reduction = max(0.1 * min(1.0, residual**0.5), options.reduction)
         step = self._solve(configuration, stiffness + added, pull, reduction)
         loss = problem.measure_losses(step)
@@ -380,7 +381,7 @@ class _LatticeSearch(_Search):
         overlap = configuration.overlap
         force = configuration.force
         longest = math.inf
-        if laws.adhere:  # no contact may be torn on the way
+        if laws.adhere:  # no contact may be torn: nine tenths of the way to the first that would
             parting = loss > 0.0
             room = (overlap - laws.least)[parting] / loss[parting]
             longest = max(0.9 * float(np.min(room, initial=math.inf)), 1e-9)
