@@ -228,7 +228,8 @@ class HertzLaw(EnergyLaw):
     @classmethod
     def between(cls, material: Material, first: float, second: float | None = None) -> HertzLaw:
         """Return the law of two balls of one material with the diameters ``first`` and ``second``,
-        m; of equal balls if only one is given.
+        m; of equal balls if only one is given. Raises :class:`InputError` for a diameter that is
+        not above zero, and for balls beyond double precision.
         """
         first_diameter = positive("diameter", first, "m")
         second_diameter = first_diameter if second is None else positive("diameter", second, "m")

@@ -248,8 +248,8 @@ def _read_miller_indices(axis: Any, cell: Array) -> Index:
 
 
 def _read_four_indices(indices: Any, cell: Array) -> Any:
-    """Return three of the four indices h, k, i, l of a hexagonal ``cell`` (3, d), where
-    i = -(h + k).
+    """Return h, k and l of the four indices h, k, i, l of a hexagonal ``cell`` (3, d), where
+    i = -(h + k); InputError for another cell, or another i.
     """
     a, b, c = cell
     problem = f"axis is {brief(indices.tolist())}"

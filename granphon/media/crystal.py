@@ -1276,7 +1276,7 @@ class Crystal(Result):
     ) -> AppliedLoad:
         """Return the load, in ``words`` for messages, of gravity, an ``acceleration`` (d,), m/s^2,
         or None; of a ``stress`` or a ``strain`` (p, p) of the periods, just one of the two; and of
-        a pressure on the faces.
+        a pressure on the faces. FloatingPointError if the forces are not finite.
         """
         pressing = self._press_faces(pressure)
         force = pressing.copy()
@@ -1393,7 +1393,7 @@ class Crystal(Result):
 
         The next pressure follows from the power with which overlaps grow with the pressure, and
         where balls differ from a secant; the search halves the interval of the pressures if that
-        leaves it.
+        leaves it. InputError if no pressure has this mean, or all contacts are open.
         """
         assembly = self._assembly
         laws = self._laws

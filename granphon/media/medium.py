@@ -278,7 +278,8 @@ class LawMedium(Medium[ContactState]):
 
     def _solve(self, load: Load, follows: bool) -> tuple[Array, Array]:
         """Return the mean contact force, N, and the overlap, m, at an applied load, with its shape;
-        a boundary that ``follows`` the balls shrinks.
+        a boundary that ``follows`` the balls shrinks. Raises for a load that the law refuses, and
+        for an overlap at which no balls touch.
         """
         law = self.law
         if load.kind == "overlap":

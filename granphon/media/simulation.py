@@ -375,7 +375,8 @@ class SimulatedState(ContactState):
         """Return the edges (bins + 1,) of a distribution of the samples, its mean over samples
         (..., bins), and the standard error of the mean (..., bins).
 
-        The distribution is the method of a sample with the ``name``, called with the ``arguments``.
+        The distribution is the method of a sample with the ``name``, called with the ``arguments``;
+        InputError for samples without such a method, which have no history of friction.
         """
         if not hasattr(self.samples[0], name):
             raise InputError(
@@ -880,7 +881,9 @@ class DirectSimulation(Medium[SimulatedState]):
         return f"A simulation with {settings} simulates it; or {alternative}"
 
     def _read_shape(self) -> tuple[int, ...] | None:
-        """Return the numbers of cells along the periods, None if they are not given."""
+        """Return the numbers of cells along the periods, None if they are not given; InputError for
+        what is none, and for more than memory holds.
+        """
         if self.shape is None:
             return None
         periods = self.packing.structure.periods
@@ -931,7 +934,12 @@ class DirectSimulation(Medium[SimulatedState]):
         return replace(packing, spread=spread, diameter=spread.mean)
 
     def _read_geometry(self) -> str | None:
-        """Return the geometry of contacts; None if the load decides."""
+        """Return the geometry of contacts; None if the load decides.
+
+        If none is named, balls that cannot be exact (:func:`can_be_exact`) have the directions of
+        the lattice, and others the exact geometry after a history of friction. InputError for
+        another word, and for the exact geometry of equal balls, or on a line.
+        """
         geometry: str | None = require("geometry", read_geometry, self.geometry)
         if geometry is None and not can_be_exact(self.packing):
             geometry = LATTICE

@@ -364,7 +364,9 @@ class Source:
         }
 
     def _find_masses(self, material: Material | None) -> Array:
-        """Return the masses (n,), kg: of the source, or of solid balls of the material."""
+        """Return the masses (n,), kg: of the source, or of solid balls of the material; InputError
+        without either.
+        """
         balls = self.balls
         if balls.masses is not None:
             if material is not None:
@@ -474,7 +476,9 @@ class Source:
         """Return the whole cells (n_c, 3) by which balls j are displaced: as the vectors of the
         source say, or to where they are nearest.
 
-        The arguments are those of :meth:`Contacts.find_nearest_steps`.
+        The arguments are those of :meth:`Contacts.find_nearest_steps`, whose errors it raises;
+        ``pbc`` (3,) says which vectors of the cell are periods. InputError for periods that are not
+        independent.
         """
         contacts = self.contacts
         shift = np.zeros((len(touch), 3), np.intp)

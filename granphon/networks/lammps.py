@@ -156,7 +156,7 @@ def _read_contacts(
 
 def _read_balls(atoms: _Frame, scales: tuple[float, float, float]) -> Balls:
     """Return the balls of a dump of atoms, in SI units; ``scales`` are those of
-    :func:`_find_units`.
+    :func:`_find_units`. InputError without places, ids or sizes.
     """
     length, mass, _force = scales
     positions, rounding = _read_positions(atoms)
@@ -228,7 +228,7 @@ def _read_names(columns: Any, touching: _Frame) -> tuple[str, ...]:
 
 def _read_positions(atoms: _Frame) -> tuple[Array, Array]:
     """Return the positions (n, 3) of balls from the origin of the box, and their greatest errors by
-    rounding, (n, 3), in units of the dump.
+    rounding, (n, 3), in units of the dump; InputError without any of the columns.
     """
     # columns with "s" are fractions of the box, and those with "u" go on beyond its faces
     for suffix, is_scaled in (("", False), ("u", False), ("s", True), ("su", True)):
@@ -390,7 +390,9 @@ class _Lines:
         return self.place >= len(self.texts)
 
     def read_title(self) -> str | None:
-        """Read a line "ITEM: ..." and return what follows the word; None for an empty line."""
+        """Read a line "ITEM: ..." and return what follows the word; None for an empty line, and
+        InputError for another one.
+        """
         line = self.texts[self.place].strip()
         if not line:
             self.place += 1

@@ -666,7 +666,8 @@ def _choose_branches(
     state: State, directions: Array, branches: str | Sequence[str] | None
 ) -> tuple[str, ...]:
     """Return the names of the branches of pulses; by default those whose long waves have a velocity
-    above zero in all ``directions`` (..., p), or all if there are none.
+    above zero in all ``directions`` (..., p), or all if there are none. InputError for an unknown
+    name, and for no name.
     """
     names = state.wave_names
     if branches is None:
@@ -709,7 +710,8 @@ def _find_wavenumbers(
     """Return wavenumbers (b, m, n) and group velocities (b, m, n, p), in reduced units, of the
     branches ``names`` (b,) in ``directions`` (n, p).
 
-    ``targets`` (b, m, n) holds angular frequencies in ``units`` (b, m, n), rad/s.
+    ``targets`` (b, m, n) holds angular frequencies in ``units`` (b, m, n), rad/s. Raises
+    :class:`~granphon.base.errors.UnreachableFrequencyError` for one above the top of its branch.
     """
     waves = [lattice.wave_names.index(name) for name in names]
     highest_targets = np.full((len(lattice.wave_names), len(directions)), -np.inf)

@@ -152,7 +152,9 @@ class LinearResponse:
         return GridIteration(self._tangent)
 
     def _iterate(self, forces: Array, for_motions: bool) -> tuple[Array, Array] | None:
-        """Return what conjugate gradients find; None if factors are to be tried."""
+        """Return what conjugate gradients find; None if they do not, and factors are to be tried.
+        ConvergenceError if there can be no factors.
+        """
         fine = for_motions or not self._may_factorise
         reduction = _REDUCTION_OF_MOTIONS if fine else _REDUCTION
         most = _PATIENCE if self._may_factorise else _MOST_ITERATIONS
@@ -191,7 +193,9 @@ class LinearResponse:
 
     @cached_property
     def _held(self) -> tuple[Any, Factors]:
-        """A with springs to the ground, and the factors of its symmetric part."""
+        """A with springs to the ground, and the factors of its symmetric part; ConvergenceError if
+        these are singular, or show that the balls are not at a minimum.
+        """
         pattern = self._tangent.pattern
         spring = _LEAST_SPRING
         while True:
@@ -233,7 +237,9 @@ class LinearResponse:
         return motions, remaining
 
     def _solve_by_gmres(self, right: Array) -> Array:
-        """Return the motions of balls that springs hold to the ground, where A is not symmetric."""
+        """Return the motions (n m, k) of balls that springs hold to the ground under forces
+        ``right`` (n m, k), where A is not symmetric; ConvergenceError if they are not found.
+        """
         from scipy.sparse.linalg import LinearOperator, gmres
 
         if self._may_factorise:

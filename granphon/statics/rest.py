@@ -201,7 +201,9 @@ class _Search(ABC):
         return IteratedEquations(self.problem, self.options)
 
     def run(self, configuration: Configuration) -> Rest:
-        """Return the state at rest near a configuration."""
+        """Return the state at rest near a configuration, or raise the error of a search that does
+        not come to rest.
+        """
         for _ in range(self.options.steps):
             configuration = self._prepare(configuration)
             if self._is_stuck(configuration):
