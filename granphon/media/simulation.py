@@ -481,7 +481,7 @@ class SimulatedState(ContactState):
         self, tensor: Array, density: ArrayLike, direction: ArrayLike
     ) -> tuple[Array, Array]:
         """Return velocities and displacements of waves, of the shapes of :meth:`polarised_waves`,
-        from elastic tensors (..., n, n), Pa, and densities (...) of samples, or of their mean.
+        from elastic tensors (..., s, s), Pa, and densities (...) of samples, or of their mean.
         """
         structure = self.packing.structure
         along = as_direction(direction, structure.periods)

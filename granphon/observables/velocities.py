@@ -85,10 +85,10 @@ class SoundVelocities(Result):
         None if there are fewer than two samples.
     out_of_plane : velocity of the wave across a plane of balls, if they move that way: zero,
         because it is a flexural wave.
-    velocities : (..., n) of all these waves, ascending.
+    velocities : (..., n_u) of all these waves, ascending.
     twist : velocity of the wave in which the balls of a straight chain turn about it; zero without
         torsion, None if they do not turn. It displaces nothing, and is not among ``velocities``.
-    polarisations : (..., n, n) their unit displacements (x, y, z, as far as the balls move), as
+    polarisations : (..., n_u, n_u) their unit displacements (x, y, z, as far as the balls move), as
         columns.
     """
 
@@ -197,7 +197,8 @@ def sound_velocities(
         state, direction, "sound velocities", isotropic=state.is_isotropic
     )
     names = state.wave_names
-    # (..., n) m/s, and (..., n, n) polarisations as columns, n waves in the order of their names
+    # (..., n_u) m/s, and (..., n_u, n_u) polarisations as columns, of n_u waves in the order of
+    # their names
     velocities, polarisations = state.polarised_waves(unit_vectors)
     ascending = np.argsort(velocities, axis=-1, kind="stable")
     velocity_of_wave = _name_waves(names, velocities)
