@@ -444,8 +444,8 @@ class TabulatedLaw(EnergyLaw):
         return self
 
     def find_stiffest(self, overlap: Array) -> Array:
-        """Return the largest stiffness up to an ``overlap``, N/m: tables may rise steeply between
-        two of their points.
+        """Return the largest stiffness up to each ``overlap`` (m,), m, in N/m: tables may rise
+        steeply between two of their points. It is sought at 16 places between two points.
         """
         fractions = np.linspace(0.0, 1.0, _PLACES, endpoint=False)
         knots, _ = self._knots

@@ -267,6 +267,7 @@ class HertzLaw(EnergyLaw):
             ratio = load / self.coefficient
         has_all_digits = (ratio >= LEAST_NORMAL) & (ratio < np.inf)
         cube_root = np.cbrt(ratio)
+        # where the quotient leaves the range of normal numbers, that of the roots does not
         if not np.all(has_all_digits):
             quotient_of_roots = np.cbrt(load) / np.cbrt(self.coefficient)
             cube_root = np.where(has_all_digits, cube_root, quotient_of_roots)
@@ -346,7 +347,8 @@ def release(rest: Array, rest_root: Array, elongation: Array, out: tuple[Array, 
 
 def stretch(rest: Array, rest_root: Array, elongation: Array) -> Array:
     """Return the change of the stored energy by an ``elongation`` e from overlaps y = ``rest`` >= 0
-    to h = y - e, less the work of the force at rest, y^(3/2) e: the result begins with e^2.
+    to h = y - e, plus the work y^(3/2) e that the force at rest would do: the result begins with
+    e^2.
 
     All arrays have one shape; ``rest_root`` is that of :func:`release`.
     """

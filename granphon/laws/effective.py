@@ -432,7 +432,7 @@ class DensityBalls:
         self.force = shape.force(y[..., None], nodes.positions) - self.base_force[..., None]
         self.mean = np.sum(nodes.weights * self.stiffness, axis=-1)
         # on a short step differentiation amplifies the rounding of y and of the forces, which are
-        # counted from their mean
+        # counted from their mean; the extent of the step in y is 4 middle half
         lengths = (self.base_force / self.base_stiffness + np.abs(y))[:, -1:]
         point_count = block.root.shape[1]
         amplification = point_count**2 * lengths / (4.0 * block.middle * block.half)

@@ -92,7 +92,8 @@ def explain_uncovered(packing: Packing, truth: FrictionHistory = REST) -> str | 
 def _explain_balls(packing: Packing, most: Mapping[str, float]) -> str | None:
     """Return the reason why balls of a packing were not measured; None if they were.
 
-    ``most`` holds the largest skewness and excess kurtosis of diameters.
+    ``most`` holds the largest skewness, of either sign, and excess kurtosis of diameters that were
+    measured.
     """
     moves_in_plane = packing.motions in (None, IN_PLANE.name)
     if packing.structure.periods == 2 and not moves_in_plane:

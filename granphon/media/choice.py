@@ -240,8 +240,8 @@ for _medium in (
 
 
 def register_medium(medium: T) -> T:
-    """Make a medium known by its ``name``: to sweeps, scenes and fits, with its ``words`` in
-    figures.
+    """Make a medium known by its ``name``: to sweeps, scenes and fits, with its ``words``, by
+    default the name, in figures.
 
     ``medium`` is a subclass of :class:`~granphon.LawMedium`, or of another medium, with a ``name``
     of its own, which is made of a packing. Returns it, so that it may stand above the class as a

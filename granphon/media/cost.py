@@ -246,6 +246,7 @@ def _measure_ball(simulation: DirectSimulation, load: Load) -> float:
 def _time_array(simulation: DirectSimulation, load: Load) -> tuple[float, float]:
     """Return the time, s, of an equilibrium of a small array with its moduli, and the exponent by
     which the time per ball grows with the number of balls; means over the loads that are solved.
+    The exponent is 1/2 if the array does not bear a load.
     """
     is_loaded = simulation.history.is_loaded
     indices = [(load.size - 1) // 2]

@@ -424,8 +424,8 @@ class Crystal(Result):
         are periodic. Where all balls have the same z and none of the periods leaves the plane, the
         crystal is plane; on a line it is a chain. Kinds are called by their symbols.
 
-        Raises :class:`~granphon.base.errors.InputError` for a symbol without a ball, and for
-        arguments that the class does not allow.
+        Raises :class:`~granphon.base.errors.InputError` for what are no Atoms, or none of them, for
+        a symbol without a ball, and for arguments that the class does not allow.
         """
         attributes = ("positions", "cell", "pbc", "get_chemical_symbols")
         if not all(hasattr(atoms, name) for name in attributes):
@@ -537,9 +537,9 @@ class Crystal(Result):
         return deviations
 
     def _draw(self, kind: Index, counts: tuple[int, ...], seed: int) -> Array:
-        """Return the deviations (m,), m, with any mean, of the m balls of a supercell of so many
-        ``counts`` of cells along the periods, whose kinds are ``kind`` (m,); zero of balls without
-        a spread.
+        """Return the deviations (m,), m, with any mean, of the m balls of a supercell, whose kinds
+        are ``kind`` (m,); zero of balls without a spread. ``counts`` are the numbers of cells along
+        the periods.
         """
         deviations = np.zeros(kind.size)
         n = self.n_balls
@@ -1056,6 +1056,7 @@ class Crystal(Result):
             adhere or are bonds every pressure is), a pressure on a crystal without periods and
             faces, gravity that nothing holds, or forces that contacts cannot bear.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
+        MechanismError : in the true geometry, balls differ and some motions cost no energy.
         """
         values, accelerations = self._read_gravity(finite_array("pressure", pressure), gravity)
         if np.any(values):
@@ -1129,6 +1130,7 @@ class Crystal(Result):
         InputError : an array of another shape; a stress that contacts cannot bear, because they
             only push along the lines of their centres.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
+        MechanismError : in the true geometry, balls differ and some motions cost no energy.
         """
         tensors = self._read_tensor("stress", stress, 1.0)
         values, accelerations = self._read_gravity(tensors, gravity, 2)
@@ -1167,6 +1169,7 @@ class Crystal(Result):
         InputError : an array of another shape; a strain that opens all contacts, or shortens a
             period to nothing.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
+        MechanismError : in the true geometry, balls differ and some motions cost no energy.
         """
         tensors = self._read_tensor("strain", strain, 0.5)
         values, accelerations = self._read_gravity(tensors, gravity, 2)
@@ -1424,7 +1427,8 @@ class Crystal(Result):
             excess = mean / goal - 1.0
             error = abs(excess)
             rounding = contacts.bound_rounding(kind, goal, differ, laws.adhere)
-            if error <= tolerance or (error <= rounding and error >= last_error):
+            comes_no_nearer = error <= rounding and error >= last_error
+            if error <= tolerance or comes_no_nearer:
                 return state, load
             is_unchanged = abs(excess - last_error) <= rounding * excess
             if acceleration is not None and excess > 0.0 and is_unchanged:

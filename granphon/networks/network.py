@@ -984,7 +984,7 @@ class ContactNetwork(Result):
         prestress : whether static forces act on displacements across contacts; by default they do
             not. Contacts that resist slip bear tangential forces of the same order: without these
             there is an :class:`~granphon.base.errors.InconsistencyWarning`; and there is one if the
-            static forces on a ball add up to more than 1e-3 of their mean.
+            static forces on a ball add up to more than 1e-3 of the mean force of a contact.
         columns : headings of columns that go by other names: {"radius": "R (mm)"}.
         keep_rattlers : keep balls that carry no load. By default they are left out, and
             ``left_out`` is their number.

@@ -54,9 +54,9 @@ def local_exponent(state: ContactState) -> Any:
     The moduli of a simulation are not all proportional to k. Its exponent is that of the
     longitudinal velocity, which follows from the mean K + G of the samples (K + 4G/3 in space): the
     same samples are solved at two loads, 5 % below and above (after a history of friction 5 % and
-    15 % above), and the difference is taken. ``state.exponent_error``
-    is the standard error over the samples: 0 for a medium that does not sample, nan for one sample.
-    The exponent of a crystal is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a.
+    15 % above), and the difference is taken. ``state.exponent_error`` is the standard error over
+    the samples: 0 for a medium that does not sample, nan for one sample. The exponent of a crystal
+    is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a.
 
     Raises :class:`~granphon.base.errors.ConvergenceError` if a simulation beside the load fails,
     and :class:`~granphon.base.errors.InputError` for a network, whose law is not known, and for a
@@ -176,11 +176,10 @@ def sound_velocities(
         isotropic, as on the triangular lattice and on a chain. On other lattices the waves are
         quasi-longitudinal and quasi-transverse. A simulation in the plane is isotropic on average
         if its lattice is: its velocities follow from its mean bulk and shear modulus. The
-        quasi-longitudinal wave is the
-        one whose displacement is nearest to the direction. The slow transverse wave comes before
-        the fast one. If their velocities are equal, as along [100] and [111] of a cubic lattice,
-        the first polarisation is along the axis x, y or z farthest from the longitudinal one, in
-        this order if several are.
+        quasi-longitudinal wave is the one whose displacement is nearest to the direction. The slow
+        transverse wave comes before the fast one. If their velocities are equal, as along [100] and
+        [111] of a cubic lattice, the first polarisation is along the axis x, y or z farthest from
+        the longitudinal one, in this order if several are.
     progress : told how far the factors of a network of many balls have come, which takes long once;
         the network keeps what :func:`moduli` shares with this.
 

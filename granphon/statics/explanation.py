@@ -110,7 +110,9 @@ def explain(
 ) -> InputError | ConvergenceError:
     """Return the error of a load that the assembly has not come to rest under.
 
-    ``opened`` says that all contacts are open, and ``residual`` what force is left, over the mean.
+    It is an InputError if contacts cannot bear the load, if all are open (``opened``), if a law
+    does not reach the forces, or if stiffnesses or forces differ too much; else a
+    ConvergenceError. ``residual`` is what force is left, over the mean.
     """
     assembly = problem.assembly
     laws = assembly.laws

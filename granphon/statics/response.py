@@ -194,7 +194,7 @@ class LinearResponse:
     @cached_property
     def _held(self) -> tuple[Any, Factors]:
         """A with springs to the ground, and the factors of its symmetric part; ConvergenceError if
-        these are singular, or show that the balls are not at a minimum.
+        these are singular, or, of an A that is symmetric, show that the balls are at no minimum.
         """
         pattern = self._tangent.pattern
         spring = _LEAST_SPRING

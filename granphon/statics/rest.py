@@ -446,7 +446,8 @@ class _ExactSearch(_Search):
         self.loose: Flags = np.zeros(assembly.n_balls, bool)
 
     def begin(self, start: Rest) -> Configuration:
-        """Return the configuration from which the search begins, that of ``start``.
+        """Return the configuration from which the search begins, that of ``start``. Of balls that
+        differ, those with no more contacts that carry load than axes are loose.
 
         Raises :class:`~granphon.base.errors.MechanismError` if motions of balls that differ cost
         nothing.
