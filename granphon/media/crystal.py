@@ -890,7 +890,7 @@ class Crystal(Result):
         checked: set[int] = set()
         for first, second, first_name, second_name in pairs:
             law = law_of_pair(self.law, first, second, first_name, second_name)
-            if id(law) not in checked:
+            if id(law) not in checked:  # a user's law of many pairs is checked once
                 check_law(law, ContactConstants.of(first, second).radius)
                 checked.add(id(law))
             laws.append(law)

@@ -888,7 +888,8 @@ def _find_added(analysis: Analysis, entry: Observable, observed: Container[str])
 
 
 def axis_label(name: str, unit: str | None = None) -> str:
-    """Return the label of an axis: the quantity ``name`` in words, with its unit in brackets.
+    """Return the label of an axis: the quantity ``name`` in words, with its unit in brackets, if it
+    has one.
 
     ``unit`` replaces the unit of the catalogue, as for a file that states its own. A quantity that
     the catalogue does not have has no unit by default.

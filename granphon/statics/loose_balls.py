@@ -106,6 +106,7 @@ def _move_clusters(
         low = np.where(slope > 0.0, length, low)
         high = np.where(slope < 0.0, length, high)
         is_small = np.abs(slope) <= options.slope * first
+        # a whole step after which the energy still falls is kept
         is_done |= is_small | ((slope >= 0.0) & (high == np.inf))
         if np.all(is_done):
             break

@@ -357,6 +357,7 @@ class _LatticeSearch(_Search):
         residual = configuration.residual
         stiffness = configuration.stiffness
         closed = stiffness[stiffness > 0.0]
+        # contacts that carry a force and have no stiffness, as where they break, get some
         added = configuration.mean / problem.length
         if closed.size:
             added = options.added * min(1.0, residual) * float(np.mean(closed))
@@ -477,7 +478,9 @@ class _ExactSearch(_Search):
         return self.trail.stalled > patience or not configuration.is_sound
 
     def _prepare(self, configuration: Configuration) -> Configuration:
-        """Return the configuration in which loose balls are at rest between the others."""
+        """Return the configuration in which loose balls are at rest between the others: to a part of
+        the force that is left on these, or of the spread of radii if that is less.
+        """
         options = self.options
         loose = self.loose
         moves_in_turn = np.any(loose) and self.trail.stalled <= options.patience
