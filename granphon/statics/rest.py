@@ -478,8 +478,8 @@ class _ExactSearch(_Search):
         return self.trail.stalled > patience or not configuration.is_sound
 
     def _prepare(self, configuration: Configuration) -> Configuration:
-        """Return the configuration in which loose balls are at rest between the others: to a part of
-        the force that is left on these, or of the spread of radii if that is less.
+        """Return the configuration in which loose balls are at rest between the others: to a part
+        of the force that is left on these, or of the spread of radii if that is less.
         """
         options = self.options
         loose = self.loose
