@@ -1044,7 +1044,7 @@ class DirectSimulation(Medium[SimulatedState]):
         """Return the simulation in each geometry that it has at an applied load, and the indices of
         the values of the load in that geometry.
 
-        Where the simulation names no geometry, each load has its own
+        Where the simulation names no geometry, each load has its own, or ``finite_overlap`` decides
         (:func:`~granphon.media.left_out.choose_geometries`).
         """
         if self.geometry is not None:

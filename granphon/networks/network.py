@@ -1266,7 +1266,7 @@ def _list_demands_on_forces(network: ContactNetwork) -> Iterator[_Demand]:
 
 def _list_demands_on_geometry(network: ContactNetwork) -> Iterator[_Demand]:
     """Yield the demands that contacts lie in the line or plane of the balls, lead from ball i to
-    ball j, and are as long as the two arms.
+    ball j, and are as long as the two arms, to a quarter of these.
     """
     d = network.dimension
     where = "the line along x" if d == 1 else "the plane"
