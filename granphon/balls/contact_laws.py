@@ -52,7 +52,7 @@ from granphon.base.validation import (
     require,
 )
 
-#: overlaps, over the radius of a contact, at which a user's law is compared with its derivatives
+#: overlaps, over the radius R of two bodies, at which a user's law is compared with its derivatives
 _PROBES = np.array([1e-6, 1e-5, 1e-4, 1e-3])
 #: step of these comparisons, over the overlap, and the relative error that is allowed
 _STEP = 1e-4
@@ -444,8 +444,8 @@ class TabulatedLaw(EnergyLaw):
         return self
 
     def find_stiffest(self, overlap: Array) -> Array:
-        """Return the largest stiffness up to an ``overlap``, N/m: tables may rise steeply between
-        two of their points.
+        """Return the largest stiffness up to each ``overlap`` (m,), m, in N/m: tables may rise
+        steeply between two of their points. It is sought at 16 places between two points.
         """
         fractions = np.linspace(0.0, 1.0, _PLACES, endpoint=False)
         knots, _ = self._knots
@@ -676,7 +676,8 @@ def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
     """Return the law of a contact: that which ``law`` has between the two bodies, or itself if it
     is the law of all pairs.
 
-    Raises :class:`~granphon.base.errors.InputError` if it lacks one of the five methods.
+    Raises :class:`~granphon.base.errors.InputError` if it lacks one of the five methods, or is a
+    class of laws.
     """
     if isinstance(law, type):
         raise InputError(
@@ -695,7 +696,9 @@ def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
 
 
 def _check_radius(name: str, law: PairLaw, overlaps: Array) -> None:
-    """Raise for a user's law whose ``contact_radius`` is not a radius at ``overlaps`` (n,), m."""
+    """Raise InputError for a user's law whose ``contact_radius`` does not return radii, finite
+    floats above zero, for an array of ``overlaps`` (n,), m, above zero.
+    """
     find_radius = getattr(law, "contact_radius", None)
     if not callable(find_radius):
         return
@@ -706,16 +709,20 @@ def _check_radius(name: str, law: PairLaw, overlaps: Array) -> None:
             f"contact_radius of the contact law {name} returns {brief(radii)} for an array of"
             f" overlaps"
         )
-        raise InputError(problem, mend="Return an array of radii, m, of the same shape")
+        mend = "Return an array of floats of the same shape: radii, m, above zero"
+        raise InputError(problem, mend=mend)
 
 
 def check_law(law: PairLaw, radius: float) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if the methods of a user's law do not agree
-    with each other at overlaps from 1e-6 to 1e-3 of the ``radius`` of a contact, m.
+    with each other at overlaps from 1e-6 to 1e-3 of the ``radius`` R of two bodies, m, that of
+    :class:`~granphon.balls.ball.ContactConstants`; of a bond also at minus these overlaps. Laws of
+    granphon are not compared.
 
     They do not agree if a method is not the derivative of the method before, or if the overlap of a
     force is not the overlap that has this force. Refused too are methods that do not take arrays, a
-    force that does not rise with the overlap, and a force below ``least_overlap``.
+    force that does not rise with the overlap, a force below ``least_overlap``, and a
+    ``contact_radius`` that is none.
     """
     if isinstance(law, HertzLaw | PowerLaw | DMTLaw | JKRLaw | TabulatedLaw):
         return
@@ -939,7 +946,9 @@ def read_laws(law: Any) -> Any:
     """Return the law of all contacts, by default Hertz's, or a tuple of pairs of names of kinds,
     each with its law.
 
-    Such a tuple, as a crystal keeps it, is read as the mapping of which it was made.
+    Such a tuple, as a crystal keeps it, is read as the mapping of which it was made. Raises
+    :class:`InputError` for a key that is no pair of names, for two different laws of one pair, and
+    for what :func:`find_law` refuses.
     """
     if not isinstance(law, Mapping | tuple):
         return Hertz() if law is None else find_law(law)

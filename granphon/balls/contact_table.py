@@ -48,6 +48,8 @@ _LOOKS_LIKE_MM = 1.0 / 200.0
 _UPRIGHT = 0.9
 #: what a piece that extends along none, one, two or three periods is called
 _PIECES = ("clusters", "rows", "layers", "networks")
+#: least square of a component, over the distance of touching balls, from which it is scaled
+_LEAST_SQUARE = 1e-2
 #: distance, over that of touching balls, up to which pairs are listed
 _NEAR_TOUCH = 1.0 + NEAR + 1e-9
 #: a number of whole cells along each period
@@ -65,10 +67,13 @@ class ContactTable:
     i, j : (n_c,) indices of the balls.
     shift : (n_c, p) whole cells between them.
     normal : (n_c, d) unit vector along which the contact is compressed, from i to j.
-    vector : (n_c, d) from the centre of i to that of j, in mean diameters. Phases of waves are
-        computed from it, and around a period of the cell it adds up to that period; where balls sit
-        off their sites it is not along the normal.
-    arm_i, arm_j : (n_c,) distance from each centre to the contact, in mean diameters.
+    vector : (n_c, d) from the centre of i to that of j. Phases of waves are computed from it, and
+        around a period of the cell it adds up to that period; where balls sit off their sites it is
+        not along the normal.
+    arm_i, arm_j : (n_c,) distance from each centre to the contact.
+
+    Lengths are in the unit of the positions: distances of touching balls in a lattice, mean
+    diameters in the dynamics, m in a crystal.
     """
 
     i: Index
@@ -122,7 +127,8 @@ def contact_frames(normal: Array) -> list[list[Array]]:
 
     They are three lists, one for each vector, of the components along x, y and z, each (n_c,). On a
     line and in the plane, where ``normal`` is (n_c, 1) or (n_c, 2), and for every normal in space
-    that is not nearly along z, t is along z x n. The tangents of -n are -t and n x t.
+    that is not nearly along z, t is along z x n; for the others along x x n. The tangents of -n are
+    -t and n x t.
     """
     count, dimension = normal.shape
     if dimension < 3:
@@ -474,8 +480,9 @@ def _find_near_among_all(
 
 
 def _require_few_cells(reach: Array, balls: float, called: str) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if too many cells are to be searched: up to
-    ``reach`` (p,) cells along each vector, times the number of ``balls``, over :data:`_FEW`.
+    """Raise :class:`~granphon.base.errors.InputError` if too many cells are to be searched: those
+    up to ``reach`` (p,) cells along each vector to either side. A cell counts ``balls`` times: once
+    for each :data:`_FEW` balls in it.
     """
     if np.prod(2.0 * reach + 1.0) * balls > _MOST_CELLS:
         problem = f"the cell of {called} is too oblique, or its sites are too far from each other"
@@ -724,7 +731,9 @@ def _scale_axis(near: Array, touching: Array, axis: int) -> float | None:
     # squares of the components along the axis and across
     along_squared = near[:, axis] ** 2
     across_squared = np.sum(np.delete(near, axis, axis=1) ** 2, axis=1)
-    if np.any(along_squared < NEAR) or np.any(across_squared >= 1.0):
+    # a component along the axis of less than a tenth of the distance does not tell its factor, and
+    # no factor brings a component across of one or more to touch
+    if np.any(along_squared < _LEAST_SQUARE) or np.any(across_squared >= 1.0):
         return None
     factors = np.sqrt((1.0 - across_squared) / along_squared)
     is_common = np.ptp(factors) <= TOUCH

@@ -102,7 +102,8 @@ class Shape(ABC):
         """Return a quadrature over the central ball for smooth functions of F^Q(y) and K^Q(y);
         arrays of shape (*y.shape, n).
 
-        For densities n = 1 + 2 ``order`` (more beyond a cutoff of 3). The range of x_Q is split
+        For densities n = 1 + 2 ``order``, or 3 ``order`` with ``whole`` (more beyond a cutoff of
+        3). The range of x_Q is split
         into three at y + x_Q/2 = -+max(x)/2. The part below the first of these, where F^Q = 0, gets
         one node; each of the other two gets ``order`` Gauss nodes in the square root of the
         distance to the singularity at or below its lower end. Convergence is exponential. With
@@ -487,7 +488,8 @@ def merge(places: Array, weights: Array) -> tuple[Array, Array]:
 
 def condense(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
     """Return at most ``most`` places that stand for many ``places`` (ascending), and their weights:
-    the first, the last, and two in each of the cells between.
+    the first, the last, and two in each of the cells between; a cell of one or two places keeps
+    these. Places that are ``most`` or fewer are returned as they are.
 
     The two are a Gauss quadrature: each cell keeps its weight and its first three moments, so that
     only pairs near the kink are in error. Cells are narrower where there are many balls: the edges
@@ -639,7 +641,7 @@ class Spread(ABC):
         least_diameter = positive("diameter", diameter, "m") + self.smallest
         if self.mean is not None and abs(self.mean - diameter) > _ROUNDED * diameter:
             problem = (
-                f"the mean of the diameters is {self.mean:.12g} m, the packing's diameter is"
+                f"the mean of the diameters is {self.mean:.12g} m, the given diameter is"
                 f" {diameter:.12g} m"
             )
             mend = f"Give the mean, {self.mean!r} m, as the diameter"

@@ -228,7 +228,8 @@ class HertzLaw(EnergyLaw):
     @classmethod
     def between(cls, material: Material, first: float, second: float | None = None) -> HertzLaw:
         """Return the law of two balls of one material with the diameters ``first`` and ``second``,
-        m; of equal balls if only one is given.
+        m; of equal balls if only one is given. Raises :class:`InputError` for a diameter that is
+        not above zero, and for balls beyond double precision.
         """
         first_diameter = positive("diameter", first, "m")
         second_diameter = first_diameter if second is None else positive("diameter", second, "m")
@@ -266,6 +267,7 @@ class HertzLaw(EnergyLaw):
             ratio = load / self.coefficient
         has_all_digits = (ratio >= LEAST_NORMAL) & (ratio < np.inf)
         cube_root = np.cbrt(ratio)
+        # where the quotient leaves the range of normal numbers, that of the roots does not
         if not np.all(has_all_digits):
             quotient_of_roots = np.cbrt(load) / np.cbrt(self.coefficient)
             cube_root = np.where(has_all_digits, cube_root, quotient_of_roots)
@@ -345,7 +347,8 @@ def release(rest: Array, rest_root: Array, elongation: Array, out: tuple[Array, 
 
 def stretch(rest: Array, rest_root: Array, elongation: Array) -> Array:
     """Return the change of the stored energy by an ``elongation`` e from overlaps y = ``rest`` >= 0
-    to h = y - e, less the work of the force at rest, y^(3/2) e: the result begins with e^2.
+    to h = y - e, plus the work y^(3/2) e that the force at rest would do: the result begins with
+    e^2.
 
     All arrays have one shape; ``rest_root`` is that of :func:`release`.
     """

@@ -134,12 +134,15 @@ class Lattice:
         return cell, sites
 
     def _require_balance(self) -> None:
-        """Raise InputError if equal contact forces leave a ball out of balance."""
+        """Raise InputError if equal contact forces leave a ball out of balance: if they add up to
+        more than :data:`TOUCH` of the force of a contact along an axis.
+        """
         table = self.contacts
         # (n, d) the sum of the forces on each ball, over the force of a contact
         force = np.zeros((self.n_balls, self.dimension))
         np.add.at(force, table.j, table.normal)
         np.add.at(force, table.i, -table.normal)
+        # directions are as exact as the sites, of which the same number is the tolerance
         if np.max(np.abs(force)) > TOUCH:
             ball = int(np.argmax(np.abs(force).max(axis=1)))
             raise InputError(
@@ -234,6 +237,7 @@ class Lattice:
         normal = self.contacts.normal
         stress = normal[:, :p].T @ normal[:, :p] / self.measure  # (p, p), in f/d^(p - 1)
         pressure = float(np.trace(stress)) / p
+        # but for rounding: sites, and so directions, are exact to no more than TOUCH
         if np.max(np.abs(stress - pressure * np.eye(p))) > 0.5 * TOUCH:
             unit = "f/d" if p == 2 else "f/d^2"
             raise InputError(

@@ -37,7 +37,8 @@ class Layers:
     ----------
     basis : (p, p) whole numbers that make vectors of the cell: those within a layer, and last that
         to the next layer.
-    turn : (d, d) rotation after which the periods of a layer lie along x, or in the xy plane.
+    turn : (d, d) rotation after which the periods of a layer lie along x, or in the xy plane; of a
+        chain whose period leads to lower x it turns x round.
     cell : (p - 1, d) periods of a layer, turned.
     stack : (d,) vector to the next layer, turned; its component along axis p - 1 is above zero.
     """
@@ -66,6 +67,7 @@ class Layers:
             plane, to ``turn``.
             """
             q, r = np.linalg.qr((basis @ cell)[:, :p].T)
+            # with these signs each vector has a component above zero along its own axis
             turn[:p, :p] = (q * np.sign(np.diag(r))).T
 
         is_tilted = np.any(np.abs(vectors[:-1, p - 1 :]) > _LEVEL * np.max(np.abs(vectors)))
@@ -73,7 +75,7 @@ class Layers:
         if is_tilted or leads_down:
             turn_upright()
         is_mirrored = np.linalg.det(turn) < 0.0
-        if is_mirrored and p > 1:
+        if is_mirrored and p > 1:  # the opposite of a period within the layer makes it a rotation
             basis[0] = -basis[0]
             turn_upright()
         turned = basis @ cell @ turn.T
@@ -167,8 +169,9 @@ def read_edges(value: Any) -> tuple[str, str]:
 def find_faces(
     heights: Array, radii: Array, edges: tuple[str, str], n: int, slack: float = 0.0
 ) -> tuple[Index, Index]:
-    """Return the indices of the balls of the lower and the upper face of layers of ``n`` balls, at
-    ``heights`` with ``radii``, both (count n,), m.
+    """Return the indices of the balls of the lower and the upper face of so many layers (count) of
+    ``n`` balls each, at ``heights`` with ``radii``, both (count n,), m, layer by layer; walls have
+    infinite radii.
 
     The balls of a clamped face are all of the outer layer; those of another face are the balls that
     a plane would touch, or come nearer to than ``slack``, m. ``edges`` says how the lower and the
@@ -202,7 +205,8 @@ def find_outer(heights: Array) -> Flags:
 
 def _find_basis(axis: Any, cell: Array) -> Index:
     """Return (p, p) whole numbers that make vectors of a cell: those within a layer, and last that
-    to the next one.
+    to the next one; ``axis`` is as for :meth:`Layers.across`. InputError for another one, and for a
+    cell without periods.
     """
     periods = len(cell)
     if not periods:
@@ -244,8 +248,8 @@ def _read_miller_indices(axis: Any, cell: Array) -> Index:
 
 
 def _read_four_indices(indices: Any, cell: Array) -> Any:
-    """Return three of the four indices h, k, i, l of a hexagonal ``cell`` (3, d), where
-    i = -(h + k).
+    """Return h, k and l of the four indices h, k, i, l of a hexagonal ``cell`` (3, d), where
+    i = -(h + k); InputError for another cell, or another i.
     """
     a, b, c = cell
     problem = f"axis is {brief(indices.tolist())}"
@@ -307,10 +311,10 @@ def _shorten(inner: Index, cell: Array) -> Index:
 
 
 def find_axes(periods: Array) -> Array:
-    """Return unit vectors (d, d), rows, of which the first p span the ``periods`` (p, d), and the
-    first is along the first period.
+    """Return unit vectors (d, d), rows, of which the first p span the ``periods`` (p, d).
 
-    They are x, y, z where the periods lie along x, or in the xy plane, already.
+    They are x, y, z where the periods lie along x, or in the xy plane, already; else the first is
+    along the first period.
     """
     p, d = periods.shape
     is_tilted = np.any(np.abs(periods[:, p:]) > _LEVEL * np.max(np.abs(periods)))

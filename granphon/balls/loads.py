@@ -59,7 +59,8 @@ class Load:
     Raises
     ------
     InputError : another kind; a value that is not a finite number, or not above zero where it must
-        be; a side force without ``balls_per_side``, or another kind of load with it.
+        be; more values than memory holds; a side force without ``balls_per_side``, a stress or
+        strain without ``tensor``, or another kind of load with either.
     """
 
     kind: str
@@ -149,8 +150,8 @@ class Load:
 
     @property
     def applied(self) -> Self:
-        """The load as a force, pressure or overlap: a side force becomes the force of a contact,
-        other kinds stay.
+        """The load as it acts on contacts: a side force becomes the force of a contact, other kinds
+        stay.
         """
         if self.balls_per_side is None:
             return self

@@ -449,7 +449,9 @@ class Axis:
         return axis
 
     def _require_comparable_lattices(self) -> None:
-        """Raise :class:`InputError` for lattices of different dimension, or of the same name."""
+        """Raise :class:`InputError` for lattices with different numbers of periods, or of the same
+        name.
+        """
         # unknown names of lattices are refused later
         lattices = [
             find_lattice(value)
@@ -485,7 +487,8 @@ class Axis:
     @property
     def labels(self) -> tuple[Any, ...]:
         """A plain value for each of ``values``: numbers and booleans as they are, names of lattices
-        and of spreads.
+        and of spreads, names of motions with "default" for None, and texts of torsions if one of
+        them is a word.
         """
         if self.name == "lattice":
             return tuple(find_lattice(value).name for value in self.values)

@@ -18,9 +18,21 @@ from granphon.base.arrays import Array, Index
 
 class ContactLaws:
     """The laws of contacts: a law for each group of them, as functions of the overlaps (n_c,);
-    others never push.
+    contacts of no group never push.
 
-    ``modulus`` (n_c,) is E* of their bodies, Pa, where a law knows the radius of its contacts.
+    Parameters
+    ----------
+    groups : each law, with the indices of its contacts.
+    count : the number of contacts, n_c.
+    modulus : (n_c,) E* of the two bodies, Pa; only laws that know the radius of their contacts
+        need it.
+
+    Attributes
+    ----------
+    least : (n_c,) overlap below which contacts are open, m; -inf of a bond.
+    touch : (n_c,) overlap at which bodies that come together touch, m; -inf of a bond.
+    most : (n_c,) overlap up to which the law is known, m.
+    tension : (n_c,) pull that a contact bears before it opens, N; inf of a bond.
     """
 
     def __init__(
@@ -94,7 +106,8 @@ class ContactLaws:
         return self._evaluate(overlap, ENERGY)
 
     def _evaluate(self, overlap: Array, order: int) -> Array:
-        """Return a quantity of all contacts, each by its law.
+        """Return the energy of all contacts or its derivative of an ``order`` of 1 to 3, J/m^order,
+        each by its law.
 
         Trials of a solver may leave the floating range, which the solver notices: laws of granphon
         are evaluated without checks.

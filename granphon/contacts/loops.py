@@ -167,8 +167,10 @@ def _add_static_turn(
     work: Array,
     block: Array,
 ) -> None:
-    """Add to a ``block`` what the static force across the normal does as it turns; ``work`` (9, 3)
-    is overwritten.
+    """Add to a ``block`` (2 m + s, 2 m + s) what the static force across the normal does as it
+    turns: forces on the m motions of ball i, on those of ball j, and on the s strains, against the
+    same. ``strained`` (s, 3) is what unit strains add to the vector; ``work`` (9, 3) is
+    overwritten.
     """
     m = len(axes)
     normal = columns.normal[contact]

@@ -49,6 +49,8 @@ class Pattern:
         blocks, numbers = np.unique(columns * n_balls + lines, return_inverse=True)
         line = blocks % n_balls
         column = blocks // n_balls
+        # blocks are numbered column by column, and in a column of blocks line by line; of each
+        # block, where its first entry stands and how far apart its columns are
         starts = np.searchsorted(blocks, np.arange(n_balls + 1) * n_balls)
         heights = np.diff(starts)
         first = (

@@ -35,7 +35,7 @@ from granphon.base.results import Result
 from granphon.base.text import suggest
 from granphon.base.validation import one_of, positive, require, truth
 from granphon.dynamics.branches import follow_acoustic_branches
-from granphon.media.choice import MediumChoice, no_simulation
+from granphon.media.choice import MediumChoice, require_finite_overlap
 from granphon.media.medium import AveragedLattice
 from granphon.media.state import ContactState, ideal_lattice
 from granphon.observables.velocities import local_exponent, pulse_velocities
@@ -250,7 +250,7 @@ class VelocityModel:
     def __post_init__(self) -> None:
         require_fitted(self.names, VARIABLE)
         if self.waves.finite_overlap:
-            no_simulation([self.choice])
+            require_finite_overlap([self.choice])
         self.choice.of(self._sampled if self.choice.is_exact else self.packing)
         branches = [name for name in ideal_lattice(self.packing).wave_names if name in _BRANCHES]
         if self.waves.branch not in branches:

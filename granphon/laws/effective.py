@@ -190,8 +190,10 @@ class EffectiveCurve:
     beyond them.
 
     ``steps`` (3, steps) holds origin, middle and half length of each step; ``tables`` holds energy,
-    force and stiffness, (n, steps) each. The curve begins at f* = 1e-6, or, if higher, at the force
-    below which steps do not settle in double precision (always below the limit of validity).
+    force and stiffness, (n, steps) each, n rising by one or two with each integration. The curve
+    begins at f* = 1e-6, or, if higher, at the force below which steps do not settle in double
+    precision (always below the limit of validity), or at which the stiffness vanishes
+    (:attr:`stiffness_vanishes`).
     """
 
     shape: Shape
@@ -212,8 +214,8 @@ class EffectiveCurve:
 
     @cached_property
     def stiffness_vanishes(self) -> bool:
-        """Whether the stiffness is zero at the start of the curve, although contacts still carry
-        force there.
+        """Whether the stiffness counts as zero (:data:`_VANISHED`) at the start of the curve,
+        although contacts still carry force there.
 
         Where contacts of rare kinds open, the force that equation (36) gives at k = 0 may fall as
         the overlap grows; below that point there is no solution with k > 0.
@@ -410,11 +412,13 @@ class Block(NamedTuple):
 
 
 class DensityBalls:
-    """Averages over the balls of a shape, by quadrature of the ``order`` at the points of a block.
+    """Averages over the balls of a shape, by quadrature of the ``order`` at the points of a block;
+    all reduced.
 
     ``mean`` (B, s + 1) is the mean stiffness <K^Q>. Forces are counted from the mean force
-    ``base_force``, whose derivative is ``base_stiffness`` (B, s + 1). ``noise`` (B,) is the
-    rounding error to expect in the last coefficients of k, relative to k.
+    ``base_force``, whose derivative is ``base_stiffness`` (B, s + 1). ``weights``, ``stiffness``
+    K^Q and ``force`` F^Q (B, s + 1, nodes) are those of the nodes of the quadrature. ``noise`` (B,)
+    is the rounding error to expect in the last coefficients of k, relative to k.
     """
 
     def __init__(self, shape: Shape, xi: float, order: int, block: Block) -> None:
@@ -428,7 +432,7 @@ class DensityBalls:
         self.force = shape.force(y[..., None], nodes.positions) - self.base_force[..., None]
         self.mean = np.sum(nodes.weights * self.stiffness, axis=-1)
         # on a short step differentiation amplifies the rounding of y and of the forces, which are
-        # counted from their mean
+        # counted from their mean; the extent of the step in y is 4 middle half
         lengths = (self.base_force / self.base_stiffness + np.abs(y))[:, -1:]
         point_count = block.root.shape[1]
         amplification = point_count**2 * lengths / (4.0 * block.middle * block.half)
@@ -493,9 +497,9 @@ class PointAverages:
         begin, end = np.searchsorted(self._openings, bounds, side="right").tolist()
         return middle, half, last_far, slice(begin, end)
 
-    def count(self, block: Block) -> int:
-        """Return how many steps of the block should be solved at once, so that arrays of near
-        contacts fit in memory.
+    def limit_steps(self, block: Block) -> int:
+        """Return how many steps of the block may be solved at once, so that the work on near and
+        far contacts is balanced and arrays of near contacts stay small.
         """
         point_count: int = block.root.shape[1]
         steps = min(len(block.root), max(_LEAST_STEPS, len(self._weights) // 3))
@@ -556,7 +560,8 @@ class PointAverages:
 
     def _sum_far(self, block: Block, middle: float, half: float, last_far: float) -> list[Array]:
         """Return the four sums of :meth:`balls` over far contacts, by polynomials on the range of
-        the block, whose ``middle`` and ``half`` extent are those of :meth:`_find_range`.
+        the block; ``middle``, ``half`` and ``last_far`` are the first three of
+        :meth:`_find_range`.
 
         The slope of the stiffness is interpolated, and integrated twice.
         """
@@ -707,7 +712,8 @@ def solve_curve(
     longer than ``most`` in the square root u.
 
     ``tolerance`` is the largest value of the last two Chebyshev coefficients of k, relative to the
-    least k on the step; ``order`` is that of the quadrature over the balls of a density. Raises
+    least k on the step; ``order`` is that of the quadrature over the balls of a density. The curve
+    ends where :class:`EffectiveCurve` says. Raises
     :class:`~granphon.base.errors.PrecisionError` if steps do not settle where the medium is valid.
     """
     averages = PointAverages(shape, xi) if isinstance(shape, PointShape) else None
@@ -736,7 +742,7 @@ def solve_curve(
         block = Block.of(steps, points)
         # steps of a density are long and few: one is solved at a time, because a step that must be
         # halved makes the work on the steps below it useless
-        allowed = averages.count(block) if averages else 1
+        allowed = averages.limit_steps(block) if averages else 1
         if allowed < len(steps):
             count = allowed
             continue

@@ -66,8 +66,8 @@ _TABLE_ROWS = 512
 class Series(NamedTuple):
     """High-pressure series f* = y^(3/2) sum_n ``mean[n]`` (``scale``/y)^n, for y from ``start`` on.
 
-    ``balls`` (n, n_Q) holds the corresponding coefficients of F^Q of each ball, ``weights`` (n_Q,)
-    the weights of the balls.
+    ``mean`` is (terms,); ``balls`` (terms, n_Q) holds the corresponding coefficients of F^Q of each
+    ball, ``weights`` (n_Q,) the weights of the balls.
     """
 
     mean: Array
@@ -124,40 +124,43 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
 
 
 def _expand_forces(x: Array, weights: Array) -> Array:
-    """Return the coefficients (n, n_Q) of (scale/y)^n in F^Q/y^(3/2) of balls with the deviations
-    ``x`` (n_Q,) of their diameters, in units of the scale; ``weights`` (n_Q,) are those of balls.
+    """Return the coefficients (terms, n_Q) of the powers of z = scale/y in F^Q/y^(3/2) of balls
+    with the deviations ``x`` (n_Q,) of their diameters, in units of the scale; ``weights`` (n_Q,)
+    are those of balls.
 
     F^Q/y^(3/2) is the mean of (1 + z (x + x')/2)^(3/2) over the deviations x' of the balls that
-    touch, with z = scale/y; so the coefficient of z^m has the mean of (x + x')^m.
+    touch; so the coefficient of z^m has the mean of (x + x')^m.
     """
-    n = np.arange(_TERMS)
-    moments = [float(np.sum(weights * x**m)) for m in n]
-    binomial = np.cumprod(np.concatenate([[1.0], (1.5 - n[:-1]) / (n[:-1] + 1.0)]))
+    orders = np.arange(_TERMS)
+    moments = [float(np.sum(weights * x**m)) for m in orders]
+    ratios = (1.5 - orders[:-1]) / (orders[:-1] + 1.0)
+    binomial = np.cumprod(np.concatenate([[1.0], ratios]))
     coefficients = []
-    for m in n.tolist():
+    for m in orders.tolist():
         mean_power = sum(math.comb(m, j) * moments[j] * x ** (m - j) for j in range(m + 1))
         coefficients.append(binomial[m] * 0.5**m * mean_power)
     return np.array(coefficients)
 
 
 def _solve_orders(balls: Array, weights: Array, xi: float) -> Array:
-    """Return the coefficients (n,) of f*, which solve equation (36) order by order, from those of
-    F^Q, ``balls`` (n, n_Q).
+    """Return the coefficients (terms,) of f*, which solve equation (36) order by order, from those
+    of F^Q, ``balls`` (terms, n_Q), for the local-field factor ``xi``; ``weights`` (n_Q,) are those
+    of the balls.
 
     Force and stiffness of all balls agree at leading order, so that a coefficient of the unknown
     force enters its own order of (36) linearly, and the stiffness that belongs to it enters higher
     orders only.
     """
-    n = np.arange(_TERMS)
+    orders = np.arange(_TERMS)
     stiffness_factors = _compute_factors(STIFFNESS)
     mean = np.zeros(_TERMS)
     inverse = np.zeros_like(balls)  # coefficients of 1/(K^Q + Xi k)
     mean[0] = 1.0
     inverse[0] = 1.0 / (1.5 * (1.0 + xi))
-    for m in n[1:]:
-        terms = [(balls[j] - mean[j]) * inverse[m - j] for j in n[1:m]]
+    for m in orders[1:]:
+        terms = [(balls[j] - mean[j]) * inverse[m - j] for j in orders[1:m]]
         mean[m] = weights @ sum(terms, balls[m] * inverse[0]) / inverse[0, 0]
-        stiffnesses = [stiffness_factors[j] * (balls[j] + xi * mean[j]) for j in n[1 : m + 1]]
+        stiffnesses = [stiffness_factors[j] * (balls[j] + xi * mean[j]) for j in orders[1 : m + 1]]
         products = [stiffness * inverse[m - j] for j, stiffness in enumerate(stiffnesses, 1)]
         inverse[m] = -inverse[0] * sum(products)
     return mean
@@ -181,8 +184,8 @@ class SpreadLaw(EnergyLaw):
 
     @abstractmethod
     def _evaluate_near(self, y: Array, order: int) -> Array:
-        """Return a derivative of the reduced energy, for y below the start of the series; zero if
-        all contacts are open.
+        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy, for y below the
+        start of the series; zero if all contacts are open.
         """
 
     @abstractmethod
@@ -311,7 +314,7 @@ class SpreadLaw(EnergyLaw):
 
     def _find_unit(self, order: int) -> float:
         """Return the SI value of the reduced unit of energy, force, stiffness or slope of the
-        stiffness.
+        stiffness, for an ``order`` of 0 to 3.
         """
         units = self._units
         name = ("energy", "force", "stiffness", "stiffness_slope")[order]
@@ -383,8 +386,8 @@ class SpreadLaw(EnergyLaw):
 
 @dataclass(frozen=True)
 class AveragedLaw(SpreadLaw):
-    """Contact law of balls held at the sites of the lattice: f = <F^QQ'> (equation 25), in closed
-    form.
+    """Contact law of balls held at the sites of the lattice: f = <F^QQ'> (equation 25), the mean
+    over pairs.
 
     ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution.
     """

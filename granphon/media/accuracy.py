@@ -59,7 +59,7 @@ def compute_form_coefficients(shape: Shape) -> tuple[float, float]:
 
 def find_rows(structure: Lattice, truth: FrictionHistory = REST) -> Mapping[str, Any] | None:
     """Return the part of the table for a lattice and the arrays of a ``truth``; None if the table
-    has no such part.
+    has no such part, or if the lattice is not the registered one of its name.
     """
     is_registered = LATTICES.get(structure.name) == structure
     return _find_lattices(truth).get(structure.name) if is_registered else None
@@ -92,7 +92,8 @@ def explain_uncovered(packing: Packing, truth: FrictionHistory = REST) -> str | 
 def _explain_balls(packing: Packing, most: Mapping[str, float]) -> str | None:
     """Return the reason why balls of a packing were not measured; None if they were.
 
-    ``most`` holds the largest skewness and excess kurtosis of diameters.
+    ``most`` holds the largest skewness, of either sign, and excess kurtosis of diameters that were
+    measured.
     """
     moves_in_plane = packing.motions in (None, IN_PLANE.name)
     if packing.structure.periods == 2 and not moves_in_plane:
@@ -113,7 +114,7 @@ def _explain_balls(packing: Packing, most: Mapping[str, float]) -> str | None:
 
 def _explain_friction(eta: float, truth: FrictionHistory, rows: Mapping[str, Any]) -> str | None:
     """Return the reason why a Mindlin ratio ``eta`` or a ``truth`` with friction was not measured;
-    None if both were.
+    None if both were. ``rows`` are those of :func:`find_rows`.
     """
     clause = "against arrays loaded with friction they were measured for"
     low, high = rows["mindlin_ratios"]
@@ -184,10 +185,12 @@ def _find_row(
     rows: Mapping[str, Any], medium: str, packing: Packing, axis: str, truth: FrictionHistory
 ) -> Array:
     """Return the errors (n,) of a medium at the loads of the table for an ``axis``, "force" or
-    "overlap".
+    "overlap", from the ``rows`` that :func:`find_rows` has for the lattice of a packing and the
+    arrays of a ``truth``.
     """
     shape = packing.spread.shape if packing.spread else None
     is_uniform = isinstance(shape, UniformShape)
+    # normal distributions were measured with cutoffs of 2, 3 and 6 standard deviations
     is_normal = isinstance(shape, NormalShape) and 2.0 <= shape.cutoff <= 6.0
     # anything else takes the row of listed diameters, whose errors are larger: they peak where the
     # contacts between two of the diameters open
@@ -208,8 +211,10 @@ def _interpolate(reduced_load: Array, table_loads: Array, table_errors: Array) -
 def _find_growth_of_overlap(reduced_load: Array, greatest: float, axis: str) -> Array:
     """Return the overlap at each ``reduced_load`` over that at the ``greatest`` load of the table,
     by the law of equal balls; 1 within the table.
+
+    Both loads are a* for the ``axis`` "overlap", and f* for "force".
     """
-    if axis == "overlap":
+    if axis == "overlap":  # in units of W the overlap is a* - 1/2
         growth = (reduced_load - 0.5) / (greatest - 0.5)
     else:
         growth = np.asarray(overlap_of(reduced_load / greatest))
@@ -218,7 +223,7 @@ def _find_growth_of_overlap(reduced_load: Array, greatest: float, axis: str) -> 
 
 def find_least_load(packing: Packing, load: Load, truth: FrictionHistory = REST) -> float:
     """Return the least a* of loads given as overlaps, or else f*, from which errors are known; zero
-    where every medium is exact.
+    where every medium is exact, and for lattices on which no error is known.
     """
     rows = find_rows(packing.structure, truth)
     if rows is None or not packing.spread_matters:

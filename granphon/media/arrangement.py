@@ -26,7 +26,7 @@ from granphon.balls.packing import KIND_PARAMETERS, Packing, given_packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.text import closest, counted, spell
-from granphon.media.crystal import Crystal, CrystalState
+from granphon.media.crystal import Crystal, CrystalState, find_mindlin_ratio
 from granphon.media.medium import Medium
 from granphon.media.state import NetworkState
 
@@ -34,7 +34,7 @@ from granphon.media.state import NetworkState
 _OPTIONS = ("law", "friction", "motions", "torsion", "bending")
 #: balls of a crystal up to which its states are found when a scene is only checked
 _QUICK_BALLS = 500
-#: relative difference of two masses, inertias or ratios of stiffnesses that is put down to rounding
+#: relative difference of two masses or inertias that is put down to rounding
 _SAME = 1e-12
 
 
@@ -48,8 +48,8 @@ class CrystalCell(Lattice):
 
     #: length of the longest contact, in mean diameters
     reach: float = field(default=1.0, compare=False)
-    #: number of axes along which a pressure acts: the periods, and the axes across which the
-    #: crystal was cut
+    #: number of axes along which a pressure acts: the periods of the crystal, and the axes across
+    #: which it was cut; 1 of a cluster, which has neither
     pressed_axes: int = field(default=1, compare=False)
 
     def __post_init__(self) -> None:
@@ -61,7 +61,7 @@ class CrystalCell(Lattice):
         sites = crystal.positions.copy()
         vectors = crystal.cell
         if not crystal.periods:
-            # two diameters of the largest ball are free between a cluster and its image
+            # the centres of a cluster and of its image are two diameters of the largest ball apart
             length = float(np.ptp(sites[:, 0])) + 4.0 * float(np.max(crystal.radii))
             vectors = np.eye(sites.shape[1])[:1] * length
         p = len(vectors)
@@ -73,7 +73,8 @@ class CrystalCell(Lattice):
         site_rows = tuple(map(tuple, sites.tolist()))
         pressed_axes = max(1, crystal.periods + len(crystal.faces))
         cell = cls(crystal.name, cell_rows, site_rows, reach, pressed_axes)
-        # the cached property of Lattice, which would search for contacts of equal balls
+        # the cached property of Lattice, which would search for contacts of equal balls; lengths of
+        # this table are in m
         cell.__dict__["contacts"] = crystal.contacts
         return cell
 
@@ -246,14 +247,10 @@ class Arrangement:
 
     @property
     def mindlin_ratio(self) -> float | None:
-        """Ratio of the shear to the normal stiffness; None if contacts do not have one ratio in
-        common.
+        """Ratio of the shear to the normal stiffness, see :func:`find_mindlin_ratio`; None if
+        contacts do not have one ratio in common.
         """
-        ratios = self.crystal.mindlin_ratios if self.friction else np.zeros(1)
-        if np.any(ratios) and self.crystal._laws.know_radii:  # the ratio depends on the load
-            return None
-        is_common = np.ptp(ratios) <= _SAME
-        return float(ratios[0]) if is_common else None
+        return find_mindlin_ratio(self.crystal)
 
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return the rows of the table of the arrangement in a notebook: name, value and SI unit of
@@ -287,7 +284,9 @@ class Arrangement:
         {"A.diameter": 8e-3}, m.
 
         A mass that was given stays if the material or the diameter changes. The diameter of a kind
-        changes the distances of balls, so that balls must lie on a lattice.
+        changes the distances of balls, so that balls must lie on a lattice. Raises
+        :class:`~granphon.base.errors.InputError` for a parameter that the crystal does not have,
+        and for balls that make no crystal.
         """
         allowed = [
             f"{kind}.{parameter}"
@@ -436,15 +435,17 @@ class LoadedCrystal(NetworkState):
     def pressure(self) -> Any:
         """Mean pressure, minus the trace of the stress over the periods: N, N/m or Pa.
 
-        Raises :class:`~granphon.base.errors.InputError` for a crystal that was cut, whose stress is
-        that of the whole layer.
+        Raises :class:`~granphon.base.errors.InputError` for a crystal that was cut: the stress of a
+        strip or slab is that of the whole layer, and a column has none.
         """
-        p = self.packing.structure.periods
-        if self.packing.structure.pressed_axes > p:
+        crystal = self.packing.crystal
+        if crystal.faces:
             raise InputError(
-                "a strip or slab has no stress in Pa", mend="Read the forces of its contacts"
+                "the stress of a strip, slab or column is no pressure",
+                mend="Read the forces of its contacts",
             )
-        return (-np.trace(self.source.stress, axis1=-2, axis2=-1) / p)[()]
+        trace = np.trace(self.source.stress, axis1=-2, axis2=-1)
+        return (-trace / crystal.periods)[()]
 
     @property
     def exponent(self) -> Any:
@@ -477,14 +478,18 @@ class CrystalMedium(Medium[Any]):
 
     @property
     def is_quick(self) -> bool:
-        """Whether its states take less than 0.1 s."""
+        """Whether its states take little time: those of up to 500 balls count as quick."""
         return bool(self.packing.crystal.n_balls <= _QUICK_BALLS)
 
     def require_sound(self, pushed: bool = False) -> None:
         """Raise nothing: which contacts carry load is found with the state."""
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> Any:
-        """Return the state at a load, with the shape of the values of the load."""
+        """Return the state at a load, with the shape of the values of the load.
+
+        The values of a stress or strain multiply its tensor of size one; gravity is an acceleration
+        towards the face that is held.
+        """
         crystal = self.packing.crystal
         sizes = load.array
         options: dict[str, Any] = {"finite_overlap": finite_overlap}

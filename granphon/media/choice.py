@@ -86,7 +86,7 @@ class AutoMedium(Medium[ContactState]):
     frequencies, from :mod:`granphon.media.accuracy`, against simulated arrays, the :attr:`truth`.
     The expected error of a simulation is 1.9 standard deviations of a sample. ``at_*`` take scalars
     or arrays, and return the state of the first medium that is accurate enough at all of these
-    loads; :meth:`choose` chooses for each load.
+    loads, or else of the largest simulation; :meth:`choose` chooses for each load.
 
     Parameters
     ----------
@@ -136,7 +136,8 @@ class AutoMedium(Medium[ContactState]):
         """Choose the first sufficient medium for each load of a ``kind`` ("force", "pressure",
         "overlap"; SI).
 
-        Each medium that is chosen is one :class:`ServingMedium`; the cheapest comes first.
+        Each medium that is chosen is one :class:`ServingMedium`; the cheapest comes first. Raises
+        as the class says.
         """
         load = Load(kind, loads).flat
         candidates, errors = self._find_errors(load)
@@ -156,10 +157,11 @@ class AutoMedium(Medium[ContactState]):
         return serving_media
 
     def serving(self, kind: str, loads: ArrayLike) -> MediumChoice:
-        """Return the first medium that is accurate enough at all ``loads``, or else the largest
-        simulation, which comes nearest.
+        """Return the first medium that is accurate enough at all ``loads``, or else the last
+        candidate, the largest simulation.
 
-        The loads are of one ``kind``, "force" (N), "pressure" or "overlap" (m).
+        The loads are of one ``kind``, "force" (N), "pressure" or "overlap" (m). Raises InputError
+        if there is a load at which no medium is accurate enough.
         """
         candidates, errors = self._find_errors(Load(kind, loads).flat)
         sufficient = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
@@ -214,8 +216,8 @@ class AutoMedium(Medium[ContactState]):
         )
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
-        """Return the state at a load, in the one medium that is accurate enough for all values of
-        the load.
+        """Return the state at a load, in the one medium that :meth:`serving` finds for all values
+        of the load; InputError if finite overlap is asked for.
         """
         if read_finite_overlap(finite_overlap):
             raise no_finite_overlap(self.name)
@@ -238,8 +240,8 @@ for _medium in (
 
 
 def register_medium(medium: T) -> T:
-    """Make a medium known by its ``name``: to sweeps, scenes and fits, with its ``words`` in
-    figures.
+    """Make a medium known by its ``name``: to sweeps, scenes and fits, with its ``words``, by
+    default the name, in figures.
 
     ``medium`` is a subclass of :class:`~granphon.LawMedium`, or of another medium, with a ``name``
     of its own, which is made of a packing. Returns it, so that it may stand above the class as a
@@ -430,8 +432,12 @@ class MediumChoice:
     def by_geometry(
         self, packing: Balls, load: Load, finite_overlap: bool = False
     ) -> list[tuple[MediumChoice, list[int]]]:
-        """Return the choice with the name of each geometry that the medium of a packing has at a
-        load, and the indices of the values of the load in that geometry.
+        """Return the choice for each geometry that the medium of a packing has at a load, and the
+        indices of the values of the load in that geometry.
+
+        The choice names the geometry if the load decides on it; otherwise it is the choice itself,
+        with all values. With ``finite_overlap`` all values on which the load would decide are
+        exact.
         """
         medium = self.of(packing)
         choices = []
@@ -454,7 +460,7 @@ class MediumChoice:
     @property
     def stand_in(self) -> MediumChoice:
         """The medium that stands in for it where so many states are needed that its own would take
-        long; itself if quick.
+        long: the effective medium for a simulation; itself for any other.
         """
         return MediumChoice(EffectiveMedium.name) if self.simulates else self
 
@@ -494,7 +500,7 @@ class MediumChoice:
             )
 
     def of(self, packing: Balls) -> Medium[Any]:
-        """Return the medium for this packing."""
+        """Return the medium for this packing; InputError if the choice is none of such balls."""
         self.require_for(packing)
         options: Any = dict(self.options)
         # a worker may not know a medium that was registered
@@ -570,7 +576,7 @@ class ServingMedium:
 
     def by_geometry(self, finite_overlap: bool = False) -> list[ServingMedium]:
         """Return the medium in each geometry in which a simulation serves some of the loads, see
-        :class:`MediumChoice`.
+        :meth:`MediumChoice.by_geometry`.
         """
         choices = self.medium.by_geometry(self.packing, self.load, finite_overlap)
         if len(choices) == 1:
@@ -654,8 +660,9 @@ def read_medium(value: Any, lattice: Lattice | None = None, written: bool = Fals
     """Read a medium given as its name or as {name: {option: value}}: a rule of
     :mod:`granphon.base.validation`.
 
-    With a ``lattice``, the shape of a sample has one length for each of its periods. What is
-    ``written`` in a file has units; otherwise plain numbers are in SI.
+    With a ``lattice``, the shape of a sample has one length for each of its periods, and a shape
+    that is the default on that lattice is left out. What is ``written`` in a file has units;
+    otherwise plain numbers are in SI.
     """
     name, options = _split_medium(value)
     _read_name(name)
@@ -675,7 +682,7 @@ def default_medium(balls: Balls, differ: bool = False) -> str:
     return CrystalMedium.name if balls.kind_names else name
 
 
-def no_simulation(media: Iterable[MediumChoice]) -> None:
+def require_finite_overlap(media: Iterable[MediumChoice]) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if a medium is a simulation without terms of
     finite overlap.
 

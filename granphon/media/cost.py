@@ -219,13 +219,14 @@ def time_once(do_piece: Callable[[], object]) -> float:
 
 
 def _measure_ball(simulation: DirectSimulation, load: Load) -> float:
-    """Return the time per ball, s, of one equilibrium of an array at a load; the mean of several
-    loads.
+    """Return the time per ball, s, of one equilibrium of an array at the middle value of a load;
+    with a history of friction, the mean over some of the values.
 
     The time is that of a small array of the same kind. Where contacts are open, an equilibrium
     takes more steps in a larger array: the time per ball grows with the number of balls to the
     power of the fraction of open contacts, as was counted on the triangular lattice from 32^2 to
-    256^2 balls and in fcc from 10^3 to 24^3, from f* = 0.005 to 1.
+    256^2 balls and in fcc from 10^3 to 24^3, from f* = 0.005 to 1. For a history of friction the
+    power is 1/4 or more.
     """
     balls = simulation.balls
     most_balls = _SMALL_LOADED_BALLS if simulation.history.is_loaded else _SMALL_BALLS
@@ -244,13 +245,14 @@ def _measure_ball(simulation: DirectSimulation, load: Load) -> float:
 @lru_cache(maxsize=32)
 def _time_array(simulation: DirectSimulation, load: Load) -> tuple[float, float]:
     """Return the time, s, of an equilibrium of a small array with its moduli, and the exponent by
-    which the time per ball grows with the number of balls.
+    which the time per ball grows with the number of balls; means over the loads that are solved.
+    The exponent is 1/2 if the array does not bear a load.
     """
     is_loaded = simulation.history.is_loaded
     indices = [(load.size - 1) // 2]
     if is_loaded:  # a path passes the loads between
         indices = np.unique(np.linspace(0, load.size - 1, _SMALL_LOADS).astype(int)).tolist()
-    if not simulation.ordered:
+    if not simulation.ordered:  # the middle, or a path, by the size of the load
         indices = np.argsort(load.array, axis=None)[indices].tolist()
     _pay_for_imports()
     start = process_time()
@@ -303,9 +305,9 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     processor of this machine.
 
     With ``exponents`` the estimate includes the two neighbouring equilibria of each state, and
-    their moduli, from which the local exponent is found. The time is that of an array of at most a
-    thousand balls at the middle one of the loads; with a history of friction, at some loads of the
-    path.
+    their moduli, from which the local exponent is found. The time follows from that of an array of
+    at most a thousand balls at the middle one of the loads; with a history of friction, from that
+    of at most 300 balls at some loads of the path.
     """
     packing = simulation.packing
     balls = simulation.balls
@@ -384,12 +386,12 @@ _STATE_NUMBERS = 125.0
 
 def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = True) -> Cost:
     """Return the estimated cost of a band structure at ``points`` wave vectors, and of its
-    ``file``.
+    ``file``; of frequencies alone without ``eigenvectors``, whether or not there is a file.
 
     Eigenvectors, phonopy's dynamical matrices and the lines of the file take bytes as measured with
     2, 3 and 9 branches, and the time of so many numbers of text for each wave vector. Matrices go
     as the square of the number of branches. In large cells eigenvalues take the most time, which
-    goes as its cube: a small matrix is timed.
+    goes as the cube of that number: a small matrix is timed.
     """
     square = branches * branches
     kept = points * _FREQUENCY_BYTES * branches
@@ -515,10 +517,12 @@ def response(
     frequencies: int,
     factors: float,
 ) -> Cost:
-    """Return the estimated cost of a response of so many ``balls`` and ``contacts``.
+    """Return the estimated cost of a response of so many ``balls`` and ``contacts`` at so many
+    ``frequencies``.
 
-    The response takes as long as so many ``products`` of the dynamical matrix with a vector, whose
-    time per ball, s, is ``measure()``; its ``factors`` take so many bytes.
+    ``products`` is the number of products of the dynamical matrix with a vector at all frequencies,
+    whose time per ball, s, is ``measure()``; sums and narrow lines take several times as long. The
+    ``factors`` of the matrix take so many bytes.
     """
     noun = "frequency" if frequencies == 1 else "frequencies"
     description = f"response of {balls:,} balls at {frequencies:,} {noun}"

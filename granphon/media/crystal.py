@@ -104,6 +104,8 @@ _PRESSURE_UNITS = ("N", "N", "N/m", "Pa")
 _ROUNDED = 1e-12
 #: difference of the exponents of contacts that is put down to rounding
 _SAME_EXPONENT = 1e-9
+#: difference of the ratios of shear to normal stiffness of contacts that is put down to rounding
+_SAME_RATIO = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +141,6 @@ class Side(NamedTuple):
     wall: int
 
 
-#: rows, columns and values of a sparse matrix from the unknowns to the relative displacements of
-#: contacts
 class _Bodies(NamedTuple):
     """What moves in the statics: balls, and walls on faces.
 
@@ -339,7 +339,8 @@ class Crystal(Result):
         self, origin: Index, contacts: ContactTable, positions: Array, **changes: Any
     ) -> Self:
         """Return a crystal of the balls with the numbers ``origin`` (m,), which keep their kinds
-        and their faces, at other ``positions`` (m, d), m.
+        and their faces, at other ``positions`` (m, d), m, with ``contacts`` among these balls and
+        ``changes`` of other attributes.
         """
         kind = self.kind[origin]
         # the kinds that remain, in the order in which their balls come
@@ -381,7 +382,8 @@ class Crystal(Result):
         options : options of the class: law, friction, motions, torsion, bending, name.
 
         The cell is scaled until neighbours touch. Raises :class:`~granphon.base.errors.InputError`
-        if neighbours cannot all touch, because the radii do not fit the lattice.
+        for an unknown lattice, for a number of kinds that does not go on its sites, and for radii
+        with which neighbours cannot all touch, or the larger balls touch each other first.
         """
         kinds = list_balls(balls)
         find_kinds(kinds)  # raises for an entry that is no ball
@@ -423,8 +425,8 @@ class Crystal(Result):
         are periodic. Where all balls have the same z and none of the periods leaves the plane, the
         crystal is plane; on a line it is a chain. Kinds are called by their symbols.
 
-        Raises :class:`~granphon.base.errors.InputError` for a symbol without a ball, and for
-        arguments that the class does not allow.
+        Raises :class:`~granphon.base.errors.InputError` for what are no Atoms, or none of them, for
+        a symbol without a ball, and for arguments that the class does not allow.
         """
         attributes = ("positions", "cell", "pbc", "get_chemical_symbols")
         if not all(hasattr(atoms, name) for name in attributes):
@@ -449,6 +451,8 @@ class Crystal(Result):
         """Return the crystal whose cell is ``shape`` (L1, ..., Lp) cells of this crystal.
 
         Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
+        Raises :class:`~granphon.base.errors.InputError` for a crystal without periods, another
+        number of lengths, and more balls than memory holds.
         """
         if not self.periods:
             problem = f"crystal {self.name!r} has no period along which it could be repeated"
@@ -487,9 +491,9 @@ class Crystal(Result):
         rest some contacts are then open, and some balls may be loose. Means of forces and overlaps,
         as :meth:`at_force` takes them, are over all contacts of the sample, the open ones too.
 
-        Raises :class:`~granphon.base.errors.InputError` for another shape of the arrays, numbers
-        that are not finite and above zero, and crystals without a spread of which no diameters are
-        given.
+        Raises :class:`~granphon.base.errors.InputError` for diameters of another shape, or with a
+        ``shape``; for numbers that are not finite and above zero, also after the shift; and for
+        crystals without a spread of which no diameters are given.
         """
         p = self.periods
         given_diameters = None
@@ -517,7 +521,8 @@ class Crystal(Result):
         """Return the deviations (n,), m, from the ``sizes`` of the balls (n,), m: diameters, or
         deviations with any mean. The mean of each kind becomes zero.
 
-        Raises :class:`~granphon.base.errors.InputError` for a ball without a size.
+        Raises :class:`~granphon.base.errors.InputError` for a ball whose diameter is then zero or
+        below.
         """
         deviations = sizes.copy()
         for number, ball in enumerate(self.kinds):
@@ -533,8 +538,9 @@ class Crystal(Result):
         return deviations
 
     def _draw(self, kind: Index, counts: tuple[int, ...], seed: int) -> Array:
-        """Return the deviations (n,), m, with any mean, of the balls of a supercell, whose kinds
-        are ``kind`` (n,); zero of balls without a spread.
+        """Return the deviations (m,), m, with any mean, of the m balls of a supercell, whose kinds
+        are ``kind`` (m,); zero of balls without a spread. ``counts`` are the numbers of cells along
+        the periods.
         """
         deviations = np.zeros(kind.size)
         n = self.n_balls
@@ -566,8 +572,11 @@ class Crystal(Result):
     def replace(self, index: Any, ball: Ball) -> Self:
         """Return the crystal with another ball at one site, or at several: a defect.
 
-        ``index`` is the number of a ball, or a list of numbers. A ball of another size must touch
-        the same neighbours.
+        ``index`` is the number of a ball, or a list of numbers. The ball must have the radius of
+        the ball that it replaces, to half a millionth, so that it touches the same neighbours. In a
+        sample it has the mean diameter of its kind. Raises
+        :class:`~granphon.base.errors.InputError` for another radius, what is no ball, and a number
+        that no ball has.
         """
         sites = index_array("index", index, self.n_balls)
         site_balls = list(self.balls)
@@ -625,6 +634,9 @@ class Crystal(Result):
     def remove(self, index: Any) -> Self:
         """Return the crystal without a ball, or without several: a vacancy. ``index`` is a number
         or a list of numbers.
+
+        Raises :class:`~granphon.base.errors.InputError` for a number that no ball has, and if no
+        ball is left, a face has no ball left, or the others do not hang together.
         """
         removed = index_array("index", index, self.n_balls)
         remains = np.ones(self.n_balls, bool)
@@ -781,8 +793,8 @@ class Crystal(Result):
 
     @property
     def mindlin_ratios(self) -> Array:
-        """(n_c,) shear over normal stiffness of each contact that resists shear: 4 G*/E*, without
-        adhesion.
+        """(n_c,) shear over normal stiffness of each contact, if it resists shear: 4 G*/E*. Where
+        a law has a contact radius of its own, as with adhesion, this is the ratio over 2 E* a.
         """
         return np.asarray(self._constants[2])
 
@@ -879,7 +891,7 @@ class Crystal(Result):
         checked: set[int] = set()
         for first, second, first_name, second_name in pairs:
             law = law_of_pair(self.law, first, second, first_name, second_name)
-            if id(law) not in checked:
+            if id(law) not in checked:  # a user's law of many pairs is checked once
                 check_law(law, ContactConstants.of(first, second).radius)
                 checked.add(id(law))
             laws.append(law)
@@ -901,8 +913,9 @@ class Crystal(Result):
         return self.names[self.kind[number]] if number < self.n_balls else RIGID_PLANE.name
 
     def touch(self) -> CrystalState:
-        """Return the state in which balls touch without load; stiffnesses are those at overlaps of
-        1e-6 of distances.
+        """Return the state in which balls touch, with zero stress and strain; overlaps are 1e-6 of
+        the distances of the centres, so that there are stiffnesses, and forces and stiffnesses are
+        those at these overlaps.
         """
         assembly = self._assembly
         laws = self._laws
@@ -1032,8 +1045,9 @@ class Crystal(Result):
         pressure : P, Pa in space, N/m in the plane, N on a line; one value or an array. On a cut
             crystal P also acts on both faces; on a free face the outer balls share it equally.
         gravity : (d,) the acceleration, m/s^2, of a crystal that stands on a floor or clamp, or
-            (..., d) for one acceleration at each load. With gravity the periods keep the length at
-            which balls touch, as between walls; P acts on the upper face alone, and may be zero.
+            (..., d) for one acceleration at each load; zeros are no gravity. With gravity the
+            periods keep the length at which balls touch, as between walls; P acts on the faces
+            alone, and may be zero.
         finite_overlap : the true geometry: contacts turn, the cell deforms, P acts on the deformed
             cell, and static forces enter the response. By default overlaps are small, which drops
             terms of relative order delta/d.
@@ -1045,24 +1059,28 @@ class Crystal(Result):
 
         Raises
         ------
-        InputError : a pressure that is not above zero (zero or above with gravity; any if contacts
-            adhere or are bonds), gravity that nothing holds, or forces that contacts cannot bear.
+        InputError : a pressure of zero or below (with gravity zero is allowed; where contacts
+            adhere or are bonds every pressure is), a pressure on a crystal without periods and
+            faces, gravity that nothing holds, or forces that contacts cannot bear.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
+        MechanismError : in the true geometry, balls differ and some motions cost no energy.
         """
-        values, fields = self._read_gravity(finite_array("pressure", pressure), gravity)
+        values, accelerations = self._read_gravity(finite_array("pressure", pressure), gravity)
         if np.any(values):
             self._require_pressable()
         adhere = self._laws.adhere
         if np.any(values < 0.0) and not adhere:
             problem = f"pressure is {brief(values.tolist())}: tensile"
             raise InputError(problem, NO_TENSION, "Give a pressure above zero")
-        loads = list(zip(values.ravel().tolist(), fields, strict=True))
-        if not adhere and any(value == 0.0 and field is None for value, field in loads):
+        loads = list(zip(values.ravel().tolist(), accelerations, strict=True))
+        if not adhere and any(
+            value == 0.0 and acceleration is None for value, acceleration in loads
+        ):
             mend = "Press them, or give gravity and a floor"
             raise InputError("pressure is zero", NO_STIFFNESS, mend)
         applied = (
-            self._load_hydrostatic(value, field, f"a pressure of {value:g}")
-            for value, field in loads
+            self._load_hydrostatic(value, acceleration, f"a pressure of {value:g}")
+            for value, acceleration in loads
         )
         return self._solve_each(values, applied, finite_overlap, boundary=boundary)
 
@@ -1079,7 +1097,8 @@ class Crystal(Result):
 
         The mean is taken over the contacts that carry a load, or touch if they adhere; of balls
         that differ in diameter, over all contacts. ``gravity``, ``finite_overlap``, ``boundary``
-        and the errors are as in :meth:`at_pressure`.
+        and the errors are as in :meth:`at_pressure`; but a mean of zero or below is always an
+        InputError, and so is one that contacts have at no pressure, as where gravity presses more.
         """
         return self._at_mean("force", force, gravity, finite_overlap, boundary)
 
@@ -1111,7 +1130,8 @@ class Crystal(Result):
             xz, xy; or an array of these. Pa in space, N/m in the plane, N on a line. Of a crystal
             that was cut, the stress acts along the periods that remain, and the faces are not
             pressed.
-        gravity : m/s^2, of a crystal that stands on a floor or clamp; see :meth:`at_pressure`.
+        gravity : m/s^2, of a crystal that stands on a floor or clamp, in the shapes of
+            :meth:`at_pressure`; the periods take the stress all the same.
         finite_overlap : see :meth:`at_pressure`; the stress is then Cauchy's, on the deformed cell.
 
         Raises
@@ -1119,16 +1139,22 @@ class Crystal(Result):
         InputError : an array of another shape; a stress that contacts cannot bear, because they
             only push along the lines of their centres.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
+        MechanismError : in the true geometry, balls differ and some motions cost no energy.
         """
-        values, fields = self._read_gravity(self._read_tensor("stress", stress, 1.0), gravity, 2)
+        tensors = self._read_tensor("stress", stress, 1.0)
+        values, accelerations = self._read_gravity(tensors, gravity, 2)
 
         def describe(tensor: Array) -> str:
             """Return a stress (p, p) in words."""
+            # digits of rounding are not shown, unless the stress is as small as they are
             rounded = np.round(tensor, 12) if np.max(np.abs(tensor)) > 1e-6 else tensor
             return f"the stress {brief(rounded.tolist())} {_PRESSURE_UNITS[self.periods]}"
 
-        loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
-        applied = (self._load(describe(tensor), field, stress=tensor) for tensor, field in loads)
+        loads = zip(values.reshape(-1, *values.shape[-2:]), accelerations, strict=True)
+        applied = (
+            self._load(describe(tensor), acceleration, stress=tensor)
+            for tensor, acceleration in loads
+        )
         return self._solve_each(values, applied, finite_overlap, 2)
 
     def at_strain(
@@ -1145,24 +1171,26 @@ class Crystal(Result):
         strain : (p, p) symmetric, or Voigt with twice the shear: (1,), (3,) for xx, yy, 2xy or (6,)
             for xx, yy, zz, 2yz, 2xz, 2xy; or an array of these. Strain is measured from the cell in
             which balls only touch.
-        gravity, finite_overlap : see :meth:`at_stress`.
+        gravity, finite_overlap : see :meth:`at_stress`; the periods keep the strain.
 
         Raises
         ------
         InputError : an array of another shape; a strain that opens all contacts, or shortens a
             period to nothing.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
+        MechanismError : in the true geometry, balls differ and some motions cost no energy.
         """
-        values, fields = self._read_gravity(self._read_tensor("strain", strain, 0.5), gravity, 2)
+        tensors = self._read_tensor("strain", strain, 0.5)
+        values, accelerations = self._read_gravity(tensors, gravity, 2)
         least = float(np.min(np.linalg.eigvalsh(values)))
         if least <= -1.0:
             problem = f"strain shortens crystal {self.name!r} by {-least:.4g} of its length"
             raise InputError(problem, "Nothing would be left of it", "Give a strain above -1")
 
-        loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
+        loads = zip(values.reshape(-1, *values.shape[-2:]), accelerations, strict=True)
         applied = (
-            self._load(f"the strain {brief(tensor.tolist())}", field, strain=tensor)
-            for tensor, field in loads
+            self._load(f"the strain {brief(tensor.tolist())}", acceleration, strain=tensor)
+            for tensor, acceleration in loads
         )
         return self._solve_each(values, applied, finite_overlap, 2)
 
@@ -1200,9 +1228,10 @@ class Crystal(Result):
         self, values: Array, gravity: ArrayLike | None, rank: int = 0
     ) -> tuple[Array, list[Array | None]]:
         """Return the ``values`` of loads broadcast with gravity, and a list of the acceleration
-        (d,), m/s^2, at each load, None where there is no gravity.
+        (d,), m/s^2, at each load, None where there is no gravity or gravity is zero.
 
-        The last ``rank`` axes of ``values`` belong to one load.
+        The last ``rank`` axes of ``values`` belong to one load. Raises InputError for gravity of
+        another shape, or that nothing holds.
         """
         load_shape = values.shape[: values.ndim - rank]
         tensor_shape = values.shape[len(load_shape) :]
@@ -1228,8 +1257,8 @@ class Crystal(Result):
         return values_of_loads, accelerations
 
     def _require_standing(self, field: Array) -> None:
-        """Raise :class:`InputError` for gravity ``field`` (..., d), m/s^2, along an axis on which
-        nothing holds the balls.
+        """Raise :class:`InputError` for gravity ``field`` (..., d), m/s^2, along a period, or along
+        an axis on which nothing holds the balls.
         """
         d = self.dimension
         largest = np.max(np.abs(field), axis=-1, keepdims=True)
@@ -1252,21 +1281,22 @@ class Crystal(Result):
     def _load(
         self,
         words: str,
-        field: Array | None,
+        acceleration: Array | None,
         stress: Array | None = None,
         strain: Array | None = None,
         pressure: float = 0.0,
     ) -> AppliedLoad:
-        """Return the load of gravity, a ``stress`` or ``strain`` (p, p) of the periods, and a
-        pressure on the faces.
+        """Return the load, in ``words`` for messages, of gravity, an ``acceleration`` (d,), m/s^2,
+        or None; of a ``stress`` or a ``strain`` (p, p) of the periods, just one of the two; and of
+        a pressure on the faces. FloatingPointError if the forces are not finite.
         """
         pressing = self._press_faces(pressure)
         force = pressing.copy()
         lift: tuple[str, str] | None = None
-        if field is not None:
+        if acceleration is not None:
             masses = self.masses[self._bodies.ball_number >= 0]
-            force[: masses.size * self.dimension] += (masses[:, None] * field).ravel()
-            lift = self._explain_lift(field, pressure)
+            force[: masses.size * self.dimension] += (masses[:, None] * acceleration).ravel()
+            lift = self._explain_lift(acceleration, pressure)
         if not np.all(np.isfinite(force)):
             raise FloatingPointError(f"the forces of {words} are not finite")
         given = np.zeros((self.periods,) * 2) if strain is None else strain
@@ -1292,15 +1322,17 @@ class Crystal(Result):
                 on_balls[numbers, side.axis] -= ball_force
         return np.concatenate([on_balls.ravel(), on_walls])
 
-    def _explain_lift(self, field: Array, pressure: float) -> tuple[str, str] | None:
+    def _explain_lift(self, acceleration: Array, pressure: float) -> tuple[str, str] | None:
         """Return why gravity lifts balls off the face on which they stand, and what mends that;
-        None if gravity does not, or the pressure is larger than the weight.
+        None if gravity does not, if the pressure is larger than the weight, or if both faces are
+        clamped.
         """
         mass = float(np.sum(self.masses[self._bodies.ball_number >= 0]))
         for face in self.faces:
             low, high = face.edges
             stands_on_low = low != "free"
-            lift = field[face.axis] if stands_on_low else -field[face.axis]
+            along = acceleration[face.axis]
+            lift = along if stands_on_low else -along  # m/s^2, away from the face that holds
             thicknesses = [cut.thickness for cut in self.faces if cut is not face]
             weight = mass * lift / (self.measure * math.prod(thicknesses))
             is_held_at_both = face.edges == ("clamped", "clamped")
@@ -1317,15 +1349,18 @@ class Crystal(Result):
             return why, f"Turn it round, or {press}"
         return None
 
-    def _load_hydrostatic(self, pressure: float, field: Array | None, words: str) -> AppliedLoad:
-        """Return the load of a pressure on periods and faces; with gravity the periods keep their
-        length.
+    def _load_hydrostatic(
+        self, pressure: float, acceleration: Array | None, words: str
+    ) -> AppliedLoad:
+        """Return the load of a pressure on periods and faces; with gravity, an ``acceleration``
+        (d,), m/s^2, the periods keep their length. ``words`` gain the unit of the pressure.
         """
         words += f" {_PRESSURE_UNITS[self.periods + len(self.faces)]}"
-        if field is not None:
+        if acceleration is not None:
             words = f"{words} with gravity"
             strain = np.zeros((self.periods,) * 2)
-            return self._load(words, field, strain=strain, pressure=pressure)
+            return self._load(words, acceleration, strain=strain, pressure=pressure)
+        # the stress of a layer is that of its whole thickness
         thickness = math.prod(face.thickness for face in self.faces)
         stress = -pressure * np.eye(self.periods) * thickness
         return self._load(words, None, stress, pressure=pressure)
@@ -1338,10 +1373,11 @@ class Crystal(Result):
         finite_overlap: bool | None,
         boundary: Boundary,
     ) -> CrystalState:
-        """Return the state at which contacts have a mean force or overlap, by a search for the
-        pressure.
+        """Return the state at which contacts have a mean force (N) or overlap (m), ``values`` of
+        the ``kind`` "force" or "overlap", by a search for the pressure; the other arguments and
+        errors are those of :meth:`at_pressure`.
         """
-        goals, fields = self._read_gravity(finite_array(kind, values), gravity)
+        goals, accelerations = self._read_gravity(finite_array(kind, values), gravity)
         self._require_pressable()
         if np.any(goals <= 0.0):
             sign = "zero" if np.any(goals == 0.0) else f"{brief(goals.tolist())}: tensile"
@@ -1354,10 +1390,10 @@ class Crystal(Result):
         follows = read_finite_overlap(finite_overlap)
         require("boundary", partial(choice, options=BOUNDARIES), boundary)
         with _in_double_precision(goals):
-            loads = zip(goals.ravel().tolist(), fields, strict=True)
+            loads = zip(goals.ravel().tolist(), accelerations, strict=True)
             solutions = [
-                self._find_mean(kind, goal, field, follows=follows, boundary=boundary)
-                for goal, field in loads
+                self._find_mean(kind, goal, acceleration, follows=follows, boundary=boundary)
+                for goal, acceleration in loads
             ]
             return self._stack(goals, solutions, 0, follows)
 
@@ -1368,14 +1404,21 @@ class Crystal(Result):
             raise InputError(problem, mend="Give a cell")
 
     def _find_mean(
-        self, kind: str, goal: float, field: Array | None, *, follows: bool, boundary: Boundary
+        self,
+        kind: str,
+        goal: float,
+        acceleration: Array | None,
+        *,
+        follows: bool,
+        boundary: Boundary,
     ) -> tuple[Rest, AppliedLoad]:
         """Return the state at rest at which the mean force (N) or overlap (m) of contacts is
-        ``goal``, and its load.
+        ``goal``, as the ``kind`` says, and its load; under gravity, an ``acceleration`` (d,),
+        m/s^2, or without (None); in the exact geometry if it ``follows`` the balls.
 
         The next pressure follows from the power with which overlaps grow with the pressure, and
         where balls differ from a secant; the search halves the interval of the pressures if that
-        leaves it.
+        leaves it. InputError if no pressure has this mean, or all contacts are open.
         """
         assembly = self._assembly
         laws = self._laws
@@ -1388,7 +1431,7 @@ class Crystal(Result):
         differ = assembly.differs
         tolerance = _SAMPLED if differ else _MEAN
         for _ in range(_MEANS):
-            load = self._load_hydrostatic(pressure, field, f"{words} {pressure:.6g}")
+            load = self._load_hydrostatic(pressure, acceleration, f"{words} {pressure:.6g}")
             small = find_rest(assembly, load, boundary=boundary, start=start)
             if follows:
                 # where balls differ the search goes on from the last state: from another state
@@ -1406,9 +1449,11 @@ class Crystal(Result):
             excess = mean / goal - 1.0
             error = abs(excess)
             rounding = contacts.bound_rounding(kind, goal, differ, laws.adhere)
-            if error <= tolerance or (error <= rounding and error >= last_error):
+            comes_no_nearer = error <= rounding and error >= last_error
+            if error <= tolerance or comes_no_nearer:
                 return state, load
-            if field is not None and excess > 0.0 and abs(excess - last_error) <= rounding * excess:
+            is_unchanged = abs(excess - last_error) <= rounding * excess
+            if acceleration is not None and excess > 0.0 and is_unchanged:
                 # gravity alone presses more than the goal, and less pressure changes nothing
                 break
             last_error = error
@@ -1430,7 +1475,7 @@ class Crystal(Result):
             f" pressure"
         )
         mean_found = f"At a pressure of {pressure:.4g} it is {mean:.4g}"
-        if field is None:
+        if acceleration is None:
             raise InputError(problem, mean_found)
         raise InputError(problem, f"{mean_found}, as gravity presses more", "Give a larger one")
 
@@ -1438,7 +1483,8 @@ class Crystal(Result):
         """Return the pressure at which contacts of equal forces have the mean force (N) or overlap
         (m) ``goal``: N, N/m or Pa.
 
-        The pressure follows from the virial; of a column it is the force of a contact.
+        The pressure follows from the virial. Gravity is left out, and the pressure is only the
+        first guess of a search.
         """
         assembly = self._assembly
         force = goal
@@ -1457,8 +1503,8 @@ class Crystal(Result):
         rank: int = 0,
         boundary: Boundary = "stress",
     ) -> CrystalState:
-        """Return the state at each load of ``values``, numbers or tensors of ``rank`` 2, of which
-        ``loads`` are the forces.
+        """Return the state at each load of ``values``, numbers or tensors of ``rank`` 2; ``loads``
+        are what acts on the assembly at each, in C order.
         """
         follows = read_finite_overlap(finite_overlap)
         require("boundary", partial(choice, options=BOUNDARIES), boundary)
@@ -1472,7 +1518,10 @@ class Crystal(Result):
         self, values: Array, solutions: Sequence[tuple[Rest, AppliedLoad]], rank: int, follows: bool
     ) -> CrystalState:
         """Return the state at the loads ``values``, of which the last ``rank`` axes belong to one
-        load.
+        load; ``solutions`` are the state at rest and the load of each, in C order, in the exact
+        geometry if it ``follows`` the balls.
+
+        Raises InputError if balls overlap by their diameter or more.
         """
         load_shape = values.shape[: values.ndim - rank]
         laws = self._laws
@@ -1503,6 +1552,8 @@ class Crystal(Result):
     def _find_displacements(self, states: Sequence[Rest]) -> tuple[Array, Array]:
         """Return the displacements of the balls, (loads, n, d), and of the walls that a load moves,
         (loads, n_w), m.
+
+        Without a clamp the mean displacement is zero along the axes across which there is no floor.
         """
         bodies = self._bodies
         d = self.dimension
@@ -1521,7 +1572,7 @@ class Crystal(Result):
 
     def _find_stresses(self, states: Sequence[Rest], strains: Array) -> Array:
         """Return the stress (loads, p, p) of states at rest on cells with ``strains`` (loads, p,
-        p).
+        p); N, N/m or Pa by the number of periods, tension above zero.
         """
         p = self.periods
         stresses = np.zeros((len(states), p, p))
@@ -1569,7 +1620,8 @@ class _PressureSearch:
         """Return the next pressure: the ``guess``, or the middle of the interval if the guess
         leaves that; None if nothing remains of the interval.
 
-        ``excess`` is that of the mean at ``pressure`` over the goal.
+        ``excess`` is that of the mean at ``pressure`` over the goal, relative to the goal. The
+        middle is taken up to twice the ``pressure``: no mean may yet have been too large.
         """
         if excess < 0.0:
             self.low = pressure
@@ -1611,13 +1663,15 @@ class _MeanContacts(NamedTuple):
 
     @property
     def power(self) -> float:
-        """Exponent f/(k delta) with which overlaps grow with the pressure."""
+        """Exponent with which overlaps grow with the pressure: the mean of f over that of
+        k delta.
+        """
         work = np.mean((self.stiffness * self.overlap)[self.counts])
         return float(np.mean(self.force[self.counts]) / work)
 
     def find_growth(self, kind: str, goal: float, mean: float) -> tuple[float, float]:
-        """Return the factors by which the pressure and the overlaps are to grow for the mean to
-        become the ``goal``.
+        """Return the factors by which the pressure and the overlaps are to grow for the ``mean``,
+        a force (N) or an overlap (m) as the ``kind`` says, to become the ``goal``.
         """
         # a mean of the wrong sign says nothing about the size of the step
         growth = goal / mean if mean / goal > 0.0 else 2.0
@@ -1626,9 +1680,13 @@ class _MeanContacts(NamedTuple):
         return growth ** (1.0 / self.power), growth
 
     def bound_rounding(self, kind: str, goal: float, differ: bool, adhere: bool) -> float:
-        """Return the relative error of the mean that is put down to rounding."""
+        """Return the error of the mean, over the ``goal``, that is put down to rounding; balls may
+        ``differ`` in diameter, and contacts may ``adhere``.
+        """
         rounding = _ROUNDED_MEAN
-        if differ:  # loose balls leave more: the mean is small against its terms
+        if differ:
+            # ten times the error at which the mean of a sample is reached; loose balls leave more,
+            # as the mean is small against its terms
             ratio = float(np.mean(np.abs(self.overlap)) / np.abs(np.mean(self.overlap)))
             rounding = 10.0 * _SAMPLED * max(1.0, ratio)
         if not adhere:
@@ -1659,7 +1717,8 @@ class CrystalState(Result):
         finite overlap the stress is Cauchy's.
     strain : (..., p, p) of the periods, from the cell in which balls only touch; extension is
         positive.
-    ways : (..., n_w) displacement of each upper wall whose lower face is a wall too, m.
+    ways : (..., n_w) displacement of each upper wall whose lower face is a wall too, m; below zero
+        where the walls come nearer to each other.
     finite_overlap : whether contacts have turned and the cell has deformed. If not, the network has
         the positions at which balls touch, which drops terms of relative order delta/d.
     """
@@ -1789,8 +1848,9 @@ class CrystalState(Result):
         """The conditions that limit the state.
 
         They are on the contact radius over the radius of the ball, the overlap over the last
-        overlap of a tabulated law, and the mean pressure of a contact over the yield strength, each
-        the largest over the contacts; and on material constants that no solid has.
+        overlap of a law that has one, and the mean pressure of a contact over the yield strength,
+        each the largest over the contacts; and on diameters and material constants that no solid
+        ball has.
         """
         crystal = self.crystal
         arms = np.minimum(crystal.contacts.arm_i, crystal.contacts.arm_j)
@@ -1814,7 +1874,9 @@ class CrystalState(Result):
         return tuple(checks)
 
     def _check_balls(self) -> list[Check]:
-        """Return the conditions that balls do not meet: material constants that no solid has."""
+        """Return the conditions that balls do not meet: they are on diameters and material
+        constants that no solid ball has.
+        """
         crystal = self.crystal
         checks = []
         for name, (attribute, _, _, limit, at_least) in BALL_LIMITS.items():
@@ -1842,7 +1904,7 @@ class CrystalState(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The reasons to doubt the state, one sentence each; empty if there are none."""
+        """The reasons to doubt the state, a warning each; empty if there are none."""
         warnings = [check.warning for check in self.limits]
         return tuple(warning for warning in warnings if warning is not None)
 
@@ -2024,6 +2086,21 @@ def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
     return tuple(number_of_ball), np.array(numbers, np.intp)
 
 
+def find_mindlin_ratio(crystal: Crystal) -> float | None:
+    """Return the ratio of the shear to the normal stiffness that all contacts have in common, zero
+    without friction; None if they do not have one.
+
+    A contact whose law has a contact radius of its own, as that of JKR, has no such ratio: its
+    shear stiffness follows from that radius, and the ratio depends on the load.
+    """
+    if not crystal.friction:
+        return 0.0
+    ratios = crystal.mindlin_ratios
+    if np.any(ratios) and crystal._laws.know_radii:
+        return None
+    return float(ratios[0]) if np.ptp(ratios) <= _SAME_RATIO else None
+
+
 def _count_in_letters() -> Iterator[str]:
     """Yield A, B, ..., Z, AA, AB, ..."""
     for size in itertools.count(1):
@@ -2034,6 +2111,9 @@ def _count_in_letters() -> Iterator[str]:
 def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -> tuple[str, ...]:
     """Return the name of each kind: the ``known`` name, or that of its ball, or the next of A, B,
     C, ...
+
+    Raises :class:`~granphon.base.errors.InputError` if two kinds have one name, or one is called
+    "floor".
     """
     known_names = known or {}
     names = {ball: known_names.get(ball) or ball.name for ball in kinds}  # empty if there is none
@@ -2174,7 +2254,7 @@ def _require_large_enough(structure: Lattice, cell: Array, kinds: Sequence[Ball]
 
 def _require_room(cells: int, crystal: Crystal) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if so many cells of a crystal do not fit into
-    memory.
+    memory, or have more than :data:`_MOST_BALLS` balls.
     """
     balls = cells * crystal.n_balls
     memory = _BALL_BYTES * cells * (crystal.n_balls + crystal.n_contacts)

@@ -70,10 +70,13 @@ _OPEN_CONTACTS = {
 
 
 def estimate_reduced_force(packing: Packing, load: Load) -> Array:
-    """Return the approximate f* (n,) of each value of an applied load."""
+    """Return the approximate f* (n,) of each value of an applied load; at overlaps below the least
+    a* of :data:`_CURVES` the f* of that a*.
+    """
     reduced_load = np.ravel(reduce_load(packing, load))  # f*, or a* of an overlap
     if load.kind != "overlap":
         return reduced_load
+    # in units of W the overlap is a* - 1/2
     force_of_equal_balls = np.asarray(force_of(reduced_load - 0.5))
     if packing.structure.periods not in _CURVES:
         return force_of_equal_balls
@@ -88,7 +91,8 @@ def estimate_open_contacts(packing: Packing, load: Load) -> Array:
     rather too many than too few.
 
     The fraction is known on the triangular lattice, in fcc and in hcp, from f* = 0.003 on. At lower
-    loads it is 1, and on another lattice it is 1 where contacts are open on those.
+    loads it is 1, and on another lattice it is 1 where contacts are open on those. It is zero of
+    equal balls and on a line.
     """
     structure = packing.structure
     # a load may be beyond the floating range, where no contact is open; a load that no array bears
@@ -157,8 +161,8 @@ def find_left_out(deficit: Array, geometry: str | None) -> Array:
 
 
 def can_be_exact(packing: Packing) -> bool:
-    """Whether the exact geometry is that of these balls: they differ, but not by more than a fifth
-    of their diameter.
+    """Whether the exact geometry is that of these balls: they differ, not on a line, and by a width
+    W of a fifth of their diameter or less.
     """
     return packing.spread_matters and packing.width <= LARGEST_RATIO * packing.diameter
 
@@ -169,9 +173,10 @@ def choose_geometries(
     """Return the geometry (a list, n) of an array at rest without friction at each value of an
     applied load, if none is named.
 
-    It is :data:`LATTICE` where the directions of the lattice are expected to leave out less than
-    1e-3 of the shear modulus (other results lose less), else :data:`EXACT`. ``finite_overlap``
-    decides if it is given: True makes all exact, False none.
+    It is :data:`LATTICE` where the directions of the lattice are expected to leave out 1e-3 of the
+    shear modulus or less (other results lose less), and for balls that cannot be exact
+    (:func:`can_be_exact`); else :data:`EXACT`. ``finite_overlap`` decides if it is given: True
+    makes all exact, False none.
     """
     if finite_overlap is not None or not can_be_exact(packing):
         is_exact = np.full(load.size, bool(finite_overlap))

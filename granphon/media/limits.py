@@ -115,9 +115,9 @@ class Check(Result):
     ----------
     name : name of the condition.
     meaning : the quantity that is limited.
-    value : a pure number with the shape of the load, which must not be above ``limit``, or with
-        ``at_least`` not below ``limit``.
-    limit : the limit, a pure number.
+    value : a number with the shape of the load, which must not be above ``limit``, or with
+        ``at_least`` not below ``limit``. It is a pure number, or, as ``meaning`` says, in SI.
+    limit : the limit, in the unit of the value.
     reason : why the value is limited.
     at_least : whether the limit is a lower one.
     """
@@ -167,8 +167,8 @@ class Check(Result):
         return f"{sentence[0].upper()}{sentence[1:]}: {self.reason}."
 
     def _write_sentence(self, worst: float, bound: str) -> str:
-        """Return what fails, in words, with the value ``worst`` and the limit; ``bound`` stands
-        before the value.
+        """Return what fails, in words, with the value ``worst`` and the limit; ``bound``, "up to "
+        or nothing, stands before the value.
         """
         if self.name in BALL_LIMITS:
             _, quantity, unit, *_ = BALL_LIMITS[self.name]

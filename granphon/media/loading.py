@@ -77,9 +77,9 @@ def require_load(packing: Packing, load: Load, largest: float) -> None:
     packing can bear.
 
     Such loads are beyond the range of the law of equal balls, or press equal balls together by a
-    whole diameter. Where balls differ, loads below f* = 1e-8 are refused too, and overlaps at which
-    not even two of the largest balls touch; ``largest`` is the excess of the largest diameter over
-    the mean, m.
+    whole diameter. Where balls differ, forces and pressures below f* = 1e-8 are refused too (on a
+    line also such overlaps), and overlaps at which not even two of the largest balls touch;
+    ``largest`` is the excess of the largest diameter over the mean, m.
     """
     equal_balls = AveragedLattice(replace(packing, spread=None))
     # balls that differ on a line have the law of equal ones
@@ -87,6 +87,7 @@ def require_load(packing: Packing, load: Load, largest: float) -> None:
         greatest = np.max(load.array)
         if greatest > packing.width:
             equal_balls.at(Load("overlap", greatest))  # raises for too large an overlap
+        # two of the largest balls touch where the overlap of mean balls is minus their excess
         if np.min(load.array) <= -largest:
             raise explain_untouched(load, largest)
         return
@@ -128,8 +129,8 @@ def find_equilibria(
 
     Each equilibrium is found from the one at the next higher load. A ``ratio`` W/d above zero means
     the true geometry: there each equilibrium is found from that of the lattice under the same load,
-    so that it does not depend on the other loads. An error carries the index of its load as
-    ``load_index``.
+    so that it does not depend on the other loads. ``workers`` is the number of threads for each
+    Fourier transform. An error carries the index of its load as ``load_index``.
     """
     stencils = Stencils(array_shape(deviations, lattice), workers=workers, lattice=lattice)
     equilibria = dict[int, Equilibrium]()
@@ -158,7 +159,8 @@ def find_equilibrium(
     """Return the equilibrium of a sample with these ``deviations`` under one load.
 
     The search starts from ``previous``, the overlap and displacements of an earlier equilibrium, if
-    there is one. In the true geometry the search starts from the lattice.
+    there is one. In the true geometry, with a ``ratio`` W/d above zero, the search starts from the
+    lattice.
     """
     if ratio:
         return equilibrate_exactly(deviations, load, ratio, stencils)
@@ -173,7 +175,8 @@ _STARTS = (-1.0, 1e6)
 #: the options of arrays that errors are measured against; such arrays are loaded from the default
 #: start, in one direction
 REFERENCE_OPTIONS = ("friction_history", "friction_coefficient", "shear_response")
-#: fraction by which rounding may put a load below the start
+#: difference by which rounding may put a load below the start: of forces over that of the start,
+#: of overlaps in units of the width
 _ROUNDING = 1e-12
 
 
@@ -307,7 +310,8 @@ def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> f
     ...}, or "gas".
 
     The function is a rule of :mod:`granphon.base.validation`; ``load(kind, value)`` reads the value
-    of a load. None is the default.
+    of a load, in SI; without it the value is a plain number in SI. A ``value`` of None is the
+    default start, a* = 1/2.
     """
     if isinstance(value, Load):
         if value.size != 1:
@@ -376,7 +380,8 @@ class LoadedSample:
 
     Attributes
     ----------
-    packing, seed, deviations : the balls; the seed is None if their diameters were given.
+    packing, seed, deviations : the balls, with the deviations of their diameters over W, in the
+        shape of the array; the seed is None if their diameters were given.
     history : how the sample is loaded.
     ratio : W/d in the exact geometry of contacts; zero where contacts keep the directions of the
         lattice.
@@ -396,8 +401,8 @@ class LoadedSample:
         """Load the sample along a path, and find its linear response at each load.
 
         ``report`` is called after each load. An error ends the path and is returned with the
-        samples of the loads that were reached; its ``load_index`` is the index of the load in the
-        path, or None if the start is not found.
+        samples of the loads that were reached. Its ``load_index`` is the index of the load in the
+        path; None if the start is not found, or an error does not know its load.
         """
         samples: list[PressedSample] = []
         press = self._press_different if np.ptp(self.deviations) else self._press_equal
@@ -415,8 +420,9 @@ class LoadedSample:
         return samples, None
 
     def require_start(self, path: Sequence[ReducedLoad]) -> None:
-        """Raise for a load of the path below the start, as :meth:`press` does; the start alone is
-        solved.
+        """Raise for a load of the path below the start, an error that :meth:`press` returns; the
+        start alone is solved. Nothing is raised for equal balls, nor for loads in the order of the
+        user, which may go below the start.
         """
         balls_differ = bool(np.ptp(self.deviations))
         if balls_differ and not self.history.ordered:
@@ -506,7 +512,8 @@ def require_above(start: ReducedLoad, path: Sequence[ReducedLoad], from_gas: boo
     the start.
 
     Overlaps are not compared with a start that is prescribed as a force alone, nor forces with a
-    start that is prescribed as an overlap alone.
+    start that is prescribed as an overlap alone. ``from_gas`` says for the message that the start
+    was found by pressing balls from the gas.
     """
     for index, load in enumerate(path):
         if load.overlap is None:
@@ -520,7 +527,9 @@ def require_above(start: ReducedLoad, path: Sequence[ReducedLoad], from_gas: boo
 
 
 def _explain_below(start: ReducedLoad, load: ReducedLoad, from_gas: bool) -> InputError:
-    """Return the error of a load below the start."""
+    """Return the error of a load below the start, which was found by pressing the sample
+    ``from_gas`` or prescribed.
+    """
     load_in_words = f"f* = {load.force:.4g}"
     if load.overlap is not None:
         load_in_words = f"a* = {load.overlap + 0.5:.4g}"

@@ -112,7 +112,7 @@ class Medium(ABC, Generic[StateT]):
 
     def require(self, load: Load) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if an applied load is known not to be
-        borne, solving nothing.
+        borne, solving nothing; a medium that does not simulate raises nothing.
         """
         return
 
@@ -132,7 +132,8 @@ class Medium(ABC, Generic[StateT]):
         self, load: Load, finite_overlap: bool | None = None
     ) -> list[tuple[Self, list[int]]]:
         """Return the medium in each of its geometries at an applied load, and the indices of the
-        values of the load that the geometry serves.
+        values of the load that the geometry serves. ``finite_overlap`` decides on the geometry of a
+        simulation that names none, see :func:`~granphon.media.left_out.choose_geometries`.
         """
         return [(self, list(range(load.size)))]
 
@@ -211,8 +212,9 @@ class LawMedium(Medium[ContactState]):
     ----------
     packing : the balls.
 
-    They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not
-    compressive, or presses balls together by their whole diameter, and
+    ``at_*`` raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not
+    compressive, too small or too large for double precision, or presses balls together by their
+    whole diameter, for more loads than memory holds, and
     :class:`~granphon.base.errors.PrecisionError` for one so low that the law is not known there.
     With ``finite_overlap`` every result from the state includes the terms of relative order
     delta/d, and pressure and density count the boundary that shrinks with the balls.
@@ -276,7 +278,8 @@ class LawMedium(Medium[ContactState]):
 
     def _solve(self, load: Load, follows: bool) -> tuple[Array, Array]:
         """Return the mean contact force, N, and the overlap, m, at an applied load, with its shape;
-        a boundary that ``follows`` the balls shrinks.
+        a boundary that ``follows`` the balls shrinks. Raises for a load that the law refuses, and
+        for an overlap at which no balls touch.
         """
         law = self.law
         if load.kind == "overlap":
@@ -301,7 +304,8 @@ class LawMedium(Medium[ContactState]):
 
     def _shrink_boundary(self, pressure_over_factor: Array, overlap: Array) -> Array:
         """Return the overlap delta, m, at which the boundary has shrunk with the balls: f(delta) =
-        b (d - delta)^(p - 1), where b is ``pressure_over_factor``.
+        b (d - delta)^(p - 1), where b is ``pressure_over_factor``, the pressure over the lattice's
+        pressure factor, of p = 2 or 3 periods.
 
         The search begins at the larger ``overlap`` of a boundary that does not shrink. The force f
         rises and is convex, and the right side falls, so that Newton's method descends from there.
@@ -476,7 +480,9 @@ class EffectiveMedium(LawMedium):
 
     @property
     def spread_law(self) -> Law:
-        """Contact law of the medium for balls that differ, in SI."""
+        """Contact law of the medium for balls that differ, in SI; that of equal balls on a lattice
+        where the load alone fixes the force of every contact.
+        """
         spread = self.packing.spread
         law = self.packing.law
         if not spread or self.local_field.is_determinate:

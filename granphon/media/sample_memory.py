@@ -24,7 +24,8 @@ _ROTATING_BALL_BYTES = {2: 500.0, 3: 900.0}
 #: motions of a ball, in double and in single precision, while the list responds to strains
 _LISTED_CONTACT_BYTES = 220.0
 _BLOCK_ENTRY_BYTES = 12.0
-#: bytes for each motion of a ball under each strain meanwhile: what is left, the way and the like
+#: bytes for each motion of a ball under each strain meanwhile: the force that is left, the
+#: direction of the search and the like
 _STRAINED_MOTION_BYTES = 110.0
 #: bytes for each ball while the Green's function is made, over n m^2, with n balls in the cell and
 #: m motions of a ball
@@ -53,8 +54,8 @@ _HISTORY_STATE_BYTES = {2: 60.0, 3: 150.0}
 def estimate_memory(
     packing: Packing, balls: int, samples: int, load: Load, *, exact: bool, loaded: bool
 ) -> float:
-    """Return the memory, bytes, that samples of so many ``balls`` each need at a load, with their
-    moduli.
+    """Return the memory, bytes, that so many ``samples`` of so many ``balls`` each need at all
+    values of a load, with their moduli.
 
     Contacts turn with their balls (``exact``) or keep the directions of the lattice. Samples are
     ``loaded`` step by step with friction, or brought to rest at each load.

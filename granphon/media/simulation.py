@@ -154,7 +154,9 @@ class SampleLaw(EnergyLaw):
         return SampleLaw, (self.simulation,)  # a copy starts without the samples that are kept
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        """Return the derivative of the energy of this order, from the energy itself on."""
+        """Return the derivative of the energy of an ``order`` of 0 to 3, J/m^order, at each
+        ``overlap``, m; order 0 is the energy itself.
+        """
         names = ("energy", "force", "normal_stiffness", "stiffness_slope")
         return self._average_at(overlap, attrgetter(names[order]))
 
@@ -270,7 +272,7 @@ class SimulatedState(ContactState):
         )
 
     def _find_again(self) -> dict[str, Any]:
-        """Return the means over the samples."""
+        """Return the force, N, and the overlap, m, by name, as means over the samples."""
         return {name: self._average(attrgetter(name)) for name in ("force", "overlap")}
 
     @property
@@ -373,7 +375,8 @@ class SimulatedState(ContactState):
         """Return the edges (bins + 1,) of a distribution of the samples, its mean over samples
         (..., bins), and the standard error of the mean (..., bins).
 
-        The distribution is the method of a sample with the ``name``, called with the ``arguments``.
+        The distribution is the method of a sample with the ``name``, called with the ``arguments``;
+        InputError for samples without such a method, which have no history of friction.
         """
         if not hasattr(self.samples[0], name):
             raise InputError(
@@ -442,15 +445,15 @@ class SimulatedState(ContactState):
         the lattice; velocities follow from the part of the tensor that has the symmetry.
 
         If samples have the same force, ``normal_stiffness`` k is the inverse of a mean of
-        compliances. For several samples without friction the bulk modulus then differs from
-        (3^(1/2)/2) k/d in second order of the differences of samples.
+        compliances. For several samples without friction the bulk modulus, on the triangular
+        lattice, then differs from (3^(1/2)/2) k/d in second order of the differences of samples.
         """
         return np.asarray(self._average(lambda sample: sample.elastic_tensor))
 
     @property
     def is_isotropic(self) -> bool:
-        """Whether samples are isotropic on average: in the plane if the lattice has that symmetry,
-        in space never.
+        """Whether samples are isotropic on average: on a line always, in the plane if the lattice
+        has that symmetry, in space never.
         """
         periods = self.packing.structure.periods
         return periods == 1 or (periods == 2 and super().is_isotropic)
@@ -478,7 +481,7 @@ class SimulatedState(ContactState):
         self, tensor: Array, density: ArrayLike, direction: ArrayLike
     ) -> tuple[Array, Array]:
         """Return velocities and displacements of waves, of the shapes of :meth:`polarised_waves`,
-        from elastic tensors (..., n, n), Pa, and densities (...) of samples, or of their mean.
+        from elastic tensors (..., s, s), Pa, and densities (...) of samples, or of their mean.
         """
         structure = self.packing.structure
         along = as_direction(direction, structure.periods)
@@ -561,7 +564,8 @@ class SimulatedState(ContactState):
 
         These directions leave out that loose balls lean on others
         (:func:`~granphon.media.left_out.estimate_shear_deficit`). The deficit is None in the exact
-        geometry, for equal balls, on a line, and where no contact resists slip.
+        geometry, for equal balls, on a line, and where no contact resists slip. If only some loads
+        are in the exact geometry, the deficit is zero at these.
         """
         simulation = self._simulation
         if simulation is None or not simulation.resists_slip:
@@ -578,10 +582,12 @@ class SimulatedState(ContactState):
     @property
     def valid(self) -> Any:
         """Whether the directions of the lattice leave out at most 1 % of the shear modulus
-        (:attr:`shear_deficit`).
+        (:attr:`shear_deficit`), at each load.
 
-        No state that was pressed from the gas in these directions is valid, as its velocities
-        depend on the numbering of the balls (:attr:`floats`).
+        A state without such a deficit is valid. So is one that an automatic medium chose, whatever
+        its deficit: the expected error by which the medium was chosen counts the deficit. No state
+        that was pressed from the gas in these directions is valid, as its velocities depend on the
+        numbering of the balls (:attr:`floats`).
         """
         if self.floats:
             return self._fill_shape(False)
@@ -745,10 +751,11 @@ class DirectSimulation(Medium[SimulatedState]):
     :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or
     presses balls together by their whole diameter; for a load so low that a sample carries none (at
     and below the rigidity threshold, a* = 0.343 on the triangular lattice), or below the start of a
-    history; and with ``finite_overlap`` in the geometry of the lattice, which has no such terms.
-    They raise :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is found, or a path
-    ends before its last load; ``reached`` of the error is then the state at the loads before. They
-    raise :class:`~granphon.base.errors.GranphonError` if the executor loses a worker.
+    history; with ``finite_overlap`` in the geometry of the lattice, which has no such terms, and
+    with ``finite_overlap=False`` in the exact geometry, which has them. They raise
+    :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is found, or a path ends
+    before its last load; ``reached`` of the error is then the state at the loads before. They raise
+    :class:`~granphon.base.errors.GranphonError` if the executor loses a worker.
     """
 
     packing: Packing
@@ -793,6 +800,7 @@ class DirectSimulation(Medium[SimulatedState]):
         self._require_width()
         samples = whole_number("samples", self.samples, 1, _MOST_SAMPLES)
         object.__setattr__(self, "samples", samples)
+        # the last sample has the seed seed + samples - 1
         seed = whole_number("seed", self.seed, 0, _MOST_SEED + 1 - samples)
         object.__setattr__(self, "seed", seed)
         whole_number("workers", self.workers, 1)
@@ -873,7 +881,9 @@ class DirectSimulation(Medium[SimulatedState]):
         return f"A simulation with {settings} simulates it; or {alternative}"
 
     def _read_shape(self) -> tuple[int, ...] | None:
-        """Return the numbers of cells along the periods, None if they are not given."""
+        """Return the numbers of cells along the periods, None if they are not given; InputError for
+        what is none, and for more than memory holds.
+        """
         if self.shape is None:
             return None
         periods = self.packing.structure.periods
@@ -924,7 +934,12 @@ class DirectSimulation(Medium[SimulatedState]):
         return replace(packing, spread=spread, diameter=spread.mean)
 
     def _read_geometry(self) -> str | None:
-        """Return the geometry of contacts; None if the load decides."""
+        """Return the geometry of contacts; None if the load decides.
+
+        If none is named, balls that cannot be exact (:func:`can_be_exact`) have the directions of
+        the lattice, and others the exact geometry after a history of friction. InputError for
+        another word, and for the exact geometry of equal balls, or on a line.
+        """
         geometry: str | None = require("geometry", read_geometry, self.geometry)
         if geometry is None and not can_be_exact(self.packing):
             geometry = LATTICE
@@ -1029,7 +1044,7 @@ class DirectSimulation(Medium[SimulatedState]):
         """Return the simulation in each geometry that it has at an applied load, and the indices of
         the values of the load in that geometry.
 
-        Where the simulation names no geometry, each load has its own
+        Where the simulation names no geometry, each load has its own, or ``finite_overlap`` decides
         (:func:`~granphon.media.left_out.choose_geometries`).
         """
         if self.geometry is not None:
@@ -1050,8 +1065,8 @@ class DirectSimulation(Medium[SimulatedState]):
 
     @property
     def resists_slip(self) -> bool:
-        """Whether contacts have springs against slip under sound: not where all of them slide, as
-        mu is zero.
+        """Whether contacts have springs against slip under sound: not in a packing without
+        friction, nor where all of them slide, as mu is zero, unless ``shear_response`` is "stick".
         """
         history = self.history
         all_slide = history.friction_coefficient == 0.0 and history.shear_response != "stick"
@@ -1075,7 +1090,8 @@ class DirectSimulation(Medium[SimulatedState]):
         return None if self.diameters is not None else self.seed + index
 
     def deviations(self, index: int) -> Array:
-        """Return the reduced deviations x = Delta/W of the diameters of a sample, with mean zero.
+        """Return the reduced deviations x = Delta/W of the diameters of the sample number
+        ``index``, from 0, with mean zero.
 
         The shape is (L1, ..., Lp), and (n, L1, ..., Lp) with n > 1 balls in the cell.
         """
@@ -1146,7 +1162,9 @@ class DirectSimulation(Medium[SimulatedState]):
         return SimulatedState.of(self, samples, applied)
 
     def _join_geometries(self, load: Load, finite_overlap: bool | None) -> SimulatedState:
-        """Return the state at an applied load whose values have a geometry each."""
+        """Return the state at an applied load whose values have a geometry each: that of
+        :meth:`by_geometry`, or the one of all that ``finite_overlap`` names, if it is not None.
+        """
         self.require(load)
         simulations = self.by_geometry(load, finite_overlap)
         if finite_overlap is not None:  # one geometry at all loads
@@ -1232,9 +1250,11 @@ class DirectSimulation(Medium[SimulatedState]):
     def _press(
         self, load: Load, prescribed: Sequence[ReducedLoad], progress: Progress = silent
     ) -> SimulatedState:
-        """Return the state of all samples after they were loaded along one path.
+        """Return the state of all samples at every value of ``load``, applied one after the other
+        in the order of the history.
 
-        An error at which the path ends has the state at the loads before as its ``reached``.
+        ``prescribed`` are the same values in reduced units. If the path ends early, the error has
+        the state at the values that all samples have reached as its ``reached``.
         """
         order = self.history.sort(prescribed)
         path = [prescribed[index] for index in order]
@@ -1325,7 +1345,9 @@ class DirectSimulation(Medium[SimulatedState]):
         """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample can
         bear, solving none.
 
-        A load below the start of a loading is refused if the start is known without a solution.
+        A load below the start of a loading is refused if both are forces, or both overlaps;
+        :meth:`require_start` compares others. A start at the gas is compared with the loads when
+        samples are loaded.
         """
         require_load(self.packing, load, self._largest)
         start = self._start
@@ -1420,7 +1442,7 @@ def no_finite_overlap(medium: str) -> InputError:
 @lru_cache(maxsize=64)
 def _explain_fall(structure: Lattice, motions: Motions) -> str | None:
     """Return the sentence of a message on the waves of the lattice without friction that cost no
-    energy; None if all waves cost energy, except translations of the whole.
+    energy; None if all waves cost energy that are probed, on a grid of the zone without its centre.
     """
     frictionless = ContactLattice.of(structure, 0.0, motions=motions)
     if frictionless.mechanism:

@@ -317,7 +317,9 @@ class ContactState(State, Result):
         overlap = np.asarray(self.overlap)
         diameter = self.packing.diameter
         least_overlap = self.law.least_overlap
-        if self.samples:  # the least overlap of their law would need the diameters to be drawn
+        if self.samples:
+            # the least overlap of their law would need the diameters to be drawn: minus the width,
+            # below the overlaps of samples that carry load, stands in its place
             least_overlap = -self.packing.width_units.width
         is_in_range = (overlap > max(least_overlap, -diameter)) & (overlap < diameter)
         if not np.all(is_in_range):
@@ -493,8 +495,8 @@ class ContactState(State, Result):
 
     @property
     def valid(self) -> Values:
-        """Whether the load is inside the range of the medium; always True for equal balls, and on a
-        line.
+        """Whether the load is inside the range of the medium; always True for equal balls, on a
+        line, and where the medium was ``chosen_automatically``.
 
         The range of the effective medium is f* >= 0.08 (Section IV), on all lattices, though the
         range was found on the triangular lattice. The averaged lattice and the averaged force leave
@@ -607,11 +609,10 @@ class ContactState(State, Result):
         :class:`~granphon.base.errors.InputError` for several loads.
         """
         packing = self.packing
-        if not self.has_one_lattice:
-            self.require_single()
         depends_on_load = self.finite_overlap or packing.torsion == MINDLIN
         if not depends_on_load:
             return ideal_lattice(packing)
+        self.require_single()
         spacing = 1.0
         prestress = 0.0
         if self.finite_overlap:
@@ -691,11 +692,13 @@ class ContactState(State, Result):
 
     def _at_each_load(self, find: Callable[[ContactLattice, Array | None], Array]) -> Array:
         """Return ``find(lattice, prestress)`` at all loads, for lattices at spacing one; the shape
-        is that of the load, then that of one result.
+        is that of the load, then that of one result, or that of one result alone if no load
+        changes it.
 
         With finite overlap all lengths scale with the spacing. Of the load, only the prestress
         changes ratios of elastic constants; torsion and bending do where a cell has several balls.
-        The prestress is None if it is left out.
+        The prestress, f/(k a), is None if it is left out; otherwise ``find`` gets that of all loads
+        with one lattice, or that of each load with a lattice of its own.
         """
         packing = self.packing
         shape = self.shape
@@ -1003,8 +1006,9 @@ class NetworkState(State):
 
 
 def as_state(source: Any) -> State:
-    """Return ``source``, the argument of a public call, as a state: the source itself, or the state
-    of its network.
+    """Return ``source``, the argument of a public call, as a state: the source itself if it is one,
+    or the state of its network. A :class:`NetworkState` at one load, which may be that of a crystal
+    in a scene, becomes the state of this network.
 
     Raises :class:`~granphon.base.errors.InputError` for something that has no network, and for a
     network without periods.

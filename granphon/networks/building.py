@@ -75,8 +75,9 @@ class Balls:
     """The balls of a source, in SI; None for fields that the source does not have.
 
     ``name`` is the name of the source in messages. Positions are (n, 1), (n, 2) or (n, 3); the
-    other fields are (n,). ``rounding`` and ``radius_rounding`` are the greatest errors that the
-    digits of the source leave in positions and radii, m.
+    other fields are (n,). ``labels`` are whole numbers that name the balls. ``rounding``, of the
+    shape of the positions, and ``radius_rounding`` (n,) are the greatest errors that the digits of
+    the source leave in positions and radii, m.
     """
 
     name: str
@@ -130,8 +131,10 @@ class Balls:
 class Contacts:
     """The contacts of a source, in SI; None for fields that the source does not have.
 
-    ``i`` and ``j`` are labels of balls; ``normal``, ``vector`` from ball i to ball j,
-    ``tangential_force`` and ``shift`` are (n_c, 3).
+    ``i`` and ``j`` are labels of balls, or their indices where balls have no labels. ``normal``,
+    ``vector`` from the centre of ball i to that of ball j, ``tangential_force``, with which ball i
+    acts on ball j, and ``shift``, whole cells by which ball j is displaced, are (n_c, 3); the other
+    fields are (n_c,). Forces that press are positive.
     """
 
     name: str
@@ -272,6 +275,7 @@ class _Pairs:
         between_balls = harmonic_diameter(2.0 * small, finite_large * 2.0)
         # the curvature of a flat wall is zero, so that the harmonic mean is twice the diameter
         diameters = np.where(is_flat, 4.0 * small, between_balls)
+        # the coefficient goes as the root of the diameter: that of balls of 1 m is the unit
         return np.asarray(HertzLaw.between(material, 1.0).coefficient * np.sqrt(diameters))
 
 
@@ -305,7 +309,8 @@ class Source:
         """Return all fields of the network, by name, in SI units; arguments count before the fields
         of the source.
 
-        For the arguments see :meth:`granphon.networks.network.ContactNetwork.from_table`.
+        For the arguments see :meth:`granphon.networks.network.ContactNetwork.from_table`, and for
+        the warnings and errors too.
         """
         balls = self.balls
         contacts = self.contacts
@@ -359,7 +364,9 @@ class Source:
         }
 
     def _find_masses(self, material: Material | None) -> Array:
-        """Return the masses (n,), kg: of the source, or of solid balls of the material."""
+        """Return the masses (n,), kg: of the source, or of solid balls of the material; InputError
+        without either.
+        """
         balls = self.balls
         if balls.masses is not None:
             if material is not None:
@@ -399,8 +406,8 @@ class Source:
         return fields
 
     def _require_range(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for positions, radii, vectors and shifts
-        beyond the range of numbers.
+        """Raise :class:`~granphon.base.errors.InputError` for positions, radii, vectors, shifts and
+        periods of the cell beyond the range of numbers, and for a radius or a period of zero.
         """
         balls = self.balls
         contacts = self.contacts
@@ -427,7 +434,8 @@ class Source:
         """Return the pairs of balls that contacts join.
 
         ``positions`` are (n, 3), m; ``is_fixed`` (n,) says which balls do not move, and ``pbc``
-        (3,) along which vectors of the cell the network repeats.
+        (3,) along which vectors of the cell the network repeats. InputError for a contact with a
+        body that does not move and without a normal, and for balls that are not near each other.
         """
         balls = self.balls
         contacts = self.contacts
@@ -468,7 +476,9 @@ class Source:
         """Return the whole cells (n_c, 3) by which balls j are displaced: as the vectors of the
         source say, or to where they are nearest.
 
-        The arguments are those of :meth:`Contacts.find_nearest_steps`.
+        The arguments are those of :meth:`Contacts.find_nearest_steps`, whose errors it raises;
+        ``pbc`` (3,) says which vectors of the cell are periods. InputError for periods that are not
+        independent.
         """
         contacts = self.contacts
         shift = np.zeros((len(touch), 3), np.intp)
@@ -519,6 +529,10 @@ class Source:
     ) -> tuple[Array, Array, Array]:
         """Return the normal force, N, the normal and the shear stiffness, N/m, each (n_c,): of the
         source, or of balls of the ``material`` by the laws of Hertz and Mindlin.
+
+        A shear stiffness that the source does not have is zero without ``friction``. InputError for
+        forces that pull, and where a material or a force is needed and lacks; warns where
+        :func:`_judge_errors` and :func:`_compare_forces` do.
         """
         contacts = self.contacts
         force = contacts.normal_force
@@ -599,7 +613,9 @@ class Source:
                 warnings.warn(text, InconsistencyWarning, stacklevel=4)
 
     def _compare_masses(self, material: Material) -> None:
-        """Warn if the masses that are given are not those of solid balls of the material."""
+        """Warn if the masses that are given differ from those of solid balls of the material, in
+        the median by 5 % or more.
+        """
         balls = self.balls
         assert balls.masses is not None
         is_moving = np.isfinite(balls.masses) & np.isfinite(balls.radii)
@@ -673,7 +689,9 @@ def _judge_errors(
 def _compare_forces(
     contacts: Contacts, force: Array, find_force: Callable[..., Array], error: Array
 ) -> None:
-    """Warn if forces (n_c,), N, are not those of Hertz's law at the overlaps.
+    """Warn if forces (n_c,), N, are not those of Hertz's law at the overlaps: if one is more than
+    ten times that force, or less than a tenth; or else if the forces of contacts with the mean
+    force or more are all one multiple of it, by 5 % or more from one.
 
     ``error`` (n_c,) is the greatest error of each overlap, m, and ``find_force`` returns the forces
     (n_c,), N, at overlaps with an error, m. A force of nan is not compared.
@@ -781,7 +799,9 @@ def _count_digits(sizes: Array) -> int:
 
 
 def _first(values: Array, bad: Flags) -> float:
-    """Return the value (n_c,) of the first contact that is ``bad``; nan if none is."""
+    """Return the one of ``values`` (n_c,) that belongs to the first contact that is ``bad`` (n_c,);
+    nan if none is.
+    """
     return float(values[np.argmax(bad)]) if np.any(bad) else math.nan
 
 

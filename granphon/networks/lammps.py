@@ -156,7 +156,7 @@ def _read_contacts(
 
 def _read_balls(atoms: _Frame, scales: tuple[float, float, float]) -> Balls:
     """Return the balls of a dump of atoms, in SI units; ``scales`` are those of
-    :func:`_find_units`.
+    :func:`_find_units`. InputError without places, ids or sizes.
     """
     length, mass, _force = scales
     positions, rounding = _read_positions(atoms)
@@ -188,6 +188,9 @@ def _find_units(
 ) -> tuple[float, float, float]:
     """Return the length, m, mass, kg, and force, N, that are one in the files: those of the
     ``units``, or, if these are None, of the style that the files name, by default SI.
+
+    InputError for an unknown style, for files of different styles, and for a style other than that
+    of the files; :class:`~granphon.base.scales.Units` belong to the style "lj".
     """
     styles_of_files = {frame.units for frame in (atoms, touching) if frame.units}
     if len(styles_of_files) > 1:
@@ -225,7 +228,7 @@ def _read_names(columns: Any, touching: _Frame) -> tuple[str, ...]:
 
 def _read_positions(atoms: _Frame) -> tuple[Array, Array]:
     """Return the positions (n, 3) of balls from the origin of the box, and their greatest errors by
-    rounding, (n, 3), in units of the dump.
+    rounding, (n, 3), in units of the dump; InputError without any of the columns.
     """
     # columns with "s" are fractions of the box, and those with "u" go on beyond its faces
     for suffix, is_scaled in (("", False), ("u", False), ("s", True), ("su", True)):
@@ -387,7 +390,9 @@ class _Lines:
         return self.place >= len(self.texts)
 
     def read_title(self) -> str | None:
-        """Read a line "ITEM: ..." and return what follows the word; None for an empty line."""
+        """Read a line "ITEM: ..." and return what follows the word; None for an empty line, and
+        InputError for another one.
+        """
         line = self.texts[self.place].strip()
         if not line:
             self.place += 1
@@ -414,11 +419,17 @@ class _Lines:
         return count
 
     def read_rows(self, frame: _Frame, columns: list[str], count: int, kind: str) -> None:
-        """Put the names of ``columns`` and the next ``count`` rows into a ``frame``; InputError if
-        the file ends before, where ``kind`` names the rows.
+        """Put the names of ``columns`` and the next ``count`` rows into a ``frame``; ``count`` is
+        -1 if the file has not said how many there are.
+
+        InputError for a count that is not known, a file that ends before, where ``kind`` names the
+        rows, and a name of a column that LAMMPS does not write.
         """
         n_below = len(self.texts) - self.place
-        if count < 0 or count > n_below:
+        if count < 0:
+            fault = f"{self.name}:{self.place}: the number of {kind.lower()} is not given before"
+            raise InputError(fault, mend=_IS_DUMP)
+        if count > n_below:
             fault = f"{self.name} ends before its {count} {kind.lower()} do: {n_below} are there"
             raise InputError(fault, "The file is not whole")
         for column in columns:
@@ -470,6 +481,9 @@ def _read_count(name: str, lines: list[str], n: int) -> int:
 def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None:
     """Read the three lines of a box from line ``n`` on, counted from 0, into a frame: orthogonal or
     tilted, as the ``words`` of its heading say.
+
+    InputError for three general vectors, for lines that are no bounds, and for a length of zero or
+    below.
     """
     if words[:1] == ["abc"]:
         fault = f"{frame.name} has a box of three general vectors"

@@ -129,7 +129,10 @@ class ContactNetwork(Result):
     InputError : arrays of different lengths, a contact that names a ball that is not there or that
         is listed twice, a force that pulls, a number that is not finite or out of range, a normal
         whose length is not one or that does not lead from ball i to ball j, balls whose distance
-        differs from the two arms by a quarter, a contact that leaves the plane.
+        differs from the sum of the two arms by more than a quarter of that, a contact that leaves
+        the line or the plane, a tangential force that is not across the normal, periods that are
+        not independent or leave the line or the plane, motions that the dimension does not have,
+        two balls with one label, a ``shape`` that does not fit the number of balls.
     """
 
     cell: Annotated[Array, "3 3", "m"]
@@ -429,7 +432,7 @@ class ContactNetwork(Result):
 
     @property
     def imbalance_warning(self) -> str:
-        """One sentence on the ball that is farthest from balance; empty if static forces do not
+        """Two sentences on the ball that is farthest from balance; empty if static forces do not
         act, or are in balance.
         """
         if self.is_balanced:
@@ -442,8 +445,8 @@ class ContactNetwork(Result):
 
     @property
     def is_balanced(self) -> bool:
-        """Whether the static forces on each ball add up to no more than 1e-3 of their mean; also
-        where static forces do not act.
+        """Whether the static forces on each ball add up to no more than 1e-3 of the mean force of a
+        contact; also where static forces do not act.
         """
         if not self.prestress or not self.n_contacts:
             return True
@@ -455,15 +458,16 @@ class ContactNetwork(Result):
         far from balance that the balls still move.
 
         That is so from 5e-3 of the mean force of a contact on, where nothing that the network lacks
-        can hold the ball. Walls that are not in a file may stand at the ends of axes without a
-        period, and weights give all balls one acceleration where bodies hold some of them.
+        can hold the ball. A network without a period along some axis is not judged: walls that are
+        not in a file may stand there. Where bodies hold some balls, the one acceleration that
+        weights may give to all others is left out.
         """
         if self.is_balanced or not all(self.pbc[: self.dimension]):
             return
         forces, _torques = self.unbalanced
         if not np.all(self.moving):
-            # Bodies hold some balls, and their weights may give all others one acceleration, which
-            # is left out: the one with the least squares of what remains.
+            # the acceleration of weights is taken to be the one with the least squares of what
+            # remains
             masses = np.where(self.moving, self.masses, 0.0)
             acceleration = masses @ forces / (masses @ masses)
             forces = forces - masses[:, None] * acceleration
@@ -547,10 +551,10 @@ class ContactNetwork(Result):
         """Indices of the balls that carry no load: balls with too few contacts to be held, then
         balls that have too few contacts without them, and so on.
 
-        A contact counts if its force is above 8e-9 of the mean of all. Under less, a contact of
-        Hertz's law, whose stiffness goes as the third root of its force, is less than 2e-3 as stiff
-        as under the mean. If no contact of the network has a force, all contacts count, as if their
-        forces were equal. See :meth:`without_rattlers`. A wall is no rattler.
+        A contact counts if its force is above 8e-9 of the mean of those above zero. Under less, a
+        contact of Hertz's law, whose stiffness goes as the third root of its force, is less than
+        2e-3 as stiff as under the mean. If no contact of the network has a force, all contacts
+        count, as if their forces were equal. See :meth:`without_rattlers`. A wall is no rattler.
         """
         return read_only(self._find_rattlers())
 
@@ -560,7 +564,7 @@ class ContactNetwork(Result):
         """
         hold = _Hold(self, held_by)
         is_loose = ~hold.are_held(np.arange(self.n_balls))
-        if not np.any(self.moving & ~is_loose):
+        if not np.any(self.moving & ~is_loose):  # all that move are loose already
             return np.flatnonzero(is_loose)
         # loose balls whose contacts still count for their neighbours
         waiting = np.flatnonzero(is_loose).tolist()
@@ -680,6 +684,9 @@ class ContactNetwork(Result):
         period.
 
         Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
+        They have no labels, and ``left_out`` counts those of all cells. Raises
+        :class:`~granphon.base.errors.InputError` for a network without periods, another number of
+        lengths, and more balls than memory holds.
         """
         axes = [axis for axis in range(3) if self.pbc[axis]]
         if not axes:
@@ -762,8 +769,8 @@ class ContactNetwork(Result):
 
         Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, for so few
         layers that a contact reaches across all of them, if layers are not connected, if no ball
-        can move, if a clamped ball touches no ball that moves, and for a floor if materials are not
-        known or no force presses a ball on it.
+        can move, if the balls of a clamped layer touch none that moves, and for a floor if
+        materials are not known, or a ball has lost no contact there or is not pressed on it.
         """
         n_layers = whole_number("layers", layers, 1, MOST_CELLS)
         lower_edge, upper_edge = require("edges", read_edges, edges)
@@ -977,7 +984,7 @@ class ContactNetwork(Result):
         prestress : whether static forces act on displacements across contacts; by default they do
             not. Contacts that resist slip bear tangential forces of the same order: without these
             there is an :class:`~granphon.base.errors.InconsistencyWarning`; and there is one if the
-            static forces on a ball add up to more than 1e-3 of their mean.
+            static forces on a ball add up to more than 1e-3 of the mean force of a contact.
         columns : headings of columns that go by other names: {"radius": "R (mm)"}.
         keep_rattlers : keep balls that carry no load. By default they are left out, and
             ``left_out`` is their number.
@@ -1100,7 +1107,7 @@ class ContactNetwork(Result):
 
     def _finish_reading(self, keep_rattlers: bool, held_by: int | None) -> Self:
         """Return a network that was read without its rattlers, or with them if ``keep_rattlers``;
-        warn if the network is out of balance.
+        warn if the network is out of balance. For ``held_by`` see :meth:`without_rattlers`.
         """
         keeps_all = require("keep_rattlers", truth, keep_rattlers)
         network = self if keeps_all else self.without_rattlers(held_by)
@@ -1133,7 +1140,7 @@ def register_reader(
     :meth:`ContactNetwork.read`.
 
     ``read`` takes the paths of files, and options, and returns a :class:`~granphon.ContactNetwork`,
-    as :meth:`ContactNetwork.from_table` makes one of arrays in SI. Returns it. Raises
+    as :meth:`ContactNetwork.from_table` makes one of arrays in SI. Returns ``read``. Raises
     :class:`~granphon.base.errors.InputError` for what cannot be called, and for a name that is
     taken.
     """
@@ -1259,7 +1266,7 @@ def _list_demands_on_forces(network: ContactNetwork) -> Iterator[_Demand]:
 
 def _list_demands_on_geometry(network: ContactNetwork) -> Iterator[_Demand]:
     """Yield the demands that contacts lie in the line or plane of the balls, lead from ball i to
-    ball j, and are as long as the two arms.
+    ball j, and are as long as the two arms, to a quarter of these.
     """
     d = network.dimension
     where = "the line along x" if d == 1 else "the plane"

@@ -96,6 +96,10 @@ class _Columns:
     """The columns of a table of balls or contacts, in SI, from a file or from arrays; ``name`` is
     the name of the table in messages.
 
+    ``subject`` is "balls" or "contacts", ``source`` the path of a file or arrays, ``known`` are the
+    quantities of the columns that are read, by name, and ``columns`` the headings of those that go
+    by other names.
+
     ``remark`` has the fields of the whole network in a written table; empty for a table from
     elsewhere. ``sealed`` says whether the file has a digest, which then fits; None for arrays.
     """
@@ -184,6 +188,9 @@ class _Columns:
     ) -> None:
         """Raise :class:`InputError` for a misspelled name of an optional column, which would be
         passed over.
+
+        ``names`` are those of the columns of the table, ``keys`` the same as they are compared,
+        without units; ``known`` and ``columns`` are those of the class.
         """
         requested = {Heading.parse(columns.get(name, name)).key for name in known}
         lacking = [name for name in known if Heading.parse(name).key not in keys]
@@ -258,9 +265,9 @@ class _Columns:
         """Return the columns ``names`` side by side, (rows, m), in SI units; None without any of
         them.
 
-        Only the last of the names may be lacking: m is the number of those that are present, or,
-        with ``wide``, of all names, with zeros in place of the lacking columns. InputError for
-        columns in different units.
+        Only names at the end may be lacking: m is the number of those that are present, or, with
+        ``wide``, of all names, with zeros in place of the lacking columns. InputError for another
+        name that lacks, and for columns in different units.
         """
         present = [name for name in names if name in self]
         if not present:
@@ -381,7 +388,8 @@ def _require_columns(columns: Any) -> None:
 
 def _read_cell(cell: Any, pbc: Any) -> tuple[Array, Flags]:
     """Return the vectors of the cell (3, 3), m, from lengths (p,) or vectors (p, d), and which of
-    them are periods (3,).
+    them are periods (3,): by default, without ``pbc``, those that are not zero. InputError for
+    another shape.
     """
     vectors = np.zeros((3, 3))
     is_period = np.zeros(3, bool)

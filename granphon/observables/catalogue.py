@@ -11,6 +11,7 @@ from collections.abc import Callable, Container, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from inspect import getattr_static
 from typing import Any, Literal
 
 import numpy as np
@@ -187,14 +188,18 @@ def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[An
 def _make_state_entry(name: str, title: str, **fields: Any) -> Observable:
     """Make the entry of an attribute of the state; its value is None for states that do not have
     the attribute.
+
+    The unit is that of simulated states, which have the attributes of all states of packings and
+    those of samples.
     """
-    return Observable(
-        name,
-        SimulatedState.units[name],
-        title,
-        find=lambda analysis: getattr(analysis.state, name, None),
-        **fields,
-    )
+
+    def find(analysis: Analysis) -> Any:
+        state = analysis.state
+        # looked up without a call, so that an AttributeError inside a property is not hidden
+        has_attribute = getattr_static(state, name, None) is not None
+        return getattr(state, name) if has_attribute else None
+
+    return Observable(name, SimulatedState.units[name], title, find=find, **fields)
 
 
 def _make_velocity_entry(name: str, title: str, **fields: Any) -> Observable:
@@ -742,8 +747,9 @@ def register_observable(
 
     Raises
     ------
-    InputError : a name that another ``find`` has, or that is no such word; a unit that is not SI;
-        a ``find`` that cannot be called.
+    InputError : a name that another ``find`` has, that data sets or scenes have for something else,
+        or that is no such word; a unit that is not SI; empty ``words``; another ``cost``; a
+        ``find`` that cannot be called.
     """
     # of each text: its value, the condition that it meets, and that condition in words
     requirements: dict[str, tuple[Any, Callable[[str], bool], str]] = {
@@ -846,8 +852,10 @@ def _find_added(analysis: Analysis, entry: Observable, observed: Container[str])
     """Return the value of a registered observable, a number of the shape of the load; None where
     the state has no such value, or where its function fails.
 
-    The failure is written into ``failed`` of the analysis; the failure of an ``observed`` one is an
-    :class:`InputError`.
+    The failure is written into ``failed`` of the analysis, and so is at how many loads a value is
+    nan; the failure of an ``observed`` one is an :class:`InputError`. Raises
+    :class:`~granphon.base.errors.MechanismError` for an observable of sound on a lattice that has
+    none.
     """
     if entry.cost != "state":
         # the lattice may be a mechanism: its error is raised here, as an error of the lattice and
@@ -880,7 +888,8 @@ def _find_added(analysis: Analysis, entry: Observable, observed: Container[str])
 
 
 def axis_label(name: str, unit: str | None = None) -> str:
-    """Return the label of an axis: the quantity ``name`` in words, with its unit in brackets.
+    """Return the label of an axis: the quantity ``name`` in words, with its unit in brackets, if it
+    has one.
 
     ``unit`` replaces the unit of the catalogue, as for a file that states its own. A quantity that
     the catalogue does not have has no unit by default.

@@ -61,7 +61,7 @@ class Validity(Result):
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each condition that fails; empty if all hold."""
+        """A warning, of a sentence or two, for each condition that fails; empty if all hold."""
         warnings = (check.warning for check in self.checks)
         return tuple(warning for warning in warnings if warning is not None)
 
@@ -108,7 +108,7 @@ def validity(state: Any) -> Validity:
 
 
 def find_warnings(state: Any) -> tuple[str, ...]:
-    """Return one sentence for each limit that a state exceeds: the ``warnings`` that it has, as a
+    """Return a warning for each limit that a state exceeds: the ``warnings`` that it has, as a
     crystal does, or else those of :func:`validity`, or of its network if no law is known.
     """
     warnings = getattr(state, "warnings", None)
@@ -250,8 +250,8 @@ def check_network(network: ContactNetwork) -> Validity:
 
 
 def network_warnings(network: ContactNetwork) -> tuple[str, ...]:
-    """Return one sentence for each limit that a network exceeds, and one if its static forces act
-    and are out of balance.
+    """Return a warning for each limit that a network exceeds, and one if its static forces act and
+    are out of balance.
     """
     limits = check_network(network).warnings
     imbalance = network.imbalance_warning

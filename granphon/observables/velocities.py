@@ -52,10 +52,11 @@ def local_exponent(state: ContactState) -> Any:
     the diameters open.
 
     The moduli of a simulation are not all proportional to k. Its exponent is that of the
-    longitudinal velocity, which follows from the mean K + G of the samples: the same samples are
-    solved at two loads, 5 % below and above, and the difference is taken. ``state.exponent_error``
-    is the standard error over the samples: 0 for a medium that does not sample, nan for one sample.
-    The exponent of a crystal is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a.
+    longitudinal velocity, which follows from the mean K + G of the samples (K + 4G/3 in space): the
+    same samples are solved at two loads, 5 % below and above (after a history of friction 5 % and
+    15 % above), and the difference is taken. ``state.exponent_error`` is the standard error over
+    the samples: 0 for a medium that does not sample, nan for one sample. The exponent of a crystal
+    is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a.
 
     Raises :class:`~granphon.base.errors.ConvergenceError` if a simulation beside the load fails,
     and :class:`~granphon.base.errors.InputError` for a network, whose law is not known, and for a
@@ -77,17 +78,17 @@ class SoundVelocities(Result):
     transverse : velocity of the (quasi-)transverse wave in the plane; in space, and on a chain that
         moves both ways across itself, (..., 2): the slow and the fast one. None if there is none.
     direction : unit vector (p,), or (n, p).
-    warnings : one sentence for each limit of the model that the state exceeds; where a velocity is
+    warnings : a warning for each limit of the model that the state exceeds; where a velocity is
         zero, one that counts the branches that vanish at every wave vector and says what would stop
         them.
     longitudinal_error, transverse_error : standard errors over the samples of a simulation, m/s;
         None if there are fewer than two samples.
     out_of_plane : velocity of the wave across a plane of balls, if they move that way: zero,
         because it is a flexural wave.
-    velocities : (..., n) of all these waves, ascending.
+    velocities : (..., n_u) of all these waves, ascending.
     twist : velocity of the wave in which the balls of a straight chain turn about it; zero without
         torsion, None if they do not turn. It displaces nothing, and is not among ``velocities``.
-    polarisations : (..., n, n) their unit displacements (x, y, z, as far as the balls move), as
+    polarisations : (..., n_u, n_u) their unit displacements (x, y, z, as far as the balls move), as
         columns.
     """
 
@@ -173,12 +174,12 @@ def sound_velocities(
     direction : direction of propagation, Cartesian, (p,) for a lattice with p periods, or (n, p)
         for many at once, whose axis follows those of the load. It may be left out where sound is
         isotropic, as on the triangular lattice and on a chain. On other lattices the waves are
-        quasi-longitudinal and quasi-transverse. A simulation is isotropic on average: its
-        velocities follow from its mean bulk and shear modulus. The quasi-longitudinal wave is the
-        one whose displacement is nearest to the direction. The slow transverse wave comes before
-        the fast one. If their velocities are equal, as along [100] and [111] of a cubic lattice,
-        the first polarisation is along the axis x, y or z farthest from the longitudinal one, in
-        this order if several are.
+        quasi-longitudinal and quasi-transverse. A simulation in the plane is isotropic on average
+        if its lattice is: its velocities follow from its mean bulk and shear modulus. The
+        quasi-longitudinal wave is the one whose displacement is nearest to the direction. The slow
+        transverse wave comes before the fast one. If their velocities are equal, as along [100] and
+        [111] of a cubic lattice, the first polarisation is along the axis x, y or z farthest from
+        the longitudinal one, in this order if several are.
     progress : told how far the factors of a network of many balls have come, which takes long once;
         the network keeps what :func:`moduli` shares with this.
 
@@ -195,7 +196,8 @@ def sound_velocities(
         state, direction, "sound velocities", isotropic=state.is_isotropic
     )
     names = state.wave_names
-    # (..., n) m/s, and (..., n, n) polarisations as columns, n waves in the order of their names
+    # (..., n_u) m/s, and (..., n_u, n_u) polarisations as columns, of n_u waves in the order of
+    # their names
     velocities, polarisations = state.polarised_waves(unit_vectors)
     ascending = np.argsort(velocities, axis=-1, kind="stable")
     velocity_of_wave = _name_waves(names, velocities)
@@ -284,8 +286,9 @@ class Moduli(Result):
     ----------
     tensor : (..., n, n), Pa: the shape of the load, then the strains :attr:`components` in Voigt
         order: xx; xx, yy, xy; or xx, yy, zz, yz, xz, xy.
-    isotropic : whether the tensor is the same in all directions. For a simulation it is True,
-        though samples are isotropic only on average.
+    isotropic : whether the tensor is the same in all directions. For a simulation on a lattice in
+        the plane with that symmetry it is True, though samples are isotropic only on average; in
+        space it is False.
     cubic : whether the lattice is square or cubic, in the same sense.
     bulk_error, shear_error : standard errors over the samples of a simulation, Pa, with the shape
         of the load; of the averages :attr:`voigt` where the lattice is not isotropic. None if there
@@ -663,7 +666,8 @@ def _choose_branches(
     state: State, directions: Array, branches: str | Sequence[str] | None
 ) -> tuple[str, ...]:
     """Return the names of the branches of pulses; by default those whose long waves have a velocity
-    above zero in all ``directions`` (..., p), or all if there are none.
+    above zero in all ``directions`` (..., p), or all if there are none. InputError for an unknown
+    name, and for no name.
     """
     names = state.wave_names
     if branches is None:
@@ -706,7 +710,8 @@ def _find_wavenumbers(
     """Return wavenumbers (b, m, n) and group velocities (b, m, n, p), in reduced units, of the
     branches ``names`` (b,) in ``directions`` (n, p).
 
-    ``targets`` (b, m, n) holds angular frequencies in ``units`` (b, m, n), rad/s.
+    ``targets`` (b, m, n) holds angular frequencies in ``units`` (b, m, n), rad/s. Raises
+    :class:`~granphon.base.errors.UnreachableFrequencyError` for one above the top of its branch.
     """
     waves = [lattice.wave_names.index(name) for name in names]
     highest_targets = np.full((len(lattice.wave_names), len(directions)), -np.inf)
@@ -735,8 +740,8 @@ def _find_wavenumbers(
 
 
 def _find_last_frequencies(branches: AcousticBranches, wave: int) -> Array:
-    """Return the reduced angular frequency (n,) at the last point before the maximum of a branch,
-    in each direction; zero where the first point is the maximum.
+    """Return the reduced angular frequency (n,) at the last point before the maximum of the branch
+    number ``wave``, in each direction; zero where the first point is the maximum.
     """
     n_rising = branches.rising[wave]
     directions = np.arange(len(n_rising))

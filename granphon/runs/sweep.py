@@ -28,7 +28,7 @@ from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.validation import block, require, truth
 from granphon.media.arrangement import Arrangement, given_balls
-from granphon.media.choice import MediumChoice, default_medium, no_simulation
+from granphon.media.choice import MediumChoice, default_medium, require_finite_overlap
 from granphon.media.crystal import Crystal
 from granphon.phonons.paths import BandPath
 from granphon.runs.dataset import (
@@ -166,7 +166,7 @@ def sweep(
     lattice = find_lattice(lattices[0] if lattices else packing.structure)
     choices = _read_media(media, lattice, packing)
     if require("finite_overlap", truth, finite_overlap):
-        no_simulation(choices)
+        require_finite_overlap(choices)
     directions = None if direction is None else _read_directions(direction, lattice)
 
     waves = _read_waves(dos, spectrum, pulse, directions, lattice)

@@ -31,7 +31,13 @@ from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, spell
 from granphon.base.validation import read_inside, require
 from granphon.media import cost as costs
 from granphon.media.arrangement import Arrangement
-from granphon.media.choice import MEDIA, MediumChoice, ServingMedium, default_medium, no_simulation
+from granphon.media.choice import (
+    MEDIA,
+    MediumChoice,
+    ServingMedium,
+    default_medium,
+    require_finite_overlap,
+)
 from granphon.media.cost import Cost
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
@@ -1034,7 +1040,7 @@ class Plan:
         self._require_supercell()
         if self.finite_overlap:
             with rules.refusing(True, "false, with a simulation", "packing", "finite_overlap"):
-                no_simulation(self.media)
+                require_finite_overlap(self.media)
         for choice in self.media:
             with rules.refusing(choice.label, "a medium of these balls", "medium"):
                 choice.require_for(self.packing)

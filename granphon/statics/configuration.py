@@ -225,7 +225,8 @@ class Problem:
 class Configuration:
     """The contacts of a problem, and the forces left, at unknowns x (size,).
 
-    ``carried`` are the overlaps (n_c,) that a search on the lattice carries along.
+    ``carried`` are the overlaps (n_c,), m, that a search on the lattice carries along; None in
+    exact directions, where they follow from x.
     """
 
     def __init__(self, problem: Problem, x: Array, carried: Array | None = None) -> None:
@@ -295,7 +296,9 @@ class Configuration:
 
     @cached_property
     def residual(self) -> float:
-        """The largest force left, as on a ball, over the size of the forces."""
+        """The largest force left, as on a ball, over the size of the forces; infinite if that is
+        zero.
+        """
         if not self.mean:
             return math.inf
         left = np.abs(self.pull) * self.problem.weights

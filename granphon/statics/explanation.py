@@ -21,7 +21,12 @@ _UNITS = ("", "N", "N/m", "Pa")
 
 
 def find_typical_force(problem: Problem) -> float:
-    """Return the size of contact forces under a load, N, to begin with."""
+    """Return the size of contact forces under a load, N, to begin with.
+
+    It follows from the pressure of the stress; if that does not press, of bonds from the size of
+    the stress; else from the forces on balls and walls; without any of these it is the tension that
+    contacts bear, zero where they do not adhere.
+    """
     assembly = problem.assembly
     laws = problem.assembly.laws
     stress = problem.load.stress
@@ -62,7 +67,9 @@ def _find_compatibility(problem: Problem) -> Any:
 
 
 def _find_bearing(problem: Problem) -> tuple[bool, str]:
-    """Return whether contacts can bear the load, and what pressure in addition they would bear."""
+    """Return whether contacts can bear the load, and if not a sentence on the pressure with which
+    they could; empty if there is none.
+    """
     from scipy.optimize import linprog
     from scipy.sparse import csr_array, hstack
 
@@ -103,7 +110,9 @@ def explain(
 ) -> InputError | ConvergenceError:
     """Return the error of a load that the assembly has not come to rest under.
 
-    ``opened`` says that all contacts are open, and ``residual`` what force is left, over the mean.
+    It is an InputError if contacts cannot bear the load, if all are open (``opened``), if a law
+    does not reach the forces, or if stiffnesses or forces differ too much; else a
+    ConvergenceError. ``residual`` is what force is left, over the mean.
     """
     assembly = problem.assembly
     laws = assembly.laws

@@ -70,10 +70,10 @@ class GridIteration:
         """Return the motions (n, m, k) under ``forces`` (n, m, k), and the forces that they leave,
         by conjugate gradients.
 
-        The first number says whether the error of motions in the norm of the energy has fallen by
-        ``reduction`` within ``most`` iterations, the second whether all curvatures met were above
-        zero. Forces below ``noise``, over the mean stiffness, are rounding. Right sides of a large
-        grid are solved one after the other, for the sake of memory.
+        The first truth value says whether the error of motions in the norm of the energy has fallen
+        by ``reduction`` within ``most`` iterations, or to ``noise``, the second whether no
+        curvature met was below zero. Forces below ``noise``, over the mean stiffness, are rounding.
+        Right sides of a large grid are solved one after the other, for the sake of memory.
         """
         together = forces.shape[-1] if len(forces) <= _KEPT_BALLS else 1
         solutions = [
@@ -133,6 +133,7 @@ class GridIteration:
         return motions.astype(float)
 
     def _apply_green(self, forces: Values) -> Values:
+        """Return the motions (f, k, cells) that Green's function makes of forces (f, k, cells)."""
         from scipy import fft  # imported here: media that are not simulated do not need it
 
         axes = tuple(range(2, 2 + len(self._shape)))

@@ -19,7 +19,8 @@ def conjugate_gradients(
     it.
 
     A and its preconditioner are symmetric and positive definite. The residual is not lowered below
-    ``floor``, which is rounding.
+    ``floor``, which is rounding. Where A has no curvature above zero along a direction of the
+    search, what is left is rounding or costs nothing, and counts as reached.
     """
     solution = np.zeros_like(right)
     residual = right.copy()

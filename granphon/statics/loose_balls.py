@@ -31,7 +31,7 @@ def lead_loose_balls(
     configuration: Configuration, loose: Flags, least: float, options: RestOptions
 ) -> Configuration:
     """Bring ``loose`` balls (n,) to rest, while the others are held, until no more force than
-    ``least`` of the mean is left on any.
+    ``least`` of the mean is left on any, or for as many steps as ``options`` allow.
     """
     problem = configuration.problem
     assembly = problem.assembly
@@ -106,6 +106,7 @@ def _move_clusters(
         low = np.where(slope > 0.0, length, low)
         high = np.where(slope < 0.0, length, high)
         is_small = np.abs(slope) <= options.slope * first
+        # a whole step after which the energy still falls is kept
         is_done |= is_small | ((slope >= 0.0) & (high == np.inf))
         if np.all(is_done):
             break
@@ -169,6 +170,8 @@ def has_soft_motions(equations: Equations) -> bool:
     assembly = problem.assembly
     d = assembly.dimension
     p = assembly.periods
+    # the whole may move along axes that nothing hinders, and turn in each plane of two axes across
+    # the periods
     n_still = len(assembly.free_axes) + (d - p) * (d - p - 1) // 2
     kept = np.flatnonzero(np.repeat(assembly.n_touching > d, d))
     if len(kept) <= n_still + 1:

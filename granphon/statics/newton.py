@@ -202,8 +202,8 @@ class Linearisation:
         return solve
 
     def _invert_balls(self) -> Map:
-        """Return the motions of balls, (n d,) or (n d, m), under forces on them, walls and strains
-        held.
+        """Return the map from forces on balls, (n d,) or (n d, m), to their motions, of the same
+        shape, with walls and strains held.
         """
         if not len(self.border):
             return np.zeros_like

@@ -116,7 +116,9 @@ class LinearResponse:
         return np.asarray(0.5 * (found + found.T))
 
     def _follow(self, forces: Array, for_motions: bool) -> tuple[Array, Array]:
-        """Return the motions under ``forces``, and the forces that these leave."""
+        """Return the motions under ``forces``, and the forces that these leave, both of the same
+        shape; with the smaller error that is due ``for_motions``, or that of an energy.
+        """
         found = self._iterate(forces, for_motions) if self._may_iterate else None
         if found is None:
             found = self._solve_held(forces.reshape(-1, forces.shape[-1]), for_motions)
@@ -131,6 +133,9 @@ class LinearResponse:
 
     @property
     def _may_iterate(self) -> bool:
+        """Whether conjugate gradients are tried: of a grid with a symmetric tangent that is well
+        held, or too large for factors.
+        """
         contacts = self._contacts
         if not contacts.grid or not self._symmetric:
             return False
@@ -147,7 +152,9 @@ class LinearResponse:
         return GridIteration(self._tangent)
 
     def _iterate(self, forces: Array, for_motions: bool) -> tuple[Array, Array] | None:
-        """Return what conjugate gradients find; None if factors are to be tried."""
+        """Return what conjugate gradients find; None if they do not, and factors are to be tried.
+        ConvergenceError if there can be no factors.
+        """
         fine = for_motions or not self._may_factorise
         reduction = _REDUCTION_OF_MOTIONS if fine else _REDUCTION
         most = _PATIENCE if self._may_factorise else _MOST_ITERATIONS
@@ -168,7 +175,9 @@ class LinearResponse:
         return mean if 0.0 < mean < math.inf else 1.0
 
     def _hold(self, spring: float) -> Any:
-        """Return A with springs to the ground, of ``spring`` times the mean stiffness."""
+        """Return A with springs to the ground, of ``spring`` times the mean stiffness, and of the
+        mean stiffness itself at motions that no contact resists.
+        """
         contacts = self._contacts
         pattern = self._tangent.pattern
         diagonal = self._tangent.data[pattern.diagonal].reshape(contacts.n_balls, -1)
@@ -184,7 +193,9 @@ class LinearResponse:
 
     @cached_property
     def _held(self) -> tuple[Any, Factors]:
-        """A with springs to the ground, and the factors of its symmetric part."""
+        """A with springs to the ground, and the factors of its symmetric part; ConvergenceError if
+        these are singular, or, of an A that is symmetric, show that the balls are at no minimum.
+        """
         pattern = self._tangent.pattern
         spring = _LEAST_SPRING
         while True:
@@ -226,7 +237,9 @@ class LinearResponse:
         return motions, remaining
 
     def _solve_by_gmres(self, right: Array) -> Array:
-        """Return the motions of balls that springs hold to the ground, where A is not symmetric."""
+        """Return the motions (n m, k) of balls that springs hold to the ground under forces
+        ``right`` (n m, k), where A is not symmetric; ConvergenceError if they are not found.
+        """
         from scipy.sparse.linalg import LinearOperator, gmres
 
         if self._may_factorise:
@@ -275,8 +288,8 @@ def find_elastic_tensor(contacts: ContactList) -> Array:
 
 
 def explain_failure(stable: bool) -> ConvergenceError:
-    """Return the error of a response that is not found, of balls that are at a minimum of the
-    energy or not.
+    """Return the error of a response that is not found, of balls that may be at a minimum of the
+    energy (``stable``) or are not.
     """
     why = (
         ""

@@ -126,7 +126,7 @@ def find_rest(
 
     Raises
     ------
-    InputError : contacts that push, or adhere, cannot bear the load.
+    InputError : contacts that push, or adhere, cannot bear the load; or the load presses nothing.
     ConvergenceError : the search does not come to rest.
     InstabilityError : there is no rest in exact directions near that on the lattice.
     MechanismError : balls differ, and some of their motions, while all touch, cost no energy.
@@ -201,7 +201,9 @@ class _Search(ABC):
         return IteratedEquations(self.problem, self.options)
 
     def run(self, configuration: Configuration) -> Rest:
-        """Return the state at rest near a configuration."""
+        """Return the state at rest near a configuration, or raise the error of a search that does
+        not come to rest.
+        """
         for _ in range(self.options.steps):
             configuration = self._prepare(configuration)
             if self._is_stuck(configuration):
@@ -289,8 +291,8 @@ class _LatticeSearch(_Search):
         return self._relax_springs(untouched)
 
     def _relax_springs(self, untouched: Configuration) -> Configuration:
-        """Return where linear springs are at rest that have the law of the contacts at a typical
-        force.
+        """Return where linear springs are at rest that have the force and the stiffness of the
+        contacts at a typical force; ``untouched`` is the configuration on the sites.
         """
         problem = self.problem
         laws = problem.assembly.laws
@@ -323,7 +325,8 @@ class _LatticeSearch(_Search):
     def _solve(
         self, configuration: Configuration, stiffness: Array, pull: Array, reduction: float
     ) -> Array:
-        """Return the step (size,) of springs of a ``stiffness`` (n_c,) under forces ``pull``.
+        """Return the step (size,) of springs of a ``stiffness`` (n_c,), N/m, under forces ``pull``
+        (size,); iterations end where these are left to a part, the ``reduction``.
 
         Iterations are preconditioned by single balls, until these do not suffice, and then by the
         factors of an earlier step.
@@ -354,10 +357,12 @@ class _LatticeSearch(_Search):
         residual = configuration.residual
         stiffness = configuration.stiffness
         closed = stiffness[stiffness > 0.0]
+        # contacts that carry a force and have no stiffness, as where they break, get some
         added = configuration.mean / problem.length
         if closed.size:
             added = options.added * min(1.0, residual) * float(np.mean(closed))
         pull = configuration.pull
+        # far from rest a rough solution serves
         reduction = max(0.1 * min(1.0, residual**0.5), options.reduction)
         step = self._solve(configuration, stiffness + added, pull, reduction)
         loss = problem.measure_losses(step)
@@ -367,8 +372,10 @@ class _LatticeSearch(_Search):
         )
 
     def _find_length(self, configuration: Configuration, loss: Array, fall: float) -> float:
-        """Return the length of a step at which the energy no longer falls much, at first by
-        ``fall``.
+        """Return the length of a step at which the energy no longer falls much.
+
+        ``loss`` (n_c,) is what contacts lose of their overlaps along the whole step, m, and
+        ``fall`` how fast the energy falls at its start, J per step.
 
         Raises the error of a load that cannot be borne if the energy falls without end.
         """
@@ -377,7 +384,7 @@ class _LatticeSearch(_Search):
         overlap = configuration.overlap
         force = configuration.force
         longest = math.inf
-        if laws.adhere:  # no contact may be torn on the way
+        if laws.adhere:  # no contact may be torn: nine tenths of the way to the first that would
             parting = loss > 0.0
             room = (overlap - laws.least)[parting] / loss[parting]
             longest = max(0.9 * float(np.min(room, initial=math.inf)), 1e-9)
@@ -440,7 +447,8 @@ class _ExactSearch(_Search):
         self.loose: Flags = np.zeros(assembly.n_balls, bool)
 
     def begin(self, start: Rest) -> Configuration:
-        """Return the configuration from which the search begins, that of ``start``.
+        """Return the configuration from which the search begins, that of ``start``. Of balls that
+        differ, those with no more contacts that carry load than axes are loose.
 
         Raises :class:`~granphon.base.errors.MechanismError` if motions of balls that differ cost
         nothing.
@@ -463,14 +471,16 @@ class _ExactSearch(_Search):
         return configuration
 
     def _is_stuck(self, configuration: Configuration) -> bool:
-        """Return whether the residual no longer falls, or all contacts are open."""
+        """Return whether the residual no longer falls, or the configuration is not sound."""
         patience = self.options.patience
         if self.problem.assembly.differs:
             patience = 4 * patience
         return self.trail.stalled > patience or not configuration.is_sound
 
     def _prepare(self, configuration: Configuration) -> Configuration:
-        """Return the configuration in which loose balls are at rest between the others."""
+        """Return the configuration in which loose balls are at rest between the others: to a part
+        of the force that is left on these, or of the spread of radii if that is less.
+        """
         options = self.options
         loose = self.loose
         moves_in_turn = np.any(loose) and self.trail.stalled <= options.patience

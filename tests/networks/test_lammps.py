@@ -393,6 +393,11 @@ BAD_DUMPS = {
         {},
         "ends before its 64 entries do: 63 are there",
     ),
+    "number of rows": (
+        spoil((1, r"ITEM: NUMBER OF ENTRIES\n\d+\n", "")),
+        {},
+        r"pairs.dump:\d+: the number of entries is not given",
+    ),
     "cell": (
         spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+) \S+", r"\1 much")),
         {},

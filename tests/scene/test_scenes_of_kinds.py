@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import granphon as gp
 from granphon.base.errors import GranphonError, InputError, SceneError
 from granphon.cli.commands import main
-from granphon.media.arrangement import Arrangement
+from granphon.media.arrangement import Arrangement, CrystalMedium
 from granphon.observables.catalogue import entry_of
 from granphon.runs.dataset import load_sweep
 from tests.scene.mistakes import BALLS
@@ -162,6 +162,14 @@ def test_layers_stand_on_a_floor(tmp_path, lines, check):
         gp.Phonons(state).bands().frequencies.max(), rel=1e-9
     )
     assert not any("velocities" in text for text in result.warnings)
+
+
+def test_a_column_has_no_pressure_of_periods():
+    crystal = gp.Crystal.on("chain", [balls()[0]]).cut(0, 3, "floor")
+    state = CrystalMedium(Arrangement.of(crystal)).at_pressure(2.0)
+    assert state.force == pytest.approx(2.0, rel=1e-12)
+    with pytest.raises(InputError, match="column"):
+        _ = state.pressure
 
 
 def test_a_defect_and_laws_of_pairs():
