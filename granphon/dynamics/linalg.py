@@ -61,9 +61,10 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     """Return singular values and right singular vectors of a stack of matrices A, accurate for
     graded columns too.
 
-    LAPACK's eigenvectors V of A^H A come first. They are accepted where the columns of A V are so
-    nearly orthogonal that a rotation of first order makes them so to rounding. Elsewhere LAPACK's
-    SVD follows, whose errors are eps sigma_max. Where these may be above 1e-13 of sigma_min, and
+    Up to three columns are left to :func:`jacobi_svd`. Of more rows than columns, LAPACK's
+    eigenvectors V of A^H A come first. They are accepted where the columns of A V are so nearly
+    orthogonal that a rotation of first order makes them so to rounding. Elsewhere LAPACK's SVD
+    follows, whose errors are eps sigma_max. Where these may be above 1e-13 of sigma_min, and
     the columns of A are graded, they are brought into an order in which LAPACK keeps the digits of
     each; :func:`jacobi_svd` finishes what a rotation of first order does not. The errors are then
     eps kappa, kappa the condition of the columns scaled to length 1: sigma_max / sigma_min is at
@@ -99,9 +100,9 @@ def graded_eigh(
     """Return square roots (n_matrices, n) of the eigenvalues, ascending, and eigenvectors
     (n_matrices, n, n), as columns, of a stack of matrices A^H A, as :func:`graded_svd` of A does.
 
-    ``matrices`` (n_matrices, n, n) are Hermitian; ``factor`` finds A (k, m, n) of k of them. It is
-    called only for those where LAPACK's error may exceed 1e-13 of the smallest root, including
-    those with a negative eigenvalue.
+    ``matrices`` (n_matrices, n, n) are Hermitian; ``factor`` finds A (k, m, n) of k of them. Up to
+    n = 3 it is called for all. Above, it is called only for those where LAPACK's error may exceed
+    1e-13 of the smallest root, including those with a negative eigenvalue.
     """
     if matrices.shape[2] <= _FEW_COLUMNS:
         return jacobi_svd(factor(matrices))
@@ -160,7 +161,7 @@ def _straighten(
 def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
     """Return singular values (n_matrices, n), ascending, and right singular vectors
     (n_matrices, n, n), by LAPACK, or by the Jacobi iteration where LAPACK loses digits of graded
-    columns; zeros are exact.
+    columns. Each column of zeros gives a value of exactly zero.
     """
     values, right = lapack_svd(matrices)
     limit = _LAPACK_ERROR * _EPSILON / _ACCEPTED_ERROR
@@ -447,7 +448,8 @@ def find_nearest(
     matrix: Any, count: int, shift: float, solve: Callable[[Any], Any], start: Any = None
 ) -> Any:
     """Return the eigenvalues (count,) of a sparse Hermitian matrix (n, n) that are nearest to
-    ``shift``, ascending, and their vectors (n, count), by Lanczos.
+    ``shift``, ascending, and their vectors (n, count), by Lanczos's method, or by Arnoldi's if the
+    matrix is complex.
 
     ``solve`` applies the inverse of the matrix less the shift; ``start`` (n,) is a vector that has
     a part of each eigenvector, by default a random one.
@@ -458,4 +460,6 @@ def find_nearest(
         # the same one each time, so that results repeat
         start = np.random.default_rng(0).normal(size=matrix.shape[0]).astype(matrix.dtype)
     inverse = LinearOperator(matrix.shape, matvec=solve, dtype=matrix.dtype)
-    return eigsh(matrix, k=count, sigma=shift, OPinv=inverse, v0=start)
+    values, vectors = eigsh(matrix, k=count, sigma=shift, OPinv=inverse, v0=start)
+    order = np.argsort(values)  # Arnoldi's method returns them in no order
+    return values[order], vectors[:, order]
