@@ -89,7 +89,7 @@ class Compatibility:
         lie in the xy plane.
     positions : (n, d) centres.
     contacts : the table of contacts, in the same unit of length. A ball j = n is a body that does
-        not move; its contacts have no vector, and no columns of C for that end.
+        not move; the vector of its contacts is zero, and C has no columns for that end.
     mindlin_ratio : eta, stiffness of slip over that of elongation; a number, or (n_c,).
     stiffness : (n_c,) normal stiffness of each contact; 1 by default.
     prestress : (n_c,) compressive force over spacing of each contact; 0 by default, which is the
@@ -101,7 +101,9 @@ class Compatibility:
     tangential_force : (n_c, d) static forces across contacts, with which ball i acts on ball j;
         none by default. They act on motions as in :func:`~granphon.dynamics.rows.carry_rows`, but
         for the part that has no potential.
-    distance : (n_c,) of the centres, by default the length of the vectors of the contacts.
+    distance : (n_c,) distance r of the two centres, by which tangential forces turn with the
+        contact; by default the length of the vector of the contact, so it must be given if
+        tangential forces act and balls touch bodies that do not move.
     motions : of each ball; those of the plane by default. Balls do not turn if no contact resists
         it.
     name : of the lattice, in messages.
@@ -333,12 +335,14 @@ class Compatibility:
 
     @staticmethod
     def _complete(first: Array) -> Array:
-        """Return an orthogonal matrix (n, n) whose first column is ``first`` (n,)."""
+        """Return an orthogonal matrix (n, n) whose first column is ``first`` (n,), of length one,
+        whose own first entry is not zero.
+        """
         basis = np.eye(len(first))
         basis[:, 0] = first
         frame, _ = np.linalg.qr(basis)
-        # but for the first ball, a column k > 0 moves no ball before ball k; rounding would couple
-        # the column to the contacts of these balls
+        # a column k > 0 moves ball 0, and no other ball before ball k; rounding would couple the
+        # column to the contacts of these balls
         frame[1:, 1:] = np.tril(frame[1:, 1:])
         # QR leaves the sign of the first column open
         return np.asarray(frame * np.sign(frame[0, 0] * first[0]))
@@ -348,8 +352,8 @@ class Compatibility:
 
         Rows are the elongations of all contacts, then their slips (twists, rolls). Columns are the
         mass-weighted motions ((x, y, w) in the plane) in the frame whose first vector is the centre
-        of mass, rotations divided by i. With one ball in the cell, whose contacts have equal arms,
-        the matrix is real.
+        of mass, rotations divided by i. With one ball in the cell, whose contacts have equal arms
+        and are with no body that does not move, the matrix is real.
 
         Parameters
         ----------
@@ -395,8 +399,7 @@ class Compatibility:
         """Rows on which static forces act, and their stiffness (n_c,): -f/a of displacements across
         contacts.
 
-        Tangential forces T have three pairs of rows, of which each is the difference of two
-        squares.
+        Tangential forces T have three pairs of rows: each pair is the difference of two squares.
         """
         table = self.contacts
         pushes = [(row, -self.prestress) for row in push_rows(table.normal, self.motions)]
@@ -445,7 +448,8 @@ class Compatibility:
         default :attr:`_frame`, at the two ends of each contact.
 
         Both are (kinds, n_c, n_branches), and multiplied by ``root`` (kinds, n_c). The difference
-        is the deformation at q = 0; for displacements of the centre of mass it is exactly zero.
+        is the deformation at q = 0; for displacements of the centre of mass it is exactly zero, but
+        in contacts with bodies that do not move.
         """
         weighted = (self._frame if frame is None else frame) / np.sqrt(self.masses)[:, None]
         # without rounding, so that the centre of mass moves all balls alike
@@ -461,8 +465,8 @@ class Compatibility:
         return difference.reshape(flat), total.reshape(flat)
 
     def _make_waves(self, prestress: bool = False) -> WaveRows:
-        """Return rows of C(q), real for one ball in the cell; with ``prestress`` those of
-        displacements across contacts.
+        """Return rows of C(q), real for one ball in the cell; with ``prestress`` those on which
+        static forces act, :attr:`static_rows`.
         """
         # For a motion z exp(i q.r) a row is cos(half angle) times the difference of the two ends
         # plus i sin(half angle) times their sum. Rotations and rows are divided by i. Then both
@@ -726,9 +730,10 @@ class Compatibility:
         Parameters
         ----------
         units : the scales d (m), k (N/m) and M (kg).
-        normal_force : (n_c,) forces, k d.
-        radii : (n,) d.
-        fields : further fields of the network.
+        normal_force : (n_c,) compressive forces, over k d.
+        radii : (n,) radii of the balls, over d.
+        fields : further fields of the network, or other values of its ``motions``, ``prestress``,
+            ``pbc``, ``positions`` and ``tangential_force``.
         """
         table = self.contacts
         d = units.length
