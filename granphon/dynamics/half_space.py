@@ -134,8 +134,10 @@ class HalfSpace:
     """The half space of a network's layers above which there is an edge, in the reduced units of
     the network.
 
-    ``edge`` is how it is held, as for :meth:`ContactNetwork.cut`; the layers go on from its lower
-    face.
+    ``axis`` is the period that the edge cuts, and ``edge`` how it is held, as for
+    :meth:`ContactNetwork.cut`; the layers go on from its lower face. A block is :attr:`reach`
+    layers, as many as a contact reaches across, and :attr:`size` is the number of its motions. The
+    network has p periods, of which p - 1 lie along the edge.
     """
 
     def __init__(self, network: ContactNetwork, axis: Any, edge: str = "free") -> None:
@@ -292,28 +294,33 @@ class HalfSpace:
         )
 
     def read_wavevector(self, q: ArrayLike) -> Array:
-        """Return one wave vector along the edge (p - 1,), zero if () is given; raises InputError
-        for another shape.
+        """Return one wave vector along the edge (p - 1,), in fractions of the reciprocal cell; zero
+        if () is given.
+
+        Raises :class:`~granphon.base.errors.InputError` for another shape, and for a number that is
+        not finite.
         """
-        p = len(self.layers.cell)
+        n_along = len(self.layers.cell)
         fractions = real_array("q", q)
-        if fractions.shape not in ((p,), (0,)) or not np.all(np.isfinite(fractions)):
+        if fractions.shape not in ((n_along,), (0,)):
             raise InputError(
                 f"q has the shape {fractions.shape}",
-                mend=f"Give ({p},) fractions, along the layers",
+                mend=f"Give ({n_along},) fractions, along the layers",
             )
-        return fractions if fractions.size else np.zeros(p)
+        if not np.all(np.isfinite(fractions)):
+            raise InputError("q is not finite")
+        return fractions if fractions.size else np.zeros(n_along)
 
     def wavenumbers(self, factors: Complex, q: Array) -> Complex:
         """Return wave numbers across the edge, 1/m, of motions that change by ``factors`` from
         layer to layer.
 
         Real parts are within half of the period 2 pi over a layer's height. The wave vector along
-        the edge is q (p - 1,).
+        the edge is q (p - 1,), in fractions of the reciprocal cell.
         """
-        p = len(q)
+        n_along = len(q)
         # a layer is shifted along the edge against the one above; its phase counts to q
-        layer_shift = np.linalg.solve(self.layers.cell[:, :p].T, self.layers.stack[:p])
+        layer_shift = np.linalg.solve(self.layers.cell[:, :n_along].T, self.layers.stack[:n_along])
         phase_along_edge = layer_shift @ q
         turns = np.angle(factors) / (2.0 * np.pi) - phase_along_edge
         nearest_turns = (turns + 0.5) % 1.0 - 0.5
@@ -623,7 +630,8 @@ class HalfSpace:
         """Return indices that sort w (n,) at each wave vector, of numbers ``point`` (n,), with one
         index for each set of equal w.
 
-        Two w are equal if they differ by less than ``tolerance`` times the lesser half width.
+        Two w are equal if they differ by no more than ``tolerance`` times the lesser half width,
+        and a part :data:`_ONE_POLE` of the highest w.
         """
         order = np.lexsort((w.real, point))
         depth = -w[order].imag
@@ -634,11 +642,13 @@ class HalfSpace:
         return order[is_new]
 
     def _find_pole(self, outer: Complex, inner: Complex, hop: Complex, w: complex) -> complex:
-        """Return the root of S near the start w, straight below the real axis; nan if the search
+        """Return the root of S near the start w, which is below the real axis; nan if the search
         finds none.
 
-        The blocks are E_0, E and A, (size, size). Each step of Newton's method begins on the real
-        axis, where the waves that decay from the edge are known, and follows these waves down to w.
+        The blocks are E_0, E and A, (size, size). Each step of Newton's method begins just above
+        the real axis, where the waves that decay from the edge are known, and follows these waves
+        straight down to w. A step that leads to the axis or above ends the search, and its w is
+        returned.
         """
         blocks = _EdgeBlocks(outer, inner, hop)
         width = -w.imag
@@ -683,13 +693,13 @@ class HalfSpace:
     # -- long waves --------------------------------------------------------------------------------
 
     def rayleigh_velocity(self, direction: Array) -> float:
-        """Return the velocity, d (k/M)^1/2, of the long wave at a free edge along ``direction``
-        (p - 1,), in the frame of the cut.
+        """Return the velocity, d (k/M)^1/2, of the long wave at a free edge along the unit vector
+        ``direction`` (p - 1,), in the frame of the cut.
 
         The surface impedance Z(v), which is Hermitian, is singular there; it is positive at v = 0,
         and falls with v up to the velocity at which a bulk wave first runs along the edge. Raises
-        :class:`~granphon.base.errors.InputError` for an edge that is held, and if there is no such
-        wave.
+        :class:`~granphon.base.errors.GranphonError` if there is no such wave, and
+        :class:`~granphon.base.errors.InputError` as :meth:`_find_continuum` does.
         """
         from scipy.optimize import brentq, minimize_scalar
 
@@ -712,15 +722,19 @@ class HalfSpace:
         return float(brentq(medium.impedance, low, high, xtol=1e-15 * limit, rtol=1e-15))
 
     def _find_continuum(self, direction: Array) -> _EdgeContinuum:
-        """Return the elastic continuum of the crystal, in the frame of the cut, for waves along
-        ``direction`` (p - 1,).
+        """Return the elastic continuum of the crystal, in the frame of the cut, for waves along the
+        unit vector ``direction`` (p - 1,). Of a network in a plane, displacements out of that plane
+        take no part.
 
-        Raises :class:`~granphon.base.errors.InputError` for an edge that is held, for balls that do
-        not move along the edge and across it, and for a network that is not upright.
+        Raises :class:`~granphon.base.errors.InputError` for an edge that is held, for one period or
+        balls that do not move along the edge and across it, for two periods that do not lie in the
+        xy plane, and as :meth:`ContactLattice.require_rigid` does, for a mechanism.
         """
         if self.edge != "free":
             raise InputError(
-                f"the edge is held ({self.edge})", "Long waves there are none", "Take edge='free'"
+                f"the edge is held ({self.edge})",
+                "Only a free edge has a long wave",
+                "Take edge='free'",
             )
         lattice = ContactLattice.from_network(self.network)
         p = lattice.periods
@@ -772,14 +786,14 @@ class _CutCrystal:
         """Return M, its derivative by w, and the motions of both blocks, g |V|^1/2, all (n, 2 size,
         2 size), at w (n,) in gaps with ends (2, n), at the wave vectors ``point`` (n,).
         """
-        size = self.inner.shape[1]
+        n_motions = self.inner.shape[1]  # those of both blocks
         distance_to_band = np.minimum(w - gap[0], gap[1] - w)
         distance_to_band = distance_to_band.clip(_GAP_MARGIN * (gap[1] - gap[0]))
         broadening = np.outer(_GAP_BROADENINGS, distance_to_band)  # (2, n)
         shifted_w = (w + 1j * broadening).ravel()
         points = np.tile(point, 2)
         _, inverse = self.space._eliminate(self.inner, self.inner, self.hop, points, shifted_w)
-        green = np.linalg.inv(inverse).reshape(2, -1, size, size)
+        green = np.linalg.inv(inverse).reshape(2, -1, n_motions, n_motions)
         adjoint = green.conj().swapaxes(2, 3)
         # g and dg/dw at the real w: the second broadening, twice the first, cancels second order
         even = 0.5 * (green + adjoint)
@@ -789,7 +803,7 @@ class _CutCrystal:
         root = self.root[point]
         root_adjoint = root.conj().swapaxes(1, 2)
         motions = real_green @ root
-        matrices = self.signs[point, None] * np.eye(size) - root_adjoint @ motions
+        matrices = self.signs[point, None] * np.eye(n_motions) - root_adjoint @ motions
         slopes = -root_adjoint @ green_slope @ root
         return matrices, slopes, motions
 
@@ -1004,7 +1018,8 @@ class _EdgeBlocks(NamedTuple):
 
 class _EdgeContinuum(NamedTuple):
     """An elastic continuum below an edge, in reduced units: the stiffness ``tensor`` (p, p, p, p),
-    the ``density``, and the direction ``along`` (p,) of waves; the last axis is across the edge.
+    the ``density``, and the unit vector ``along`` (p,) of the waves; the last axis is across the
+    edge.
     """
 
     tensor: Array
