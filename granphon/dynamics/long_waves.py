@@ -116,6 +116,9 @@ class LongWaves(Compatibility):
     def relax_inner_motions(self, progress: Progress = silent) -> None:
         """Factorise the matrix of the inner motions, the long work that moduli and sound share, and
         report how far it has come; the lattice keeps the factors.
+
+        Nothing is done in a cell of few motions, whose matrices are dense, and where bodies that do
+        not move hold the balls.
         """
         is_large = self.n_branches > MANY_COLUMNS
         if is_large and not self.is_held and "_sparse" not in vars(self):
@@ -202,7 +205,9 @@ class LongWaves(Compatibility):
     @cached_property
     def _touching(self) -> Self:
         """The lattice as overlaps vanish, as far as it tells which inner motions are free: each
-        ball has one lever arm.
+        ball whose lever arms differ by no more than overlaps explain has one lever arm.
+
+        It is this lattice itself if there is no such ball.
         """
         table = self.contacts
         balls = np.concatenate([table.i, table.j])
@@ -447,12 +452,12 @@ class LongWaves(Compatibility):
 
         Parameters
         ----------
-        prestress : (...) compressive force over spacing, the same in every contact; by default the
-            lattice's own.
+        prestress : (...) compressive force over spacing, k, the same in every contact; by default
+            the lattice's own.
 
         Returns
         -------
-        (..., n_u, p, n_u, p), indices i, j, k, l of d2E / d(u_i,j) d(u_k,l), in units of k.
+        (..., n_u, p, n_u, p), indices i, j, k, l of d2E / d(u_i,j) d(u_k,l), in units of k d^2.
 
         Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes an inner motion
         unstable that the gradient moves.
@@ -607,6 +612,7 @@ class LongWaves(Compatibility):
 
         Raises
         ------
+        InputError : bodies that do not move hold the balls.
         MechanismError : the lattice is a :attr:`mechanism`.
         InstabilityError : the prestress makes a squared velocity negative.
         """
