@@ -375,7 +375,9 @@ def _part_running(
     """Return the flux (b,) of each wave, dw/dk from block to block, zero of waves that decay; turn
     the ``vectors`` (n, b) of ``running`` waves, in place, into waves of a flux of one or minus one.
 
-    Waves with one lambda are parted so that energy flows in each by itself.
+    Waves with one lambda are parted so that energy flows in each by itself. Raises
+    :class:`~granphon.base.errors.PrecisionError` if more waves have one lambda than a block has
+    motions.
     """
     flux = np.zeros(len(factors))
     ungrouped = running
