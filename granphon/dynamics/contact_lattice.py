@@ -311,8 +311,8 @@ class ContactLattice(LongWaves):
         return Modes(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def _require_room(self, points: int, numbers: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if so many numbers of each branch do not
-        fit into memory.
+        """Raise :class:`~granphon.base.errors.InputError` if so many ``numbers`` of each branch, 1
+        of its frequency alone, at so many ``points`` of the zone do not fit into memory.
         """
         bytes_per_number = 16.0 if numbers == 1 else 48.0
         require_memory(
