@@ -80,7 +80,8 @@ def name_strain(strains: Array) -> str:
 
 def find_unstable_strains(tensor: Array) -> Array | None:
     """Return the strains (n, m), as :func:`name_strain` takes them, whose modulus under elastic
-    tensors (..., n, n) is farthest below zero; None if no modulus is below zero.
+    tensors (..., n, n) is farthest below zero, over the largest modulus of the same tensor; None if
+    no modulus is below zero by more than rounding.
 
     Under static stress a crystal is stable if the symmetric part of its coefficients between stress
     and strain is positive (J. Wang, J. Li, S. Yip, D. Wolf, Phys. Rev. B 52, 12627, 1995).
