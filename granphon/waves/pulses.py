@@ -941,9 +941,10 @@ class Pulse(Result):
     def time_of_flight(self) -> float:
         """Time of flight by the envelope of the coherent signal, s.
 
-        It is nan, and :attr:`warnings` say why, in four cases: the record ends before the pulse is
-        over; an echo may come before the maximum of the pulse; the velocity would be above the
-        fastest wave; other frequencies than that of the burst arrive, as in a gap.
+        It is nan, and :attr:`warnings` say why, in six cases: the signal is zero; it does not come
+        after the burst; the record ends before the pulse is over; an echo may come before the
+        maximum of the pulse; the velocity would be above the fastest wave; other frequencies than
+        that of the burst arrive, as in a gap.
         """
         return self._flight.time
 
@@ -1255,8 +1256,9 @@ def _find_fastest(
     along ``push`` and in the stiffest direction, m/s: no wave of the piece is faster.
 
     ``may_have_fallen`` says that balls were left out between free ends. Raises
-    :class:`~granphon.base.errors.InputError` if no contacts join the sources and the receivers, or
-    none resists ``push``.
+    :class:`~granphon.base.errors.InputError` if no contacts join the sources and the receivers
+    (:class:`~granphon.base.errors.InstabilityError` if balls may have fallen), or none resists
+    ``push``.
     """
     network = course.network
     piece_of_ball = number_pieces(network.i, network.j, network.moving)
