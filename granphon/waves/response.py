@@ -8,7 +8,7 @@ With forces F exp(i omega t) on balls, mass-weighted motions x = M^1/2 u obey Z 
 with the damping of :mod:`granphon.dynamics.damping`; a wall that is moved pulls at the balls that
 touch it with the same springs and dashpots. There are two ways to solve it.
 
-Directly: sparse LU factors of Z at each frequency, in an order of the motions that is found once.
+Directly: sparse factors of Z at each frequency, in an order of the motions that is found once.
 Further solutions, of the residual, mend the first solution until it changes no more. The error is
 the last change, and the effect of the rounding of Z and omega, which is large next to modes that
 lose no energy.
@@ -1017,6 +1017,11 @@ class _Problem:
     def solve(self, omega: Array, method: str | None, tolerance: float) -> _Solution:
         """Return the signals of the receivers at ``omega`` (n_f,), rad/s, by the ``method``, or by
         what is faster.
+
+        Raises :class:`~granphon.base.errors.InputError` for a Krylov space that serves not all
+        frequencies, and for a frequency at which factors find a mode without losses, and
+        :class:`~granphon.base.errors.ConvergenceError` as :meth:`ResponseWork.choose` does, and
+        where a Krylov space finds no values and there are no factors, or the space was named.
         """
         work = ResponseWork(self.operator, self.damping, omega, tolerance)
         if work.unfit and method == "krylov":
@@ -1168,6 +1173,9 @@ class _Problem:
     def _solve_directly(self, equations: _Equations, w: float) -> tuple[Complex, float]:
         """Return the signals (n_r,) at the angular frequency ``w``, rad/s, and their error over the
         loudest signal.
+
+        Raises :class:`~granphon.base.errors.InputError` at the frequency of a mode that loses no
+        energy.
         """
         matrix, drive = equations.at(w)
         x = np.zeros(drive.size, matrix.dtype)
