@@ -35,8 +35,9 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     branch : number of the branch, in ascending frequency.
     law : as for :class:`NonlinearWaves`.
 
-    Raises :class:`~granphon.base.errors.InputError` for a branch that others touch at q, or that
-    costs nothing or displaces no ball, and where twice its frequency is that of a wave of 2 q.
+    Raises :class:`~granphon.base.errors.InputError` for a law that is no power, for a branch that
+    others touch at q, or that costs nothing or displaces no ball, and where twice its frequency is
+    that of a wave of 2 q.
     """
     waves = NonlinearWaves(x, law)
     if not isinstance(waves.normal, Powers):
@@ -71,8 +72,8 @@ def _take_single_branch(matrix: Complex, number: int, top_square: float) -> tupl
     """Return omega^2, (rad/s)^2, and the vector (size,) of the branch of this ``number`` of D,
     ``matrix`` (size, size).
 
-    Raises :class:`InputError` if omega^2 is zero, or that of another branch, but for rounding;
-    ``top_square`` is the highest omega^2.
+    Raises :class:`~granphon.base.errors.InputError` if omega^2 is zero, or that of another branch,
+    but for rounding; ``top_square`` is a bound of all omega^2.
     """
     squares, vectors = np.linalg.eigh(matrix)
     rounding = _ALONE * top_square
@@ -137,6 +138,8 @@ def _follow_double(
 ) -> Complex:
     """Return the elongations (n_c,) at twice the frequency of a wave that its ``tension`` (n_c,) of
     second order makes; ``square`` is omega^2 of the wave, (rad/s)^2.
+
+    Raises :class:`~granphon.base.errors.InputError` if a wave of 2 q has twice the frequency.
     """
     matrix, rows = _find_harmonic(operator, wavevector, 2)
     double_square = 4.0 * square
