@@ -484,7 +484,8 @@ def find_ioffe_regel(
     """Return the frequency, Hz, from which ``wavenumber`` (n,), 1/m, times the mean free path of
     lines at ``peak`` (n,) with ``width`` (n,), Hz, is below ``product``; None if never.
 
-    See :meth:`granphon.waves.spectral_functions.SpectralFunction.ioffe_regel`.
+    See :meth:`granphon.waves.spectral_functions.SpectralFunction.ioffe_regel`. After a line without
+    width, to which nothing can be interpolated, the frequency is that of the next peak.
     """
     log_product = math.log(positive("product", product))
     ascending = np.argsort(wavenumber, kind="stable")
