@@ -1206,11 +1206,12 @@ def _in_space(vectors: Array) -> Array:
 
 
 def contact_blocks(lattice: ContactLattice) -> Array:
-    """Return the force constants of each contact alone, (n_c, 6, 6), in (x, y, w) of ball i, then
-    of ball j; units of k.
+    """Return the force constants of each contact alone, (n_c, 6, 6), in the three coordinates of
+    ball i, then of ball j; units of k.
 
-    If balls have all six motions the shape is (n_c, 12, 12), in (x, y, z, w_x, w_y, w_z) of each
-    ball.
+    The coordinates are (x, y, w) in the plane and (w_x, w_y, z) out of it, and (x, y, z) where
+    balls move in space and do not turn; those without a motion have zeros. If balls have all six
+    motions the shape is (n_c, 12, 12), in (x, y, z, w_x, w_y, w_z) of each ball.
     """
     slots = list(lattice.motions.slots)
     count = 3 * lattice.motions.atoms_per_ball
