@@ -51,7 +51,7 @@ class ZoneMesh(NamedTuple):
 
     @classmethod
     def of(cls, numbers: tuple[int, ...], group: Index | None = None) -> ZoneMesh:
-        """Return the mesh of these ``numbers`` (p,) of points, reduced by a ``group`` (n, p, p) of
+        """Return the mesh of these ``numbers`` (p,) of points, reduced by a ``group`` (g, p, p) of
         :func:`find_point_group` and by time reversal.
 
         The mesh has all its points without a group, and where a rotation mixes axes of different
@@ -87,9 +87,9 @@ class ZoneMesh(NamedTuple):
         ----------
         reciprocal : (p, p) reciprocal vectors, one a row; each cell of the mesh is cut along its
             shortest diagonal.
-        frequencies : (n_q, n_branches).
+        frequencies : (n_q, n_branches), at the irreducible points.
         parts : (n_parts, n_q, n_branches), weights with which each mode is counted.
-        limits : (n_limits,), ascending.
+        limits : (n_limits,), ascending, in the unit of the frequencies.
         """
         p = len(self.numbers)
         numbers = np.array(self.numbers)
@@ -170,8 +170,8 @@ def _integrate_splines(x: Array, knots: Array) -> Array:
 def find_point_group(
     atoms: Atoms, periods: int, frequencies: Callable[[Array], Array]
 ) -> Index | None:
-    """Return the rotations (n, p, p) that keep ``frequencies``, which act on fractions q as q @
-    rotation; None if unknown.
+    """Return the rotations (g, p, p) that keep ``frequencies``, which act on fractions q as q @
+    rotation; None if unknown. On a line the only rotation is the identity.
 
     The rotations are of the layer or space group of the ``atoms``. Spglib knows the positions of
     the balls, not the stiffness of contacts. So ``frequencies``, a function of wave vectors (n, p),
