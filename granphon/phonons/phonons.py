@@ -130,9 +130,8 @@ class Phonons:
 
     Raises
     ------
-    InputError : a state with several loads; a network that repeats nowhere, has static tangential
-        forces that act, or is too large for the memory; atoms without masses, of other scales, or
-        otherwise refused by
+    InputError : a state with several loads; a network that repeats nowhere, or is too large for the
+        memory; atoms without masses, a cell or contacts, of other scales, or otherwise refused by
         :class:`HertzMindlin`; a ``dim`` so small that two balls would touch through two images.
     """
 
@@ -435,7 +434,9 @@ class Phonons:
 
         Raises :class:`~granphon.base.errors.InputError` for a damping below zero, and for Atoms
         whose contacts are not the state's, in their order;
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative;
+        :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and are far stiffer
+        than springs.
         """
         points = _check_qpoints(qpoints, self._periods)
         network = given_network(self.state)
@@ -521,7 +522,7 @@ class Phonons:
         s, p, _ = segments.shape
         b = self.lattice.n_branches
         d = self._periods
-        wavevectors = self.lattice.wavevectors(segments)  # (s, p, d), 1/d
+        wavevectors = self.lattice.wavevectors(segments)  # (s, p, d), over the mean diameter
         q = wavevectors.reshape(-1, d)
         self._require_memory_of_bands(len(q), eigenvectors)
         velocities = None
@@ -653,6 +654,9 @@ class Phonons:
             and up to a million times the top one; by default a hundredth of that, or more if there
             are few ``points``.
         points : number of frequencies, 12 or more, from zero to just above the top frequency.
+
+        Raises :class:`~granphon.base.errors.InputError` for numbers out of range or too large for
+        the memory, for a ``sigma`` of tetrahedra, and where every branch vanishes.
         """
         numbers = self._read_mesh(mesh)
         chosen_method = one_of("method", method, ("tetrahedron", "smearing"))
@@ -757,7 +761,8 @@ class Phonons:
                 )
             return None
         if sigma is None:
-            # with few frequencies, the width that is about their spacing up to the end of the tail
+            # with few frequencies, a width a little above their spacing up to the end of the tail:
+            # w = (top + 5 w)/(count - 1) is top/(count - 6)
             return max(_NARROWEST, 1.0 / (count - 7)) * top
         width = positive("sigma", sigma, "Hz") / self.scales.frequency
         if width > _WIDEST * top:
@@ -1048,8 +1053,8 @@ def _secant_step(moved: Array, change: Array, steepness: Array) -> Array:
 
 
 def _directions_along(paths: Array) -> Array:
-    """Return the vector (s p, d) along the path, 1/d, at each wave vector of ``paths`` (s, p, d),
-    1/d.
+    """Return the vector (s p, periods) along the path at each wave vector of ``paths`` (s, p,
+    periods), both 1/d; at the last point of a segment it points back.
     """
     points = paths.shape[1]
     along = np.repeat(paths[:, -1] - paths[:, 0], points, axis=0)
@@ -1059,8 +1064,8 @@ def _directions_along(paths: Array) -> Array:
 
 
 def _distances_along(paths: Array) -> Array:
-    """Return distances (s, p) along segments of wave vectors ``paths`` (s, p, d), 1/d, over 2 pi;
-    each segment begins where the one before has ended.
+    """Return distances (s, p) along segments of wave vectors ``paths`` (s, p, periods), 1/d, over
+    2 pi; each segment begins where the one before has ended.
     """
     steps = np.linalg.norm(np.diff(paths, axis=1), axis=2) / (2.0 * np.pi)
     starts = np.zeros((len(paths), 1))
