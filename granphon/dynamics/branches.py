@@ -420,8 +420,8 @@ def _find_maximum(
 
 
 def _assign_columns(overlap: Array) -> NDArray[np.intp]:
-    """Return a column (n, m) for each of m branches, none twice, from the overlaps
-    (n, m, n_branches) of each branch with all columns.
+    """Return a column (n, m) for each of m branches, none twice, from the ``overlap``
+    (n, m, n_branches) of each branch with all columns: the sum of the overlaps is the greatest.
     """
     # if the columns of largest overlap are different for all branches, they are the best assignment
     best: NDArray[np.intp] = np.argmax(overlap, axis=2)

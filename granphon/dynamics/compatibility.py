@@ -444,8 +444,8 @@ class Compatibility:
     def _combine_ends(
         self, rows: list[Row], root: Array, frame: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return the difference and the sum of the effects of each motion of a ``frame`` (n, n), by
-        default :attr:`_frame`, at the two ends of each contact.
+        """Return the difference and the sum of the effects on ``rows`` that each motion of a
+        ``frame`` (n, n), by default :attr:`_frame`, has at the two ends of each contact.
 
         Both are (kinds, n_c, n_branches), and multiplied by ``root`` (kinds, n_c). The difference
         is the deformation at q = 0; for displacements of the centre of mass it is exactly zero, but
@@ -543,8 +543,9 @@ class Compatibility:
     def _invert_contacts(
         self, image: NDArray[np.intp], cells: NDArray[np.intp]
     ) -> NDArray[np.intp] | None:
-        """Return the image (n_c,) of each contact under an inversion of the balls; None if contacts
-        have no image, or one that differs.
+        """Return the image (n_c,) of each contact under an inversion of the balls, whose ``image``
+        (n,) and ``cells`` (n, p) are those of :meth:`_invert_balls`; None if contacts have no
+        image, or one that differs.
         """
         table = self.contacts
         i = image[table.j]

@@ -645,10 +645,10 @@ class HalfSpace:
         """Return the root of S near the start w, which is below the real axis; nan if the search
         finds none.
 
-        The blocks are E_0, E and A, (size, size). Each step of Newton's method begins just above
-        the real axis, where the waves that decay from the edge are known, and follows these waves
-        straight down to w. A step that leads to the axis or above ends the search, and its w is
-        returned.
+        The blocks ``outer``, ``inner`` and ``hop`` are E_0, E and A, (size, size). Each step of
+        Newton's method begins just above the real axis, where the waves that decay from the edge
+        are known, and follows these waves straight down to w. A step that leads to the axis or
+        above ends the search, and its w is returned.
         """
         blocks = _EdgeBlocks(outer, inner, hop)
         width = -w.imag
@@ -784,7 +784,8 @@ class _CutCrystal:
 
     def find(self, point: Index, w: Array, gap: Array) -> tuple[Complex, Complex, Complex]:
         """Return M, its derivative by w, and the motions of both blocks, g |V|^1/2, all (n, 2 size,
-        2 size), at w (n,) in gaps with ends (2, n), at the wave vectors ``point`` (n,).
+        2 size), at w (n,) in gaps with the ends ``gap`` (2, n), at the wave vectors of numbers
+        ``point`` (n,).
         """
         n_motions = self.inner.shape[1]  # those of both blocks
         distance_to_band = np.minimum(w - gap[0], gap[1] - w)

@@ -73,8 +73,8 @@ class LongWaves(Compatibility):
     """
 
     def _deform_uniformly(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
-        """Return the deformations at q = 0, times ``root``, under displacement gradients and under
-        inner motions.
+        """Return the deformations ``rows`` at q = 0, times ``root`` (kinds, n_c), under
+        displacement gradients and under inner motions.
 
         Their shapes are (n_rows, n_u p), for the gradients u_a,b (in the plane u_x,x u_x,y u_y,x
         u_y,y), and (n_rows, n_inner). Inner motions are rotations, and the shifts of several balls
@@ -87,8 +87,8 @@ class LongWaves(Compatibility):
         return affine.reshape(root.size, self._n_gradients), inner
 
     def _find_inner_ends(self, rows: list[Row], root: Array) -> tuple[Any, Any]:
-        """Return the difference and the sum of the effects of inner motions at both ends of
-        contacts, (n_rows, n_inner).
+        """Return the difference and the sum of the effects of inner motions on ``rows``, times
+        ``root`` (kinds, n_c), at both ends of contacts, (n_rows, n_inner).
 
         In a cell of many balls they are sparse, and those of all motions of each ball, the shift of
         all balls among them.
@@ -542,6 +542,9 @@ class LongWaves(Compatibility):
     def _find_load(self, prestress: ArrayLike | None) -> tuple[Any, tuple[Array, ...]]:
         """Return a factor, a number or (..., 1, 1), and the forms that the factor multiplies: those
         of :meth:`_compute_push_forms`, and the sum (p, p) of f r r/a over the contacts.
+
+        ``prestress`` is as for :meth:`gradient_stiffness`: for the lattice's own the factor is 1,
+        and tangential forces add to the sum.
         """
         if prestress is None:
             rows, root = self._weight_rows(prestress=True)

@@ -566,8 +566,8 @@ def _part_edges(motion: NDArray[Any], masks: NDArray[np.bool_]) -> Array:
 
 
 def _read_vectors(components: Array, motions: Motions, qpoints: Array, cell: Array) -> Complex:
-    """Return eigenvectors (s, p, n_dof, b) from the real and imaginary parts (s, p, b, n, 3 or 6,
-    2) of the coordinates of atoms in a band.yaml.
+    """Return eigenvectors (s, p, n_dof, b) from ``components``, the real and imaginary parts
+    (s, p, b, n, 3 or 6, 2) of the coordinates of atoms in a band.yaml.
     """
     motion = components[..., 0] + 1j * components[..., 1]
     # the phase at the ball, in place of that of an atom aside

@@ -327,7 +327,7 @@ def keep_rows(kept: Flags, *arrays: Any) -> tuple[Any, ...]:
 
 class _Search(NamedTuple):
     """The ``pairs`` of balls nearer than ``reach`` at ``positions`` (N, m) in a ``cell`` (m, m),
-    all in diameters.
+    all in diameters; ``periodic`` says along which of its m vectors the balls repeat.
     """
 
     pairs: Pairs
@@ -366,8 +366,8 @@ class _Search(NamedTuple):
 def _search(positions: Array, cell: Array, periodic: tuple[bool, ...], reach: float) -> _Search:
     """Return the pairs of balls at ``positions`` (N, m) nearer than ``reach``, in diameters.
 
-    Raises :class:`InputError` for periods, rows of the ``cell`` (m, m), that have no length or are
-    not independent of each other.
+    Raises :class:`InputError` for periods, those rows of the ``cell`` (m, m) that are ``periodic``,
+    that have no length or are not independent of each other.
     """
     axes = np.flatnonzero(periodic)
     periods = cell[axes]

@@ -117,7 +117,8 @@ class ZoneMesh(NamedTuple):
 
     def _cut_cell(self, reciprocal: Array) -> Index:
         """Return the corners (p!, p + 1, p) of the simplices of a cell of the mesh, as steps from
-        point to point, about the shortest diagonal of the cell.
+        point to point, about the shortest diagonal of the cell; ``reciprocal`` (p, p) are the
+        reciprocal vectors as rows.
         """
         p = len(self.numbers)
         numbers = np.array(self.numbers)

@@ -272,8 +272,8 @@ class Phonons:
         return np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
 
     def _require_mesh(self, numbers: tuple[int, ...]) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if modes on a mesh do not fit into the
-        memory of this machine.
+        """Raise :class:`~granphon.base.errors.InputError` if modes on a mesh of ``numbers`` (p,) of
+        wave vectors do not fit into the memory of this machine.
         """
         cost = costs.density_of_states(numbers, self.lattice.n_branches)
         shown = " x ".join(map(str, numbers))
@@ -283,8 +283,8 @@ class Phonons:
         )
 
     def _require_state_cell(self, with_stiffness: bool = False) -> None:
-        """Raise InputError unless the lattice has the contacts of the state, in their order; on
-        request also the masses and stiffnesses of the state.
+        """Raise InputError unless the lattice has the contacts of the state, in their order; with
+        ``with_stiffness`` also the masses and stiffnesses of the state.
         """
         arrays_of_state = _list_arrays(self.state.contact_lattice(), with_stiffness)
         arrays = _list_arrays(self.lattice, with_stiffness)
@@ -845,7 +845,7 @@ class Phonons:
 
     def _list_gap_points(self, numbers: tuple[int, ...]) -> Array:
         """Return the wave vectors (n_q, p), fractions of the reciprocal cell, at which gaps are
-        sought: a mesh of half of the zone, and the special points.
+        sought: those of a mesh of ``numbers`` (p,) in half of the zone, and the special points.
         """
         p = self._periods
         axes = [np.arange(number) / number for number in numbers]
@@ -855,8 +855,9 @@ class Phonons:
         return np.concatenate([grid, *points])
 
     def _climb_edges(self, edges: _BandEdges, starts: Array, longest_step: float) -> Array:
-        """Return the greatest frequency times sign (e,) of each edge that is reached from its wave
-        vectors ``starts`` (e, n_starts, p), 1/d.
+        """Return the greatest frequency times sign (e,) of each of the ``edges`` that is reached
+        from its wave vectors ``starts`` (e, n_starts, p), in steps up to ``longest_step``, both
+        1/d.
         """
         n_edges, n_starts, p = starts.shape
         branch = np.repeat(edges.branch, n_starts)
@@ -1132,8 +1133,8 @@ def _number_images(bridge: ContactPhonopy, dim: tuple[int, ...]) -> Index:
 
 
 def _list_arrays(lattice: ContactLattice, with_stiffness: bool) -> list[Array]:
-    """Return the balls i and j (n_c,) and the vectors (n_c, d) of the contacts of a lattice; on
-    request also masses and radii of gyration (n,), stiffnesses and prestress (n_c,).
+    """Return the balls i and j (n_c,) and the vectors (n_c, d) of the contacts of a lattice; with
+    ``with_stiffness`` also masses and radii of gyration (n,), stiffnesses and prestress (n_c,).
     """
     contacts = lattice.contacts
     arrays: list[Any] = [contacts.i, contacts.j, contacts.vector]

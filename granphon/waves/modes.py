@@ -462,8 +462,11 @@ class _Density:
         self, target: float, filters: int, n_held: int, n_spanned: float, least_half: float
     ) -> tuple[_Window, float]:
         """Return the window about phi = ``target``, or about an end of the spectrum that is near,
-        and the number of modes in it: ``n_spanned``, or more if the half width would be below
-        ``least_half``.
+        with so many ``filters``, and the number of modes in it: ``n_spanned``, or more if the half
+        width would be below ``least_half``.
+
+        About an end of the spectrum the window holds as many modes beyond the target, and at least
+        ``n_held`` there.
         """
         centre = target
         half = max(self.reach(target, n_spanned), least_half)

@@ -1620,8 +1620,8 @@ def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
 def _require_short(
     operator: WaveOperator, duration: float, damping: float = 0.0, uneven: bool = False
 ) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for a record that takes more than
-    :data:`_MOST` products with D.
+    """Raise :class:`~granphon.base.errors.InputError` for a record of a ``duration``, s, that takes
+    more than :data:`_MOST` products with D, and for a damping with which nothing moves.
 
     ``damping`` is the largest time, s; ``uneven`` says that contacts are damped differently in
     their motions.

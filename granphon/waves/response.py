@@ -385,7 +385,8 @@ class _SolvedLines(NamedTuple):
 
 def _solve_lines(x: Array, values: Complex, is_narrow: Any, solve: Solve) -> _SolvedLines:
     """Return lines (n,) that are narrower than the step of the frequencies, as the response that is
-    solved there has them; the arguments are those of :func:`_approach_lines`.
+    solved there has them; the arguments are those of :func:`_approach_lines`, and ``is_narrow``
+    (n, n_r) says which receivers may hear a line.
     """
     pole, points, line_values = _approach_lines(x, values, is_narrow, solve)
     receiver_poles = _fit_pole(points[..., None], line_values)
@@ -828,7 +829,7 @@ class ResponseWork:
         return time_over_lanczos * self.operator.size * product_time
 
     @cached_property
-    def price(self) -> float:
+    def factor_time(self) -> float:
         """Time of factors at a frequency, s; infinite if the network is too large."""
         return estimate_factors(self.operator.size, self.operator.network.dimension)[0]
 
@@ -871,10 +872,10 @@ class ResponseWork:
         """
         is_small = method is None and self.operator.size <= _FEW
         if method == "direct" or self.unfit or is_small:
-            if not math.isfinite(self.price):
+            if not math.isfinite(self.factor_time):
                 raise self.explain("is not found by factors")
             by_factors = np.ones(self.omega.size, bool)
-            seconds = self.price * self.omega.size
+            seconds = self.factor_time * self.omega.size
         else:
             by_factors, seconds = self._share_frequencies(may_factorise=method is None)
             most_steps = float(np.max(self.steps, where=~by_factors, initial=0.0))
@@ -895,8 +896,8 @@ class ResponseWork:
         # (n_f + 1,) times with factors at none, one, two, ... of the slowest frequencies
         times = self.step * np.append(self.steps[slowest_first], 0.0)
         n_factors = 0
-        if may_factorise and math.isfinite(self.price):
-            times = times + np.arange(count + 1) * self.price
+        if may_factorise and math.isfinite(self.factor_time):
+            times = times + np.arange(count + 1) * self.factor_time
             n_factors = int(np.argmin(times))
         by_factors = np.ones(count, bool)
         by_factors[slowest_first[n_factors:]] = False
@@ -930,9 +931,9 @@ class ResponseWork:
         methods = []
         if math.isfinite(steps):
             methods.append(f"a Krylov space takes about {write_duration(steps * self.step)}")
-        if math.isfinite(self.price):
+        if math.isfinite(self.factor_time):
             count = self.omega.size
-            duration = write_duration(self.price * count)
+            duration = write_duration(self.factor_time * count)
             frequencies = counted(count, "frequency", "frequencies")
             methods.append(f"factors at {frequencies} take about {duration}")
         return methods
@@ -1033,7 +1034,7 @@ class _Problem:
         error = np.full(omega.size, np.inf)  # infinite where no value is found yet
         steps = 0
         by_krylov = np.flatnonzero(~by_factors)
-        has_factors = math.isfinite(work.price)
+        has_factors = math.isfinite(work.factor_time)
         may_factorise = method is None and has_factors
         if by_krylov.size:
             expected_steps = float(np.max(work.steps[by_krylov])) if may_factorise else math.inf
@@ -1042,7 +1043,7 @@ class _Problem:
         # a response deep in a gap is less than the rounding of a Krylov space; factors keep all of
         # its digits
         deep = np.flatnonzero(np.isfinite(error) & (error > max(_UNSURE, tolerance)))
-        if may_factorise and deep.size * work.price <= max(steps * work.step, _AGAIN):
+        if may_factorise and deep.size * work.factor_time <= max(steps * work.step, _AGAIN):
             error[deep] = np.inf
         unsolved = np.flatnonzero(np.isinf(error))
         if unsolved.size:
@@ -1408,8 +1409,9 @@ class _KrylovProcess:
             self.signals = np.pad(self.signals, ((0, self.steps), (0, 0)))
 
     def _eliminate(self, above: Any, diagonal: Any) -> None:
-        """Find the pivots (n_f,) of the new column in the elimination of the shifted matrices, and
-        the last entries of the solutions.
+        """Find the pivots (n_f,) of the new column, with its entries ``above`` and on the
+        ``diagonal``, in the elimination of the shifted matrices, and the last entries of the
+        solutions.
         """
         pivot = diagonal - self.space.shifts - above * self._below / self._pivot
         divisor = np.where(pivot == 0.0, np.finfo(float).tiny, pivot)
@@ -1418,8 +1420,8 @@ class _KrylovProcess:
         self.last_entry = np.minimum(self.last_entry * quotient, _LOST)
 
     def _judge(self, diagonal_size: float) -> None:
-        """Find whether the space is complete, or ends with a vector that is orthogonal to
-        itself.
+        """Find whether the space is complete, or ends with a vector that is orthogonal to itself;
+        ``diagonal_size`` is the size of the last entry on the diagonal.
         """
         self.length = math.sqrt(np.vdot(self._following, self._following).real)
         self.largest = max(self.largest, self.length, diagonal_size)
