@@ -260,8 +260,9 @@ class Block:
         velocities = slopes.compute_gradients(modes) / doubled[..., None]
         if not frequencies.all():
             n_zeros = np.count_nonzero(frequencies == 0.0, axis=1)
-            for n in np.flatnonzero(n_zeros > self.free).tolist():
-                self._leave_zero(point, n, frequencies[n], modes[n], velocities[n], along[n])
+            for number in np.flatnonzero(n_zeros > self.free).tolist():
+                at_number = (frequencies[number], modes[number], velocities[number], along[number])
+                self._leave_zero(point, number, *at_number)
         return frequencies, self._turn_back(point, modes), velocities
 
     def _leave_zero(

@@ -197,9 +197,10 @@ class Compatibility:
         """Estimate of the memory, bytes, that is taken at most while the modes at one wave vector
         are found.
         """
-        contacts = len(self.contacts)
+        n_contacts = len(self.contacts)
         n = self.n_branches
-        return 16 * n * (6 * len(self.rows) * contacts + 10 * n)
+        # complex numbers of six arrays like C(q), and of ten like D(q)
+        return 16 * n * (6 * len(self.rows) * n_contacts + 10 * n)
 
     def _require_memory(self, size: float) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if a wave vector takes more memory,

@@ -133,7 +133,7 @@ def point_group(lattice: Lattice) -> Array:
     for axis in range(p):
         has_length = np.abs(lengths - np.sqrt(gram[axis, axis])) < _TOLERANCE
         images.append(vectors[has_length])
-    # images (n, p, p) of all rows, of which those with the same angles are turned cells
+    # images (m, p, p) of all rows, of which those with the same angles are turned cells
     cells = np.array([np.stack(rows) for rows in itertools.product(*images)])
     gram_error = np.max(np.abs(cells @ cells.swapaxes(1, 2) - gram), axis=(1, 2))
     turned_cells = cells[gram_error < _TOLERANCE]
@@ -357,8 +357,8 @@ def _choose_pair(along: Array, third: Array) -> tuple[Array, Array]:
 
 
 def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
-    """Return the long waves of elastic tensors (..., n, n) along ``direction`` (p,) or (n, p),
-    without prestress.
+    """Return the long waves of elastic tensors (..., v, v), in Voigt order, along a ``direction``
+    (p,), or (n, p), of any length, without prestress.
 
     Returns
     -------
@@ -374,10 +374,10 @@ def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
     pairs = voigt_pairs(periods)
     # strains of waves with a unit displacement along each axis
     strain = np.zeros((*along.shape, len(pairs)))
-    for n, (a, b) in enumerate(pairs):
-        strain[..., a, n] += along[..., b]
+    for number, (a, b) in enumerate(pairs):
+        strain[..., a, number] += along[..., b]
         if a != b:
-            strain[..., b, n] += along[..., a]
+            strain[..., b, number] += along[..., a]
     # an axis for many directions
     stiffness = np.asarray(tensor)
     if along.ndim > 1:

@@ -244,11 +244,11 @@ class HalfSpace:
         heads = cut.j[kept]
         contacts = np.arange(n_kept)
         matrix = np.zeros((len(steps), len(rows), n_kept, int(number.max()) + 1, count))
-        for n, row in enumerate(rows):
+        for kind, row in enumerate(rows):
             tail = -row.tail[kept] * inverse_root_mass[tails][:, None]
             head = row.head[kept] * inverse_root_mass[heads][:, None]
-            matrix[step_of_tail, n, contacts, number[tails]] += tail
-            matrix[step_of_head, n, contacts, number[heads]] += head
+            matrix[step_of_tail, kind, contacts, number[tails]] += tail
+            matrix[step_of_head, kind, contacts, number[heads]] += head
         n_balls = 3 * self.size // count  # those of three blocks
         in_blocks = matrix[:, :, :, :n_balls].reshape(len(steps), -1, 3 * self.size)
         return steps[:, : len(self.layers.cell)], in_blocks
@@ -408,27 +408,28 @@ class HalfSpace:
             turned = hop[point] * np.exp(1j * angle)[:, None, None]
             return np.linalg.eigvalsh(inner[point] + turned + turned.conj().swapaxes(1, 2))
 
-        n = len(q)
+        n_points = len(q)
         size = self.size
         angles = 2.0 * np.pi * np.arange(_BAND_SAMPLES) / _BAND_SAMPLES
-        all_samples = solve(np.repeat(np.arange(n), _BAND_SAMPLES), np.tile(angles, n))
-        samples = all_samples.reshape(n, _BAND_SAMPLES, size)
+        sampled_points = np.repeat(np.arange(n_points), _BAND_SAMPLES)
+        all_samples = solve(sampled_points, np.tile(angles, n_points))
+        samples = all_samples.reshape(n_points, _BAND_SAMPLES, size)
         # the highest w is where -w is lowest
         sign = np.array([1.0, -1.0])
-        lowest_sample = np.argmin(samples[..., None] * sign, axis=1)  # (n, size, 2)
+        lowest_sample = np.argmin(samples[..., None] * sign, axis=1)  # (n_q, size, 2)
         start = angles[lowest_sample].reshape(-1)
-        # wave vector, branch and sign of each of the (n size 2,) extremes
-        points = np.repeat(np.arange(n), 2 * size)
-        branch = np.tile(np.repeat(np.arange(size), 2), n)
-        signs = np.tile(sign, n * size)
+        # wave vector, branch and sign of each of the (n_q size 2,) extremes
+        points = np.repeat(np.arange(n_points), 2 * size)
+        branch = np.tile(np.repeat(np.arange(size), 2), n_points)
+        signs = np.tile(sign, n_points * size)
 
         def evaluate(angle: Array) -> Array:
-            """Return w times its sign (n size 2,) at phases ``angle`` (n size 2,)."""
+            """Return w times its sign (n_q size 2,) at phases ``angle`` (n_q size 2,)."""
             w = solve(points, angle)[np.arange(len(points)), branch]
             return np.asarray(signs * w)
 
         lowest = _find_minima(evaluate, start, 2.0 * np.pi / _BAND_SAMPLES)
-        return (signs * lowest).reshape(n, size, 2)
+        return (signs * lowest).reshape(n_points, size, 2)
 
     # -- waves of the edge -------------------------------------------------------------------------
 

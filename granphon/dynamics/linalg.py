@@ -169,14 +169,14 @@ def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     # the largest element stands for the length of a column: its square might underflow
     sizes = np.max(np.abs(matrices[doubtful]), axis=1)
     is_graded = np.zeros(len(matrices), bool)
-    for n, lengths in zip(doubtful.tolist(), sizes, strict=True):
+    for number, lengths in zip(doubtful.tolist(), sizes, strict=True):
         # a column of zeros gives a singular value of zero, which is no reason to doubt the others
         zeros = np.count_nonzero(lengths == 0.0)
-        values[n, :zeros] = 0.0
+        values[number, :zeros] = 0.0
         lengths_above_zero = lengths[lengths > 0.0]
-        if not lengths_above_zero.size or values[n, zeros] > limit * values[n, -1]:
+        if not lengths_above_zero.size or values[number, zeros] > limit * values[number, -1]:
             continue
-        is_graded[n] = _GRADED_RATIO * lengths_above_zero.min() < lengths_above_zero.max()
+        is_graded[number] = _GRADED_RATIO * lengths_above_zero.min() < lengths_above_zero.max()
     graded = np.flatnonzero(is_graded)
     if graded.size:
         turned, nearly = _precondition(matrices[graded])
@@ -306,8 +306,8 @@ def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
     beta = np.einsum("mb,mb->b", second[:m].conj(), second[:m]).real
     gamma = np.einsum("mb,mb->b", adjoint, second[:m])
     size = np.abs(gamma)
-    # a column below _NO_COLUMN is the rounding error of a dependent column: it counts as zero and
-    # cannot be made orthogonal
+    # the product of orthogonal columns has the rounding of a few epsilon. A column below _NO_COLUMN
+    # is the rounding error of a dependent column: it counts as zero and cannot be made orthogonal
     is_oblique = size > 4.0 * _EPSILON * np.sqrt(alpha) * np.sqrt(beta)
     is_oblique &= np.minimum(alpha, beta) > _NO_COLUMN**2
     if not np.any(is_oblique):
@@ -374,6 +374,7 @@ def find_rank(rows: NDArray[Any]) -> int:
         return 0
     if is_independent(scaled):
         return int(scaled.shape[1])
+    # rows of length one have a singular value of one or more; rows of zeros alone have rank zero
     singular_values = np.linalg.svd(scaled, compute_uv=False)
     return int(np.count_nonzero(singular_values > _DEPENDENT * max(singular_values[0], 1.0)))
 

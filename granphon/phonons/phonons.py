@@ -1151,10 +1151,10 @@ def _smear(omega: Array, frequencies: Array, weights: Array, width: float) -> Ar
     The part of a Gaussian below zero frequency is reflected, so that no mode is lost.
     """
     sums = np.empty((len(weights), len(omega)))
-    for n, frequency in enumerate(omega):
+    for number, frequency in enumerate(omega):
         bell = np.exp(-0.5 * ((frequency - frequencies) / width) ** 2)
         reflected = np.exp(-0.5 * ((frequency + frequencies) / width) ** 2)
-        sums[:, n] = np.sum(weights * (bell + reflected), axis=(1, 2))
+        sums[:, number] = np.sum(weights * (bell + reflected), axis=(1, 2))
     return sums
 
 

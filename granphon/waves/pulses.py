@@ -472,20 +472,21 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
 
 
 def _find_hanging(network: ContactNetwork) -> Index:
-    """Return the balls (n,) that fewer contacts hold than there are dimensions, or do once such
-    balls are gone.
+    """Return the balls (m,) that fewer contacts hold than there are dimensions, or do once such
+    balls are gone; held bodies do not hang.
     """
     i = network.i
     j = network.j
-    n = network.n_balls
+    n_balls = network.n_balls
     # a contact that pulls counts as many: it holds a ball alone, as a rope does
     weights = np.where(network.normal_force < 0.0, network.dimension, 1)
-    is_hanging = np.zeros(n, bool)
+    is_hanging = np.zeros(n_balls, bool)
     count_before = -1
     while np.count_nonzero(is_hanging) > count_before:
         count_before = int(np.count_nonzero(is_hanging))
         weights_left = np.where(is_hanging[i] | is_hanging[j], 0, weights)
-        n_holding = np.bincount(i, weights_left, n) + np.bincount(j, weights_left, n)
+        n_holding = np.bincount(i, weights_left, n_balls)
+        n_holding = n_holding + np.bincount(j, weights_left, n_balls)
         is_hanging = network.moving & (n_holding < network.dimension)
     return np.flatnonzero(is_hanging)
 

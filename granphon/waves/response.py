@@ -991,8 +991,8 @@ class _Problem:
         receiver: tuple[Index, Array],
         is_moved: bool,
     ) -> _Problem:
-        """Return the problem of a ``source`` and a ``receiver``: balls (n,) and unit vectors (n, 3)
-        along which these are pushed, or moved, and heard.
+        """Return the problem of a ``source`` and a ``receiver``: balls (k,) and unit vectors (k, 3)
+        along which these are pushed, or with ``is_moved`` moved, and heard.
         """
         network = operator.network
         sources, pushes = source

@@ -421,8 +421,8 @@ def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
     """
     peaks = np.empty(len(values))
     widths = np.empty(len(values))
-    for n, spectrum in enumerate(values):
-        peaks[n], widths[n] = _find_line(kernel, spectrum)
+    for number, spectrum in enumerate(values):
+        peaks[number], widths[number] = _find_line(kernel, spectrum)
     return peaks, widths
 
 
@@ -503,11 +503,12 @@ def find_ioffe_regel(
     below = np.flatnonzero(log_excess < 0.0)
     if not below.size:
         return None
-    n = int(below[0])
-    if math.isinf(log_excess[n - 1]):
-        return float(peaks[n])
-    share = log_excess[n - 1] / (log_excess[n - 1] - log_excess[n])
-    return float(peaks[n - 1] + share * (peaks[n] - peaks[n - 1]))
+    first = int(below[0])
+    last_excess = log_excess[first - 1]  # of the wave before
+    if math.isinf(last_excess):
+        return float(peaks[first])
+    share = last_excess / (last_excess - log_excess[first])
+    return float(peaks[first - 1] + share * (peaks[first] - peaks[first - 1]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
