@@ -361,7 +361,8 @@ class Block:
         """Turn the vectors ``modes`` (n_q, n, n) of each degenerate set, in place, into those of
         the branches along a direction ``along`` (n_q, p).
 
-        ``joined`` (n_q, n - 1) says whether a branch has the frequency of the next.
+        ``joined`` (n_q, n - 1) says whether a branch has the frequency of the next; ``point`` is C
+        at the wave vectors, and ``slopes`` finds the slopes of omega^2 there.
         """
         alike: list[tuple[NDArray[np.intp], slice]] = []
         for points, branches in _find_runs(joined):

@@ -276,6 +276,8 @@ class Compatibility:
         subtracted.
 
         At a copy of Gamma the half angles are multiples of pi, whose sines are rounding errors.
+        Raises :class:`~granphon.base.errors.InputError` for a wave vector that is not finite, and
+        :class:`~granphon.base.errors.PrecisionError` for one too far from Gamma.
         """
         q = as_wavevectors(wavevectors, self.periods)
         if not np.all(np.isfinite(q)):

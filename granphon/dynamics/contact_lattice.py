@@ -724,8 +724,8 @@ def _sort_branches(
 def _follow_powers(
     q: Array, near: Array, frequencies: Array, vectors: NDArray[Any], velocities: Array
 ) -> tuple[Array, NDArray[Any], Array]:
-    """Return frequencies, eigenvectors and velocities at ``q`` (n_q, p), from those at ``near``,
-    longer but as directed.
+    """Return frequencies, eigenvectors and velocities at ``q`` (n_q, p), from those at ``near``
+    (n_q, p), which are longer and have the same directions.
 
     There each branch is a power of |q|: the first for sound, the second or third for a flexural
     branch, none for others.

@@ -265,8 +265,9 @@ def name_waves(axes: tuple[int, ...], periods: int) -> tuple[str, ...]:
     """Return the names of the long waves of balls that move along these ``axes``, on a lattice with
     ``periods``.
 
-    They are "longitudinal", then "transverse", or "transverse_slow" and "transverse_fast"; on a
-    plane of balls that also move across it, "out_of_plane" is the last.
+    They are "longitudinal", if balls move along all periods; then "transverse", or
+    "transverse_slow" and "transverse_fast", of the other displacements; on a plane of balls that
+    move across it, "out_of_plane" is the last.
     """
     moves_along_periods = set(range(periods)) <= set(axes)
     longitudinal = ("longitudinal",) if moves_along_periods else ()

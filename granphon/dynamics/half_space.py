@@ -741,17 +741,24 @@ class HalfSpace:
         p = lattice.periods
         moves = lattice.motions.translations
         lattice.require_rigid()
+        if p < 2:
+            raise InputError(
+                "the network repeats along one axis",
+                "No wave runs along its edge",
+                "Use a network with two or three periods",
+            )
         moves_along_periods = set(range(p)) <= set(moves)
-        if p < 2 or not moves_along_periods:
+        if not moves_along_periods:
             raise InputError(
                 "the balls do not move along the edge and across it", mend="Use other motions"
             )
         turn = self.layers.turn[:p, :p]
+        # the lattice of a tilted network is turned into the xy plane, which the cut is not
         if not np.allclose(np.abs(np.linalg.det(turn)), 1.0):
             raise InputError(
                 "the periods of the network do not lie along x, or in the xy plane", mend="Turn it"
             )
-        # displacements out of the plane of a layer take no part
+        # of a network in a plane, displacements out of that plane take no part
         displacements = [moves.index(axis) for axis in range(p)]
         chosen = np.ix_(displacements, range(p), displacements, range(p))
         stiffness = lattice.gradient_stiffness()[chosen] / lattice.measure
@@ -1001,7 +1008,7 @@ class _EdgeBlocks(NamedTuple):
         """
         position = begin
         decay = self.continue_waves(position)
-        step = end.imag - position.imag
+        step = end.imag - position.imag  # below zero, as all steps are
         while position.imag > end.imag:
             step = max(step, end.imag - position.imag)
             trial = self.continue_waves(position + 1j * step, decay.factors)

@@ -181,7 +181,7 @@ class LongWaves(Compatibility):
             return np.zeros((len(inner), 0)), np.zeros((0, 0))
         size = self._inner_sizes
         # a column that is only rounding, compared with others of its kind, belongs to a motion that
-        # deforms nothing
+        # deforms nothing. Inner motions are the last of all motions: shifts of all balls come first
         is_turn = np.tile(self.motions.is_rotation, self.n_balls)[-count:]
         largest_turn = np.max(size, where=is_turn, initial=0.0)
         largest_shift = np.max(size, where=~is_turn, initial=0.0)

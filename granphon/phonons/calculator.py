@@ -785,7 +785,8 @@ class HertzMindlin(ContactCalculator):
         self, vector: Array, extra: Array, at_sites: bool = False
     ) -> tuple[Array, Flags]:
         """Return the direction (n, m) of the lattice contact nearest to each pair, and whether (n,)
-        the pair is near enough to be that contact.
+        the pair is near enough to be that contact. With finite overlap, where balls do not turn,
+        the direction is that of the pair itself, and its length alone decides.
 
         ``vector`` (n, m) joins the balls of each pair, d. ``extra`` (n,) is the distance, d, that
         the diameters of the two balls add to the distance at which balls touch. With ``at_sites``

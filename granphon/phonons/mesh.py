@@ -146,6 +146,7 @@ def _add_counts(counts: Array, limits: Array, knots: Array, weights: Array) -> N
     n_between = last - first
     # pairs of a spline and a limit between its knots: spline after spline
     spline = np.repeat(np.arange(len(knots)), n_between)
+    # the limits of a spline are first, first + 1, ...: the number of the pair less an offset
     offset = np.repeat(np.cumsum(n_between) - last, n_between)
     limit = np.arange(len(spline)) - offset
     part_below = _integrate_splines(limits[limit], knots[spline].T)

@@ -467,7 +467,10 @@ class Phonons:
 
         ``qpoints`` (n_q, p) or (n_q, 3) are fractions of the reciprocal cell. Where branches touch,
         at Gamma and wherever a mode vanishes, the result is the limit along ``direction``
-        (Cartesian), which is required at Gamma.
+        (Cartesian, of any length), which is required at Gamma.
+
+        Raises :class:`~granphon.base.errors.InputError` for Gamma without a direction, and
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
         modes = self.lattice.modes(q, direction)
@@ -513,6 +516,10 @@ class Phonons:
         eigenvectors : whether to find eigenvectors and group velocities, from which colours and
             characters follow. In a large cell frequencies alone take a fifth of the time and next
             to no memory, see :meth:`estimate`.
+
+        Raises :class:`~granphon.base.errors.InputError` for a path or labels that
+        :func:`~granphon.phonons.paths.interpolate_path` refuses, and for bands too large for the
+        memory; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         chosen_path: Any = path
         if path is None:

@@ -209,7 +209,8 @@ class PairLaws:
 
     def press(self, e: Array, out: Any = None, joined: Any = None) -> tuple[Array, Array]:
         """Return f - f_0 (n,), N, and the stiffnesses k (n,), N/m, at elongations e (n,), m; see
-        :meth:`Powers.press`.
+        :meth:`Powers.press`. A stiffness below zero, as of balls that adhere before they part,
+        counts as zero.
         """
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
         h = self._reach(e)
@@ -449,8 +450,8 @@ def _resist(
     ``punch_after`` and ``punch_before`` (n,) are the stiffnesses of punches after and before the
     step, N/m, ``moved`` (rows, n) the deformations in the step, m, ``held`` (rows, n) the forces
     before it, N, ``half_ratios`` (rows, n) half of the ratios of stiffnesses, ``rest_forces`` (n,)
-    the normal forces at rest, N. Coulomb's limit holds for the size of the force in the first
-    ``n_limited`` rows. Contacts are taken in chunks, on whose rows the processor works several
+    the normal forces at rest, N. Coulomb's limit, ``mu`` times the normal force, holds for the size
+    of the force in the first ``n_limited`` rows. Contacts are taken in chunks, on whose rows the processor works several
     numbers at a time: a loop over the contacts of a chunk does one step for all of these.
     """
     work = 0.0

@@ -259,7 +259,7 @@ def find_fall(operator: WaveOperator) -> float:
     Such squares are rounding, or come from the imbalance of static forces on balls: no program
     brings forces to rest to all digits, and balls that carry no load have been left out. A ball
     with an imbalance F falls where springs do not resist: about the line through two contacts, at a
-    distance h from its centre, as exp(s t), with s^2 = F h/2(m h^2 + I) for neighbours that stay.
+    distance h from its centre, as exp(s t), s^2 = F h/(2 (m h^2 + I)) for neighbours that stay.
     F/(m r) is above s^2 for any h; T/I is the bound for an imbalance T of torques.
     """
     network = operator.network
@@ -958,6 +958,9 @@ def _find_damped_near(
 ) -> tuple[Complex, Complex]:
     """Return the ``count`` modes nearest to ``target`` by factors, as
     :func:`_find_damped_dense`.
+
+    Raises :class:`~granphon.base.errors.InputError` if fewer modes cost energy, or so many are
+    requested that Arnoldi's method would have to find nearly all.
     """
     still = _find_still(problem, count)
     available = problem.live.size - still.shape[1]

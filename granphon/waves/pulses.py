@@ -160,6 +160,9 @@ class Course:
     def along(cls, network: ContactNetwork, direction: Array) -> Self:
         """Return the course along ``direction`` (3,), a unit vector, through the network from its
         first plane on.
+
+        Raises :class:`~granphon.base.errors.InputError` for a direction that leaves the line or the
+        plane of the balls.
         """
         if np.any(np.abs(direction[network.dimension :]) > _FLAT):
             mend = f"Give {network.dimension} numbers"

@@ -305,6 +305,7 @@ def find_peaks(
     if solve is not None and np.any(is_narrow):
         lines = np.flatnonzero(np.any(is_narrow, axis=1))
         solved = _solve_lines(squares[:, lines], triples[:, lines], is_narrow[lines], solve)
+        # a line lower than the highest value is not the one that this value belongs to
         is_line = solved.is_line & (solved.heights >= magnitude[rows[lines]])
         line_squares = solved.squares[:, None]
         line_quality = solved.quality[:, None]
@@ -866,7 +867,8 @@ class ResponseWork:
         """Return at which frequencies (n_f,) the matrix is factorised, and the time for all
         frequencies, s.
 
-        The Krylov space serves all others at once. Raises
+        The Krylov space serves all others at once. Without a ``method`` the matrix of a small
+        network is factorised at all of them, as where no space serves. Raises
         :class:`~granphon.base.errors.ConvergenceError` if neither method serves, or takes too long
         and is not named.
         """

@@ -197,11 +197,10 @@ class Waves:
         Up to 600 motions that contacts resist, and where more than a third of the modes are
         requested, all modes are found (dense). Larger networks are factorised, and counted by the
         signs of the pivots so that no mode is missed, up to 300,000 motions in the plane and 12,000
-        in space. Beyond, modes of a window of frequencies are filtered out of
-        random vectors by Chebyshev polynomials, and fresh random vectors, freed of the modes that
-        were found, show whether one is missed; that goes wrong less than once in a thousand times.
-        The work grows as the square of the number of motions, and is the same for one mode as for
-        tens of them.
+        in space. Beyond, modes of a window of frequencies are filtered out of random vectors by
+        Chebyshev polynomials, and fresh random vectors, freed of the modes that were found, show
+        whether one is missed; that goes wrong less than once in a thousand times. The work grows as
+        the square of the number of motions, and is the same for one mode as for tens of them.
 
         Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, more modes
         than there are, or, before any filter is applied, for modes that take more than 4 GiB or two
