@@ -848,8 +848,9 @@ class HertzMindlin(ContactCalculator):
         return vector / distance[:, None], overlap - farther, distance
 
     def _choose_law(self, balls: Atoms) -> Law:
-        """Return the contact law of these balls; raises :class:`InputError` if the balls cannot
-        belong to the state.
+        """Return the contact law of these balls: of the Atoms of a sample that of two balls, else
+        that of the state. Raises :class:`InputError` if the balls cannot belong to the state, or
+        hold numbers that are not finite.
         """
         self._require_known_sample(balls)
         kind = find_kind(balls, self.scales, self.finite_overlap, self._coordinates)

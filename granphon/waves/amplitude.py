@@ -116,6 +116,8 @@ def _find_harmonic(
 def _find_amplitude(operator: WaveOperator, vector: Complex, number: int) -> float:
     """Return the largest displacement of a ball in a mode ``vector`` (size,), the branch of this
     ``number``: half the long axis of its ellipse.
+
+    Raises :class:`~granphon.base.errors.InputError` for a mode in which balls only turn.
     """
     # (n_free, displacements), times the root of the mass of each ball
     translations = operator.values(vector)[:, operator.motions.translating]

@@ -451,8 +451,9 @@ def _resist(
     step, N/m, ``moved`` (rows, n) the deformations in the step, m, ``held`` (rows, n) the forces
     before it, N, ``half_ratios`` (rows, n) half of the ratios of stiffnesses, ``rest_forces`` (n,)
     the normal forces at rest, N. Coulomb's limit, ``mu`` times the normal force, holds for the size
-    of the force in the first ``n_limited`` rows. Contacts are taken in chunks, on whose rows the processor works several
-    numbers at a time: a loop over the contacts of a chunk does one step for all of these.
+    of the force in the first ``n_limited`` rows. Contacts are taken in chunks, on whose rows the
+    processor works several numbers at a time: a loop over the contacts of a chunk does one step for
+    all of these.
     """
     work = 0.0
     buffers = np.empty((5, _CHUNK))

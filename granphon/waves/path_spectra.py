@@ -199,8 +199,8 @@ def find_path_points(
     each leg of a path.
 
     Left out are wave vectors of Gamma, those farther off the path than half a step, and repeated
-    ones. ``spacing`` is the unit of length of the ``lattice``, m. Raises what
-    :func:`find_path_spectra` raises.
+    ones. ``spacing`` is the unit of length of the ``lattice``, m; ``path`` is as for
+    :func:`find_path_spectra`, whose errors are raised.
     """
     count = whole_number("points", points, 2)
     pieces = [lattice.wavevectors(piece) / spacing for piece in path]  # (corners, p), 1/m

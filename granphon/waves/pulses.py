@@ -1292,7 +1292,8 @@ def _find_fastest(
 
 def _find_stiffnesses(course: Course, piece_of_ball: Index, chosen: Index) -> Array:
     """Return the stiffness of the ``chosen`` pieces over their mass, (m/s)^2, for waves along the
-    course in which balls move in proportion: (pieces, a, a), over the axes along which balls move.
+    course in which balls move in proportion: (pieces, n_u, n_u), over the n_u axes along which
+    balls move.
 
     ``piece_of_ball`` (n,) is the number of the piece of each ball.
     """
