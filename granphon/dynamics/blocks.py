@@ -336,9 +336,9 @@ class Block:
     def _find_pressed_cones(
         self, stiff: NDArray[Any], change: NDArray[Any], along: Array
     ) -> tuple[Array, NDArray[Any], NDArray[Any]]:
-        """Return speeds (m,), vectors (m, m) and forms (p, m, m) as :meth:`_find_cones`, under
-        static forces: squares are then differences of those of deformations and of displacements
-        across contacts.
+        """Return speeds (m,), vectors (m, m) and forms (p, m, m) as :meth:`_find_cones`, with the
+        same arguments, under static forces: squares are then those of deformations less those,
+        with signs, of the rows on which static forces act.
         """
         weight = np.concatenate([np.ones((self.n_rows, 1)), -np.asarray(self.signs)])
         change_along = np.tensordot(along, change, 1)

@@ -315,7 +315,8 @@ class AcousticBranches:
         index ``which`` at frequencies ``target`` (m,), (k/M)^1/2, in the directions of indices
         ``direction`` (m,).
 
-        ``target`` must not be above the last point before the maximum.
+        ``target`` must not be above the last point before the maximum. Raises
+        :class:`~granphon.base.errors.GranphonError` where the branch is lost.
         """
         wavenumbers = self.wavenumbers[direction]
         frequencies = self.frequencies[which, direction]

@@ -312,13 +312,13 @@ class Compatibility:
         is_flat = not np.any(self.contacts.normal[:, self.periods :])
         moves_across = energy[is_across].sum() > energy[~is_across].sum()
         if is_flat and moves_across:
-            array, line, inner = "flat layer", "plane", "in_plane"
+            arrangement, place, inner = "flat layer", "plane", "in_plane"
             if self.periods == 1:
-                array, line, inner = "straight chain", "line", "longitudinal"
+                arrangement, place, inner = "straight chain", "line", "longitudinal"
             why = (
-                f"Under pressure a {array} of balls does so at any load: each contact pushes balls"
-                f" that leave the {line} farther out, with the stiffness -f/a, and nothing else"
-                " acts on long waves"
+                f"Under pressure a {arrangement} of balls does so at any load: each contact pushes"
+                f" balls that leave the {place} farther out, with the stiffness -f/a, and nothing"
+                " else acts on long waves"
             )
             mend = f"Use the motions {inner}, or leave finite_overlap off"
         return InstabilityError(f"the lattice {self.name} buckles: {where}", why, mend)

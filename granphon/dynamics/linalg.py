@@ -119,7 +119,8 @@ def graded_eigh(
 def _straighten(
     turned: NDArray[Any], right: NDArray[Any]
 ) -> tuple[NDArray[np.float64], NDArray[Any], NDArray[np.bool_]]:
-    """Return A V with its nearly orthogonal columns made orthogonal by a rotation of first order.
+    """Return singular values and vectors of A by a rotation of first order, which makes the nearly
+    orthogonal columns of A V orthogonal.
 
     Parameters
     ----------
@@ -128,8 +129,8 @@ def _straighten(
 
     Returns
     -------
-    values : (n_matrices, n), singular values of A, ascending.
-    right : (n_matrices, n, n), right singular vectors.
+    values : (n_matrices, n), singular values of A, ascending: the lengths of the columns of A V.
+    right : (n_matrices, n, n), right singular vectors, in the order of the values.
     is_exact : (n_matrices,), whether the remaining error, of second order, is only rounding.
     """
     products = turned.conj().swapaxes(1, 2) @ turned

@@ -713,10 +713,10 @@ class LongWaves(Compatibility):
         Rev. 71, 809, 1947; D. C. Wallace, Thermodynamics of Crystals, 1972), so that K and rho v^2
         keep their usual relation (equation 16).
 
-        Raises :class:`~granphon.base.errors.InputError` if balls do not move along the periods,
-        :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`, and
-        :class:`~granphon.base.errors.InstabilityError` if prestress leaves a strain that the
-        stiffness does not resist.
+        Raises :class:`~granphon.base.errors.InputError` if balls do not move along the periods, or
+        touch bodies that do not move, :class:`~granphon.base.errors.MechanismError` if the lattice
+        is a :attr:`mechanism`, and :class:`~granphon.base.errors.InstabilityError` if prestress
+        leaves a strain that the stiffness does not resist.
         """
         self.require_rigid()
         has_no_prestress = prestress is None and not self.is_prestressed

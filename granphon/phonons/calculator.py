@@ -192,10 +192,13 @@ class HarmonicContacts(ContactCalculator):
         system_changes: Any = all_changes,
     ) -> None:
         """Set ``results``: the energy (units of k d^2), the forces (k d) and the stress (k/d) of
-        the atoms.
+        the atoms; a network that bodies without motion hold has no stress.
 
         ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
         since the last call.
+
+        Raises :class:`~granphon.base.errors.InputError` for other Atoms, for displacements that are
+        not small, and if a stress is asked for that there is not.
         """
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
@@ -609,10 +612,14 @@ class HertzMindlin(ContactCalculator):
         system_changes: Any = all_changes,
     ) -> None:
         """Set ``results``: the energy (units of k d^2), the forces (k d) and the stress (k/d) of
-        the atoms.
+        the atoms; without the vectors of a cell there is no stress.
 
         ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
         since the last call.
+
+        Raises :class:`~granphon.base.errors.PrecisionError` where balls overlap so little that
+        positions do not hold the digits, and :class:`~granphon.base.errors.InputError` for Atoms
+        that are not balls of the state, and if a stress is asked for that there is not.
         """
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms

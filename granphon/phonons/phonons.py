@@ -611,7 +611,9 @@ class Phonons:
 
         Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a
         band, for one so high that a wave decays by more than 1e12 from layer to layer, and for an
-        axis across which some motions are passed on to the next layers and no further.
+        axis across which some motions are passed on to the next layers and no further;
+        :class:`~granphon.base.errors.InputError` for other Atoms than those of the state, an axis
+        without a period or without contacts across it, and wrong numbers.
         """
         network = given_network(self.state)
         self._require_state_cell(with_stiffness=True)
@@ -1178,11 +1180,11 @@ def _check_qpoints(qpoints: ArrayLike, periods: int) -> Array:
     """
     q = real_array("q points", qpoints)
     has_shape = q.ndim == 2 and len(q) > 0 and q.shape[1] in (periods, 3)
-    if not has_shape or not np.all(np.isfinite(q)):
+    if not has_shape:
         shapes = "(n, 3)" if periods == 3 else f"(n, {periods}) or (n, 3)"
-        raise InputError(
-            f"the q points have the shape {q.shape}", mend=f"Give {shapes} finite fractions"
-        )
+        raise InputError(f"the q points have the shape {q.shape}", mend=f"Give {shapes} fractions")
+    if not np.all(np.isfinite(q)):
+        raise InputError("a q point is not finite")
     padded = np.pad(q, ((0, 0), (0, 3 - q.shape[1])))
     check_inside(padded, periods, "a q point")
     return padded

@@ -199,12 +199,14 @@ class Surface:
         at_chain_end = q is None and n_along == 0
         fractions = np.zeros((1, 0)) if at_chain_end else real_array("q", q)
         are_vectors = fractions.ndim == 2 and len(fractions) and fractions.shape[1] in (n_along, 3)
-        if not are_vectors or not np.all(np.isfinite(fractions)):
+        if not are_vectors:
             raise InputError(
                 f"the wave vectors have the shape {fractions.shape}",
                 f"There are {n_along} periods along this edge",
-                f"Give (n, {n_along}) finite fractions",
+                f"Give (n, {n_along}) fractions",
             )
+        if not np.all(np.isfinite(fractions)):
+            raise InputError("a wave vector is not finite")
         if np.any(fractions[:, n_along:]):
             raise InputError("a wave vector leaves the edge", mend=f"Give (n, {n_along}) fractions")
         along_edge = fractions[:, :n_along]

@@ -85,14 +85,19 @@ def _take_single_branch(matrix: Complex, number: int, top_square: float) -> tupl
 
 
 def _read_wavevector(network: ContactNetwork, q: ArrayLike) -> Array:
-    """Return the wave vector (p,) in fractions of the reciprocal cell, from (p,) or (3,)."""
+    """Return the wave vector (p,) in fractions of the reciprocal cell, from (p,) or (3,).
+
+    Raises :class:`~granphon.base.errors.InputError` for a network that does not repeat, another
+    shape, numbers that are not finite, and a wave vector with a component across the periods.
+    """
     p = int(np.count_nonzero(network.pbc))
+    if p == 0:
+        raise InputError("the network does not repeat", "Its waves have no wave vectors")
     wavevector = real_array("q", q)
-    is_shape_known = p > 0 and wavevector.shape in ((p,), (3,))
-    if not is_shape_known or not np.all(np.isfinite(wavevector)):
-        raise InputError(
-            f"q has the shape {wavevector.shape}", mend=f"Give ({p},) finite fractions"
-        )
+    if wavevector.shape not in ((p,), (3,)):
+        raise InputError(f"q has the shape {wavevector.shape}", mend=f"Give ({p},) fractions")
+    if not np.all(np.isfinite(wavevector)):
+        raise InputError("q is not finite")
     require_digits(wavevector)
     if np.any(wavevector[p:]):
         raise InputError("q has a component across the periods", mend="Give 0 for it")

@@ -137,8 +137,8 @@ def find_path_spectra(
     labels : one for each corner.
     points : between two corners, both counted; several may have the same wave vector of the cell,
         which counts once.
-    polarisations : see :meth:`~granphon.waves.waves.Waves.spectral_function`.
-    resolution : Hz.
+    polarisations, resolution : see :meth:`~granphon.waves.waves.Waves.spectral_function`; the
+        resolution is in Hz.
 
     Raises
     ------

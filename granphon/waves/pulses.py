@@ -292,6 +292,9 @@ class Course:
     def with_ends(self, ends: str) -> Course:
         """Return the course through the network with ``ends``, see
         :data:`~granphon.waves.settings.ENDS`.
+
+        Raises :class:`~granphon.base.errors.InputError` for walls in a network without a period
+        along the direction.
         """
         if ends == "periodic":
             return self
@@ -585,11 +588,10 @@ def _correlate(signal: Array, sent: Array) -> float:
 
 
 def _find_place(envelope: Array, method: str, threshold: float) -> float:
-    """Return the place of a pulse in its envelope (n_t,), in readings: its maximum, or for the
-    ``method`` "first" the place where the envelope first has the share ``threshold`` of that
-    maximum; nan without a maximum.
+    """Return the place of a pulse in its envelope (n_t,), in readings: the first maximum that has
+    half the height of the greatest value, or for the ``method`` "first" the place where the
+    envelope first has the share ``threshold`` of that maximum; nan without a maximum.
     """
-    # the first maximum that has half the height of the greatest value
     inner = envelope[1:-1]
     peaks = 1 + np.flatnonzero((inner > envelope[:-2]) & (inner >= envelope[2:]))
     high_peaks = peaks[envelope[peaks] >= _HALF * np.max(envelope)]
@@ -1214,7 +1216,11 @@ def _require_apart(course: Course, distance: float, sources: Index, receivers: I
 
 
 def _list_readings(burst: ToneBurst, duration: float) -> Array:
-    """Return the times (n_t,) at which a pulse is read within a ``duration``, s."""
+    """Return the times (n_t,), s, at which a pulse is read within a ``duration``, s:
+    :data:`READINGS` in a period of the burst, and three at least.
+
+    Raises :class:`~granphon.base.errors.InputError` for too many times.
+    """
     step = 1.0 / (READINGS * burst.frequency)
     n_steps = duration / step if step else math.inf  # a step of zero is one that has underflowed
     if not n_steps < _MOST_READINGS:
@@ -1233,6 +1239,9 @@ def _list_readings(burst: ToneBurst, duration: float) -> Array:
 def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
     """Return the balls that are pushed: those given, the first plane along the direction, or its
     ball of lowest index.
+
+    Raises :class:`~granphon.base.errors.InputError` for a ball that does not move, and another
+    word.
     """
     moving = course.network.moving
     if not isinstance(source, str):

@@ -608,7 +608,9 @@ class Places:
         """Return balls (n,) and unit vectors (n, 3) of a source or receiver, or of a list of these.
 
         ``value`` is the argument of ``Waves.response`` with this ``name``; ``held`` says that its
-        bodies must not move by themselves.
+        bodies must not move by themselves. Raises :class:`~granphon.base.errors.InputError` for no
+        ball, balls that are not there, directions in which they do not move, and bodies that move
+        or are held against ``held``.
         """
         items = value if isinstance(value, list) else [value]
         balls = [np.zeros(0, int)]
@@ -1210,7 +1212,7 @@ class _Problem:
         """Return values (n_f, n_r) and errors (n_f,) by a Krylov space, and the number of its
         steps; errors are infinite where no value is found.
 
-        The space ends, at the latest, after twice the ``expected_steps``.
+        The space ends, at the latest, after twice the ``expected_steps``, or ``_MOST`` steps.
         """
         n_frequencies = work.omega.size
         space = self._make_space(work)

@@ -251,7 +251,7 @@ def find_polarisations(
     letters = ", ".join(motions.letters)
     if not isinstance(polarisation, str):
         if direction is not None:
-            finite_array("polarisation", polarisation)
+            finite_array("polarisation", polarisation)  # what is no numbers is refused as such
             raise InputError(
                 "a direction is given besides the polarisation by numbers", "They say the same"
             )
@@ -283,7 +283,9 @@ def _choose_directions(
     """Return the directions (3,) or (b, 3) in which balls move, or about which they turn, in a wave
     of the polarisation ``name`` and a wave vector ``q`` (d,).
 
-    ``free`` (a, 3) are those that balls can have; ``direction`` (d,) is the requested one.
+    ``free`` (a, 3) are those that balls can have; ``direction`` (d,) is the requested one, or None.
+    Raises :class:`~granphon.base.errors.InputError` for q = 0 without a direction, and for a
+    direction of a transverse wave along q.
     """
     requested = None
     if direction is not None:
