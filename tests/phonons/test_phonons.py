@@ -379,7 +379,7 @@ BAD = {
     "q points of two numbers in space": (
         "fcc",
         lambda ph: ph.frequencies([[0.1, 0.2]]),
-        r"Give \(n, 3\) finite",
+        r"Give \(n, 3\) fractions",
     ),
     "q points out of a line": (
         "chain",
