@@ -159,7 +159,8 @@ class PairLaws:
         self._parting_force = parting_force[self.jumps]
 
     def begin(self, e: Array) -> Any:
-        """Return which contacts are joined (n,), as for :meth:`press`; None where no force jumps.
+        """Return which contacts are joined (n,), as for :meth:`press`, at elongations e (n,), m;
+        None where no force jumps.
 
         A contact of the network is joined from the least overlap of its law on, balls that may meet
         from where they touch.
@@ -173,8 +174,9 @@ class PairLaws:
         return h >= least_joined
 
     def pass_ends(self, e: Array, joined: Array) -> Array:
-        """Return how far (n_jumps,), m, the contacts :attr:`jumps` have passed the overlap at which
-        they part, if they are ``joined`` (n,), or else join; below zero before that overlap.
+        """Return how far (n_jumps,), m, the contacts :attr:`jumps` have passed, at elongations e
+        (n,), m, the overlap at which they part, if they are ``joined`` (n,), or else join; below
+        zero before that overlap.
         """
         jumps = self.jumps
         h = self.overlap[jumps] - e[jumps]
@@ -183,8 +185,8 @@ class PairLaws:
         return np.where(joined[jumps], beyond_parting, beyond_joining)
 
     def _reach(self, e: Array) -> Array:
-        """Return the overlaps (n,), m, at which laws are evaluated: contacts that jump stay within
-        their law.
+        """Return the overlaps (n,), m, at which laws are evaluated, of elongations e (n,), m:
+        contacts that jump stay within their law.
         """
         h = self.overlap - e
         jumps = self.jumps
@@ -197,7 +199,8 @@ class PairLaws:
 
     def press(self, e: Array, out: Any = None, joined: Any = None) -> tuple[Array, Array]:
         """Return f - f_0 (n,), N, and the stiffnesses k (n,), N/m, at elongations e (n,), m; see
-        :meth:`Powers.press`.
+        :meth:`Powers.press`. A stiffness below zero, as of balls that adhere before they part,
+        counts as zero.
         """
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
         h = self._reach(e)
@@ -247,7 +250,7 @@ class PairLaws:
 
 def _mean_near(law: Powers | PairLaws, e: Array, end: Array, joined: Any) -> Array:
     """Return the mean of f - f_0 (n,), N, between the elongations ``e`` and ``end`` (n,), m, that
-    are close, by Gauss's two points.
+    are close, by Gauss's two points; ``joined`` is as for :meth:`Powers.press`.
     """
     middle = 0.5 * (e + end)
     point_distance = _GAUSS * (end - e)  # of Gauss's points from the middle
@@ -257,8 +260,10 @@ def _mean_near(law: Powers | PairLaws, e: Array, end: Array, joined: Any) -> Arr
 
 
 def _refine_near_rest(law: Powers | PairLaws, e: Array, energy: Array, joined: Any = None) -> Array:
-    """Return the ``energy`` (n,), J, of contacts at elongations e; near rest, where ``energy`` is a
-    difference of near-equal numbers, the work of the mean force instead.
+    """Return the ``energy`` (n,), J, of contacts at elongations e (n,), m; near rest, where
+    ``energy`` is a difference of near-equal numbers, the work of the mean force instead.
+
+    ``joined`` is as for :meth:`Powers.press`.
     """
     is_small = (np.abs(e) <= _CLOSE * np.abs(law.overlap)) & (law.overlap != 0.0)
     is_near = is_small & law.is_closed(e, joined)
@@ -270,7 +275,8 @@ def _mean_of(law: Powers | PairLaws, e: Array, end: Array, joined: Any = None) -
     """Return the mean of f - f_0 (n,), N, between the elongations ``e`` and ``end`` (n,), m.
 
     Where the two are not close, or a contact opens, the mean is the change of the energy over the
-    change of e; otherwise the mean of Gauss's two points.
+    change of e; otherwise the mean of Gauss's two points. ``joined`` is as for
+    :meth:`Powers.press`.
     """
     distance = end - e
     is_far = np.abs(distance) > _CLOSE * np.abs(law.overlap - e)

@@ -92,8 +92,8 @@ class BlochWaves(NamedTuple):
     still: Complex
 
     def continue_by(self, steps: int) -> Complex:
-        """Return F (n, n), which makes the motions of a block those of the block so many layers on;
-        below zero, back.
+        """Return F (n, n), which makes the motions of a block those of the block so many layers,
+        ``steps``, on; below zero, back.
         """
         basis = np.concatenate([self.vectors, self.still], axis=1)
         # motions that reach no other block become zero there
@@ -164,8 +164,9 @@ def find_bloch_waves(
 
 
 def _list_steps(inner: Complex, up: Complex, down: Complex, w: Array, layer: int) -> list[Complex]:
-    """Return D_s (n_f, layer, layer), s = -reach ... reach, the middle one less w (n_f,), from
-    blocks (n_f, size, size) of reach layers.
+    """Return D_s (n_f, layer, layer), s = -reach ... reach, the middle one less w (n_f,), from the
+    blocks ``inner``, ``up`` and ``down`` (n_f, size, size) of :class:`Couplings`, of reach layers
+    with ``layer`` motions each.
     """
     reach = inner.shape[-1] // layer
     # all layers are alike: D_s is read from the first layer of a block
@@ -180,12 +181,13 @@ def _list_steps(inner: Complex, up: Complex, down: Complex, w: Array, layer: int
 
 
 def _choose_finite(inverse: Complex, null_spaces: list[Complex]) -> Index:
-    """Return the indices (m,) of the waves that do not decay infinitely fast, from
-    1/(lambda - point) (2 size,) of all waves, and from the motions, as columns, without coupling to
-    lower and to higher layers.
+    """Return the indices (m,) of the waves that do not decay infinitely fast, from ``inverse``,
+    1/(lambda - :data:`_POINT`) (2 size,), of all waves, and from the two ``null_spaces``: motions,
+    as columns, without coupling to lower and to higher layers.
 
-    1/(lambda - point) is zero where the decay towards lower layers is infinitely fast, and -1/point
-    towards higher ones.
+    The inverse is zero where the decay towards lower layers is infinitely fast, and -1/point where
+    that towards higher ones is. There are as many such waves as motions without coupling to the
+    layers on the other side.
     """
     below, above = null_spaces
     fast_upwards = np.argsort(np.abs(inverse + 1.0 / _POINT))[: below.shape[1]]
@@ -237,8 +239,8 @@ def _require_passing_on(null_spaces: list[Complex], inner: Complex, scale: float
 def _sharpen_long(
     factors: Complex, vectors: Complex, couplings: list[Complex], w: float
 ) -> tuple[Complex, Complex]:
-    """Return lambda = exp(i theta) (b,) and the motions (n, b) of a block, where long waves that
-    run, undamped, have all their digits.
+    """Return ``factors`` lambda = exp(i theta) (b,) and ``vectors``, the motions (n, b) of a block,
+    with all digits of the long waves that run, undamped.
 
     For long waves the sum of D_s lambda^s, less w, is a difference of near-equal numbers. The part
     of the sum at lambda = 1 is zero on free motions, which cost nothing if all layers move alike:
@@ -375,7 +377,9 @@ def _part_running(
     """Return the flux (b,) of each wave, dw/dk from block to block, zero of waves that decay; turn
     the ``vectors`` (n, b) of ``running`` waves, in place, into waves of a flux of one or minus one.
 
-    Waves with one lambda are parted so that energy flows in each by itself.
+    The other arguments are those of :func:`_sort_senses`. Waves with one lambda are parted so that
+    energy flows in each by itself. Raises :class:`~granphon.base.errors.PrecisionError` if more
+    waves have one lambda than a block has motions.
     """
     flux = np.zeros(len(factors))
     ungrouped = running

@@ -62,9 +62,9 @@ class _Point(NamedTuple):
 
     ``q`` (n_q, p), 1/d, are the wave vectors. ``rows`` (n_q, m, n) are those of the motions in a
     unitary basis ``basis`` (n_q, n, n), or of the motions themselves if ``basis`` is None.
-    ``across`` (n_q, m', n) are rows of displacements across contacts, None without prestress. The
+    ``across`` (n_q, m', n) are the rows on which static forces act, None without prestress. The
     inverse of ``triangle`` (n_q, n, n) turns amplitudes in the basis into those of the tilted
-    motions.
+    motions; it is None as the basis is.
     """
 
     q: Array
@@ -90,10 +90,11 @@ def _clear_rounding(rows: NDArray[Any], lengths: Array) -> NDArray[Any]:
 
 
 def _turn_pushing(pushing: WaveRows, turn: NDArray[Any]) -> WaveRows:
-    """Return rows of displacements across contacts in terms of the motions that are the columns of
+    """Return rows on which static forces act in terms of the motions that are the columns of
     ``turn`` (n, n).
     """
-    # static forces act on displacements, and not on balls that turn like gears
+    # static normal forces act on displacements, and not on balls that turn like gears, of which
+    # rounding would be left
     lengths = _find_lengths(pushing)
     return pushing._replace(
         odd=_clear_rounding(pushing.odd @ turn, lengths),
@@ -110,8 +111,8 @@ class Block:
     ----------
     columns : (n,) numbers of the motions in the frame.
     deforming : rows of K^1/2 C M^-1/2.
-    pushing, signs : rows of displacements across contacts times |f/a|^1/2, and the signs (rows, 1)
-        of the static forces; None without prestress.
+    pushing, signs : rows on which static forces act, such as displacements across contacts times
+        |f/a|^1/2, and the signs (rows, 1) with which their squares lower D; None without prestress.
     bent : numbers in the block of the displacements across the periods that tilt the balls, at most
         two.
     tilt : (bent, n, p) gradients, with respect to q, of the motions that go with each of them.
@@ -241,8 +242,9 @@ class Block:
         return in_motions if self.turn is None else self.turn @ in_motions
 
     def solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
-        """Return frequencies (n_q, n), ascending, eigenvectors (n_q, n, n), as columns, and group
-        velocities (n_q, n, p); degenerate sets are resolved along ``along`` (n_q, p).
+        """Return frequencies (n_q, n), (k/M)^1/2, ascending, eigenvectors (n_q, n, n), as columns,
+        and group velocities (n_q, n, p), d (k/M)^1/2, at wave vectors q (n_q, p), 1/d; degenerate
+        sets are resolved along the unit vectors ``along`` (n_q, p).
         """
         point = self._compute(q)
         frequencies, modes = self._decompose(point)
@@ -258,32 +260,35 @@ class Block:
         velocities = slopes.compute_gradients(modes) / doubled[..., None]
         if not frequencies.all():
             n_zeros = np.count_nonzero(frequencies == 0.0, axis=1)
-            for n in np.flatnonzero(n_zeros > self.free).tolist():
-                self._leave_zero(point, n, frequencies[n], modes[n], velocities[n], along[n])
+            for number in np.flatnonzero(n_zeros > self.free).tolist():
+                at_number = (frequencies[number], modes[number], velocities[number], along[number])
+                self._leave_zero(point, number, *at_number)
         return frequencies, self._turn_back(point, modes), velocities
 
     def _leave_zero(
         self,
         point: _Point,
-        n: int,
+        number: int,
         frequencies: Array,
         modes: NDArray[Any],
         velocities: Array,
         along: Array,
     ) -> None:
-        """Turn the modes of zero frequency at wave vector number ``n``, in place, into those that a
-        path ``along`` (p,) follows as it leaves the wave vector.
+        """Turn the modes of zero frequency at the wave vector of this ``number``, in place, into
+        those that a path along a unit vector ``along`` (p,) follows as it leaves the wave vector.
 
-        ``modes`` (n, n) holds all modes there, as columns, with their ``frequencies`` (n,). The
-        velocities (n, p) of the modes of zero frequency become the limits along the path. Beside
-        the wave vector frequencies that are zero rise as cones, as those of sound do beside Gamma:
-        the slopes are the singular values of the change of C, less what the modes of higher
+        ``modes`` (n, n) holds all n modes there, as columns, with their ``frequencies`` (n,). The
+        ``velocities`` (n, p) of the modes of zero frequency become the limits along the path.
+        Beside the wave vector frequencies that are zero rise as cones, as those of sound do beside
+        Gamma: the slopes are the singular values of the change of C, less what the modes of higher
         frequencies can take up.
         """
         count = int(np.count_nonzero(frequencies == 0.0))
-        motions = modes if point.basis is None else point.basis[n] @ modes
-        q = point.q[n : n + 1]
+        motions = modes if point.basis is None else point.basis[number] @ modes
+        q = point.q[number : number + 1]
         rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._kinds])
+        # the derivative of a row is by its half angle, whose gradient with respect to q is the half
+        # vector
         slope = np.concatenate([waves.compute_rows(q, derivative=True)[0] for waves in self._kinds])
         half = np.concatenate([waves.repeat_half_vectors() for waves in self._kinds])
         stiff = rows @ motions[:, count:] / frequencies[count:]
@@ -299,7 +304,8 @@ class Block:
             u, _, vh = np.linalg.svd(turn[run, run])
             turn[:, run] = turn[:, run] @ (u @ vh).conj().T
         modes[:, :count] = modes[:, :count] @ turn
-        # half the gradients of the squares; a mode without speed does not travel
+        # half the gradients of the squares a step of length one away, where the frequencies are the
+        # speeds; a mode without speed does not travel
         gradients = np.einsum("yz,ayx,xz->za", turn.conj(), forms, turn).real
         inverse = np.divide(1.0, speeds, out=np.zeros_like(speeds), where=speeds > 0.0)
         velocities[:count] = gradients * inverse[:, None] + 0.0  # no minus zero
@@ -307,11 +313,13 @@ class Block:
     def _find_cones(
         self, stiff: NDArray[Any], change: NDArray[Any], along: Array
     ) -> tuple[Array, NDArray[Any], NDArray[Any]]:
-        """Return speeds (m,), ascending, of the modes that leave zero along a direction (p,), their
-        vectors (m, m) as columns, and the forms (p, m, m) of half the gradients of the squares.
+        """Return speeds (m,), ascending, of the m modes that leave zero along a unit vector
+        ``along`` (p,), their vectors (m, m) as columns, and forms (p, m, m).
 
-        ``stiff`` (rows, k) are the deformations of the modes of higher frequencies, and ``change``
-        (p, rows, m) those of the m modes, per step of q.
+        A step of length s along the path takes a mode of vector v and speed c to the frequency
+        s c, whose square has the gradient 2 s v^H forms v with respect to q. ``stiff`` (rows, k)
+        are the deformations of the modes of higher frequencies, each over its frequency, and
+        ``change`` (p, rows, m) those of the m modes, per step of q.
         """
         count = change.shape[2]
         change_along = np.tensordot(along, change, 1)
@@ -328,9 +336,9 @@ class Block:
     def _find_pressed_cones(
         self, stiff: NDArray[Any], change: NDArray[Any], along: Array
     ) -> tuple[Array, NDArray[Any], NDArray[Any]]:
-        """Return speeds (m,), vectors (m, m) and forms (p, m, m) as :meth:`_find_cones`, under
-        static forces: squares are then differences of those of deformations and of displacements
-        across contacts.
+        """Return speeds (m,), vectors (m, m) and forms (p, m, m) as :meth:`_find_cones`, with the
+        same arguments, under static forces: squares are then those of deformations less those,
+        with signs, of the rows on which static forces act.
         """
         weight = np.concatenate([np.ones((self.n_rows, 1)), -np.asarray(self.signs)])
         change_along = np.tensordot(along, change, 1)
@@ -353,7 +361,8 @@ class Block:
         """Turn the vectors ``modes`` (n_q, n, n) of each degenerate set, in place, into those of
         the branches along a direction ``along`` (n_q, p).
 
-        ``joined`` (n_q, n - 1) says whether a branch has the frequency of the next.
+        ``joined`` (n_q, n - 1) says whether a branch has the frequency of the next; ``point`` is C
+        at the wave vectors, and ``slopes`` finds the slopes of omega^2 there.
         """
         alike: list[tuple[NDArray[np.intp], slice]] = []
         for points, branches in _find_runs(joined):
@@ -410,8 +419,8 @@ class Block:
             modes[split_points, :, branches] = amplitudes @ (u @ vh)
 
     def _make_matrix(self, rows: NDArray[Any], across: NDArray[Any] | None) -> NDArray[Any]:
-        """Return D(q) (n_q, n, n) from rows (n_q, m, n) of C(q), and under prestress from those of
-        displacements ``across`` contacts.
+        """Return D(q) (n_q, n, n) from rows (n_q, m, n) of C(q), and under prestress from those on
+        which static forces act, ``across`` (n_q, m', n).
         """
         matrices = rows.conj().swapaxes(1, 2) @ rows
         if across is not None:
@@ -421,8 +430,8 @@ class Block:
     # -- C(q) --------------------------------------------------------------------------------------
 
     def _compute(self, q: Array) -> _Point:
-        """Return C at wave vectors q (n_q, p), 1/d, in the basis of tilted motions if the block has
-        displacements across the periods.
+        """Return C at wave vectors q (n_q, p), 1/d; without static forces in the basis of tilted
+        motions, if the block has displacements across the periods that tilt the balls.
         """
         rows = self.deforming.compute_rows(q)
         if self.pushing is not None:
@@ -522,9 +531,11 @@ class Block:
         self, q: Array, frequencies: Array, modes: NDArray[Any]
     ) -> tuple[Array, NDArray[Any]]:
         """Return frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), with frequencies
-        set to zero that are no more than the rounding of sine and cosine in their own columns.
+        set to zero that are no more than the rounding of sine and cosine in their own columns, or
+        belong to branches that vanish everywhere.
 
-        ``frequencies`` and ``modes`` are those at the wave vectors q (n_q, p).
+        ``frequencies`` and ``modes``, in the basis of the point, are those at the wave vectors q
+        (n_q, p).
         """
         squares = self._measure_columns(q)
         if self.bent:
@@ -554,7 +565,8 @@ class Block:
         squares = self._measure_columns(q)
         is_doubtful = (diagonal != 0.0) & (np.abs(diagonal) <= _ROUNDING * squares)
         points, columns = np.nonzero(is_doubtful)
-        # the other entries of such a row are rounding too, unless the lattice buckles
+        # |D_ij|^2 <= D_ii D_jj, unless the lattice buckles: larger entries of such a row say that
+        # it does, and the diagonal stays
         bounds = _ROUNDING * squares[points, columns][:, None] * squares[points]
         is_zero = np.all(np.abs(matrices[points, columns]) ** 2 <= bounds, axis=1)
         diagonal[points[is_zero], columns[is_zero]] = 0.0
@@ -581,7 +593,7 @@ class Block:
 
     @cached_property
     def _largest(self) -> float:
-        """An upper bound of the lengths of columns."""
+        """An upper bound of the lengths of :meth:`_measure_columns` at half angles up to 3."""
         return 4.0 * float(
             sum(np.linalg.norm(rows) for waves in self._kinds for rows in (waves.odd, waves.even))
         )

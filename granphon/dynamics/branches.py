@@ -85,6 +85,7 @@ class AcousticBranch:
 
     Attributes
     ----------
+    direction : (p,) unit vector.
     name : one of the lattice's ``wave_names``, after the polarisation at long waves.
     wavenumbers, frequencies : (n,) ascending, 1/d and (k/M)^1/2; the last is the top of the branch.
     vectors : (n, n_dof) eigenvectors, by which the branch is recognised between the points.
@@ -106,7 +107,8 @@ class AcousticBranch:
         """Return the wavenumbers (n,), 1/d, and the group velocities (n, p), d (k/M)^1/2, at
         angular frequencies (n,), (k/M)^1/2, to rounding.
 
-        Raises :class:`~granphon.base.errors.UnreachableFrequencyError` above the top of the branch.
+        Raises :class:`~granphon.base.errors.UnreachableFrequencyError` above the top of the branch,
+        and :class:`~granphon.base.errors.GranphonError` where the branch is lost.
         """
         target = np.atleast_1d(real_array("frequency", frequency))
         if np.any(target > self.top):
@@ -225,7 +227,7 @@ class AcousticBranches:
     directions : (n, p) unit vectors.
     wavenumbers : (n, n_points), 1/d.
     frequencies : (n_u, n, n_points), (k/M)^1/2, ascending up to the last point before the maximum,
-        then +inf.
+        then +inf, as at points to which the branch was not followed.
     rising : (n_u, n), number of points before the first maximum, among those at which the branch
         was followed.
     falls : (n_u, n), whether the branch has a maximum after these points.
@@ -244,8 +246,9 @@ class AcousticBranches:
     def follow(
         cls, lattice: ContactLattice, directions: Array, targets: ArrayLike = np.inf
     ) -> AcousticBranches:
-        """Return the branches along ``directions`` (n, p), followed through crossings, each until
-        the branch reaches its target (n_u, n), (k/M)^1/2, falls, or meets the edge of the zone.
+        """Return the branches along unit vectors ``directions`` (n, p), followed through crossings,
+        each at least until the branch reaches its target (n_u, n), (k/M)^1/2, falls, or meets the
+        edge of the zone.
         """
         n_directions = len(directions)
         n_waves = len(lattice.wave_names)
@@ -312,7 +315,8 @@ class AcousticBranches:
         index ``which`` at frequencies ``target`` (m,), (k/M)^1/2, in the directions of indices
         ``direction`` (m,).
 
-        ``target`` must not be above the last point before the maximum.
+        ``target`` must not be above the last point before the maximum. Raises
+        :class:`~granphon.base.errors.GranphonError` where the branch is lost.
         """
         wavenumbers = self.wavenumbers[direction]
         frequencies = self.frequencies[which, direction]
@@ -417,8 +421,8 @@ def _find_maximum(
 
 
 def _assign_columns(overlap: Array) -> NDArray[np.intp]:
-    """Return a column (n, m) for each of m branches, none twice, from the overlaps
-    (n, m, n_branches) of each branch with all columns.
+    """Return a column (n, m) for each of m branches, none twice, from the ``overlap``
+    (n, m, n_branches) of each branch with all columns: the sum of the overlaps is the greatest.
     """
     # if the columns of largest overlap are different for all branches, they are the best assignment
     best: NDArray[np.intp] = np.argmax(overlap, axis=2)

@@ -89,7 +89,7 @@ class Compatibility:
         lie in the xy plane.
     positions : (n, d) centres.
     contacts : the table of contacts, in the same unit of length. A ball j = n is a body that does
-        not move; its contacts have no vector, and no columns of C for that end.
+        not move; the vector of its contacts is zero, and C has no columns for that end.
     mindlin_ratio : eta, stiffness of slip over that of elongation; a number, or (n_c,).
     stiffness : (n_c,) normal stiffness of each contact; 1 by default.
     prestress : (n_c,) compressive force over spacing of each contact; 0 by default, which is the
@@ -101,7 +101,9 @@ class Compatibility:
     tangential_force : (n_c, d) static forces across contacts, with which ball i acts on ball j;
         none by default. They act on motions as in :func:`~granphon.dynamics.rows.carry_rows`, but
         for the part that has no potential.
-    distance : (n_c,) of the centres, by default the length of the vectors of the contacts.
+    distance : (n_c,) distance r of the two centres, by which tangential forces turn with the
+        contact; by default the length of the vector of the contact, so it must be given if
+        tangential forces act and balls touch bodies that do not move.
     motions : of each ball; those of the plane by default. Balls do not turn if no contact resists
         it.
     name : of the lattice, in messages.
@@ -195,9 +197,10 @@ class Compatibility:
         """Estimate of the memory, bytes, that is taken at most while the modes at one wave vector
         are found.
         """
-        contacts = len(self.contacts)
+        n_contacts = len(self.contacts)
         n = self.n_branches
-        return 16 * n * (6 * len(self.rows) * contacts + 10 * n)
+        # complex numbers of six arrays like C(q), and of ten like D(q)
+        return 16 * n * (6 * len(self.rows) * n_contacts + 10 * n)
 
     def _require_memory(self, size: float) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if a wave vector takes more memory,
@@ -273,6 +276,8 @@ class Compatibility:
         subtracted.
 
         At a copy of Gamma the half angles are multiples of pi, whose sines are rounding errors.
+        Raises :class:`~granphon.base.errors.InputError` for a wave vector that is not finite, and
+        :class:`~granphon.base.errors.PrecisionError` for one too far from Gamma.
         """
         q = as_wavevectors(wavevectors, self.periods)
         if not np.all(np.isfinite(q)):
@@ -307,13 +312,13 @@ class Compatibility:
         is_flat = not np.any(self.contacts.normal[:, self.periods :])
         moves_across = energy[is_across].sum() > energy[~is_across].sum()
         if is_flat and moves_across:
-            array, line, inner = "flat layer", "plane", "in_plane"
+            arrangement, place, inner = "flat layer", "plane", "in_plane"
             if self.periods == 1:
-                array, line, inner = "straight chain", "line", "longitudinal"
+                arrangement, place, inner = "straight chain", "line", "longitudinal"
             why = (
-                f"Under pressure a {array} of balls does so at any load: each contact pushes balls"
-                f" that leave the {line} farther out, with the stiffness -f/a, and nothing else"
-                " acts on long waves"
+                f"Under pressure a {arrangement} of balls does so at any load: each contact pushes"
+                f" balls that leave the {place} farther out, with the stiffness -f/a, and nothing"
+                " else acts on long waves"
             )
             mend = f"Use the motions {inner}, or leave finite_overlap off"
         return InstabilityError(f"the lattice {self.name} buckles: {where}", why, mend)
@@ -333,12 +338,14 @@ class Compatibility:
 
     @staticmethod
     def _complete(first: Array) -> Array:
-        """Return an orthogonal matrix (n, n) whose first column is ``first`` (n,)."""
+        """Return an orthogonal matrix (n, n) whose first column is ``first`` (n,), of length one,
+        whose own first entry is not zero.
+        """
         basis = np.eye(len(first))
         basis[:, 0] = first
         frame, _ = np.linalg.qr(basis)
-        # but for the first ball, a column k > 0 moves no ball before ball k; rounding would couple
-        # the column to the contacts of these balls
+        # a column k > 0 moves ball 0, and no other ball before ball k; rounding would couple the
+        # column to the contacts of these balls
         frame[1:, 1:] = np.tril(frame[1:, 1:])
         # QR leaves the sign of the first column open
         return np.asarray(frame * np.sign(frame[0, 0] * first[0]))
@@ -348,8 +355,8 @@ class Compatibility:
 
         Rows are the elongations of all contacts, then their slips (twists, rolls). Columns are the
         mass-weighted motions ((x, y, w) in the plane) in the frame whose first vector is the centre
-        of mass, rotations divided by i. With one ball in the cell, whose contacts have equal arms,
-        the matrix is real.
+        of mass, rotations divided by i. With one ball in the cell, whose contacts have equal arms
+        and are with no body that does not move, the matrix is real.
 
         Parameters
         ----------
@@ -395,8 +402,7 @@ class Compatibility:
         """Rows on which static forces act, and their stiffness (n_c,): -f/a of displacements across
         contacts.
 
-        Tangential forces T have three pairs of rows, of which each is the difference of two
-        squares.
+        Tangential forces T have three pairs of rows: each pair is the difference of two squares.
         """
         table = self.contacts
         pushes = [(row, -self.prestress) for row in push_rows(table.normal, self.motions)]
@@ -441,11 +447,12 @@ class Compatibility:
     def _combine_ends(
         self, rows: list[Row], root: Array, frame: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return the difference and the sum of the effects of each motion of a ``frame`` (n, n), by
-        default :attr:`_frame`, at the two ends of each contact.
+        """Return the difference and the sum of the effects on ``rows`` that each motion of a
+        ``frame`` (n, n), by default :attr:`_frame`, has at the two ends of each contact.
 
         Both are (kinds, n_c, n_branches), and multiplied by ``root`` (kinds, n_c). The difference
-        is the deformation at q = 0; for displacements of the centre of mass it is exactly zero.
+        is the deformation at q = 0; for displacements of the centre of mass it is exactly zero, but
+        in contacts with bodies that do not move.
         """
         weighted = (self._frame if frame is None else frame) / np.sqrt(self.masses)[:, None]
         # without rounding, so that the centre of mass moves all balls alike
@@ -461,8 +468,8 @@ class Compatibility:
         return difference.reshape(flat), total.reshape(flat)
 
     def _make_waves(self, prestress: bool = False) -> WaveRows:
-        """Return rows of C(q), real for one ball in the cell; with ``prestress`` those of
-        displacements across contacts.
+        """Return rows of C(q), real for one ball in the cell; with ``prestress`` those on which
+        static forces act, :attr:`static_rows`.
         """
         # For a motion z exp(i q.r) a row is cos(half angle) times the difference of the two ends
         # plus i sin(half angle) times their sum. Rotations and rows are divided by i. Then both
@@ -539,8 +546,9 @@ class Compatibility:
     def _invert_contacts(
         self, image: NDArray[np.intp], cells: NDArray[np.intp]
     ) -> NDArray[np.intp] | None:
-        """Return the image (n_c,) of each contact under an inversion of the balls; None if contacts
-        have no image, or one that differs.
+        """Return the image (n_c,) of each contact under an inversion of the balls, whose ``image``
+        (n,) and ``cells`` (n, p) are those of :meth:`_invert_balls`; None if contacts have no
+        image, or one that differs.
         """
         table = self.contacts
         i = image[table.j]
@@ -726,9 +734,10 @@ class Compatibility:
         Parameters
         ----------
         units : the scales d (m), k (N/m) and M (kg).
-        normal_force : (n_c,) forces, k d.
-        radii : (n,) d.
-        fields : further fields of the network.
+        normal_force : (n_c,) compressive forces, over k d.
+        radii : (n,) radii of the balls, over d.
+        fields : further fields of the network, or other values of its ``motions``, ``prestress``,
+            ``pbc``, ``positions`` and ``tangential_force``.
         """
         table = self.contacts
         d = units.length

@@ -311,8 +311,8 @@ class ContactLattice(LongWaves):
         return Modes(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def _require_room(self, points: int, numbers: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if so many numbers of each branch do not
-        fit into memory.
+        """Raise :class:`~granphon.base.errors.InputError` if so many ``numbers`` of each branch, 1
+        of its frequency alone, at so many ``points`` of the zone do not fit into memory.
         """
         bytes_per_number = 16.0 if numbers == 1 else 48.0
         require_memory(
@@ -724,8 +724,8 @@ def _sort_branches(
 def _follow_powers(
     q: Array, near: Array, frequencies: Array, vectors: NDArray[Any], velocities: Array
 ) -> tuple[Array, NDArray[Any], Array]:
-    """Return frequencies, eigenvectors and velocities at ``q`` (n_q, p), from those at ``near``,
-    longer but as directed.
+    """Return frequencies, eigenvectors and velocities at ``q`` (n_q, p), from those at ``near``
+    (n_q, p), which are longer and have the same directions.
 
     There each branch is a power of |q|: the first for sound, the second or third for a flexural
     branch, none for others.

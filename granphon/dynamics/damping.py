@@ -132,7 +132,7 @@ def read_loss(name: str, value: Any, rule: Rule) -> Any:
 
 def _read_pair(name: str, value: Any, contacts: int, unit: str) -> Array:
     """Return numbers (2, n_c), zero or above, from a number or an array (n_c,), or a tuple of two
-    numbers or arrays; ``contacts`` is n_c.
+    numbers or arrays; ``contacts`` is n_c, and ``unit`` that of ``name`` in messages.
     """
     pair = value if isinstance(value, tuple) else (value, value)
     if len(pair) != 2:
@@ -246,8 +246,8 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
 
 
 def _choose_half(omega: Complex) -> tuple[Complex, Index]:
-    """Return n of the 2 n roots ``omega`` (..., 2 n), in the order of :func:`damp_unevenly`, and
-    their columns (..., n) among all.
+    """Return n of the 2 n roots ``omega`` (..., 2 n), which are over the root of the largest
+    stiffness, in the order of :func:`damp_unevenly`, and their columns (..., n) among all.
     """
     n = omega.shape[-1] // 2
     is_zero = np.abs(omega) <= _STILL
@@ -256,10 +256,14 @@ def _choose_half(omega: Complex) -> tuple[Complex, Index]:
     roots = np.where(creeps, 1j * omega.imag, omega)
     # first roots of a positive real part, then zeros, those that creep, and last the mirror images
     kinds = np.select([oscillates, is_zero, creeps], [0, 1, 2], 3)
+    # zeros whose rounding has a positive real part come first; roots that creep ascend in their
+    # rate
     order = np.lexsort((np.where(is_zero, -roots.real, roots.imag), kinds))
     sorted_roots = np.take_along_axis(roots, order, -1)
     is_zero = np.take_along_axis(is_zero, order, -1)
-    # zeros come in pairs, of which the second half is left out
+    # zeros come in pairs, of which one is kept: the first half of all zeros, and of an odd number
+    # the middle one too, as a motion with a dashpot and no spring has one zero and one root that
+    # creeps
     zeros_so_far = np.cumsum(is_zero, axis=-1)
     n_zeros = np.sum(is_zero, axis=-1, keepdims=True)
     is_spare = is_zero & (2 * zeros_so_far > n_zeros + 1)

@@ -80,7 +80,8 @@ def name_strain(strains: Array) -> str:
 
 def find_unstable_strains(tensor: Array) -> Array | None:
     """Return the strains (n, m), as :func:`name_strain` takes them, whose modulus under elastic
-    tensors (..., n, n) is farthest below zero; None if no modulus is below zero.
+    tensors (..., n, n) is farthest below zero, over the largest modulus of the same tensor; None if
+    no modulus is below zero by more than rounding.
 
     Under static stress a crystal is stable if the symmetric part of its coefficients between stress
     and strain is positive (J. Wang, J. Li, S. Yip, D. Wolf, Phys. Rev. B 52, 12627, 1995).
@@ -132,7 +133,7 @@ def point_group(lattice: Lattice) -> Array:
     for axis in range(p):
         has_length = np.abs(lengths - np.sqrt(gram[axis, axis])) < _TOLERANCE
         images.append(vectors[has_length])
-    # images (n, p, p) of all rows, of which those with the same angles are turned cells
+    # images (m, p, p) of all rows, of which those with the same angles are turned cells
     cells = np.array([np.stack(rows) for rows in itertools.product(*images)])
     gram_error = np.max(np.abs(cells @ cells.swapaxes(1, 2) - gram), axis=(1, 2))
     turned_cells = cells[gram_error < _TOLERANCE]
@@ -264,8 +265,9 @@ def name_waves(axes: tuple[int, ...], periods: int) -> tuple[str, ...]:
     """Return the names of the long waves of balls that move along these ``axes``, on a lattice with
     ``periods``.
 
-    They are "longitudinal", then "transverse", or "transverse_slow" and "transverse_fast"; on a
-    plane of balls that also move across it, "out_of_plane" is the last.
+    They are "longitudinal", if balls move along all periods; then "transverse", or
+    "transverse_slow" and "transverse_fast", of the other displacements; on a plane of balls that
+    move across it, "out_of_plane" is the last.
     """
     moves_along_periods = set(range(periods)) <= set(axes)
     longitudinal = ("longitudinal",) if moves_along_periods else ()
@@ -356,8 +358,8 @@ def _choose_pair(along: Array, third: Array) -> tuple[Array, Array]:
 
 
 def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
-    """Return the long waves of elastic tensors (..., n, n) along ``direction`` (p,) or (n, p),
-    without prestress.
+    """Return the long waves of elastic tensors (..., v, v), in Voigt order, along a ``direction``
+    (p,), or (n, p), of any length, without prestress.
 
     Returns
     -------
@@ -373,10 +375,10 @@ def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
     pairs = voigt_pairs(periods)
     # strains of waves with a unit displacement along each axis
     strain = np.zeros((*along.shape, len(pairs)))
-    for n, (a, b) in enumerate(pairs):
-        strain[..., a, n] += along[..., b]
+    for number, (a, b) in enumerate(pairs):
+        strain[..., a, number] += along[..., b]
         if a != b:
-            strain[..., b, n] += along[..., a]
+            strain[..., b, number] += along[..., a]
     # an axis for many directions
     stiffness = np.asarray(tensor)
     if along.ndim > 1:

@@ -105,7 +105,7 @@ class _LDLFactors:
 
 class _LUFactors:
     """Factors of SuperLU, whose pivots are on the diagonal from the part ``pivot`` of the largest
-    entry of their column on.
+    entry of their column on; ``approximate`` ones are in single precision.
     """
 
     def __init__(self, matrix: Any, pivot: float, approximate: bool) -> None:

@@ -71,7 +71,7 @@ def dissect(positions: Array, i: Index, j: Index) -> list[Layer]:
     layer that cuts them.
 
     Contacts join the balls ``i`` and ``j`` (n_c,). Along a period a position counts within the
-    cell. The last layer cuts all balls that contacts join.
+    cell. The last layer cuts all balls.
     """
     dissection = _Dissection(positions, i, j)
     dissection.cut(np.arange(len(positions)))
@@ -306,7 +306,7 @@ def _factorise(matrix: Array) -> tuple[Array, Index, int]:
 
 
 def _divide(lower: Array, block: Array) -> NDArray[np.float64]:
-    """Return B L^-T."""
+    """Return B L^-T of a ``block`` B (m, r) and L (r, r), ``lower``."""
     from scipy.linalg.blas import dtrsm
 
     if not block.size:

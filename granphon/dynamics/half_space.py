@@ -134,8 +134,10 @@ class HalfSpace:
     """The half space of a network's layers above which there is an edge, in the reduced units of
     the network.
 
-    ``edge`` is how it is held, as for :meth:`ContactNetwork.cut`; the layers go on from its lower
-    face.
+    ``axis`` is the period that the edge cuts, and ``edge`` how it is held, as for
+    :meth:`ContactNetwork.cut`; the layers go on from its lower face. A block is :attr:`reach`
+    layers, as many as a contact reaches across, and :attr:`size` is the number of its motions. The
+    network has p periods, of which p - 1 lie along the edge.
     """
 
     def __init__(self, network: ContactNetwork, axis: Any, edge: str = "free") -> None:
@@ -242,11 +244,11 @@ class HalfSpace:
         heads = cut.j[kept]
         contacts = np.arange(n_kept)
         matrix = np.zeros((len(steps), len(rows), n_kept, int(number.max()) + 1, count))
-        for n, row in enumerate(rows):
+        for kind, row in enumerate(rows):
             tail = -row.tail[kept] * inverse_root_mass[tails][:, None]
             head = row.head[kept] * inverse_root_mass[heads][:, None]
-            matrix[step_of_tail, n, contacts, number[tails]] += tail
-            matrix[step_of_head, n, contacts, number[heads]] += head
+            matrix[step_of_tail, kind, contacts, number[tails]] += tail
+            matrix[step_of_head, kind, contacts, number[heads]] += head
         n_balls = 3 * self.size // count  # those of three blocks
         in_blocks = matrix[:, :, :, :n_balls].reshape(len(steps), -1, 3 * self.size)
         return steps[:, : len(self.layers.cell)], in_blocks
@@ -292,28 +294,33 @@ class HalfSpace:
         )
 
     def read_wavevector(self, q: ArrayLike) -> Array:
-        """Return one wave vector along the edge (p - 1,), zero if () is given; raises InputError
-        for another shape.
+        """Return one wave vector along the edge (p - 1,), in fractions of the reciprocal cell; zero
+        if () is given.
+
+        Raises :class:`~granphon.base.errors.InputError` for another shape, and for a number that is
+        not finite.
         """
-        p = len(self.layers.cell)
+        n_along = len(self.layers.cell)
         fractions = real_array("q", q)
-        if fractions.shape not in ((p,), (0,)) or not np.all(np.isfinite(fractions)):
+        if fractions.shape not in ((n_along,), (0,)):
             raise InputError(
                 f"q has the shape {fractions.shape}",
-                mend=f"Give ({p},) fractions, along the layers",
+                mend=f"Give ({n_along},) fractions, along the layers",
             )
-        return fractions if fractions.size else np.zeros(p)
+        if not np.all(np.isfinite(fractions)):
+            raise InputError("q is not finite")
+        return fractions if fractions.size else np.zeros(n_along)
 
     def wavenumbers(self, factors: Complex, q: Array) -> Complex:
         """Return wave numbers across the edge, 1/m, of motions that change by ``factors`` from
         layer to layer.
 
         Real parts are within half of the period 2 pi over a layer's height. The wave vector along
-        the edge is q (p - 1,).
+        the edge is q (p - 1,), in fractions of the reciprocal cell.
         """
-        p = len(q)
+        n_along = len(q)
         # a layer is shifted along the edge against the one above; its phase counts to q
-        layer_shift = np.linalg.solve(self.layers.cell[:, :p].T, self.layers.stack[:p])
+        layer_shift = np.linalg.solve(self.layers.cell[:, :n_along].T, self.layers.stack[:n_along])
         phase_along_edge = layer_shift @ q
         turns = np.angle(factors) / (2.0 * np.pi) - phase_along_edge
         nearest_turns = (turns + 0.5) % 1.0 - 0.5
@@ -401,27 +408,28 @@ class HalfSpace:
             turned = hop[point] * np.exp(1j * angle)[:, None, None]
             return np.linalg.eigvalsh(inner[point] + turned + turned.conj().swapaxes(1, 2))
 
-        n = len(q)
+        n_points = len(q)
         size = self.size
         angles = 2.0 * np.pi * np.arange(_BAND_SAMPLES) / _BAND_SAMPLES
-        all_samples = solve(np.repeat(np.arange(n), _BAND_SAMPLES), np.tile(angles, n))
-        samples = all_samples.reshape(n, _BAND_SAMPLES, size)
+        sampled_points = np.repeat(np.arange(n_points), _BAND_SAMPLES)
+        all_samples = solve(sampled_points, np.tile(angles, n_points))
+        samples = all_samples.reshape(n_points, _BAND_SAMPLES, size)
         # the highest w is where -w is lowest
         sign = np.array([1.0, -1.0])
-        lowest_sample = np.argmin(samples[..., None] * sign, axis=1)  # (n, size, 2)
+        lowest_sample = np.argmin(samples[..., None] * sign, axis=1)  # (n_q, size, 2)
         start = angles[lowest_sample].reshape(-1)
-        # wave vector, branch and sign of each of the (n size 2,) extremes
-        points = np.repeat(np.arange(n), 2 * size)
-        branch = np.tile(np.repeat(np.arange(size), 2), n)
-        signs = np.tile(sign, n * size)
+        # wave vector, branch and sign of each of the (n_q size 2,) extremes
+        points = np.repeat(np.arange(n_points), 2 * size)
+        branch = np.tile(np.repeat(np.arange(size), 2), n_points)
+        signs = np.tile(sign, n_points * size)
 
         def evaluate(angle: Array) -> Array:
-            """Return w times its sign (n size 2,) at phases ``angle`` (n size 2,)."""
+            """Return w times its sign (n_q size 2,) at phases ``angle`` (n_q size 2,)."""
             w = solve(points, angle)[np.arange(len(points)), branch]
             return np.asarray(signs * w)
 
         lowest = _find_minima(evaluate, start, 2.0 * np.pi / _BAND_SAMPLES)
-        return (signs * lowest).reshape(n, size, 2)
+        return (signs * lowest).reshape(n_points, size, 2)
 
     # -- waves of the edge -------------------------------------------------------------------------
 
@@ -623,7 +631,8 @@ class HalfSpace:
         """Return indices that sort w (n,) at each wave vector, of numbers ``point`` (n,), with one
         index for each set of equal w.
 
-        Two w are equal if they differ by less than ``tolerance`` times the lesser half width.
+        Two w are equal if they differ by no more than ``tolerance`` times the lesser half width,
+        and a part :data:`_ONE_POLE` of the highest w.
         """
         order = np.lexsort((w.real, point))
         depth = -w[order].imag
@@ -634,11 +643,13 @@ class HalfSpace:
         return order[is_new]
 
     def _find_pole(self, outer: Complex, inner: Complex, hop: Complex, w: complex) -> complex:
-        """Return the root of S near the start w, straight below the real axis; nan if the search
+        """Return the root of S near the start w, which is below the real axis; nan if the search
         finds none.
 
-        The blocks are E_0, E and A, (size, size). Each step of Newton's method begins on the real
-        axis, where the waves that decay from the edge are known, and follows these waves down to w.
+        The blocks ``outer``, ``inner`` and ``hop`` are E_0, E and A, (size, size). Each step of
+        Newton's method begins just above the real axis, where the waves that decay from the edge
+        are known, and follows these waves straight down to w. A step that leads to the axis or
+        above ends the search, and its w is returned.
         """
         blocks = _EdgeBlocks(outer, inner, hop)
         width = -w.imag
@@ -683,13 +694,13 @@ class HalfSpace:
     # -- long waves --------------------------------------------------------------------------------
 
     def rayleigh_velocity(self, direction: Array) -> float:
-        """Return the velocity, d (k/M)^1/2, of the long wave at a free edge along ``direction``
-        (p - 1,), in the frame of the cut.
+        """Return the velocity, d (k/M)^1/2, of the long wave at a free edge along the unit vector
+        ``direction`` (p - 1,), in the frame of the cut.
 
         The surface impedance Z(v), which is Hermitian, is singular there; it is positive at v = 0,
         and falls with v up to the velocity at which a bulk wave first runs along the edge. Raises
-        :class:`~granphon.base.errors.InputError` for an edge that is held, and if there is no such
-        wave.
+        :class:`~granphon.base.errors.GranphonError` if there is no such wave, and
+        :class:`~granphon.base.errors.InputError` as :meth:`_find_continuum` does.
         """
         from scipy.optimize import brentq, minimize_scalar
 
@@ -712,31 +723,42 @@ class HalfSpace:
         return float(brentq(medium.impedance, low, high, xtol=1e-15 * limit, rtol=1e-15))
 
     def _find_continuum(self, direction: Array) -> _EdgeContinuum:
-        """Return the elastic continuum of the crystal, in the frame of the cut, for waves along
-        ``direction`` (p - 1,).
+        """Return the elastic continuum of the crystal, in the frame of the cut, for waves along the
+        unit vector ``direction`` (p - 1,). Of a network in a plane, displacements out of that plane
+        take no part.
 
-        Raises :class:`~granphon.base.errors.InputError` for an edge that is held, for balls that do
-        not move along the edge and across it, and for a network that is not upright.
+        Raises :class:`~granphon.base.errors.InputError` for an edge that is held, for one period or
+        balls that do not move along the edge and across it, for two periods that do not lie in the
+        xy plane, and as :meth:`ContactLattice.require_rigid` does, for a mechanism.
         """
         if self.edge != "free":
             raise InputError(
-                f"the edge is held ({self.edge})", "Long waves there are none", "Take edge='free'"
+                f"the edge is held ({self.edge})",
+                "Only a free edge has a long wave",
+                "Take edge='free'",
             )
         lattice = ContactLattice.from_network(self.network)
         p = lattice.periods
         moves = lattice.motions.translations
         lattice.require_rigid()
+        if p < 2:
+            raise InputError(
+                "the network repeats along one axis",
+                "No wave runs along its edge",
+                "Use a network with two or three periods",
+            )
         moves_along_periods = set(range(p)) <= set(moves)
-        if p < 2 or not moves_along_periods:
+        if not moves_along_periods:
             raise InputError(
                 "the balls do not move along the edge and across it", mend="Use other motions"
             )
         turn = self.layers.turn[:p, :p]
+        # the lattice of a tilted network is turned into the xy plane, which the cut is not
         if not np.allclose(np.abs(np.linalg.det(turn)), 1.0):
             raise InputError(
                 "the periods of the network do not lie along x, or in the xy plane", mend="Turn it"
             )
-        # displacements out of the plane of a layer take no part
+        # of a network in a plane, displacements out of that plane take no part
         displacements = [moves.index(axis) for axis in range(p)]
         chosen = np.ix_(displacements, range(p), displacements, range(p))
         stiffness = lattice.gradient_stiffness()[chosen] / lattice.measure
@@ -770,16 +792,17 @@ class _CutCrystal:
 
     def find(self, point: Index, w: Array, gap: Array) -> tuple[Complex, Complex, Complex]:
         """Return M, its derivative by w, and the motions of both blocks, g |V|^1/2, all (n, 2 size,
-        2 size), at w (n,) in gaps with ends (2, n), at the wave vectors ``point`` (n,).
+        2 size), at w (n,) in gaps with the ends ``gap`` (2, n), at the wave vectors of numbers
+        ``point`` (n,).
         """
-        size = self.inner.shape[1]
+        n_motions = self.inner.shape[1]  # those of both blocks
         distance_to_band = np.minimum(w - gap[0], gap[1] - w)
         distance_to_band = distance_to_band.clip(_GAP_MARGIN * (gap[1] - gap[0]))
         broadening = np.outer(_GAP_BROADENINGS, distance_to_band)  # (2, n)
         shifted_w = (w + 1j * broadening).ravel()
         points = np.tile(point, 2)
         _, inverse = self.space._eliminate(self.inner, self.inner, self.hop, points, shifted_w)
-        green = np.linalg.inv(inverse).reshape(2, -1, size, size)
+        green = np.linalg.inv(inverse).reshape(2, -1, n_motions, n_motions)
         adjoint = green.conj().swapaxes(2, 3)
         # g and dg/dw at the real w: the second broadening, twice the first, cancels second order
         even = 0.5 * (green + adjoint)
@@ -789,7 +812,7 @@ class _CutCrystal:
         root = self.root[point]
         root_adjoint = root.conj().swapaxes(1, 2)
         motions = real_green @ root
-        matrices = self.signs[point, None] * np.eye(size) - root_adjoint @ motions
+        matrices = self.signs[point, None] * np.eye(n_motions) - root_adjoint @ motions
         slopes = -root_adjoint @ green_slope @ root
         return matrices, slopes, motions
 
@@ -985,7 +1008,7 @@ class _EdgeBlocks(NamedTuple):
         """
         position = begin
         decay = self.continue_waves(position)
-        step = end.imag - position.imag
+        step = end.imag - position.imag  # below zero, as all steps are
         while position.imag > end.imag:
             step = max(step, end.imag - position.imag)
             trial = self.continue_waves(position + 1j * step, decay.factors)
@@ -1004,7 +1027,8 @@ class _EdgeBlocks(NamedTuple):
 
 class _EdgeContinuum(NamedTuple):
     """An elastic continuum below an edge, in reduced units: the stiffness ``tensor`` (p, p, p, p),
-    the ``density``, and the direction ``along`` (p,) of waves; the last axis is across the edge.
+    the ``density``, and the unit vector ``along`` (p,) of the waves; the last axis is across the
+    edge.
     """
 
     tensor: Array

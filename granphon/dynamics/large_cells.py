@@ -163,7 +163,8 @@ class LargeCell:
 
     def _solve(self, q: Array, with_vectors: bool) -> tuple[Array, NDArray[Any]] | None:
         """Return frequencies (n,), in any order, and eigenvectors (n, n), none unless
-        ``with_vectors``; None instead of both if digits would be lost.
+        ``with_vectors``; None instead of both if digits would be lost, as near Gamma, where sound
+        is not told from motions that cost nothing.
         """
         rows, matrix, bound = self._compute(q)
         is_near_gamma = 0.0 < float(np.linalg.norm(q)) < _FAR

@@ -61,9 +61,10 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     """Return singular values and right singular vectors of a stack of matrices A, accurate for
     graded columns too.
 
-    LAPACK's eigenvectors V of A^H A come first. They are accepted where the columns of A V are so
-    nearly orthogonal that a rotation of first order makes them so to rounding. Elsewhere LAPACK's
-    SVD follows, whose errors are eps sigma_max. Where these may be above 1e-13 of sigma_min, and
+    Up to three columns are left to :func:`jacobi_svd`. Of more rows than columns, LAPACK's
+    eigenvectors V of A^H A come first. They are accepted where the columns of A V are so nearly
+    orthogonal that a rotation of first order makes them so to rounding. Elsewhere LAPACK's SVD
+    follows, whose errors are eps sigma_max. Where these may be above 1e-13 of sigma_min, and
     the columns of A are graded, they are brought into an order in which LAPACK keeps the digits of
     each; :func:`jacobi_svd` finishes what a rotation of first order does not. The errors are then
     eps kappa, kappa the condition of the columns scaled to length 1: sigma_max / sigma_min is at
@@ -99,9 +100,9 @@ def graded_eigh(
     """Return square roots (n_matrices, n) of the eigenvalues, ascending, and eigenvectors
     (n_matrices, n, n), as columns, of a stack of matrices A^H A, as :func:`graded_svd` of A does.
 
-    ``matrices`` (n_matrices, n, n) are Hermitian; ``factor`` finds A (k, m, n) of k of them. It is
-    called only for those where LAPACK's error may exceed 1e-13 of the smallest root, including
-    those with a negative eigenvalue.
+    ``matrices`` (n_matrices, n, n) are Hermitian; ``factor`` finds A (k, m, n) of k of them. Up to
+    n = 3 it is called for all. Above, it is called only for those where LAPACK's error may exceed
+    1e-13 of the smallest root, including those with a negative eigenvalue.
     """
     if matrices.shape[2] <= _FEW_COLUMNS:
         return jacobi_svd(factor(matrices))
@@ -118,7 +119,8 @@ def graded_eigh(
 def _straighten(
     turned: NDArray[Any], right: NDArray[Any]
 ) -> tuple[NDArray[np.float64], NDArray[Any], NDArray[np.bool_]]:
-    """Return A V with its nearly orthogonal columns made orthogonal by a rotation of first order.
+    """Return singular values and vectors of A by a rotation of first order, which makes the nearly
+    orthogonal columns of A V orthogonal.
 
     Parameters
     ----------
@@ -127,8 +129,8 @@ def _straighten(
 
     Returns
     -------
-    values : (n_matrices, n), singular values of A, ascending.
-    right : (n_matrices, n, n), right singular vectors.
+    values : (n_matrices, n), singular values of A, ascending: the lengths of the columns of A V.
+    right : (n_matrices, n, n), right singular vectors, in the order of the values.
     is_exact : (n_matrices,), whether the remaining error, of second order, is only rounding.
     """
     products = turned.conj().swapaxes(1, 2) @ turned
@@ -160,7 +162,7 @@ def _straighten(
 def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
     """Return singular values (n_matrices, n), ascending, and right singular vectors
     (n_matrices, n, n), by LAPACK, or by the Jacobi iteration where LAPACK loses digits of graded
-    columns; zeros are exact.
+    columns. Each column of zeros gives a value of exactly zero.
     """
     values, right = lapack_svd(matrices)
     limit = _LAPACK_ERROR * _EPSILON / _ACCEPTED_ERROR
@@ -168,14 +170,14 @@ def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     # the largest element stands for the length of a column: its square might underflow
     sizes = np.max(np.abs(matrices[doubtful]), axis=1)
     is_graded = np.zeros(len(matrices), bool)
-    for n, lengths in zip(doubtful.tolist(), sizes, strict=True):
+    for number, lengths in zip(doubtful.tolist(), sizes, strict=True):
         # a column of zeros gives a singular value of zero, which is no reason to doubt the others
         zeros = np.count_nonzero(lengths == 0.0)
-        values[n, :zeros] = 0.0
+        values[number, :zeros] = 0.0
         lengths_above_zero = lengths[lengths > 0.0]
-        if not lengths_above_zero.size or values[n, zeros] > limit * values[n, -1]:
+        if not lengths_above_zero.size or values[number, zeros] > limit * values[number, -1]:
             continue
-        is_graded[n] = _GRADED_RATIO * lengths_above_zero.min() < lengths_above_zero.max()
+        is_graded[number] = _GRADED_RATIO * lengths_above_zero.min() < lengths_above_zero.max()
     graded = np.flatnonzero(is_graded)
     if graded.size:
         turned, nearly = _precondition(matrices[graded])
@@ -305,8 +307,8 @@ def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
     beta = np.einsum("mb,mb->b", second[:m].conj(), second[:m]).real
     gamma = np.einsum("mb,mb->b", adjoint, second[:m])
     size = np.abs(gamma)
-    # a column below _NO_COLUMN is the rounding error of a dependent column: it counts as zero and
-    # cannot be made orthogonal
+    # the product of orthogonal columns has the rounding of a few epsilon. A column below _NO_COLUMN
+    # is the rounding error of a dependent column: it counts as zero and cannot be made orthogonal
     is_oblique = size > 4.0 * _EPSILON * np.sqrt(alpha) * np.sqrt(beta)
     is_oblique &= np.minimum(alpha, beta) > _NO_COLUMN**2
     if not np.any(is_oblique):
@@ -373,6 +375,7 @@ def find_rank(rows: NDArray[Any]) -> int:
         return 0
     if is_independent(scaled):
         return int(scaled.shape[1])
+    # rows of length one have a singular value of one or more; rows of zeros alone have rank zero
     singular_values = np.linalg.svd(scaled, compute_uv=False)
     return int(np.count_nonzero(singular_values > _DEPENDENT * max(singular_values[0], 1.0)))
 
@@ -447,7 +450,8 @@ def find_nearest(
     matrix: Any, count: int, shift: float, solve: Callable[[Any], Any], start: Any = None
 ) -> Any:
     """Return the eigenvalues (count,) of a sparse Hermitian matrix (n, n) that are nearest to
-    ``shift``, ascending, and their vectors (n, count), by Lanczos.
+    ``shift``, ascending, and their vectors (n, count), by Lanczos's method, or by Arnoldi's if the
+    matrix is complex.
 
     ``solve`` applies the inverse of the matrix less the shift; ``start`` (n,) is a vector that has
     a part of each eigenvector, by default a random one.
@@ -458,4 +462,6 @@ def find_nearest(
         # the same one each time, so that results repeat
         start = np.random.default_rng(0).normal(size=matrix.shape[0]).astype(matrix.dtype)
     inverse = LinearOperator(matrix.shape, matvec=solve, dtype=matrix.dtype)
-    return eigsh(matrix, k=count, sigma=shift, OPinv=inverse, v0=start)
+    values, vectors = eigsh(matrix, k=count, sigma=shift, OPinv=inverse, v0=start)
+    order = np.argsort(values)  # Arnoldi's method returns them in no order
+    return values[order], vectors[:, order]

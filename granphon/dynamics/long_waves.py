@@ -73,8 +73,8 @@ class LongWaves(Compatibility):
     """
 
     def _deform_uniformly(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
-        """Return the deformations at q = 0, times ``root``, under displacement gradients and under
-        inner motions.
+        """Return the deformations ``rows`` at q = 0, times ``root`` (kinds, n_c), under
+        displacement gradients and under inner motions.
 
         Their shapes are (n_rows, n_u p), for the gradients u_a,b (in the plane u_x,x u_x,y u_y,x
         u_y,y), and (n_rows, n_inner). Inner motions are rotations, and the shifts of several balls
@@ -87,8 +87,8 @@ class LongWaves(Compatibility):
         return affine.reshape(root.size, self._n_gradients), inner
 
     def _find_inner_ends(self, rows: list[Row], root: Array) -> tuple[Any, Any]:
-        """Return the difference and the sum of the effects of inner motions at both ends of
-        contacts, (n_rows, n_inner).
+        """Return the difference and the sum of the effects of inner motions on ``rows``, times
+        ``root`` (kinds, n_c), at both ends of contacts, (n_rows, n_inner).
 
         In a cell of many balls they are sparse, and those of all motions of each ball, the shift of
         all balls among them.
@@ -116,6 +116,9 @@ class LongWaves(Compatibility):
     def relax_inner_motions(self, progress: Progress = silent) -> None:
         """Factorise the matrix of the inner motions, the long work that moduli and sound share, and
         report how far it has come; the lattice keeps the factors.
+
+        Nothing is done in a cell of few motions, whose matrices are dense, and where bodies that do
+        not move hold the balls.
         """
         is_large = self.n_branches > MANY_COLUMNS
         if is_large and not self.is_held and "_sparse" not in vars(self):
@@ -178,7 +181,7 @@ class LongWaves(Compatibility):
             return np.zeros((len(inner), 0)), np.zeros((0, 0))
         size = self._inner_sizes
         # a column that is only rounding, compared with others of its kind, belongs to a motion that
-        # deforms nothing
+        # deforms nothing. Inner motions are the last of all motions: shifts of all balls come first
         is_turn = np.tile(self.motions.is_rotation, self.n_balls)[-count:]
         largest_turn = np.max(size, where=is_turn, initial=0.0)
         largest_shift = np.max(size, where=~is_turn, initial=0.0)
@@ -202,7 +205,9 @@ class LongWaves(Compatibility):
     @cached_property
     def _touching(self) -> Self:
         """The lattice as overlaps vanish, as far as it tells which inner motions are free: each
-        ball has one lever arm.
+        ball whose lever arms differ by no more than overlaps explain has one lever arm.
+
+        It is this lattice itself if there is no such ball.
         """
         table = self.contacts
         balls = np.concatenate([table.i, table.j])
@@ -447,12 +452,12 @@ class LongWaves(Compatibility):
 
         Parameters
         ----------
-        prestress : (...) compressive force over spacing, the same in every contact; by default the
-            lattice's own.
+        prestress : (...) compressive force over spacing, k, the same in every contact; by default
+            the lattice's own.
 
         Returns
         -------
-        (..., n_u, p, n_u, p), indices i, j, k, l of d2E / d(u_i,j) d(u_k,l), in units of k.
+        (..., n_u, p, n_u, p), indices i, j, k, l of d2E / d(u_i,j) d(u_k,l), in units of k d^2.
 
         Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes an inner motion
         unstable that the gradient moves.
@@ -537,6 +542,9 @@ class LongWaves(Compatibility):
     def _find_load(self, prestress: ArrayLike | None) -> tuple[Any, tuple[Array, ...]]:
         """Return a factor, a number or (..., 1, 1), and the forms that the factor multiplies: those
         of :meth:`_compute_push_forms`, and the sum (p, p) of f r r/a over the contacts.
+
+        ``prestress`` is as for :meth:`gradient_stiffness`: for the lattice's own the factor is 1,
+        and tangential forces add to the sum.
         """
         if prestress is None:
             rows, root = self._weight_rows(prestress=True)
@@ -607,6 +615,7 @@ class LongWaves(Compatibility):
 
         Raises
         ------
+        InputError : bodies that do not move hold the balls.
         MechanismError : the lattice is a :attr:`mechanism`.
         InstabilityError : the prestress makes a squared velocity negative.
         """
@@ -704,10 +713,10 @@ class LongWaves(Compatibility):
         Rev. 71, 809, 1947; D. C. Wallace, Thermodynamics of Crystals, 1972), so that K and rho v^2
         keep their usual relation (equation 16).
 
-        Raises :class:`~granphon.base.errors.InputError` if balls do not move along the periods,
-        :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`, and
-        :class:`~granphon.base.errors.InstabilityError` if prestress leaves a strain that the
-        stiffness does not resist.
+        Raises :class:`~granphon.base.errors.InputError` if balls do not move along the periods, or
+        touch bodies that do not move, :class:`~granphon.base.errors.MechanismError` if the lattice
+        is a :attr:`mechanism`, and :class:`~granphon.base.errors.InstabilityError` if prestress
+        leaves a strain that the stiffness does not resist.
         """
         self.require_rigid()
         has_no_prestress = prestress is None and not self.is_prestressed

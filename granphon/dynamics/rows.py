@@ -306,7 +306,11 @@ class WaveRows(NamedTuple):
         return np.asarray((self.odd != 0.0) | (self.even != 0.0))
 
     def select(self, rows: NDArray[np.bool_], columns: NDArray[np.intp]) -> WaveRows:
-        """Return the ``rows`` (kinds, n_c) that are marked, of the motions ``columns``."""
+        """Return the ``rows`` (kinds, n_c) that are marked, of the motions ``columns``.
+
+        They stay a table of kinds and contacts if the same contacts are marked in each kind that
+        is; otherwise they become one kind, of as many contacts as there are rows.
+        """
         if np.all(rows) and len(columns) == self.odd.shape[2]:
             return self
         kinds = np.any(rows, axis=1)
@@ -317,7 +321,7 @@ class WaveRows(NamedTuple):
             odd = self.odd[chosen]
             even = self.even[chosen]
             half = self.half[contacts]
-        else:  # one kind, in which each row is a contact
+        else:
             odd = self.odd[rows][None, :, columns]
             even = self.even[rows][None, :, columns]
             half = self.half[np.nonzero(rows)[1]]

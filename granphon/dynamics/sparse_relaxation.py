@@ -2,8 +2,8 @@
 
 Under a strain balls turn and shift until no force is left on them: the least squares of what
 remains of the deformations of all contacts. The normal equations are sparse, and factorised by
-:mod:`granphon.dynamics.fronts`. That takes half of the digits, and two corrections with the
-deformations themselves give them back (the corrected seminormal equations, A. Bjorck, Linear
+:mod:`granphon.dynamics.fronts`. That takes half of the digits, and a correction with the
+deformations themselves gives them back (the corrected seminormal equations, A. Bjorck, Linear
 Algebra Appl. 88/89, 31, 1987).
 
 Motions that cost nothing, or so little that the factors cannot tell, are set aside by these. They
@@ -198,7 +198,8 @@ class SparseRelaxation:
 
         ``mixed`` (n_branches, m) is the form of an inner motion and a gradient, and the sparse
         ``block`` (n_branches, n_branches) that of two inner motions. Raises
-        :class:`~granphon.base.errors.InstabilityError` if an inner motion has a negative energy.
+        :class:`~granphon.base.errors.InstabilityError` if an inner motion that a gradient moves has
+        a negative energy.
         """
         from scipy.sparse import diags_array
 

@@ -28,8 +28,8 @@ _LARGEST_TURN = 0.5 * np.pi
 
 
 def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
-    """Return the Zak phase, rad, from 0 to 2 pi, of all but the ``below`` lowest branches at q
-    (p - 1,).
+    """Return the Zak phase, rad, from 0 to 2 pi, of all but the ``below`` lowest branches, one or
+    more, at q (p - 1,) in fractions of the reciprocal cell.
 
     The phase is that of the motions of the balls where the edge is held, and of the deformations of
     contacts where the edge is free: a held edge leaves whole cells of balls, a free edge whole
@@ -63,8 +63,8 @@ def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
 
 
 def find_winding(half_space: HalfSpace, q: Array) -> int:
-    """Return how often det C winds about zero at q (p - 1,), which is the number of motions at a
-    free edge that cost nothing.
+    """Return how often det C winds about zero at q (p - 1,), in fractions of the reciprocal cell,
+    which is the number of motions at a free edge that cost nothing.
 
     Raises :class:`~granphon.base.errors.InputError` where C is not square, or its determinant
     vanishes.

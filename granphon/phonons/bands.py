@@ -79,8 +79,8 @@ class Bands(Result):
     Attributes
     ----------
     qpoints : (s, p, 3), wave vectors as fractions of the reciprocal cell.
-    distances : (s, p), distance along the path over 2 pi, in units of 1/d, as in phonopy: a number
-        without a unit.
+    distances : (s, p), distance along the path over 2 pi, times the mean diameter, as in phonopy: a
+        number without a unit.
     frequencies : (s, p, b), Hz, ascending.
     group_velocities : (s, p, b, d), m/s, along the d periods of the lattice; at Gamma, and where
         branches touch or vanish, the limit along the path. None of bands that were made without
@@ -98,7 +98,8 @@ class Bands(Result):
         that cost no energy.
     motions : the motions of each ball; rotations that the eigenvectors do not have are left out.
     pbc : along which of the d periods of the lattice the cell repeats, by default all; a ribbon
-        that is cut out of a lattice in the plane repeats along one.
+        that is cut out of a lattice in the plane repeats along one. Without group velocities it
+        must be given, as it then tells d.
     kinds : names of the kinds of the balls, if they are known.
     gyration : (n,) radii of gyration of the balls, in reduced units; by default of solid balls with
         the diameter 1.
@@ -131,7 +132,7 @@ class Bands(Result):
         """Check shapes, and that all numbers are finite and can be those of bands."""
         super()._check()
         balls = len(self.masses)
-        p = self.periods
+        d = self.periods
         if self.eigenvectors is not None:
             components = self.eigenvectors.shape[2]
             if components != self.motions.count * balls:
@@ -142,10 +143,10 @@ class Bands(Result):
         self._require_finite()
         _require(self.frequencies.size > 0, "there is no frequency")
         # components across the periods, which are along the first axes
-        across = (self.qpoints[..., p:], self.cell[:p, p:], self.cell[p:, :p])
+        across = (self.qpoints[..., d:], self.cell[:d, d:], self.cell[d:, :d])
         lies_along = not any(np.any(components) for components in across)
-        shape = ("line", "plane", "space")[p - 1]
-        _require(lies_along, f"a wave vector or a lattice vector leaves the {shape} of {p} periods")
+        shape = ("line", "plane", "space")[d - 1]
+        _require(lies_along, f"a wave vector or a lattice vector leaves the {shape} of {d} periods")
         _require(np.all(self.frequencies >= 0.0), "a frequency is below zero")
         # the lowest frequencies are roots of rounding errors, which may put neighbours out of order
         falls = -np.diff(self.frequencies, axis=2)
@@ -164,8 +165,8 @@ class Bands(Result):
         if self.eigenvectors is not None:
             errors = np.abs(np.linalg.norm(self.eigenvectors, axis=2) - 1.0)
             _require(np.all(errors <= _LENGTH_ERROR), "an eigenvector has not the length one")
-        are_flags = len(self.pbc) == p and all(isinstance(repeats, bool) for repeats in self.pbc)
-        _require(are_flags, f"pbc is not {p} times true or false")
+        are_flags = len(self.pbc) == d and all(isinstance(repeats, bool) for repeats in self.pbc)
+        _require(are_flags, f"pbc is not {d} times true or false")
 
     @property
     def n_branches(self) -> int:
@@ -565,8 +566,8 @@ def _part_edges(motion: NDArray[Any], masks: NDArray[np.bool_]) -> Array:
 
 
 def _read_vectors(components: Array, motions: Motions, qpoints: Array, cell: Array) -> Complex:
-    """Return eigenvectors (s, p, n_dof, b) from the real and imaginary parts (s, p, b, n, 3 or 6,
-    2) of the coordinates of atoms in a band.yaml.
+    """Return eigenvectors (s, p, n_dof, b) from ``components``, the real and imaginary parts
+    (s, p, b, n, 3 or 6, 2) of the coordinates of atoms in a band.yaml.
     """
     motion = components[..., 0] + 1j * components[..., 1]
     # the phase at the ball, in place of that of an atom aside

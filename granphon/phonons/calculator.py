@@ -192,10 +192,13 @@ class HarmonicContacts(ContactCalculator):
         system_changes: Any = all_changes,
     ) -> None:
         """Set ``results``: the energy (units of k d^2), the forces (k d) and the stress (k/d) of
-        the atoms.
+        the atoms; a network that bodies without motion hold has no stress.
 
         ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
         since the last call.
+
+        Raises :class:`~granphon.base.errors.InputError` for other Atoms, for displacements that are
+        not small, and if a stress is asked for that there is not.
         """
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
@@ -327,7 +330,7 @@ def keep_rows(kept: Flags, *arrays: Any) -> tuple[Any, ...]:
 
 class _Search(NamedTuple):
     """The ``pairs`` of balls nearer than ``reach`` at ``positions`` (N, m) in a ``cell`` (m, m),
-    all in diameters.
+    all in diameters; ``periodic`` says along which of its m vectors the balls repeat.
     """
 
     pairs: Pairs
@@ -366,8 +369,8 @@ class _Search(NamedTuple):
 def _search(positions: Array, cell: Array, periodic: tuple[bool, ...], reach: float) -> _Search:
     """Return the pairs of balls at ``positions`` (N, m) nearer than ``reach``, in diameters.
 
-    Raises :class:`InputError` for periods, rows of the ``cell`` (m, m), that have no length or are
-    not independent of each other.
+    Raises :class:`InputError` for periods, those rows of the ``cell`` (m, m) that are ``periodic``,
+    that have no length or are not independent of each other.
     """
     axes = np.flatnonzero(periodic)
     periods = cell[axes]
@@ -609,10 +612,14 @@ class HertzMindlin(ContactCalculator):
         system_changes: Any = all_changes,
     ) -> None:
         """Set ``results``: the energy (units of k d^2), the forces (k d) and the stress (k/d) of
-        the atoms.
+        the atoms; without the vectors of a cell there is no stress.
 
         ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
         since the last call.
+
+        Raises :class:`~granphon.base.errors.PrecisionError` where balls overlap so little that
+        positions do not hold the digits, and :class:`~granphon.base.errors.InputError` for Atoms
+        that are not balls of the state, and if a stress is asked for that there is not.
         """
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
@@ -785,7 +792,8 @@ class HertzMindlin(ContactCalculator):
         self, vector: Array, extra: Array, at_sites: bool = False
     ) -> tuple[Array, Flags]:
         """Return the direction (n, m) of the lattice contact nearest to each pair, and whether (n,)
-        the pair is near enough to be that contact.
+        the pair is near enough to be that contact. With finite overlap, where balls do not turn,
+        the direction is that of the pair itself, and its length alone decides.
 
         ``vector`` (n, m) joins the balls of each pair, d. ``extra`` (n,) is the distance, d, that
         the diameters of the two balls add to the distance at which balls touch. With ``at_sites``
@@ -847,8 +855,9 @@ class HertzMindlin(ContactCalculator):
         return vector / distance[:, None], overlap - farther, distance
 
     def _choose_law(self, balls: Atoms) -> Law:
-        """Return the contact law of these balls; raises :class:`InputError` if the balls cannot
-        belong to the state.
+        """Return the contact law of these balls: of the Atoms of a sample that of two balls, else
+        that of the state. Raises :class:`InputError` if the balls cannot belong to the state, or
+        hold numbers that are not finite.
         """
         self._require_known_sample(balls)
         kind = find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
@@ -1206,11 +1215,12 @@ def _in_space(vectors: Array) -> Array:
 
 
 def contact_blocks(lattice: ContactLattice) -> Array:
-    """Return the force constants of each contact alone, (n_c, 6, 6), in (x, y, w) of ball i, then
-    of ball j; units of k.
+    """Return the force constants of each contact alone, (n_c, 6, 6), in the three coordinates of
+    ball i, then of ball j; units of k.
 
-    If balls have all six motions the shape is (n_c, 12, 12), in (x, y, z, w_x, w_y, w_z) of each
-    ball.
+    The coordinates are (x, y, w) in the plane and (w_x, w_y, z) out of it, and (x, y, z) where
+    balls move in space and do not turn; those without a motion have zeros. If balls have all six
+    motions the shape is (n_c, 12, 12), in (x, y, z, w_x, w_y, w_z) of each ball.
     """
     slots = list(lattice.motions.slots)
     count = 3 * lattice.motions.atoms_per_ball

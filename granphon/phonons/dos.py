@@ -57,8 +57,8 @@ class DensityOfStates(Result):
     warnings: tuple[str, ...] = ()
 
     def _check(self) -> None:
-        """Check the shapes, that numbers are finite, that frequencies ascend from zero, and that no
-        density is below it.
+        """Check the shapes, that numbers are finite, that frequencies are zero or above and ascend,
+        that no density is below zero by more than rounding, and that the mesh has points.
         """
         super()._check()
         self._require_finite()

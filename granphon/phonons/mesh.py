@@ -51,7 +51,7 @@ class ZoneMesh(NamedTuple):
 
     @classmethod
     def of(cls, numbers: tuple[int, ...], group: Index | None = None) -> ZoneMesh:
-        """Return the mesh of these ``numbers`` (p,) of points, reduced by a ``group`` (n, p, p) of
+        """Return the mesh of these ``numbers`` (p,) of points, reduced by a ``group`` (g, p, p) of
         :func:`find_point_group` and by time reversal.
 
         The mesh has all its points without a group, and where a rotation mixes axes of different
@@ -87,9 +87,9 @@ class ZoneMesh(NamedTuple):
         ----------
         reciprocal : (p, p) reciprocal vectors, one a row; each cell of the mesh is cut along its
             shortest diagonal.
-        frequencies : (n_q, n_branches).
+        frequencies : (n_q, n_branches), at the irreducible points.
         parts : (n_parts, n_q, n_branches), weights with which each mode is counted.
-        limits : (n_limits,), ascending.
+        limits : (n_limits,), ascending, in the unit of the frequencies.
         """
         p = len(self.numbers)
         numbers = np.array(self.numbers)
@@ -117,7 +117,8 @@ class ZoneMesh(NamedTuple):
 
     def _cut_cell(self, reciprocal: Array) -> Index:
         """Return the corners (p!, p + 1, p) of the simplices of a cell of the mesh, as steps from
-        point to point, about the shortest diagonal of the cell.
+        point to point, about the shortest diagonal of the cell; ``reciprocal`` (p, p) are the
+        reciprocal vectors as rows.
         """
         p = len(self.numbers)
         numbers = np.array(self.numbers)
@@ -145,6 +146,7 @@ def _add_counts(counts: Array, limits: Array, knots: Array, weights: Array) -> N
     n_between = last - first
     # pairs of a spline and a limit between its knots: spline after spline
     spline = np.repeat(np.arange(len(knots)), n_between)
+    # the limits of a spline are first, first + 1, ...: the number of the pair less an offset
     offset = np.repeat(np.cumsum(n_between) - last, n_between)
     limit = np.arange(len(spline)) - offset
     part_below = _integrate_splines(limits[limit], knots[spline].T)
@@ -170,8 +172,8 @@ def _integrate_splines(x: Array, knots: Array) -> Array:
 def find_point_group(
     atoms: Atoms, periods: int, frequencies: Callable[[Array], Array]
 ) -> Index | None:
-    """Return the rotations (n, p, p) that keep ``frequencies``, which act on fractions q as q @
-    rotation; None if unknown.
+    """Return the rotations (g, p, p) that keep ``frequencies``, which act on fractions q as q @
+    rotation; None if unknown. On a line the only rotation is the identity.
 
     The rotations are of the layer or space group of the ``atoms``. Spglib knows the positions of
     the balls, not the stiffness of contacts. So ``frequencies``, a function of wave vectors (n, p),

@@ -130,9 +130,8 @@ class Phonons:
 
     Raises
     ------
-    InputError : a state with several loads; a network that repeats nowhere, has static tangential
-        forces that act, or is too large for the memory; atoms without masses, of other scales, or
-        otherwise refused by
+    InputError : a state with several loads; a network that repeats nowhere, or is too large for the
+        memory; atoms without masses, a cell or contacts, of other scales, or otherwise refused by
         :class:`HertzMindlin`; a ``dim`` so small that two balls would touch through two images.
     """
 
@@ -273,8 +272,8 @@ class Phonons:
         return np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
 
     def _require_mesh(self, numbers: tuple[int, ...]) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if modes on a mesh do not fit into the
-        memory of this machine.
+        """Raise :class:`~granphon.base.errors.InputError` if modes on a mesh of ``numbers`` (p,) of
+        wave vectors do not fit into the memory of this machine.
         """
         cost = costs.density_of_states(numbers, self.lattice.n_branches)
         shown = " x ".join(map(str, numbers))
@@ -284,8 +283,8 @@ class Phonons:
         )
 
     def _require_state_cell(self, with_stiffness: bool = False) -> None:
-        """Raise InputError unless the lattice has the contacts of the state, in their order; on
-        request also the masses and stiffnesses of the state.
+        """Raise InputError unless the lattice has the contacts of the state, in their order; with
+        ``with_stiffness`` also the masses and stiffnesses of the state.
         """
         arrays_of_state = _list_arrays(self.state.contact_lattice(), with_stiffness)
         arrays = _list_arrays(self.lattice, with_stiffness)
@@ -435,7 +434,9 @@ class Phonons:
 
         Raises :class:`~granphon.base.errors.InputError` for a damping below zero, and for Atoms
         whose contacts are not the state's, in their order;
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative;
+        :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and are far stiffer
+        than springs.
         """
         points = _check_qpoints(qpoints, self._periods)
         network = given_network(self.state)
@@ -466,7 +467,10 @@ class Phonons:
 
         ``qpoints`` (n_q, p) or (n_q, 3) are fractions of the reciprocal cell. Where branches touch,
         at Gamma and wherever a mode vanishes, the result is the limit along ``direction``
-        (Cartesian), which is required at Gamma.
+        (Cartesian, of any length), which is required at Gamma.
+
+        Raises :class:`~granphon.base.errors.InputError` for Gamma without a direction, and
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
         modes = self.lattice.modes(q, direction)
@@ -512,6 +516,10 @@ class Phonons:
         eigenvectors : whether to find eigenvectors and group velocities, from which colours and
             characters follow. In a large cell frequencies alone take a fifth of the time and next
             to no memory, see :meth:`estimate`.
+
+        Raises :class:`~granphon.base.errors.InputError` for a path or labels that
+        :func:`~granphon.phonons.paths.interpolate_path` refuses, and for bands too large for the
+        memory; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         chosen_path: Any = path
         if path is None:
@@ -521,7 +529,7 @@ class Phonons:
         s, p, _ = segments.shape
         b = self.lattice.n_branches
         d = self._periods
-        wavevectors = self.lattice.wavevectors(segments)  # (s, p, d), 1/d
+        wavevectors = self.lattice.wavevectors(segments)  # (s, p, d), over the mean diameter
         q = wavevectors.reshape(-1, d)
         self._require_memory_of_bands(len(q), eigenvectors)
         velocities = None
@@ -603,7 +611,9 @@ class Phonons:
 
         Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a
         band, for one so high that a wave decays by more than 1e12 from layer to layer, and for an
-        axis across which some motions are passed on to the next layers and no further.
+        axis across which some motions are passed on to the next layers and no further;
+        :class:`~granphon.base.errors.InputError` for other Atoms than those of the state, an axis
+        without a period or without contacts across it, and wrong numbers.
         """
         network = given_network(self.state)
         self._require_state_cell(with_stiffness=True)
@@ -653,6 +663,9 @@ class Phonons:
             and up to a million times the top one; by default a hundredth of that, or more if there
             are few ``points``.
         points : number of frequencies, 12 or more, from zero to just above the top frequency.
+
+        Raises :class:`~granphon.base.errors.InputError` for numbers out of range or too large for
+        the memory, for a ``sigma`` of tetrahedra, and where every branch vanishes.
         """
         numbers = self._read_mesh(mesh)
         chosen_method = one_of("method", method, ("tetrahedron", "smearing"))
@@ -757,7 +770,8 @@ class Phonons:
                 )
             return None
         if sigma is None:
-            # with few frequencies, the width that is about their spacing up to the end of the tail
+            # with few frequencies, a width a little above their spacing up to the end of the tail:
+            # w = (top + 5 w)/(count - 1) is top/(count - 6)
             return max(_NARROWEST, 1.0 / (count - 7)) * top
         width = positive("sigma", sigma, "Hz") / self.scales.frequency
         if width > _WIDEST * top:
@@ -840,7 +854,7 @@ class Phonons:
 
     def _list_gap_points(self, numbers: tuple[int, ...]) -> Array:
         """Return the wave vectors (n_q, p), fractions of the reciprocal cell, at which gaps are
-        sought: a mesh of half of the zone, and the special points.
+        sought: those of a mesh of ``numbers`` (p,) in half of the zone, and the special points.
         """
         p = self._periods
         axes = [np.arange(number) / number for number in numbers]
@@ -850,8 +864,9 @@ class Phonons:
         return np.concatenate([grid, *points])
 
     def _climb_edges(self, edges: _BandEdges, starts: Array, longest_step: float) -> Array:
-        """Return the greatest frequency times sign (e,) of each edge that is reached from its wave
-        vectors ``starts`` (e, n_starts, p), 1/d.
+        """Return the greatest frequency times sign (e,) of each of the ``edges`` that is reached
+        from its wave vectors ``starts`` (e, n_starts, p), in steps up to ``longest_step``, both
+        1/d.
         """
         n_edges, n_starts, p = starts.shape
         branch = np.repeat(edges.branch, n_starts)
@@ -1048,8 +1063,8 @@ def _secant_step(moved: Array, change: Array, steepness: Array) -> Array:
 
 
 def _directions_along(paths: Array) -> Array:
-    """Return the vector (s p, d) along the path, 1/d, at each wave vector of ``paths`` (s, p, d),
-    1/d.
+    """Return the vector (s p, periods) along the path at each wave vector of ``paths`` (s, p,
+    periods), both 1/d; at the last point of a segment it points back.
     """
     points = paths.shape[1]
     along = np.repeat(paths[:, -1] - paths[:, 0], points, axis=0)
@@ -1059,8 +1074,8 @@ def _directions_along(paths: Array) -> Array:
 
 
 def _distances_along(paths: Array) -> Array:
-    """Return distances (s, p) along segments of wave vectors ``paths`` (s, p, d), 1/d, over 2 pi;
-    each segment begins where the one before has ended.
+    """Return distances (s, p) along segments of wave vectors ``paths`` (s, p, periods), 1/d, over
+    2 pi; each segment begins where the one before has ended.
     """
     steps = np.linalg.norm(np.diff(paths, axis=1), axis=2) / (2.0 * np.pi)
     starts = np.zeros((len(paths), 1))
@@ -1127,8 +1142,8 @@ def _number_images(bridge: ContactPhonopy, dim: tuple[int, ...]) -> Index:
 
 
 def _list_arrays(lattice: ContactLattice, with_stiffness: bool) -> list[Array]:
-    """Return the balls i and j (n_c,) and the vectors (n_c, d) of the contacts of a lattice; on
-    request also masses and radii of gyration (n,), stiffnesses and prestress (n_c,).
+    """Return the balls i and j (n_c,) and the vectors (n_c, d) of the contacts of a lattice; with
+    ``with_stiffness`` also masses and radii of gyration (n,), stiffnesses and prestress (n_c,).
     """
     contacts = lattice.contacts
     arrays: list[Any] = [contacts.i, contacts.j, contacts.vector]
@@ -1145,10 +1160,10 @@ def _smear(omega: Array, frequencies: Array, weights: Array, width: float) -> Ar
     The part of a Gaussian below zero frequency is reflected, so that no mode is lost.
     """
     sums = np.empty((len(weights), len(omega)))
-    for n, frequency in enumerate(omega):
+    for number, frequency in enumerate(omega):
         bell = np.exp(-0.5 * ((frequency - frequencies) / width) ** 2)
         reflected = np.exp(-0.5 * ((frequency + frequencies) / width) ** 2)
-        sums[:, n] = np.sum(weights * (bell + reflected), axis=(1, 2))
+        sums[:, number] = np.sum(weights * (bell + reflected), axis=(1, 2))
     return sums
 
 
@@ -1165,11 +1180,11 @@ def _check_qpoints(qpoints: ArrayLike, periods: int) -> Array:
     """
     q = real_array("q points", qpoints)
     has_shape = q.ndim == 2 and len(q) > 0 and q.shape[1] in (periods, 3)
-    if not has_shape or not np.all(np.isfinite(q)):
+    if not has_shape:
         shapes = "(n, 3)" if periods == 3 else f"(n, {periods}) or (n, 3)"
-        raise InputError(
-            f"the q points have the shape {q.shape}", mend=f"Give {shapes} finite fractions"
-        )
+        raise InputError(f"the q points have the shape {q.shape}", mend=f"Give {shapes} fractions")
+    if not np.all(np.isfinite(q)):
+        raise InputError("a q point is not finite")
     padded = np.pad(q, ((0, 0), (0, 3 - q.shape[1])))
     check_inside(padded, periods, "a q point")
     return padded

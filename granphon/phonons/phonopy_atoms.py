@@ -191,7 +191,7 @@ def read_motions(header: Mapping[str, Any], components: int | None = None) -> tu
         motions = replace(motions, rotations=())
     coordinates = _name_coordinates(motions)
     if [str(coordinate) for coordinate in header["coordinates"]] != coordinates:
-        raise InputError(f"its coordinates of a ball are not {', '.join(coordinates)}")
+        raise InputError(f"Its coordinates of a ball are not {', '.join(coordinates)}")
     if components not in (None, motions.count):
         raise InputError(
             f"It has {components} motions for each ball, and its head says {motions.count}"

@@ -115,7 +115,9 @@ class SurfaceSpectrum(Result, array="values"):
 
     def write_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a table of the ``waves``: a row for each, with its wave vector, and the distance
-        along the path.
+        along the path, nan of wave vectors that are no path.
+
+        Raises :class:`~granphon.base.errors.InputError` for a spectrum without waves.
         """
         waves = self.waves
         if waves is None:
@@ -193,19 +195,22 @@ class Surface:
         Raises :class:`~granphon.base.errors.InputError` for another shape, numbers that are not
         finite, and wave vectors that leave the edge.
         """
-        p = len(self.cell)  # periods along the edge
-        at_chain_end = q is None and p == 0
+        n_along = len(self.cell)  # periods along the edge
+        at_chain_end = q is None and n_along == 0
         fractions = np.zeros((1, 0)) if at_chain_end else real_array("q", q)
-        are_vectors = fractions.ndim == 2 and len(fractions) and fractions.shape[1] in (p, 3)
-        if not are_vectors or not np.all(np.isfinite(fractions)):
+        are_vectors = fractions.ndim == 2 and len(fractions) and fractions.shape[1] in (n_along, 3)
+        if not are_vectors:
             raise InputError(
                 f"the wave vectors have the shape {fractions.shape}",
-                f"There are {p} periods along this edge",
-                f"Give (n, {p}) finite fractions",
+                f"There are {n_along} periods along this edge",
+                f"Give (n, {n_along}) fractions",
             )
-        if np.any(fractions[:, p:]):
-            raise InputError("a wave vector leaves the edge", mend=f"Give (n, {p}) fractions")
-        return fractions[:, :p], np.pad(fractions[:, :p], ((0, 0), (0, 3 - p)))
+        if not np.all(np.isfinite(fractions)):
+            raise InputError("a wave vector is not finite")
+        if np.any(fractions[:, n_along:]):
+            raise InputError("a wave vector leaves the edge", mend=f"Give (n, {n_along}) fractions")
+        along_edge = fractions[:, :n_along]
+        return along_edge, np.pad(along_edge, ((0, 0), (0, 3 - n_along)))
 
     def path(self, npoints: int = 31) -> tuple[Array, Array, Array, tuple[str, ...]]:
         """Return the path from corner to corner of the zone of a layer, ``npoints`` in each
@@ -442,20 +447,21 @@ class Surface:
         :meth:`branches` have it.
 
         Raises :class:`~granphon.base.errors.InputError` for an edge that is held, for balls that do
-        not move along it and across it, and for a direction that leaves the edge.
+        not move along it and across it, for a mechanism, and for a direction that leaves the edge;
+        :class:`~granphon.base.errors.GranphonError` if no long wave runs along the direction.
         """
-        p = len(self.cell)  # periods along the edge
-        vector = np.eye(max(p, 1))[0]
+        n_along = len(self.cell)  # periods along the edge
+        vector = np.eye(max(n_along, 1))[0]
         if direction is not None:
             vector = real_array("direction", direction)
-        is_in_cut = p > 0 and vector.shape != (p + 1,)
-        along = one_direction(vector, p if is_in_cut else p + 1)
+        is_in_cut = n_along > 0 and vector.shape != (n_along + 1,)
+        along = one_direction(vector, n_along if is_in_cut else n_along + 1)
         if not is_in_cut:
             # from the frame of the crystal to that of the cut, whose last axis leaves the edge
-            turned = self.half_space.layers.turn[: p + 1, : p + 1] @ along
-            if abs(turned[p]) > _ROUNDING:
+            turned = self.half_space.layers.turn[: n_along + 1, : n_along + 1] @ along
+            if abs(turned[n_along]) > _ROUNDING:
                 raise InputError("the direction leaves the edge", mend="Give one along it")
-            along = turned[:p]
+            along = turned[:n_along]
         unit = self.half_space.units.velocity
         return float(unit * self.half_space.rayleigh_velocity(along))
 

@@ -35,8 +35,9 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     branch : number of the branch, in ascending frequency.
     law : as for :class:`NonlinearWaves`.
 
-    Raises :class:`~granphon.base.errors.InputError` for a branch that others touch at q, or that
-    costs nothing or displaces no ball, and where twice its frequency is that of a wave of 2 q.
+    Raises :class:`~granphon.base.errors.InputError` for a law that is no power, for a branch that
+    others touch at q, or that costs nothing or displaces no ball, and where twice its frequency is
+    that of a wave of 2 q.
     """
     waves = NonlinearWaves(x, law)
     if not isinstance(waves.normal, Powers):
@@ -71,8 +72,8 @@ def _take_single_branch(matrix: Complex, number: int, top_square: float) -> tupl
     """Return omega^2, (rad/s)^2, and the vector (size,) of the branch of this ``number`` of D,
     ``matrix`` (size, size).
 
-    Raises :class:`InputError` if omega^2 is zero, or that of another branch, but for rounding;
-    ``top_square`` is the highest omega^2.
+    Raises :class:`~granphon.base.errors.InputError` if omega^2 is zero, or that of another branch,
+    but for rounding; ``top_square`` is a bound of all omega^2.
     """
     squares, vectors = np.linalg.eigh(matrix)
     rounding = _ALONE * top_square
@@ -84,14 +85,19 @@ def _take_single_branch(matrix: Complex, number: int, top_square: float) -> tupl
 
 
 def _read_wavevector(network: ContactNetwork, q: ArrayLike) -> Array:
-    """Return the wave vector (p,) in fractions of the reciprocal cell, from (p,) or (3,)."""
+    """Return the wave vector (p,) in fractions of the reciprocal cell, from (p,) or (3,).
+
+    Raises :class:`~granphon.base.errors.InputError` for a network that does not repeat, another
+    shape, numbers that are not finite, and a wave vector with a component across the periods.
+    """
     p = int(np.count_nonzero(network.pbc))
+    if p == 0:
+        raise InputError("the network does not repeat", "Its waves have no wave vectors")
     wavevector = real_array("q", q)
-    is_shape_known = p > 0 and wavevector.shape in ((p,), (3,))
-    if not is_shape_known or not np.all(np.isfinite(wavevector)):
-        raise InputError(
-            f"q has the shape {wavevector.shape}", mend=f"Give ({p},) finite fractions"
-        )
+    if wavevector.shape not in ((p,), (3,)):
+        raise InputError(f"q has the shape {wavevector.shape}", mend=f"Give ({p},) fractions")
+    if not np.all(np.isfinite(wavevector)):
+        raise InputError("q is not finite")
     require_digits(wavevector)
     if np.any(wavevector[p:]):
         raise InputError("q has a component across the periods", mend="Give 0 for it")
@@ -115,6 +121,8 @@ def _find_harmonic(
 def _find_amplitude(operator: WaveOperator, vector: Complex, number: int) -> float:
     """Return the largest displacement of a ball in a mode ``vector`` (size,), the branch of this
     ``number``: half the long axis of its ellipse.
+
+    Raises :class:`~granphon.base.errors.InputError` for a mode in which balls only turn.
     """
     # (n_free, displacements), times the root of the mass of each ball
     translations = operator.values(vector)[:, operator.motions.translating]
@@ -137,6 +145,8 @@ def _follow_double(
 ) -> Complex:
     """Return the elongations (n_c,) at twice the frequency of a wave that its ``tension`` (n_c,) of
     second order makes; ``square`` is omega^2 of the wave, (rad/s)^2.
+
+    Raises :class:`~granphon.base.errors.InputError` if a wave of 2 q has twice the frequency.
     """
     matrix, rows = _find_harmonic(operator, wavevector, 2)
     double_square = 4.0 * square

@@ -1,8 +1,8 @@
 """Modes of finite networks: the lowest, or those nearest to a frequency.
 
-Small matrices are dense. Larger matrices are factorised (sparse LU) at a shift, and Lanczos finds
-the modes nearest to the shift; the factors also say, by Sylvester's law of inertia, how many
-eigenvalues are below a value, so that none is missed.
+Small matrices are dense. Larger matrices are factorised at a shift, and Lanczos finds the modes
+nearest to the shift; the factors also say, by Sylvester's law of inertia, how many eigenvalues are
+below a value, so that none is missed.
 
 Where the factors would be too large, modes of a window of frequencies are filtered out of random
 vectors. With omega = top cos(phi/2) the polynomials T_n(2 D / top^2 - 1) are cos(n phi). A filter
@@ -259,7 +259,7 @@ def find_fall(operator: WaveOperator) -> float:
     Such squares are rounding, or come from the imbalance of static forces on balls: no program
     brings forces to rest to all digits, and balls that carry no load have been left out. A ball
     with an imbalance F falls where springs do not resist: about the line through two contacts, at a
-    distance h from its centre, as exp(s t), with s^2 = F h/2(m h^2 + I) for neighbours that stay.
+    distance h from its centre, as exp(s t), s^2 = F h/(2 (m h^2 + I)) for neighbours that stay.
     F/(m r) is above s^2 for any h; T/I is the bound for an imbalance T of torques.
     """
     network = operator.network
@@ -462,8 +462,11 @@ class _Density:
         self, target: float, filters: int, n_held: int, n_spanned: float, least_half: float
     ) -> tuple[_Window, float]:
         """Return the window about phi = ``target``, or about an end of the spectrum that is near,
-        and the number of modes in it: ``n_spanned``, or more if the half width would be below
-        ``least_half``.
+        with so many ``filters``, and the number of modes in it: ``n_spanned``, or more if the half
+        width would be below ``least_half``.
+
+        About an end of the spectrum the window holds as many modes beyond the target, and at least
+        ``n_held`` there.
         """
         centre = target
         half = max(self.reach(target, n_spanned), least_half)
@@ -955,6 +958,9 @@ def _find_damped_near(
 ) -> tuple[Complex, Complex]:
     """Return the ``count`` modes nearest to ``target`` by factors, as
     :func:`_find_damped_dense`.
+
+    Raises :class:`~granphon.base.errors.InputError` if fewer modes cost energy, or so many are
+    requested that Arnoldi's method would have to find nearly all.
     """
     still = _find_still(problem, count)
     available = problem.live.size - still.shape[1]
@@ -983,8 +989,8 @@ def _choose_damped(omega: Complex, count: int, target: float) -> NDArray[np.intp
 
 
 def _find_still(problem: Problem, count: int) -> Array:
-    """Return the motions (live, z) that cost no energy, orthonormal: by factors, and by a dense
-    matrix where factors do not find them all.
+    """Return the motions (live, n_still) that cost no energy, orthonormal: by factors, and by a
+    dense matrix where factors do not find them all.
 
     ``count``, the number of modes that are requested, is for the message of a matrix too large.
     """
@@ -1015,9 +1021,9 @@ def _follow_damped(
     units of the top frequency.
 
     With y = x', ((0, 1), (-D, -G)) - s is solved by the factors of D + s G + s^2. Arnoldi's vectors
-    z = (x, y) are kept free of the motions ``still`` (n, z), which cost no energy: each has the
-    rate zero twice, nearer than all other rates. A motion that creeps has two rates, the roots of
-    r^2 + (x.Gx) r + x.Dx; the slower of the two, above their mean, is kept.
+    z = (x, y) are kept free of the motions ``still`` (n, n_still), which cost no energy: each has
+    the rate zero twice, nearer than all other rates. A motion that creeps has two rates, the roots
+    of r^2 + (x.Gx) r + x.Dx; the slower of the two, above their mean, is kept.
     """
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import LinearOperator, eigs
@@ -1076,7 +1082,8 @@ def is_stable(operator: WaveOperator, fall: float | None = None) -> bool:
     Only static forces make a square below zero. Where static tangential forces act, and D has a
     square below zero, the lowest eigenvalue of the whole matrix that is not symmetric decides: its
     real part is not below the lowest of D. For networks too large to be factorised the lowest Ritz
-    value of a Krylov space of D decides.
+    value of a Krylov space of D decides; with static tangential forces that value may be below zero
+    by the part :data:`_RITZ_ERROR` of the bound of all squares, whatever ``fall`` is.
     """
     if not operator.network.prestress:
         return True
@@ -1126,13 +1133,17 @@ def _has_factors(operator: WaveOperator) -> bool:
 
 
 def _find_lowest_of_whole(operator: WaveOperator, whole: Any, low: float) -> tuple[float, Array]:
-    """Return the lowest real part of an eigenvalue of the ``whole`` matrix (size, size), (rad/s)^2,
-    and the sizes (size,) of the motions of its eigenvector.
+    """Return the lowest real part of an eigenvalue of :attr:`WaveOperator.whole`, ``whole`` (size,
+    size), (rad/s)^2, and the sizes (size,) of the motions of its eigenvector.
 
-    The search begins at ``low``, (rad/s)^2, below zero, and lower if D has eigenvalues below it.
+    The search begins at ``low``, (rad/s)^2, below zero, and lower if D has eigenvalues below it. D
+    is the symmetric part of the whole, so that no eigenvalue of the whole has a real part below the
+    lowest of D, and all are above the shift. The eigenvalue nearest to the shift is taken as the
+    lowest: a complex pair farther away, of a lower real part, would be passed over.
     """
     from scipy.sparse.linalg import eigs
 
+    # all motions, as in the whole matrix, those that no spring holds among them
     problem = Problem(operator, np.arange(operator.size))
     shift = low
     while problem.count_below(shift):
@@ -1172,6 +1183,8 @@ def _search_lowest(operator: WaveOperator) -> float:
 def _diagonalise(problem: Problem, count: int) -> tuple[Array, Array]:
     """Return all eigenvalues (live,) and eigenvectors (live, live) of D, of which ``count`` modes
     are requested.
+
+    Raises :class:`~granphon.base.errors.InputError` for a matrix that is too large.
     """
     from scipy.linalg import eigh
 

@@ -568,9 +568,10 @@ class Frames:
 
     def _begin_again(self, path: Path, frame: Mapping[str, Any]) -> None:
         """Write the frames so far, and a ``frame`` with more columns, into a new file, as the
-        number of columns of a file is fixed.
+        number of columns of a file is fixed; the first frame begins the first file.
 
-        The new file is written beside the earlier one, and then replaces it.
+        The new file is written beside the earlier one, and then takes its place; it stays open, and
+        held, for the frames that follow.
         """
         earlier_arrays = dict[str, Any]()
         shapes = {name: np.shape(field_values) for name, field_values in frame.items()}
@@ -585,7 +586,7 @@ class Frames:
                 }
                 self._file.append(earlier_frame)
             self._file.append(frame)
-            del earlier_arrays  # some systems do not replace a file that is in use
+            del earlier_arrays  # the earlier file is not read any more as another takes its place
 
     @property
     def _met(self) -> Index:

@@ -498,9 +498,10 @@ def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
     """Return (n_c,) the row of each contact in the table of contacts of the lattice; None if the
     network is no array that stencils describe.
 
-    Contacts must have the directions and arms of the lattice, each from ball i to ball j of the
-    table; masses must be equal, and there must be no prestress. An array so short that a ball
-    touches another twice is not described by stencils.
+    The array must have all balls, three cells or more along each axis, and no prestress. Masses
+    must be equal, as must moments of inertia. Contacts must have the directions and arms of the
+    lattice, each from ball i to ball j of the table. An array so short that a ball touches another
+    twice is not described by stencils.
     """
     lattice = network.lattice
     shape = network.shape

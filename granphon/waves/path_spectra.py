@@ -137,8 +137,8 @@ def find_path_spectra(
     labels : one for each corner.
     points : between two corners, both counted; several may have the same wave vector of the cell,
         which counts once.
-    polarisations : see :meth:`~granphon.waves.waves.Waves.spectral_function`.
-    resolution : Hz.
+    polarisations, resolution : see :meth:`~granphon.waves.waves.Waves.spectral_function`; the
+        resolution is in Hz.
 
     Raises
     ------
@@ -199,8 +199,8 @@ def find_path_points(
     each leg of a path.
 
     Left out are wave vectors of Gamma, those farther off the path than half a step, and repeated
-    ones. ``spacing`` is the unit of length of the ``lattice``, m. Raises what
-    :func:`find_path_spectra` raises.
+    ones. ``spacing`` is the unit of length of the ``lattice``, m; ``path`` is as for
+    :func:`find_path_spectra`, whose errors are raised.
     """
     count = whole_number("points", points, 2)
     pieces = [lattice.wavevectors(piece) / spacing for piece in path]  # (corners, p), 1/m

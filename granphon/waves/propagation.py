@@ -106,8 +106,8 @@ class ToneBurst:
         return amplitudes, np.array([omega, omega + window_omega, omega - window_omega])
 
     def drive(self, rates: Complex, times: Array) -> Complex:
-        """Return the integrals (n_t, n) of exp(rate (t - t')) s(t') over t' from 0 to t, s, for
-        ``times`` t (n_t,), s, none of which is above P, and ``rates`` (n,), 1/s.
+        """Return the integrals (n_t, n), s, of exp(rate (t - t')) times the burst at t', over t'
+        from 0 to t, for ``times`` t (n_t,), s, none of which is above P, and ``rates`` (n,), 1/s.
         """
         amplitudes, omegas = self.waves
         # the burst is the sum of weight exp(wave_rate t): three waves, and their conjugates

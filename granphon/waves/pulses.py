@@ -160,6 +160,9 @@ class Course:
     def along(cls, network: ContactNetwork, direction: Array) -> Self:
         """Return the course along ``direction`` (3,), a unit vector, through the network from its
         first plane on.
+
+        Raises :class:`~granphon.base.errors.InputError` for a direction that leaves the line or the
+        plane of the balls.
         """
         if np.any(np.abs(direction[network.dimension :]) > _FLAT):
             mend = f"Give {network.dimension} numbers"
@@ -289,6 +292,9 @@ class Course:
     def with_ends(self, ends: str) -> Course:
         """Return the course through the network with ``ends``, see
         :data:`~granphon.waves.settings.ENDS`.
+
+        Raises :class:`~granphon.base.errors.InputError` for walls in a network without a period
+        along the direction.
         """
         if ends == "periodic":
             return self
@@ -472,20 +478,21 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
 
 
 def _find_hanging(network: ContactNetwork) -> Index:
-    """Return the balls (n,) that fewer contacts hold than there are dimensions, or do once such
-    balls are gone.
+    """Return the balls (m,) that fewer contacts hold than there are dimensions, or do once such
+    balls are gone; held bodies do not hang.
     """
     i = network.i
     j = network.j
-    n = network.n_balls
+    n_balls = network.n_balls
     # a contact that pulls counts as many: it holds a ball alone, as a rope does
     weights = np.where(network.normal_force < 0.0, network.dimension, 1)
-    is_hanging = np.zeros(n, bool)
+    is_hanging = np.zeros(n_balls, bool)
     count_before = -1
     while np.count_nonzero(is_hanging) > count_before:
         count_before = int(np.count_nonzero(is_hanging))
         weights_left = np.where(is_hanging[i] | is_hanging[j], 0, weights)
-        n_holding = np.bincount(i, weights_left, n) + np.bincount(j, weights_left, n)
+        n_holding = np.bincount(i, weights_left, n_balls)
+        n_holding = n_holding + np.bincount(j, weights_left, n_balls)
         is_hanging = network.moving & (n_holding < network.dimension)
     return np.flatnonzero(is_hanging)
 
@@ -581,11 +588,10 @@ def _correlate(signal: Array, sent: Array) -> float:
 
 
 def _find_place(envelope: Array, method: str, threshold: float) -> float:
-    """Return the place of a pulse in its envelope (n_t,), in readings: its maximum, or for the
-    ``method`` "first" the place where the envelope first has the share ``threshold`` of that
-    maximum; nan without a maximum.
+    """Return the place of a pulse in its envelope (n_t,), in readings: the first maximum that has
+    half the height of the greatest value, or for the ``method`` "first" the place where the
+    envelope first has the share ``threshold`` of that maximum; nan without a maximum.
     """
-    # the first maximum that has half the height of the greatest value
     inner = envelope[1:-1]
     peaks = 1 + np.flatnonzero((inner > envelope[:-2]) & (inner >= envelope[2:]))
     high_peaks = peaks[envelope[peaks] >= _HALF * np.max(envelope)]
@@ -941,9 +947,10 @@ class Pulse(Result):
     def time_of_flight(self) -> float:
         """Time of flight by the envelope of the coherent signal, s.
 
-        It is nan, and :attr:`warnings` say why, in four cases: the record ends before the pulse is
-        over; an echo may come before the maximum of the pulse; the velocity would be above the
-        fastest wave; other frequencies than that of the burst arrive, as in a gap.
+        It is nan, and :attr:`warnings` say why, in six cases: the signal is zero; it does not come
+        after the burst; the record ends before the pulse is over; an echo may come before the
+        maximum of the pulse; the velocity would be above the fastest wave; other frequencies than
+        that of the burst arrive, as in a gap.
         """
         return self._flight.time
 
@@ -1209,7 +1216,11 @@ def _require_apart(course: Course, distance: float, sources: Index, receivers: I
 
 
 def _list_readings(burst: ToneBurst, duration: float) -> Array:
-    """Return the times (n_t,) at which a pulse is read within a ``duration``, s."""
+    """Return the times (n_t,), s, at which a pulse is read within a ``duration``, s:
+    :data:`READINGS` in a period of the burst, and three at least.
+
+    Raises :class:`~granphon.base.errors.InputError` for too many times.
+    """
     step = 1.0 / (READINGS * burst.frequency)
     n_steps = duration / step if step else math.inf  # a step of zero is one that has underflowed
     if not n_steps < _MOST_READINGS:
@@ -1228,6 +1239,9 @@ def _list_readings(burst: ToneBurst, duration: float) -> Array:
 def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
     """Return the balls that are pushed: those given, the first plane along the direction, or its
     ball of lowest index.
+
+    Raises :class:`~granphon.base.errors.InputError` for a ball that does not move, and another
+    word.
     """
     moving = course.network.moving
     if not isinstance(source, str):
@@ -1255,8 +1269,9 @@ def _find_fastest(
     along ``push`` and in the stiffest direction, m/s: no wave of the piece is faster.
 
     ``may_have_fallen`` says that balls were left out between free ends. Raises
-    :class:`~granphon.base.errors.InputError` if no contacts join the sources and the receivers, or
-    none resists ``push``.
+    :class:`~granphon.base.errors.InputError` if no contacts join the sources and the receivers
+    (:class:`~granphon.base.errors.InstabilityError` if balls may have fallen), or none resists
+    ``push``.
     """
     network = course.network
     piece_of_ball = number_pieces(network.i, network.j, network.moving)
@@ -1286,7 +1301,8 @@ def _find_fastest(
 
 def _find_stiffnesses(course: Course, piece_of_ball: Index, chosen: Index) -> Array:
     """Return the stiffness of the ``chosen`` pieces over their mass, (m/s)^2, for waves along the
-    course in which balls move in proportion: (pieces, a, a), over the axes along which balls move.
+    course in which balls move in proportion: (pieces, n_u, n_u), over the n_u axes along which
+    balls move.
 
     ``piece_of_ball`` (n,) is the number of the piece of each ball.
     """
@@ -1618,8 +1634,8 @@ def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
 def _require_short(
     operator: WaveOperator, duration: float, damping: float = 0.0, uneven: bool = False
 ) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for a record that takes more than
-    :data:`_MOST` products with D.
+    """Raise :class:`~granphon.base.errors.InputError` for a record of a ``duration``, s, that takes
+    more than :data:`_MOST` products with D, and for a damping with which nothing moves.
 
     ``damping`` is the largest time, s; ``uneven`` says that contacts are damped differently in
     their motions.

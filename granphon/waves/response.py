@@ -8,7 +8,7 @@ With forces F exp(i omega t) on balls, mass-weighted motions x = M^1/2 u obey Z 
 with the damping of :mod:`granphon.dynamics.damping`; a wall that is moved pulls at the balls that
 touch it with the same springs and dashpots. There are two ways to solve it.
 
-Directly: sparse LU factors of Z at each frequency, in an order of the motions that is found once.
+Directly: sparse factors of Z at each frequency, in an order of the motions that is found once.
 Further solutions, of the residual, mend the first solution until it changes no more. The error is
 the last change, and the effect of the rounding of Z and omega, which is large next to modes that
 lose no energy.
@@ -305,6 +305,7 @@ def find_peaks(
     if solve is not None and np.any(is_narrow):
         lines = np.flatnonzero(np.any(is_narrow, axis=1))
         solved = _solve_lines(squares[:, lines], triples[:, lines], is_narrow[lines], solve)
+        # a line lower than the highest value is not the one that this value belongs to
         is_line = solved.is_line & (solved.heights >= magnitude[rows[lines]])
         line_squares = solved.squares[:, None]
         line_quality = solved.quality[:, None]
@@ -385,7 +386,8 @@ class _SolvedLines(NamedTuple):
 
 def _solve_lines(x: Array, values: Complex, is_narrow: Any, solve: Solve) -> _SolvedLines:
     """Return lines (n,) that are narrower than the step of the frequencies, as the response that is
-    solved there has them; the arguments are those of :func:`_approach_lines`.
+    solved there has them; the arguments are those of :func:`_approach_lines`, and ``is_narrow``
+    (n, n_r) says which receivers may hear a line.
     """
     pole, points, line_values = _approach_lines(x, values, is_narrow, solve)
     receiver_poles = _fit_pole(points[..., None], line_values)
@@ -606,7 +608,9 @@ class Places:
         """Return balls (n,) and unit vectors (n, 3) of a source or receiver, or of a list of these.
 
         ``value`` is the argument of ``Waves.response`` with this ``name``; ``held`` says that its
-        bodies must not move by themselves.
+        bodies must not move by themselves. Raises :class:`~granphon.base.errors.InputError` for no
+        ball, balls that are not there, directions in which they do not move, and bodies that move
+        or are held against ``held``.
         """
         items = value if isinstance(value, list) else [value]
         balls = [np.zeros(0, int)]
@@ -828,7 +832,7 @@ class ResponseWork:
         return time_over_lanczos * self.operator.size * product_time
 
     @cached_property
-    def price(self) -> float:
+    def factor_time(self) -> float:
         """Time of factors at a frequency, s; infinite if the network is too large."""
         return estimate_factors(self.operator.size, self.operator.network.dimension)[0]
 
@@ -865,16 +869,17 @@ class ResponseWork:
         """Return at which frequencies (n_f,) the matrix is factorised, and the time for all
         frequencies, s.
 
-        The Krylov space serves all others at once. Raises
+        The Krylov space serves all others at once. Without a ``method`` the matrix of a small
+        network is factorised at all of them, as where no space serves. Raises
         :class:`~granphon.base.errors.ConvergenceError` if neither method serves, or takes too long
         and is not named.
         """
         is_small = method is None and self.operator.size <= _FEW
         if method == "direct" or self.unfit or is_small:
-            if not math.isfinite(self.price):
+            if not math.isfinite(self.factor_time):
                 raise self.explain("is not found by factors")
             by_factors = np.ones(self.omega.size, bool)
-            seconds = self.price * self.omega.size
+            seconds = self.factor_time * self.omega.size
         else:
             by_factors, seconds = self._share_frequencies(may_factorise=method is None)
             most_steps = float(np.max(self.steps, where=~by_factors, initial=0.0))
@@ -895,8 +900,8 @@ class ResponseWork:
         # (n_f + 1,) times with factors at none, one, two, ... of the slowest frequencies
         times = self.step * np.append(self.steps[slowest_first], 0.0)
         n_factors = 0
-        if may_factorise and math.isfinite(self.price):
-            times = times + np.arange(count + 1) * self.price
+        if may_factorise and math.isfinite(self.factor_time):
+            times = times + np.arange(count + 1) * self.factor_time
             n_factors = int(np.argmin(times))
         by_factors = np.ones(count, bool)
         by_factors[slowest_first[n_factors:]] = False
@@ -930,9 +935,9 @@ class ResponseWork:
         methods = []
         if math.isfinite(steps):
             methods.append(f"a Krylov space takes about {write_duration(steps * self.step)}")
-        if math.isfinite(self.price):
+        if math.isfinite(self.factor_time):
             count = self.omega.size
-            duration = write_duration(self.price * count)
+            duration = write_duration(self.factor_time * count)
             frequencies = counted(count, "frequency", "frequencies")
             methods.append(f"factors at {frequencies} take about {duration}")
         return methods
@@ -990,8 +995,8 @@ class _Problem:
         receiver: tuple[Index, Array],
         is_moved: bool,
     ) -> _Problem:
-        """Return the problem of a ``source`` and a ``receiver``: balls (n,) and unit vectors (n, 3)
-        along which these are pushed, or moved, and heard.
+        """Return the problem of a ``source`` and a ``receiver``: balls (k,) and unit vectors (k, 3)
+        along which these are pushed, or with ``is_moved`` moved, and heard.
         """
         network = operator.network
         sources, pushes = source
@@ -1017,6 +1022,11 @@ class _Problem:
     def solve(self, omega: Array, method: str | None, tolerance: float) -> _Solution:
         """Return the signals of the receivers at ``omega`` (n_f,), rad/s, by the ``method``, or by
         what is faster.
+
+        Raises :class:`~granphon.base.errors.InputError` for a Krylov space that serves not all
+        frequencies, and for a frequency at which factors find a mode without losses, and
+        :class:`~granphon.base.errors.ConvergenceError` as :meth:`ResponseWork.choose` does, and
+        where a Krylov space finds no values and there are no factors, or the space was named.
         """
         work = ResponseWork(self.operator, self.damping, omega, tolerance)
         if work.unfit and method == "krylov":
@@ -1028,7 +1038,7 @@ class _Problem:
         error = np.full(omega.size, np.inf)  # infinite where no value is found yet
         steps = 0
         by_krylov = np.flatnonzero(~by_factors)
-        has_factors = math.isfinite(work.price)
+        has_factors = math.isfinite(work.factor_time)
         may_factorise = method is None and has_factors
         if by_krylov.size:
             expected_steps = float(np.max(work.steps[by_krylov])) if may_factorise else math.inf
@@ -1037,7 +1047,7 @@ class _Problem:
         # a response deep in a gap is less than the rounding of a Krylov space; factors keep all of
         # its digits
         deep = np.flatnonzero(np.isfinite(error) & (error > max(_UNSURE, tolerance)))
-        if may_factorise and deep.size * work.price <= max(steps * work.step, _AGAIN):
+        if may_factorise and deep.size * work.factor_time <= max(steps * work.step, _AGAIN):
             error[deep] = np.inf
         unsolved = np.flatnonzero(np.isinf(error))
         if unsolved.size:
@@ -1168,6 +1178,9 @@ class _Problem:
     def _solve_directly(self, equations: _Equations, w: float) -> tuple[Complex, float]:
         """Return the signals (n_r,) at the angular frequency ``w``, rad/s, and their error over the
         loudest signal.
+
+        Raises :class:`~granphon.base.errors.InputError` at the frequency of a mode that loses no
+        energy.
         """
         matrix, drive = equations.at(w)
         x = np.zeros(drive.size, matrix.dtype)
@@ -1199,7 +1212,7 @@ class _Problem:
         """Return values (n_f, n_r) and errors (n_f,) by a Krylov space, and the number of its
         steps; errors are infinite where no value is found.
 
-        The space ends, at the latest, after twice the ``expected_steps``.
+        The space ends, at the latest, after twice the ``expected_steps``, or ``_MOST`` steps.
         """
         n_frequencies = work.omega.size
         space = self._make_space(work)
@@ -1400,8 +1413,9 @@ class _KrylovProcess:
             self.signals = np.pad(self.signals, ((0, self.steps), (0, 0)))
 
     def _eliminate(self, above: Any, diagonal: Any) -> None:
-        """Find the pivots (n_f,) of the new column in the elimination of the shifted matrices, and
-        the last entries of the solutions.
+        """Find the pivots (n_f,) of the new column, with its entries ``above`` and on the
+        ``diagonal``, in the elimination of the shifted matrices, and the last entries of the
+        solutions.
         """
         pivot = diagonal - self.space.shifts - above * self._below / self._pivot
         divisor = np.where(pivot == 0.0, np.finfo(float).tiny, pivot)
@@ -1410,8 +1424,8 @@ class _KrylovProcess:
         self.last_entry = np.minimum(self.last_entry * quotient, _LOST)
 
     def _judge(self, diagonal_size: float) -> None:
-        """Find whether the space is complete, or ends with a vector that is orthogonal to
-        itself.
+        """Find whether the space is complete, or ends with a vector that is orthogonal to itself;
+        ``diagonal_size`` is the size of the last entry on the diagonal.
         """
         self.length = math.sqrt(np.vdot(self._following, self._following).real)
         self.largest = max(self.largest, self.length, diagonal_size)

@@ -105,8 +105,8 @@ class SpectrumSettings(_Block):
     Attributes
     ----------
     polarisation : "longitudinal", "transverse", "rotational", one or more.
-    resolution : standard deviation of the kernel, Hz; None for a hundredth of the top frequency,
-        about.
+    resolution : standard deviation of the kernel, Hz; None for that of :data:`MOMENTS`, 0.6 % of
+        the top frequency.
     points : wave vectors between two corners of the path, both counted.
     """
 

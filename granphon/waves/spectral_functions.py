@@ -251,7 +251,7 @@ def find_polarisations(
     letters = ", ".join(motions.letters)
     if not isinstance(polarisation, str):
         if direction is not None:
-            finite_array("polarisation", polarisation)
+            finite_array("polarisation", polarisation)  # what is no numbers is refused as such
             raise InputError(
                 "a direction is given besides the polarisation by numbers", "They say the same"
             )
@@ -283,7 +283,9 @@ def _choose_directions(
     """Return the directions (3,) or (b, 3) in which balls move, or about which they turn, in a wave
     of the polarisation ``name`` and a wave vector ``q`` (d,).
 
-    ``free`` (a, 3) are those that balls can have; ``direction`` (d,) is the requested one.
+    ``free`` (a, 3) are those that balls can have; ``direction`` (d,) is the requested one, or None.
+    Raises :class:`~granphon.base.errors.InputError` for q = 0 without a direction, and for a
+    direction of a transverse wave along q.
     """
     requested = None
     if direction is not None:
@@ -421,8 +423,8 @@ def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
     """
     peaks = np.empty(len(values))
     widths = np.empty(len(values))
-    for n, spectrum in enumerate(values):
-        peaks[n], widths[n] = _find_line(kernel, spectrum)
+    for number, spectrum in enumerate(values):
+        peaks[number], widths[number] = _find_line(kernel, spectrum)
     return peaks, widths
 
 
@@ -484,7 +486,8 @@ def find_ioffe_regel(
     """Return the frequency, Hz, from which ``wavenumber`` (n,), 1/m, times the mean free path of
     lines at ``peak`` (n,) with ``width`` (n,), Hz, is below ``product``; None if never.
 
-    See :meth:`granphon.waves.spectral_functions.SpectralFunction.ioffe_regel`.
+    See :meth:`granphon.waves.spectral_functions.SpectralFunction.ioffe_regel`. After a line without
+    width, to which nothing can be interpolated, the frequency is that of the next peak.
     """
     log_product = math.log(positive("product", product))
     ascending = np.argsort(wavenumber, kind="stable")
@@ -502,11 +505,12 @@ def find_ioffe_regel(
     below = np.flatnonzero(log_excess < 0.0)
     if not below.size:
         return None
-    n = int(below[0])
-    if math.isinf(log_excess[n - 1]):
-        return float(peaks[n])
-    share = log_excess[n - 1] / (log_excess[n - 1] - log_excess[n])
-    return float(peaks[n - 1] + share * (peaks[n] - peaks[n - 1]))
+    first = int(below[0])
+    last_excess = log_excess[first - 1]  # of the wave before
+    if math.isinf(last_excess):
+        return float(peaks[first])
+    share = last_excess / (last_excess - log_excess[first])
+    return float(peaks[first - 1] + share * (peaks[first] - peaks[first - 1]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

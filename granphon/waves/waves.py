@@ -112,8 +112,9 @@ class Waves:
 
         Raises :class:`~granphon.base.errors.InputError` for numbers out of range, and for more than
         2^26 moments of all random vectors; :class:`~granphon.base.errors.InstabilityError` if a
-        squared frequency is below zero. With one vector the error is nan. Memory is that of D and
-        of about six vectors, whatever the numbers.
+        squared frequency is below zero. With one vector the error is nan. Memory is that of D, of
+        about six vectors, of those kept for more moments, up to 256 MiB, and of the densities of
+        all random vectors: about 400 bytes for each moment of each vector while they are found.
         """
         operator = self._stable_operator
         vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS)
@@ -193,16 +194,16 @@ class Waves:
         count : number of modes.
         nearest : frequency, Hz; None for the lowest modes.
 
-        Up to 600 motions of all balls all modes are found (dense). Larger networks are factorised,
-        and counted by the signs of the pivots so that no mode is missed, up to 300,000 motions in
-        the plane and 12,000 in space. Beyond, modes of a window of frequencies are filtered out of
-        random vectors by Chebyshev polynomials, and fresh random vectors, freed of the modes that
-        were found, show whether one is missed; that goes wrong less than once in a thousand times.
-        The work grows as the square of the number of motions, and is the same for one mode as for
-        tens of them.
+        Up to 600 motions that contacts resist, and where more than a third of the modes are
+        requested, all modes are found (dense). Larger networks are factorised, and counted by the
+        signs of the pivots so that no mode is missed, up to 300,000 motions in the plane and 12,000
+        in space. Beyond, modes of a window of frequencies are filtered out of random vectors by
+        Chebyshev polynomials, and fresh random vectors, freed of the modes that were found, show
+        whether one is missed; that goes wrong less than once in a thousand times. The work grows as
+        the square of the number of motions, and is the same for one mode as for tens of them.
 
         Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, more modes
-        than there are, or, before anything else is done, for modes that take more than 4 GiB or two
+        than there are, or, before any filter is applied, for modes that take more than 4 GiB or two
         million products of D with a vector; :class:`~granphon.base.errors.InstabilityError` if a
         squared frequency is below zero; :class:`~granphon.base.errors.ConvergenceError` if they
         turn out to take more, as where hundreds of modes have one frequency, or where a gap around

@@ -310,3 +310,21 @@ def test_one_column_is_its_length(complex_entries):
     assert right.shape == (2, 3, 1, 1)
     assert np.all(right == 1.0)
     assert right.dtype == columns.dtype
+
+
+@pytest.mark.parametrize("complex_entries", [False, True])
+def test_nearest_eigenvalues_ascend_with_their_vectors(complex_entries):
+    """Arnoldi's method, which serves complex matrices, returns eigenvalues in no order."""
+    from scipy.sparse import csc_array, eye_array
+    from scipy.sparse.linalg import splu
+
+    rng = np.random.default_rng(1)
+    matrix = rng.normal(size=(60, 60)) + 1j * complex_entries * rng.normal(size=(60, 60))
+    matrix = matrix + matrix.conj().T if complex_entries else (matrix + matrix.T).real
+    shift = 0.3
+    factors = splu((csc_array(matrix) - shift * eye_array(60)).tocsc())
+    values, vectors = linalg.find_nearest(csc_array(matrix), 6, shift, factors.solve)
+    all_values = np.linalg.eigvalsh(matrix)
+    nearest = all_values[np.argsort(np.abs(all_values - shift))[:6]]
+    assert_allclose(values, np.sort(nearest), rtol=1e-10, atol=1e-12)
+    assert_allclose(matrix @ vectors, values * vectors, atol=1e-10)

@@ -238,11 +238,13 @@ def test_no_contact_is_stretched_out_of_the_plane():
 
 def test_waves_without_an_amplitude_shift_are_refused():
     network = line(10.0, 1, periodic=True)
-    for q, words in (([0.0], "costs nothing"), ([0.1, 0.2], "shape"), ([np.nan], "shape")):
+    for q, words in (([0.0], "costs nothing"), ([0.1, 0.2], "shape"), ([np.nan], "not finite")):
         with pytest.raises(InputError, match=words):
             gp.amplitude_shift(network, q)
     with pytest.raises(InputError, match="branch"):
         gp.amplitude_shift(network, [0.1], 5)
+    with pytest.raises(InputError, match="does not repeat"):
+        gp.amplitude_shift(line(10.0, 5), [0.1])
     twist = gp.AveragedLattice(
         gp.Packing(STEEL, D, lattice="chain", motions="all", torsion=0.02)
     ).at_force(10.0)
