@@ -719,10 +719,11 @@ def check_law(law: PairLaw, radius: float) -> None:
     :class:`~granphon.balls.ball.ContactConstants`; of a bond also at minus these overlaps. Laws of
     granphon are not compared.
 
-    They do not agree if a method is not the derivative of the method before, or if the overlap of a
-    force is not the overlap that has this force. Refused too are methods that do not take arrays, a
-    force that does not rise with the overlap, a force below ``least_overlap``, and a
-    ``contact_radius`` that is none.
+    They do not agree if a method is not the derivative of the method before it (in the order
+    energy, force, stiffness, stiffness_slope), or if the overlap of a force is not the overlap that
+    has this force. Refused too are methods that do not take arrays or do not return finite numbers,
+    a force that does not rise with the overlap, a force below ``least_overlap``, and a
+    ``contact_radius`` that does not return finite radii above zero.
     """
     if isinstance(law, HertzLaw | PowerLaw | DMTLaw | JKRLaw | TabulatedLaw):
         return
@@ -743,7 +744,7 @@ def check_law(law: PairLaw, radius: float) -> None:
     if np.any(is_flat):
         problem = f"the force of the contact law {name} does not rise"
         raise _refuse_at(overlaps[int(np.argmax(is_flat))], problem)
-    inverse = _ask(law, name, "overlap", numbers["force"][:, 0])
+    inverse = _ask_numbers(law, name, "overlap", numbers["force"][:, 0])
     is_off = np.abs(inverse - overlaps) > _ALLOWED * np.abs(overlaps)
     if np.any(is_off):
         first = int(np.argmax(is_off))
@@ -806,7 +807,8 @@ def _ask_numbers(law: PairLaw, name: str, method: str, overlaps: Array) -> Array
     is_array = numbers.shape == overlaps.shape and numbers.dtype.kind == "f"
     if not is_array or not np.all(np.isfinite(numbers)):
         problem = (
-            f"{method} of the contact law {name} returns {brief(numbers)} for an array of overlaps"
+            f"{method} of the contact law {name} returns {brief(numbers)} for an array of"
+            f" {'forces' if method == 'overlap' else 'overlaps'}"
         )
         raise InputError(problem, mend="Return an array of numbers of the same shape")
     return numbers

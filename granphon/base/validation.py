@@ -175,7 +175,8 @@ def truth(value: Any) -> bool:
 
 
 def real_number(value: Any) -> float:
-    """Return a value as a float; nan if it is not a real number, or is too large for a float.
+    """Return a value as a float; nan if it is not a real number. A number too large for a float is
+    nan or, of decimals and of NumPy's long doubles, inf.
 
     Real numbers are those of Python and NumPy, fractions and decimals, and arrays without
     dimensions that hold one. Texts and truth values do not count, though ``float`` takes them.

@@ -475,14 +475,21 @@ def _press(rows: Array, n: int) -> None:
 
 @compiled
 def _resist(rows: Array, n: int, mu: float) -> None:
-    """Find the forces against slip at the end of a step, up to Coulomb's limit, and their work."""
+    """Find the forces against slip at the end of a step, up to Coulomb's limit, and their work, of
+    which sliding loses a part. The forces at its start are turned to the middle of the step.
+
+    It is the law of :mod:`granphon.contacts.motion`: dT = k_t ds while a contact widens, and T/k_t
+    is kept while it narrows.
+    """
     slides = mu < math.inf
     for c in range(n):
         before = rows[_PUNCH_START + c]
         punch = rows[_PUNCH + c]
         least = min(punch, before)
-        # the share of a force that the law keeps: nothing where contacts were open
+        # the share of a force that the law keeps: all where the contact widens, as much as is left
+        # of its stiffness where it narrows, nothing where it was open
         kept = least / max(before, _NONE)
+        # the mean stiffness of a step in which the contact widens; that at its end otherwise
         stiffness = 0.5 * (least + punch) * rows[SLIP_RATIO + c]
         sides = _get(rows, _SIDES + c)
         held = _get(rows, _HELD + c)

@@ -885,9 +885,9 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 
 def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
-    """Return the matplotlib figure of one ``variable`` of a data set; without a variable that
-    which the ``name`` of its file means: a block about networks, or one of ``SWEEP_FIGURES``, and
-    for any other name the curves of :func:`~granphon.figures.curves.sweep_figure`.
+    """Return the matplotlib figure of one ``variable`` of a data set. Without a variable the
+    ``name`` of the figure's file chooses: a block about networks, or one of ``SWEEP_FIGURES``; any
+    other name means the curves of :func:`~granphon.figures.curves.sweep_figure`.
     """
     stem = Path(name).stem
     if variable is None and stem in NETWORK_BLOCKS:

@@ -960,7 +960,8 @@ def _find_damped_near(
     :func:`_find_damped_dense`.
 
     Raises :class:`~granphon.base.errors.InputError` if fewer modes cost energy, or so many are
-    requested that Arnoldi's method would have to find nearly all.
+    requested that Arnoldi's method would have to find half of all rates, of which there are two for
+    each mode.
     """
     still = _find_still(problem, count)
     available = problem.live.size - still.shape[1]
@@ -972,6 +973,7 @@ def _find_damped_near(
         chosen = _choose_damped(omega, count, target)
         if chosen.size == count:
             return omega[chosen], vectors[:, chosen]
+        # some rates are those of one mode: mirrored ones, and the faster ones of modes that creep
         rate_count *= 2
     fault = (
         f"{count} modes of {problem.live.size} motions that are damped unevenly are too many to be"

@@ -651,8 +651,9 @@ def _find_delay_error(signals: Array, times: Array, frequency: float) -> float:
     """Return the standard error of the group delay of the mean of ``signals`` (n, n_t) at a
     ``frequency``, Hz, in s; ``times`` (n_t,) are in s.
 
-    The delay is a quotient of two means over signals. What each signal adds to the quotient, to
-    first order, scatters as if signals were independent. The error is zero for one signal.
+    The delay is a quotient of two means over signals, which are taken as independent; the error is
+    that of first order. It is zero for one signal, and where the mean has not the frequency, of
+    which there is no delay.
     """
     wave = np.exp(-2j * np.pi * frequency * times)
     integrals = signals @ wave  # (n,)

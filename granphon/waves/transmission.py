@@ -111,16 +111,18 @@ def transmission(
     left, right : the leads: states, or networks with periods. The left one goes on towards lower
         layers.
     middle : the strip: a network that repeats as the leads do but for the ``axis``, such as
-        ``network.cut(axis, layers)``; or None if the leads touch. Its outer balls stand where the
-        next layers of the leads would. They touch the leads as a lead's own layers touch each
-        other, with its stiffness; so an interface of another stiffness belongs to the strip.
+        ``network.cut(axis, layers)``; or None if the leads touch: then by contacts as stiff as the
+        left lead's own, behind which some layers of the right lead count as the strip. Its outer
+        balls stand where the next layers of the leads would. They touch the leads as a lead's own
+        layers touch each other, with its stiffness; so an interface of another stiffness belongs to
+        the strip.
         Periods along the layers may differ by 1 %, places of balls by 0.1 of a diameter. Masses,
         diameters and loads may differ: whether the whole is at rest under its static forces is not
         examined.
     frequencies : (n_f,) Hz, ascending, above zero.
     axis : across the layers of both leads, as for :meth:`ContactNetwork.cut`.
-    q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by
-        default.
+    q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell, for leads with
+        p periods; zero by default.
     damping, loss_factor : viscosity of the strip's contacts over their stiffness, s, and part of
         the stiffness that loses energy at any frequency, as in :meth:`Waves.response`: numbers or
         (n_c,), or tuples of those of normal and of all other motion.
@@ -138,6 +140,8 @@ def transmission(
     leads = [first, last]
     require_bloch_memory(hertz.size, max(lead.space.size for lead in leads))
     if middle is None:
+        # a strip that is a piece of the right lead, as many layers as its contacts reach and one
+        # more: the contacts between the leads then have the stiffness of the left lead's own
         middle = last.space.network.cut(axis, last.space.reach + 1)
     strip = given_network(middle)
     operator = WaveOperator(strip)

@@ -354,6 +354,9 @@ def test_a_law_of_a_user_serves_if_its_methods_agree():
     flat = type("Flat", (Quadratic,), {"force": lambda self, overlap: 1.0})
     with pytest.raises(InputError, match="same shape"):
         check_law(flat(), 5e-3)
+    lost = type("Lost", (Quadratic,), {"overlap": lambda self, force: np.nan * force})
+    with pytest.raises(InputError, match=r"overlap .*Lost .*forces"):
+        check_law(lost(), 5e-3)
 
 
 class Floats:
