@@ -53,6 +53,13 @@ class RestOptions:
         loose balls.
     failed : force left on a ball after a step, over the most before it, from which the ball counts
         as loose too.
+    loose_steps : steps of Newton's method for loose balls while the others are held, at most; they
+        go on after the others have moved.
+    loose_slopes : slopes in a line search of these steps, at most.
+    loose_slope : slope of the energy of a group of loose balls along a step, over that at its
+        start, at which its line search ends: loose balls are many, and each need not be exact.
+    hold_loose : stiffness of the springs that hold loose balls which nothing else holds, over the
+        mean of contacts: far less than light forces resist with.
     descent : displacement with which the way down from a saddle begins, over the largest difference
         of radii.
     curvature : curvature of the energy below zero, over what forces could make, that is rounding.
@@ -79,6 +86,10 @@ class RestOptions:
     patience: int = 20
     light: float = 1e-3
     failed: float = 0.3
+    loose_steps: int = 100
+    loose_slopes: int = 12
+    loose_slope: float = 0.3
+    hold_loose: float = 1e-14
     descent: float = 1e-2
     curvature: float = 1e-6
     soft: float = 1e-9
