@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -44,15 +44,36 @@ _KEPT_BALLS = 2**13
 _CACHED = 256
 
 
+class GridSolution(NamedTuple):
+    """What conjugate gradients have found.
+
+    Attributes
+    ----------
+    motions, remaining : (n, m, k) motions, and the forces that they leave.
+    has_arrived : whether the error has fallen as far as it should.
+    way_down : (n, m) a motion along which the curvature of the energy is below zero; None if none
+        was met.
+    count : number of iterations.
+    """
+
+    motions: Array
+    remaining: Array
+    has_arrived: bool
+    way_down: Array | None
+    count: int
+
+
 class GridIteration:
     """Small motions of the balls of a list that is a grid, under forces.
 
     Parameters
     ----------
     tangent : of the list. Of a tangent that is not symmetric only :meth:`precondition` serves.
+    even : whether Green's function is that of contacts that are all alike, which is the same for
+        all loads and steps, and not that of contacts of each kind that have their mean stiffness.
     """
 
-    def __init__(self, tangent: Tangent) -> None:
+    def __init__(self, tangent: Tangent, even: bool = False) -> None:
         contacts = tangent.contacts
         self._shape = contacts.grid
         self._cells = math.prod(contacts.grid)
@@ -60,33 +81,34 @@ class GridIteration:
         self._level = float(np.mean(contacts.normal_stiffness)) or 1.0
         self._product = _GridProduct(tangent, np.float64)
         self._coarse = _GridProduct(tangent, np.float32)
-        self._green = _find_green(contacts, self._level)
+        self._green = _find_green(contacts, self._level, even)
         self._alone = np.empty_like(self._coarse.diagonal)
         _invert_blocks(self._product.diagonal, _HOLDING * self._level, _DAMPED, self._alone)
 
-    def solve(
-        self, forces: Array, reduction: float, most: int, noise: float
-    ) -> tuple[Array, Array, bool, bool]:
-        """Return the motions (n, m, k) under ``forces`` (n, m, k), and the forces that they leave,
-        by conjugate gradients.
+    def solve(self, forces: Array, reduction: float, most: int, noise: float) -> GridSolution:
+        """Return the motions under ``forces`` (n, m, k), by conjugate gradients.
 
-        The first number says whether the error of motions in the norm of the energy has fallen by
-        ``reduction`` within ``most`` iterations, the second whether all curvatures met were above
-        zero. Forces below ``noise``, over the mean stiffness, are rounding. Right sides of a large
-        grid are solved one after the other, for the sake of memory.
+        The error of motions in the norm of the energy is to fall by ``reduction`` within ``most``
+        iterations. Forces below ``noise``, over the mean stiffness, are rounding. Right sides of a
+        large grid are solved one after the other, for the sake of memory.
         """
         together = forces.shape[-1] if len(forces) <= _KEPT_BALLS else 1
         solutions = [
             self._solve_together(forces[..., first : first + together], reduction, most, noise)
             for first in range(0, forces.shape[-1], together)
         ]
-        motions, remaining, arrived, stable = zip(*solutions, strict=True)
-        parts = (np.concatenate(motions, axis=-1), np.concatenate(remaining, axis=-1))
-        return *parts, all(arrived), all(stable)
+        ways = [solution.way_down for solution in solutions if solution.way_down is not None]
+        return GridSolution(
+            motions=np.concatenate([solution.motions for solution in solutions], axis=-1),
+            remaining=np.concatenate([solution.remaining for solution in solutions], axis=-1),
+            has_arrived=all(solution.has_arrived for solution in solutions),
+            way_down=ways[0] if ways else None,
+            count=sum(solution.count for solution in solutions),
+        )
 
     def _solve_together(
         self, forces: Array, reduction: float, most: int, noise: float
-    ) -> tuple[Array, Array, bool, bool]:
+    ) -> GridSolution:
         """Return what :meth:`solve` does, of right sides that share each transform."""
         remaining = self._lay(forces)
         motions = np.zeros_like(remaining)
@@ -95,7 +117,7 @@ class GridIteration:
         least = noise**2 * self._level * remaining.size
         aim = math.inf
         arrived = False
-        stable = True
+        way_down = None
         for count in range(most + 1):
             better = self._approach(remaining)
             last = products
@@ -109,13 +131,15 @@ class GridIteration:
             way += better
             change = self._product(way)
             curvatures = _multiply_columns(way, change)
-            stable = not np.any(curvatures < 0.0)
-            if not stable:
+            if np.any(curvatures < 0.0):
+                lowest = int(np.argmin(curvatures))
+                way_down = self._list(way)[..., lowest]
                 break
             lengths = _divide(products, curvatures)
             motions += lengths * way
             remaining -= lengths * change
-        return self._list(motions), self._list(remaining), arrived, stable
+        solution = (self._list(motions), self._list(remaining), arrived)
+        return GridSolution(*solution, way_down, count)
 
     def precondition(self, forces: Array) -> Array:
         """Return about the motions (n, m, k) under ``forces`` (n, m, k), in single precision."""
@@ -180,9 +204,11 @@ class _GridProduct:
         return forces
 
 
-def _find_green(contacts: ContactList, level: float) -> NDArray[Any]:
+def _find_green(contacts: ContactList, level: float, even: bool) -> NDArray[Any]:
     """Return (f, f, waves) inverses in Fourier space for equal contacts of each kind, of stiffness
     over ``level``; f are the motions of the balls of a cell.
+
+    If ``even`` is true all kinds have the same stiffness along their directions, and no other.
     """
     shape = contacts.grid
     cells = math.prod(shape)
@@ -195,20 +221,27 @@ def _find_green(contacts: ContactList, level: float) -> NDArray[Any]:
         means = np.mean(values.reshape(kinds, cells, -1), axis=1) / scale
         return tuple(np.round(means, _DIGITS).ravel().tolist())
 
+    if even:
+        stiffness = (1.0,) * kinds
+        none = (0.0,) * kinds
+        springs = (none, none, stiffness, none, none, none)
+    else:
+        springs = (
+            average(contacts.arm_i),
+            average(contacts.arm_j),
+            average(contacts.normal_stiffness, level),
+            average(contacts.shear_stiffness, level),
+            average(contacts.torsion_stiffness, level),
+            average(contacts.bending_stiffness, level),
+        )
     find = _find_equal_green if contacts.n_balls <= _KEPT_BALLS else _find_equal_green.__wrapped__
     return find(
         shape,
         contacts.motions,
         tuple(divmod(ball, cells) for ball in contacts.i[::cells].tolist()),
         tuple(divmod(ball, cells) for ball in contacts.j[::cells].tolist()),
-        average(contacts.vector),
         average(contacts.normal),
-        average(contacts.arm_i),
-        average(contacts.arm_j),
-        average(contacts.normal_stiffness, level),
-        average(contacts.shear_stiffness, level),
-        average(contacts.torsion_stiffness, level),
-        average(contacts.bending_stiffness, level),
+        *springs,
     )
 
 
@@ -218,7 +251,6 @@ def _find_equal_green(
     motions: Motions,
     ends_i: tuple[tuple[int, int], ...],
     ends_j: tuple[tuple[int, int], ...],
-    vector: tuple[float, ...],
     normal: tuple[float, ...],
     *each: tuple[float, ...],
 ) -> NDArray[Any]:
@@ -238,7 +270,7 @@ def _find_equal_green(
         motions=motions,
         i=balls,
         j=balls + 1,
-        vector=np.array(vector).reshape(kinds, 3),
+        vector=directions,
         normal=directions / np.linalg.norm(directions, axis=1)[:, None],
         arm_i=arm_i,
         arm_j=arm_j,

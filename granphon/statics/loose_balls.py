@@ -198,19 +198,43 @@ def _guess_length(
     return np.clip(near, 0.9 * low + 0.1 * end, 0.1 * low + 0.9 * end)
 
 
+def _find_strongest(configuration: Configuration) -> float:
+    """Return the stiffness with which forces push no ball aside more: twice all that act on one."""
+    assembly = configuration.problem.assembly
+    aside = np.where(assembly.is_flat, 0.0, configuration.force / configuration.distance)
+    parts = np.abs(configuration.normal[:, : assembly.dimension]) * aside[:, None]
+    ends = np.concatenate([assembly.i, assembly.j])
+    sums = [np.bincount(ends, np.tile(part, 2), assembly.n_bodies) for part in parts.T]
+    return 4.0 * float(np.max(np.array(sums)[:, : assembly.n_balls], initial=0.0))
+
+
+def find_rounding_springs(configuration: Configuration, options: RestOptions) -> float:
+    """Return the stiffness of springs, N/m, that hold each ball against what may be rounding."""
+    return options.curvature * _find_strongest(configuration)
+
+
+def shake_contacts(configuration: Configuration) -> Array:
+    """Return random forces (size,) on balls, of which each contact bears as much energy along its
+    direction as across.
+    """
+    problem = configuration.problem
+    assembly = problem.assembly
+    draw = np.random.default_rng(0).standard_normal((assembly.n_contacts, 1 + assembly.dimension))
+    side = np.sqrt(np.abs(configuration.force) / configuration.distance)
+    push = np.zeros((assembly.n_contacts, 3))
+    push[:, : assembly.dimension] = side[:, None] * draw[:, 1:]
+    push += (np.sqrt(configuration.stiffness) * draw[:, 0])[:, None] * configuration.normal
+    forces = problem.collect_forces(push, np.ones(assembly.n_contacts))
+    forces[problem.n_ball_unknowns :] = 0.0
+    return forces
+
+
 def find_way_down(configuration: Configuration, equations: Equations) -> Configuration | None:
     """Return where to go on from a saddle of the energy; None at a minimum."""
     options = equations.options
     problem = configuration.problem
-    assembly = problem.assembly
     linear = equations.linearise(configuration, configuration.stiffness)
-    # forces push no ball aside more than twice all that act on one
-    aside = np.where(assembly.is_flat, 0.0, configuration.force / configuration.distance)
-    parts = np.abs(configuration.normal[:, : assembly.dimension]) * aside[:, None]
-    sums = np.zeros((assembly.n_bodies, assembly.dimension))
-    np.add.at(sums, assembly.i, parts)
-    np.add.at(sums, assembly.j, parts)
-    strongest = 4.0 * float(np.max(sums[: assembly.n_balls], initial=0.0))
+    strongest = _find_strongest(configuration)
     if linear.factorise(options.curvature * strongest).n_below == 0:
         return None
     n = problem.n_ball_unknowns
@@ -227,8 +251,16 @@ def find_way_down(configuration: Configuration, equations: Equations) -> Configu
     if value[0] > -options.curvature * most:
         return None
     way = np.zeros(problem.size)
-    largest = float(np.max(np.abs(assembly.offset)))
-    way[:n] = vector[:, 0] * options.descent * largest / float(np.max(np.abs(vector)))
+    way[:n] = vector[:, 0]
+    return go_down(configuration, way, options)
+
+
+def go_down(configuration: Configuration, way: Array, options: RestOptions) -> Configuration:
+    """Return a configuration along a ``way`` (size,) on which the energy has a curvature below
+    zero.
+    """
+    largest = float(np.max(np.abs(configuration.problem.assembly.offset)))
+    way = way * (options.descent * largest / float(np.max(np.abs(way))))
     way *= math.copysign(1.0, float(configuration.pull @ way))
     below = configuration
     # as far as the energy falls, but not much farther than radii differ

@@ -16,15 +16,18 @@ A weak spring to the ground at each motion holds what nothing else holds.
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
-from granphon.contacts.tangent import Blocks, fill_blocks, find_pattern
+from granphon.contacts.contact_list import ContactList
+from granphon.contacts.tangent import Blocks, Tangent, fill_blocks, find_pattern
 from granphon.dynamics.factors import Elimination, Factors
 from granphon.statics.configuration import Configuration, Problem
 from granphon.statics.krylov import Map, conjugate_gradients
@@ -112,8 +115,9 @@ class Equations:
         """Return the step (size,) that takes the forces ``pull`` (size,) away; see
         :meth:`linearise` and :meth:`Linearisation.invert`.
         """
-        inverse = self.linearise(configuration, stiffness, turning).invert(load_slope)
-        return self.problem.remove_drift(inverse(pull))
+        linear = self.linearise(configuration, stiffness, turning)
+        row = find_mean_row(configuration, stiffness)
+        return self.problem.remove_drift(linear.invert(load_slope, row)(pull))
 
 
 class Linearisation:
@@ -177,10 +181,11 @@ class Linearisation:
             what = f"the equations of balls that come to rest under {words} are singular"
             raise ConvergenceError(what) from None
 
-    def invert(self, load_slope: Array | None = None) -> Map:
+    def invert(self, load_slope: Array | None = None, mean_row: Array | None = None) -> Map:
         """Return the inverse: the step (size,) that takes forces (size,) away.
 
-        ``load_slope`` (size, m) are the forces of the load that grow with walls and strains.
+        ``load_slope`` (size, m) are the forces of the load that grow with walls and strains, and
+        ``mean_row`` (size,) is that of :func:`find_mean_row`.
         """
         n = len(self.border)
         solve_balls = self._invert_balls()
@@ -191,12 +196,16 @@ class Linearisation:
             corner = corner - load_slope[n:]
         if not len(corner):
             return solve_balls
+        rows = self.border.T
+        if mean_row is not None:
+            rows = mean_row[None, :n]
+            corner = mean_row[None, n:]
         motions = solve_balls(columns)
-        remaining = np.linalg.inv(corner - self.border.T @ motions)
+        remaining = np.linalg.inv(corner - rows @ motions)
 
         def solve(pull: Array) -> Array:
             of_balls = solve_balls(pull[:n])
-            of_few = remaining @ (pull[n:] - self.border.T @ of_balls)
+            of_few = remaining @ (pull[n:] - rows @ of_balls)
             return np.concatenate([of_balls - motions @ of_few, of_few])
 
         return solve
@@ -225,6 +234,115 @@ class Linearisation:
         band[lines - columns, columns] = self.entries[equations.is_lower]
         band[0] += self._hold + self.level * equations.anchor
         return band
+
+
+def find_mean_row(configuration: Configuration, stiffness: Array) -> Array | None:
+    """Return the row (size,) of the equations of a cell whose contacts are given a mean force: how
+    what they have more than it falls with the unknowns; None of other cells.
+    """
+    problem = configuration.problem
+    if problem.load.mean_force is None:
+        return None
+    row = problem.collect_forces(configuration.normal, stiffness)
+    return -row / math.sqrt(problem.assembly.n_contacts)
+
+
+class GridStep(NamedTuple):
+    """A step of Newton's method that iterations on a grid have found.
+
+    Attributes
+    ----------
+    step : (size,) of the unknowns.
+    has_arrived : whether the error has fallen as far as it should.
+    way_down : (size,) a motion of balls along which the curvature of the energy is below zero; None
+        if none was met.
+    count : number of iterations.
+    """
+
+    step: Array
+    has_arrived: bool
+    way_down: Array | None
+    count: int
+
+
+class GridEquations:
+    """Newton's equations of balls whose contacts are a grid, by conjugate gradients with Green's
+    function (:mod:`granphon.statics.grid_iteration`).
+    """
+
+    def __init__(self, problem: Problem, options: RestOptions) -> None:
+        self.problem = problem
+        self.options = options
+        axes = tuple(range(problem.assembly.dimension))
+        self.motions = Motions("", axes)
+
+    def solve(
+        self,
+        configuration: Configuration,
+        stiffness: Array,
+        pull: Array,
+        turning: float,
+        reduction: float,
+        most: int,
+        load_slope: Array | None = None,
+        springs: float = 0.0,
+    ) -> GridStep:
+        """Return the step that takes the forces ``pull`` (size,) away but for ``reduction``, as far
+        as ``most`` iterations do; see :meth:`Equations.solve`.
+
+        ``springs``, N/m, hold all balls to the ground.
+        """
+        from granphon.statics.grid_iteration import GridIteration  # averages need no Numba
+
+        problem = self.problem
+        assembly = problem.assembly
+        n = problem.n_ball_unknowns
+        d = assembly.dimension
+        side = -turning * configuration.force / configuration.distance
+        columns = configuration.list_columns(stiffness, side)
+        axes = np.arange(d)
+        blocks = fill_blocks(columns, axes, problem.unit_strains, assembly.n_balls)
+        if springs:
+            blocks.diagonal[axes, axes] += springs
+        contacts = ContactList(
+            n_balls=assembly.n_balls,
+            motions=self.motions,
+            i=assembly.i,
+            j=assembly.j,
+            vector=configuration.current,
+            normal=columns.normal,
+            arm_i=columns.arm_i,
+            arm_j=columns.arm_j,
+            normal_stiffness=stiffness,
+            shear_stiffness=columns.shear_stiffness,
+            torsion_stiffness=columns.torsion_stiffness,
+            bending_stiffness=columns.bending_stiffness,
+            normal_force=configuration.force,
+            measure=assembly.measure,
+            dimension=d,
+            grid=assembly.grid,
+        )
+        border = blocks.ahead.reshape(n, -1)
+        columns_of_cell = border if load_slope is None else border - load_slope[:n]
+        right = np.column_stack([pull[:n], columns_of_cell]).reshape(assembly.n_balls, d, -1)
+        iteration = GridIteration(Tangent(contacts, blocks), even=True)
+        solution = iteration.solve(right, reduction, most, 0.0)
+        motions = solution.motions.reshape(n, -1)
+        step = motions[:, 0]
+        if len(problem.unit_strains):
+            mean_row = find_mean_row(configuration, stiffness)
+            corner = blocks.corner if load_slope is None else blocks.corner - load_slope[n:]
+            rows = border.T
+            if mean_row is not None:
+                rows = mean_row[None, :n]
+                corner = mean_row[None, n:]
+            of_cell = np.linalg.solve(corner - rows @ motions[:, 1:], pull[n:] - rows @ step)
+            step = np.concatenate([step - motions[:, 1:] @ of_cell, of_cell])
+        way_down = solution.way_down
+        if way_down is not None:
+            way_down = np.concatenate([way_down.ravel(), np.zeros(problem.size - n)])
+        step = problem.remove_drift(step)
+        return GridStep(step, solution.has_arrived, way_down, solution.count)
 
 
 class IteratedEquations:

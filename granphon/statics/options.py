@@ -44,6 +44,15 @@ class RestOptions:
     patience_of_factors : iterations with the factors of an earlier step, after which new ones are
         found: a solution takes a tenth of the time of factors, and near rest 2 do.
     most_iterations : iterations in a step, at most, where matrices are not factorised.
+    patience_of_grid : iterations with Green's function of an array, after which factors are found.
+    inexact : relative error of a step of an array, at most: with more of it soft motions are hardly
+        solved for, and come to rest over many steps more.
+    probed : part of the error of a response to random forces that is left when the curvature has
+        been probed.
+    longest : length of a step away from a saddle, in steps of Newton's method with the other sign,
+        at most.
+    too_far : force left on a ball after a step, over the mean, from which an array does not take
+        the step. Loose balls that the step pushes into others are left with up to some forty.
     carried : force, over the residual, up to which a contact carries nothing: its stiffness would
         hold a ball.
     patience : steps without half of the residual, after which loose balls and all others are no
@@ -82,6 +91,11 @@ class RestOptions:
     patience_of_iterations: Mapping[int, int] = _by_axes(0, 50, 150)
     patience_of_factors: int = 8
     most_iterations: int = 4000
+    patience_of_grid: int = 200
+    inexact: float = 1e-2
+    probed: float = 1e-6
+    longest: float = 2.0**10
+    too_far: float = 1e2
     carried: float = 10.0
     patience: int = 20
     light: float = 1e-3
