@@ -288,7 +288,7 @@ class Configuration:
         if not problem.turns or not len(self.strain):
             return problem.force
         force = load.force + (self.growth - 1.0) * load.pressure_force
-        work = np.zeros(0)
+        work = np.zeros(len(problem.unit_strains))
         if load.stress is not None and self.growth > 0.0:
             stress = load.stress @ np.linalg.inv(self.deformed) * self.growth
             work = problem.find_work(stress)

@@ -244,7 +244,7 @@ def find_mean_row(configuration: Configuration, stiffness: Array) -> Array | Non
     if problem.load.mean_force is None:
         return None
     row = problem.collect_forces(configuration.normal, stiffness)
-    return -row / math.sqrt(problem.assembly.n_contacts)
+    return row / math.sqrt(problem.assembly.n_contacts)
 
 
 class GridStep(NamedTuple):

@@ -164,7 +164,8 @@ def find_rest_nearby(
     """Find balls, walls and a cell at rest in exact directions, from rest on the lattice, whatever
     the load: under none balls may be pressed by their cell.
 
-    Parameters and errors are those of :func:`find_rest`.
+    Parameters and errors are those of :func:`find_rest`. ``reached`` of a
+    :class:`~granphon.base.errors.ConvergenceError` is the :class:`Rest` that came nearest.
     """
     search = _ExactSearch(Problem(assembly, load, "exact", boundary), options)
     return search.run(search.begin(start))
@@ -724,7 +725,9 @@ class _ExactSearch(_Search):
         if self.problem.assembly.differs:
             what = f"balls that differ have not come to rest in the true geometry under {words}"
             left = f"A force of {self.trail.best:.2g} of the mean is left on a ball"
-            return ConvergenceError(what, left, f"{_STAY}; or press loose balls more")
+            error = ConvergenceError(what, left, f"{_STAY}; or press loose balls more")
+            error.reached = None if self.trail.nearest is None else self._finish()
+            return error
         why = "Its contacts turn away under the load, and nothing holds it"
         mend = "Lower the load, or add contacts"
         return InstabilityError(f"the crystal collapses under {words}", why, mend)
