@@ -18,7 +18,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
@@ -79,8 +79,9 @@ class GridIteration:
         self._cells = math.prod(contacts.grid)
         self._n_motions = len(contacts.axes)
         self._level = float(np.mean(contacts.normal_stiffness)) or 1.0
-        self._product = _GridProduct(tangent, np.float64)
-        self._coarse = _GridProduct(tangent, np.float32)
+        self._softness = np.float32(1.0 / self._level)
+        self._product = _GridProduct.of(tangent)
+        self._coarse = self._product.round()
         self._green = _find_green(contacts, self._level, even)
         self._alone = np.empty_like(self._coarse.diagonal)
         _invert_blocks(self._product.diagonal, _HOLDING * self._level, _DAMPED, self._alone)
@@ -113,7 +114,9 @@ class GridIteration:
         remaining = self._lay(forces)
         motions = np.zeros_like(remaining)
         way = np.zeros_like(remaining)
+        change = np.empty_like(remaining)
         products = np.zeros(remaining.shape[1])
+        curvatures = np.empty_like(products)
         least = noise**2 * self._level * remaining.size
         aim = math.inf
         arrived = False
@@ -127,48 +130,44 @@ class GridIteration:
             arrived = total <= max(aim, least)
             if arrived or count == most:
                 break
-            way *= _divide(products, last)
-            way += better
-            change = self._product(way)
-            curvatures = _multiply_columns(way, change)
+            _turn(self._product, _divide(products, last), better, way, change, curvatures)
             if np.any(curvatures < 0.0):
                 lowest = int(np.argmin(curvatures))
                 way_down = self._list(way)[..., lowest]
                 break
-            lengths = _divide(products, curvatures)
-            motions += lengths * way
-            remaining -= lengths * change
+            _go_on(_divide(products, curvatures), way, change, motions, remaining)
         solution = (self._list(motions), self._list(remaining), arrived)
         return GridSolution(*solution, way_down, count)
 
     def precondition(self, forces: Array) -> Array:
         """Return about the motions (n, m, k) under ``forces`` (n, m, k), in single precision."""
-        return self._list(self._approach(self._lay(forces)))
+        return self._list(self._approach(self._lay(forces)).astype(float))
 
-    def _approach(self, forces: Array) -> Array:
+    def _approach(self, forces: Array) -> Values:
         """Return about the motions under forces: each ball moves as if its neighbours were held,
         then all by Green's function under what that leaves, then each ball again.
         """
         single = forces.astype(np.float32)
-        motions = np.zeros_like(single)
-        _add_alone(self._alone, single, motions)
-        motions += self._apply_green(single - self._coarse(motions))
-        _add_alone(self._alone, single - self._coarse(motions), motions)
-        return motions.astype(float)
+        motions = np.empty_like(single)
+        remaining = np.empty_like(single)
+        _move_alone(self._alone, self._coarse, single, motions, remaining)
+        motions += self._apply_green(remaining)
+        _move_again(self._alone, self._coarse, single, motions, remaining)
+        return motions
 
     def _apply_green(self, forces: Values) -> Values:
         from scipy import fft  # imported here: media that are not simulated do not need it
 
         axes = tuple(range(2, 2 + len(self._shape)))
         waves = fft.rfftn(forces.reshape(*forces.shape[:2], *self._shape), axes=axes)
-        moved = np.zeros_like(waves)
+        moved = np.empty_like(waves)
         count = self._green.shape[-1]
-        _add_waves(
+        _multiply_waves(
             self._green,
+            self._softness,
             waves.reshape(*forces.shape[:2], count),
             moved.reshape(*forces.shape[:2], count),
         )
-        moved /= self._level
         motions = fft.irfftn(moved, self._shape, axes=axes, overwrite_x=True)
         return np.asarray(motions.reshape(forces.shape))
 
@@ -184,24 +183,37 @@ class GridIteration:
         return by_ball.transpose(0, 3, 1, 2).reshape(-1, self._n_motions, fields.shape[1])
 
 
-class _GridProduct:
-    """Product of the symmetric tangent of a grid with motions, in double or single precision."""
+class _GridProduct(NamedTuple):
+    """What loops read to multiply the symmetric tangent of a grid, in double or single precision.
 
-    def __init__(self, tangent: Tangent, precision: DTypeLike) -> None:
+    Attributes
+    ----------
+    diagonal : (m, m, n) blocks of balls.
+    forward : (m, m, n_c) blocks of contacts.
+    ends : (kinds, 2) balls of the cell that each kind of contact joins.
+    steps : (kinds, cells) cell where a contact ends that starts in each cell.
+    """
+
+    diagonal: Values
+    forward: Values
+    ends: NDArray[np.int64]
+    steps: NDArray[np.uint32]
+
+    @classmethod
+    def of(cls, tangent: Tangent) -> _GridProduct:
+        """Return the product with a tangent."""
         contacts = tangent.contacts
         cells = math.prod(contacts.grid)
-        self.diagonal = tangent.blocks.diagonal.astype(precision, copy=False)
-        self._forward = tangent.blocks.forward.astype(precision, copy=False)
-        self._ends = np.stack([contacts.i[::cells], contacts.j[::cells]], axis=1) // cells
         # numbers without a sign: a loop need not ask whether an index counts from the end
-        self._steps = (contacts.j % cells).reshape(-1, cells).astype(np.uint32)
+        steps = (contacts.j % cells).reshape(-1, cells).astype(np.uint32)
+        ends = np.stack([contacts.i[::cells], contacts.j[::cells]], axis=1) // cells
+        return cls(tangent.blocks.diagonal, tangent.blocks.forward, ends, steps)
 
-    def __call__(self, motions: Values) -> Values:
-        """Return forces (f, k, cells)."""
-        forces = np.zeros_like(motions)
-        _add_alone(self.diagonal, motions, forces)
-        _add_across(self._ends, self._steps, self._forward, motions, forces)
-        return forces
+    def round(self) -> _GridProduct:
+        """Return the product in single precision."""
+        return self._replace(
+            diagonal=self.diagonal.astype(np.float32), forward=self.forward.astype(np.float32)
+        )
 
 
 def _find_green(contacts: ContactList, level: float, even: bool) -> NDArray[Any]:
@@ -312,14 +324,101 @@ def _find_equal_green(
     return np.ascontiguousarray(np.moveaxis(inverses, 0, -1).astype(np.complex64))
 
 
-def _multiply_columns(one: Array, another: Array) -> Array:
-    """Return the sums (k,) of products of the entries of each right side."""
-    return np.asarray(np.einsum("fkc,fkc->k", one, another))
-
-
 def _divide(above: Array, below: Array) -> Array:
-    """Return quotients (k, 1), zero where the divisor is."""
-    return np.divide(above, below, out=np.zeros_like(above), where=below > 0.0)[:, None]
+    """Return quotients (k,), zero where the divisor is."""
+    return np.divide(above, below, out=np.zeros_like(above), where=below > 0.0)
+
+
+@compiled
+def _multiply_columns(one: Array, another: Values) -> Array:
+    """Return the sums (k,) of products of the entries of each right side."""
+    sums = np.zeros(one.shape[1])
+    for field in range(len(one)):
+        for k in range(one.shape[1]):
+            first = one[field, k]
+            second = another[field, k]
+            total = 0.0
+            for cell in range(len(first)):
+                total += first[cell] * second[cell]
+            sums[k] += total
+    return sums
+
+
+@compiled
+def _turn(
+    product: _GridProduct,
+    factors: Array,
+    better: Values,
+    way: Array,
+    change: Array,
+    curvatures: Array,
+) -> None:
+    """Set the ``way`` (f, k, cells) to its ``factors`` (k,) times itself and what is ``better``,
+    ``change`` to the forces against it, and ``curvatures`` (k,) to their work.
+    """
+    for field in range(len(way)):
+        for k in range(way.shape[1]):
+            factor = factors[k]
+            along = way[field, k]
+            more = better[field, k]
+            for cell in range(len(along)):
+                along[cell] = factor * along[cell] + more[cell]
+    change[:] = 0.0
+    _add_alone(product.diagonal, way, change)
+    _add_across(product.ends, product.steps, product.forward, way, change)
+    curvatures[:] = _multiply_columns(way, change)
+
+
+@compiled
+def _go_on(lengths: Array, way: Array, change: Array, motions: Array, remaining: Array) -> None:
+    """Go ``lengths`` (k,) along the ``way`` (f, k, cells)."""
+    for field in range(len(way)):
+        for k in range(way.shape[1]):
+            length = lengths[k]
+            along = way[field, k]
+            pushing = change[field, k]
+            moved = motions[field, k]
+            pull = remaining[field, k]
+            for cell in range(len(along)):
+                moved[cell] += length * along[cell]
+                pull[cell] -= length * pushing[cell]
+
+
+@compiled
+def _move_alone(
+    alone: Values, product: _GridProduct, forces: Values, motions: Values, remaining: Values
+) -> None:
+    """Set ``motions`` (f, k, cells) to those of each ball under ``forces``, others held, and
+    ``remaining`` to the forces that they leave.
+    """
+    motions[:] = 0.0
+    _add_alone(alone, forces, motions)
+    _leave(product, forces, motions, remaining)
+
+
+@compiled
+def _leave(product: _GridProduct, forces: Values, motions: Values, remaining: Values) -> None:
+    """Set ``remaining`` to the ``forces`` that ``motions`` leave."""
+    remaining[:] = 0.0
+    _add_alone(product.diagonal, motions, remaining)
+    _add_across(product.ends, product.steps, product.forward, motions, remaining)
+    for field in range(len(forces)):
+        for k in range(forces.shape[1]):
+            pull = forces[field, k]
+            left = remaining[field, k]
+            for cell in range(len(pull)):
+                left[cell] = pull[cell] - left[cell]
+
+
+@compiled
+def _move_again(
+    alone: Values, product: _GridProduct, forces: Values, motions: Values, remaining: Values
+) -> None:
+    """Add to ``motions`` those of each ball under what they leave of ``forces``; ``remaining`` is
+    overwritten.
+    """
+    _leave(product, forces, motions, remaining)
+    _add_alone(alone, remaining, motions)
 
 
 @compiled
@@ -392,8 +491,11 @@ def _add_across(
 
 
 @compiled
-def _add_waves(green: Values, waves: Values, out: Values) -> None:
-    """Add to ``out`` (f, k, waves) products of matrices (f, f, waves) and columns (f, k, waves)."""
+def _multiply_waves(green: Values, scale: float, waves: Values, out: Values) -> None:
+    """Set ``out`` (f, k, waves) to the ``scale`` times products of matrices (f, f, waves) and
+    columns (f, k, waves).
+    """
+    out[:] = 0.0
     for line in range(len(green)):
         for field in range(len(green)):
             factor = green[line, field]
@@ -401,7 +503,7 @@ def _add_waves(green: Values, waves: Values, out: Values) -> None:
                 column = waves[field, k]
                 sums = out[line, k]
                 for wave in range(len(factor)):
-                    sums[wave] += factor[wave] * column[wave]
+                    sums[wave] += scale * factor[wave] * column[wave]
 
 
 @compiled

@@ -62,6 +62,8 @@ class RestOptions:
         loose balls.
     failed : force left on a ball after a step, over the most before it, from which the ball counts
         as loose too.
+    worst : the same over the most after the step: a step that throws a few balls shakes many, and
+        all those would make clusters as large as the array.
     loose_steps : steps of Newton's method for loose balls while the others are held, at most; they
         go on after the others have moved.
     loose_slopes : slopes in a line search of these steps, at most.
@@ -69,6 +71,9 @@ class RestOptions:
         start, at which its line search ends: loose balls are many, and each need not be exact.
     hold_loose : stiffness of the springs that hold loose balls which nothing else holds, over the
         mean of contacts: far less than light forces resist with.
+    finer : force that may be left on loose balls, over the tolerance, so that they do not keep the
+        others from rest.
+    rounding : the same over the mean force, at least.
     descent : displacement with which the way down from a saddle begins, over the largest difference
         of radii.
     curvature : curvature of the energy below zero, over what forces could make, that is rounding.
@@ -100,10 +105,13 @@ class RestOptions:
     patience: int = 20
     light: float = 1e-3
     failed: float = 0.3
+    worst: float = 1e-2
     loose_steps: int = 100
     loose_slopes: int = 12
     loose_slope: float = 0.3
     hold_loose: float = 1e-14
+    finer: float = 1e-2
+    rounding: float = 5e-13
     descent: float = 1e-2
     curvature: float = 1e-6
     soft: float = 1e-9

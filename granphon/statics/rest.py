@@ -515,7 +515,8 @@ class _ExactSearch(_Search):
         spread = float(np.max(np.abs(assembly.offset)) / np.mean(assembly.distance))
         on_others = configuration.force_on_balls[~loose]
         left = float(np.max(on_others, initial=0.0)) / configuration.mean
-        least = max(options.tolerance, options.light * min(spread, left))
+        finest = min(options.tolerance, max(options.finer * options.tolerance, options.rounding))
+        least = max(finest, options.light * min(spread, left))
         return lead_loose_balls(configuration, loose, least, options)
 
     def _leave_saddle(self) -> Configuration | None:
@@ -557,6 +558,7 @@ class _ExactSearch(_Search):
             ahead = self._advance_by_energy(configuration)
         if self.problem.assembly.differs:
             size = self.options.failed * configuration.residual * ahead.mean
+            size = max(size, self.options.worst * float(np.max(ahead.force_on_balls)))
             self.loose = self.loose | (ahead.force_on_balls > size)
         return ahead
 
