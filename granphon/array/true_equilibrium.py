@@ -53,7 +53,7 @@ _OF_RATIO = 1e-4
 _LEAST_TOLERANCE = 1e-12
 #: tolerance of the equilibrium on the lattice from which the search starts: that in true directions
 #: is farther off
-_TOLERANCE_OF_START = 1e-4
+_TOLERANCE_OF_START = 1e-3
 #: force that holds a ball which moves aside, over W/d times the force that pushes it there, at
 #: least: the distance in W
 _ASIDE = 1e-2

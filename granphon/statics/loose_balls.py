@@ -25,7 +25,7 @@ from granphon.contacts.assembly import Assembly
 from granphon.dynamics.factors import factorise
 from granphon.dynamics.linalg import find_nearest
 from granphon.statics.configuration import Configuration
-from granphon.statics.newton import Equations
+from granphon.statics.newton import Equations, find_strongest_push
 from granphon.statics.options import RestOptions
 
 
@@ -37,7 +37,7 @@ def lead_loose_balls(
 
     Clusters that do not come to rest are left where the last step has taken them.
     """
-    moving = loose
+    moving = loose & bool(np.max(configuration.force_on_balls[loose]) > least * configuration.mean)
     for _ in range(options.steps):
         if not np.any(moving):
             break
@@ -198,43 +198,12 @@ def _guess_length(
     return np.clip(near, 0.9 * low + 0.1 * end, 0.1 * low + 0.9 * end)
 
 
-def _find_strongest(configuration: Configuration) -> float:
-    """Return the stiffness with which forces push no ball aside more: twice all that act on one."""
-    assembly = configuration.problem.assembly
-    aside = np.where(assembly.is_flat, 0.0, configuration.force / configuration.distance)
-    parts = np.abs(configuration.normal[:, : assembly.dimension]) * aside[:, None]
-    ends = np.concatenate([assembly.i, assembly.j])
-    sums = [np.bincount(ends, np.tile(part, 2), assembly.n_bodies) for part in parts.T]
-    return 4.0 * float(np.max(np.array(sums)[:, : assembly.n_balls], initial=0.0))
-
-
-def find_rounding_springs(configuration: Configuration, options: RestOptions) -> float:
-    """Return the stiffness of springs, N/m, that hold each ball against what may be rounding."""
-    return options.curvature * _find_strongest(configuration)
-
-
-def shake_contacts(configuration: Configuration) -> Array:
-    """Return random forces (size,) on balls, of which each contact bears as much energy along its
-    direction as across.
-    """
-    problem = configuration.problem
-    assembly = problem.assembly
-    draw = np.random.default_rng(0).standard_normal((assembly.n_contacts, 1 + assembly.dimension))
-    side = np.sqrt(np.abs(configuration.force) / configuration.distance)
-    push = np.zeros((assembly.n_contacts, 3))
-    push[:, : assembly.dimension] = side[:, None] * draw[:, 1:]
-    push += (np.sqrt(configuration.stiffness) * draw[:, 0])[:, None] * configuration.normal
-    forces = problem.collect_forces(push, np.ones(assembly.n_contacts))
-    forces[problem.n_ball_unknowns :] = 0.0
-    return forces
-
-
 def find_way_down(configuration: Configuration, equations: Equations) -> Configuration | None:
     """Return where to go on from a saddle of the energy; None at a minimum."""
     options = equations.options
     problem = configuration.problem
     linear = equations.linearise(configuration, configuration.stiffness)
-    strongest = _find_strongest(configuration)
+    strongest = find_strongest_push(configuration)
     if linear.factorise(options.curvature * strongest).n_below == 0:
         return None
     n = problem.n_ball_unknowns

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,9 @@ from granphon.dynamics.factors import Elimination, Factors
 from granphon.statics.configuration import Configuration, Problem
 from granphon.statics.krylov import Map, conjugate_gradients
 from granphon.statics.options import RestOptions
+
+if TYPE_CHECKING:
+    from granphon.statics.grid_iteration import GridIteration
 
 
 class Equations:
@@ -275,6 +278,8 @@ class GridEquations:
         self.options = options
         axes = tuple(range(problem.assembly.dimension))
         self.motions = Motions("", axes)
+        #: the stiffnesses (n_c,) of the last step, and its iteration with the true sign
+        self._last: tuple[Array, GridIteration] | None = None
 
     def solve(
         self,
@@ -285,47 +290,19 @@ class GridEquations:
         reduction: float,
         most: int,
         load_slope: Array | None = None,
-        springs: float = 0.0,
     ) -> GridStep:
         """Return the step that takes the forces ``pull`` (size,) away but for ``reduction``, as far
         as ``most`` iterations do; see :meth:`Equations.solve`.
-
-        ``springs``, N/m, hold all balls to the ground.
         """
-        from granphon.statics.grid_iteration import GridIteration  # averages need no Numba
-
         problem = self.problem
-        assembly = problem.assembly
         n = problem.n_ball_unknowns
-        d = assembly.dimension
-        side = -turning * configuration.force / configuration.distance
-        columns = configuration.list_columns(stiffness, side)
-        axes = np.arange(d)
-        blocks = fill_blocks(columns, axes, problem.unit_strains, assembly.n_balls)
-        if springs:
-            blocks.diagonal[axes, axes] += springs
-        contacts = ContactList(
-            n_balls=assembly.n_balls,
-            motions=self.motions,
-            i=assembly.i,
-            j=assembly.j,
-            vector=configuration.current,
-            normal=columns.normal,
-            arm_i=columns.arm_i,
-            arm_j=columns.arm_j,
-            normal_stiffness=stiffness,
-            shear_stiffness=columns.shear_stiffness,
-            torsion_stiffness=columns.torsion_stiffness,
-            bending_stiffness=columns.bending_stiffness,
-            normal_force=configuration.force,
-            measure=assembly.measure,
-            dimension=d,
-            grid=assembly.grid,
-        )
+        blocks = self._fill_blocks(configuration, stiffness, turning)
+        iteration = self._iterate(configuration, stiffness, blocks)
+        self._last = (stiffness, iteration) if turning == 1.0 else None
         border = blocks.ahead.reshape(n, -1)
         columns_of_cell = border if load_slope is None else border - load_slope[:n]
-        right = np.column_stack([pull[:n], columns_of_cell]).reshape(assembly.n_balls, d, -1)
-        iteration = GridIteration(Tangent(contacts, blocks), even=True)
+        right = np.column_stack([pull[:n], columns_of_cell])
+        right = right.reshape(problem.assembly.n_balls, len(self.motions.translations), -1)
         solution = iteration.solve(right, reduction, most, 0.0)
         motions = solution.motions.reshape(n, -1)
         step = motions[:, 0]
@@ -338,11 +315,109 @@ class GridEquations:
                 corner = mean_row[None, n:]
             of_cell = np.linalg.solve(corner - rows @ motions[:, 1:], pull[n:] - rows @ step)
             step = np.concatenate([step - motions[:, 1:] @ of_cell, of_cell])
-        way_down = solution.way_down
-        if way_down is not None:
-            way_down = np.concatenate([way_down.ravel(), np.zeros(problem.size - n)])
         step = problem.remove_drift(step)
-        return GridStep(step, solution.has_arrived, way_down, solution.count)
+        return GridStep(step, solution.has_arrived, self._extend(solution.way_down), solution.count)
+
+    def probe(self, configuration: Configuration, most: int) -> GridStep:
+        """Return the response to random forces, whose search meets ways along which the curvature
+        of the energy is below zero, if there are such ways.
+
+        The tangent of the last step serves if stiffnesses have hardly changed. Where it has such a
+        way, and else, weak springs hold each ball against what may be rounding.
+        """
+        options = self.options
+        assembly = self.problem.assembly
+        forces = _shake_contacts(configuration)
+        right = forces.reshape(assembly.n_balls, assembly.dimension, 1)
+        count = 0
+        solution = None
+        if self._last is not None:
+            stiffness, iteration = self._last
+            change = np.abs(configuration.stiffness - stiffness)
+            if np.all(change <= options.unchanged * stiffness):
+                solution = iteration.solve(right, options.probed, most, 0.0)
+                count = solution.count
+        if solution is None or solution.way_down is not None:
+            blocks = self._fill_blocks(configuration, configuration.stiffness, 1.0)
+            axes = np.arange(assembly.dimension)
+            blocks.diagonal[axes, axes] += options.curvature * find_strongest_push(configuration)
+            iteration = self._iterate(configuration, configuration.stiffness, blocks)
+            solution = iteration.solve(right, options.probed, most, 0.0)
+            count += solution.count
+        return GridStep(forces, solution.has_arrived, self._extend(solution.way_down), count)
+
+    def _extend(self, way_down: Array | None) -> Array | None:
+        """Return the unknowns (size,) of a motion of balls (n, d)."""
+        if way_down is None:
+            return None
+        rest = self.problem.size - self.problem.n_ball_unknowns
+        return np.concatenate([way_down.ravel(), np.zeros(rest)])
+
+    def _fill_blocks(
+        self, configuration: Configuration, stiffness: Array, turning: float
+    ) -> Blocks:
+        """Return the tangent, with the ``turning`` of :meth:`Equations.linearise`."""
+        problem = self.problem
+        assembly = problem.assembly
+        side = -turning * configuration.force / configuration.distance
+        columns = configuration.list_columns(stiffness, side)
+        axes = np.arange(assembly.dimension)
+        return fill_blocks(columns, axes, problem.unit_strains, assembly.n_balls)
+
+    def _iterate(
+        self, configuration: Configuration, stiffness: Array, blocks: Blocks
+    ) -> GridIteration:
+        """Return the iteration with a tangent."""
+        from granphon.statics.grid_iteration import GridIteration  # averages need no Numba
+
+        assembly = self.problem.assembly
+        nothing = np.zeros(assembly.n_contacts)
+        contacts = ContactList(
+            n_balls=assembly.n_balls,
+            motions=self.motions,
+            i=assembly.i,
+            j=assembly.j,
+            vector=configuration.current,
+            normal=configuration.normal,
+            arm_i=nothing,
+            arm_j=nothing,
+            normal_stiffness=stiffness,
+            shear_stiffness=nothing,
+            torsion_stiffness=nothing,
+            bending_stiffness=nothing,
+            normal_force=configuration.force,
+            measure=assembly.measure,
+            dimension=assembly.dimension,
+            grid=assembly.grid,
+        )
+        return GridIteration(Tangent(contacts, blocks), even=True)
+
+
+def find_strongest_push(configuration: Configuration) -> float:
+    """Return a stiffness, N/m, with which forces push no ball aside more: twice all that act on
+    one.
+    """
+    assembly = configuration.problem.assembly
+    aside = np.where(assembly.is_flat, 0.0, configuration.force / configuration.distance)
+    parts = np.abs(configuration.normal[:, : assembly.dimension]) * aside[:, None]
+    ends = np.concatenate([assembly.i, assembly.j])
+    sums = [np.bincount(ends, np.tile(part, 2), assembly.n_bodies) for part in parts.T]
+    return 4.0 * float(np.max(np.array(sums)[:, : assembly.n_balls], initial=0.0))
+
+
+def _shake_contacts(configuration: Configuration) -> Array:
+    """Return random forces (n d,) on balls, of which each contact bears as much energy along its
+    direction as across.
+    """
+    problem = configuration.problem
+    assembly = problem.assembly
+    d = assembly.dimension
+    draw = np.random.default_rng(0).random((assembly.n_contacts, d), np.float32) - np.float32(0.5)
+    side = np.sqrt(np.abs(configuration.force) / configuration.distance)
+    push = (np.sqrt(configuration.stiffness) * draw[:, 0])[:, None] * configuration.normal
+    push[:, :d] += side[:, None] * draw
+    forces = problem.collect_forces(push, np.ones(assembly.n_contacts))
+    return forces[: problem.n_ball_unknowns]
 
 
 class IteratedEquations:

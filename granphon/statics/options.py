@@ -47,8 +47,12 @@ class RestOptions:
     patience_of_grid : iterations with Green's function of an array, after which factors are found.
     inexact : relative error of a step of an array, at most: with more of it soft motions are hardly
         solved for, and come to rest over many steps more.
+    margin : part of the tolerance that an accurate step of an array is to leave: the largest force
+        left falls less than the error of motions.
     probed : part of the error of a response to random forces that is left when the curvature has
         been probed.
+    unchanged : change of the stiffness of each contact, over it, up to which the curvature is
+        probed with the tangent of the last step.
     longest : length of a step away from a saddle, in steps of Newton's method with the other sign,
         at most.
     too_far : force left on a ball after a step, over the mean, from which an array does not take
@@ -98,7 +102,9 @@ class RestOptions:
     most_iterations: int = 4000
     patience_of_grid: int = 200
     inexact: float = 1e-2
+    margin: float = 0.1
     probed: float = 1e-6
+    unchanged: float = 1e-3
     longest: float = 2.0**10
     too_far: float = 1e2
     carried: float = 10.0

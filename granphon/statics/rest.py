@@ -47,12 +47,10 @@ from granphon.statics.configuration import (
 from granphon.statics.explanation import explain, find_typical_force
 from granphon.statics.krylov import Map
 from granphon.statics.loose_balls import (
-    find_rounding_springs,
     find_way_down,
     go_down,
     has_soft_motions,
     lead_loose_balls,
-    shake_contacts,
 )
 from granphon.statics.newton import Equations, GridEquations, IteratedEquations
 from granphon.statics.options import RestOptions
@@ -528,16 +526,7 @@ class _ExactSearch(_Search):
         assert self.trail.nearest is not None
         configuration = self.trail.nearest
         if self.problem.assembly.grid and self._is_well_held(configuration):
-            springs = find_rounding_springs(configuration, self.options)
-            solution = self.grid_equations.solve(
-                configuration,
-                configuration.stiffness,
-                shake_contacts(configuration),
-                1.0,
-                self.options.probed,
-                self._patience_of_grid,
-                springs=springs,
-            )
+            solution = self.grid_equations.probe(configuration, self._patience_of_grid)
             self.iterations += solution.count
             if solution.way_down is not None:
                 return go_down(configuration, solution.way_down, self.options)
@@ -628,7 +617,7 @@ class _ExactSearch(_Search):
         stiffness = configuration.stiffness
         added = options.added * min(1.0, residual) * float(np.mean(stiffness))
         load_slope = self._find_load_slope(configuration)
-        least = 0.3 * self.tolerance / residual
+        least = options.margin * self.tolerance / residual
         # where hardly a contact opens or closes, two accurate steps take less time than three
         shy = residual if self._is_well_held(configuration) else math.sqrt(residual)
         reduction = min(options.inexact, max(shy, least))
