@@ -125,6 +125,10 @@ class GridIteration:
             better = self._approach(remaining)
             last = products
             products = _multiply_columns(remaining, better)
+            if np.any(products < 0.0):
+                # blocks of single balls are not positive: some ball falls by itself
+                way_down = self._find_falling_ball()
+                break
             total = float(np.sum(products))
             aim = reduction**2 * total if count == 0 else aim
             arrived = total <= max(aim, least)
@@ -138,6 +142,14 @@ class GridIteration:
             _go_on(_divide(products, curvatures), way, change, motions, remaining)
         solution = (self._list(motions), self._list(remaining), arrived)
         return GridSolution(*solution, way_down, count)
+
+    def _find_falling_ball(self) -> Array:
+        """Return the motion (n, m) of the ball alone along which the curvature is lowest."""
+        values, vectors = np.linalg.eigh(np.moveaxis(self._product.diagonal, -1, 0))
+        ball = int(np.argmin(values[:, 0]))
+        motion = np.zeros(values.shape)
+        motion[ball] = vectors[ball, :, 0]
+        return motion
 
     def precondition(self, forces: Array) -> Array:
         """Return about the motions (n, m, k) under ``forces`` (n, m, k), in single precision."""

@@ -48,8 +48,8 @@ def lead_loose_balls(
 def _lead_clusters(
     configuration: Configuration, loose: Flags, least: float, options: RestOptions
 ) -> tuple[Configuration, Flags]:
-    """Return what :func:`lead_loose_balls` does, until half of the balls are at rest or the steps
-    are over, and the balls (n,) that are not.
+    """Return what :func:`lead_loose_balls` does, until three quarters of the balls are at rest or
+    the steps are over, and the balls (n,) that are not.
     """
     from granphon.contacts.clusters import join_balls  # averages need no Numba
 
@@ -72,7 +72,7 @@ def _lead_clusters(
         left = np.zeros(count)
         np.maximum.at(left, cluster, size)
         moves = (left > most)[cluster]
-        if 2 * int(np.count_nonzero(moves)) < held.n_balls:
+        if 4 * int(np.count_nonzero(moves)) < held.n_balls:
             break
         springs = options.hold_loose + options.added * np.minimum(
             1.0, left[cluster] / configuration.mean
