@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -256,7 +256,7 @@ def equilibrate_exactly(
 
 def _keep_directions(state: Equilibrium, deviations: Array, stencils: Stencils) -> TrueEquilibrium:
     """Return an equilibrium on the lattice as one of balls without a width."""
-    values = {name: getattr(state, name) for name in Equilibrium.__dataclass_fields__}
+    values = {field.name: getattr(state, field.name) for field in fields(Equilibrium)}
     return TrueEquilibrium(**values).share(deviations, stencils)
 
 
