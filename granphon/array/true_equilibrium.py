@@ -228,7 +228,7 @@ def equilibrate_exactly(
     if tolerance is None:
         tolerance = min(REST_TOLERANCE, max(_LEAST_TOLERANCE, _OF_RATIO * ratio))
     begin = start or equilibrate(deviations, load, stencils, tolerance=_TOLERANCE_OF_START)
-    assembly = _assemble(deviations, stencils, ratio)
+    assembly = assemble(deviations, stencils, ratio)
     overlap = begin.overlap if load.overlap is None else load.overlap
     rest = _find_rest(assembly, load, ratio, stencils, begin, overlap, tolerance)
     if load.overlap is None:
@@ -260,7 +260,7 @@ def _keep_directions(state: Equilibrium, deviations: Array, stencils: Stencils) 
     return TrueEquilibrium(**values).share(deviations, stencils)
 
 
-def _assemble(deviations: Array, stencils: Stencils, ratio: float) -> Assembly:
+def assemble(deviations: Array, stencils: Stencils, ratio: float) -> Assembly:
     """Return the contacts of an array, in units of W and c W^(3/2)."""
     grid = find_grid(stencils.shape, stencils.lattice)
     p = stencils.lattice.periods
