@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -30,7 +30,6 @@ from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibriu
 from granphon.array.geometry import (
     LOAD_TOLERANCE,
     ActingForces,
-    ExactGeometry,
     ReducedLoad,
     require_small,
 )
@@ -236,22 +235,19 @@ def equilibrate_exactly(
     p = assembly.dimension
     motions = (stencils.basis @ rest.displacement.T).reshape(p, stencils.n_balls, -1)
     balls = motions.swapaxes(0, 1).reshape(begin.balls.shape)
+    # by the mean force of all contacts, which is that of closed ones times their part
+    closed = float(np.mean(rest.overlap > 0.0))
     state = TrueEquilibrium(
         deviations=deviations,
         overlap=float(overlap),
         balls=stencils.centre(balls),
+        residual=rest.residual / closed,
         newton=begin.newton + rest.steps,
         conjugate=begin.conjugate + rest.iterations,
         lattice=stencils.lattice,
         ratio=ratio,
     )
-    geometry = ExactGeometry(stencils, deviations, ratio)
-    place = geometry.place(state.balls, state.overlap)
-    forces, _ = hertz.press(place.overlaps)
-    left = np.sqrt(np.max(np.sum(stencils.cartesian(place.pull(forces)) ** 2, axis=0)))
-    found = replace(state, residual=float(left / np.mean(forces)))
-    vars(found)["place"] = place
-    return found.share(deviations, stencils)
+    return state.share(deviations, stencils)
 
 
 def _keep_directions(state: Equilibrium, deviations: Array, stencils: Stencils) -> TrueEquilibrium:
@@ -313,8 +309,7 @@ def _find_rest(
     )
     displacement = stencils.displacements(start.balls).reshape(p, -1).T
     begin = Rest(displacement, np.zeros(0), compressed, start.overlaps.ravel(), assembly.normal)
-    # the mean of all contacts, by which a residual is measured, is that of closed ones times their
-    # part
+    # the search measures a residual by the mean force of closed contacts
     part = float(np.mean(start.forces > 0.0))
     options = RestOptions(tolerance=0.9 * part * tolerance, required=part * tolerance)
     try:

@@ -50,7 +50,7 @@ class RestOptions:
     margin : part of the tolerance that an accurate step of an array is to leave: the largest force
         left falls less than the error of motions.
     probed : part of the error of a response to random forces that is left when the curvature has
-        been probed.
+        been probed: less than the part of one ball among 10^6.
     unchanged : change of the stiffness of each contact, over it, up to which the curvature is
         probed with the tangent of the last step.
     longest : length of a step away from a saddle, in steps of Newton's method with the other sign,
@@ -103,7 +103,7 @@ class RestOptions:
     patience_of_grid: int = 200
     inexact: float = 1e-2
     margin: float = 0.1
-    probed: float = 1e-6
+    probed: float = 1e-4
     unchanged: float = 1e-3
     longest: float = 2.0**10
     too_far: float = 1e2
