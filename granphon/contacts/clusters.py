@@ -255,3 +255,47 @@ def measure_slopes(
         if second < n:
             work[group[second]] += force[contact] * ahead
         rise[group[min(first, second)]] += stiffness[contact] * (ahead - behind) ** 2
+
+
+@compiled
+def choose_lengths(
+    work: Array,
+    rise: Array,
+    first: Array,
+    exponent: float,
+    slope: float,
+    length: Array,
+    low: Array,
+    high: Array,
+    is_done: Flags,
+) -> bool:
+    """Set the lengths (groups,) of steps that are tried next, between ``low`` and ``high``, which
+    are narrowed; return whether all groups are done.
+
+    A group is done where its energy still falls at the end of the step, or the ``work`` is at most
+    ``slope`` times the ``first``. Of one contact that closes on the way the work is first - c
+    (length - place)^exponent.
+    """
+    all_done = True
+    for group in range(len(work)):
+        if is_done[group]:
+            continue
+        at = length[group]
+        if work[group] > 0.0:
+            low[group] = at
+        elif work[group] < 0.0:
+            high[group] = at
+        is_open = high[group] == np.inf
+        if abs(work[group]) <= slope * first[group] or (work[group] >= 0.0 and is_open):
+            is_done[group] = True
+            continue
+        all_done = False
+        change = -work[group]
+        if change > 0.0:
+            fall = first[group] + change
+            change = exponent * fall * (1.0 - (first[group] / fall) ** (1.0 / exponent))
+        near = at - change / rise[group] if rise[group] > 0.0 else at
+        end = min(high[group], 1.0)
+        least = 0.9 * low[group] + 0.1 * end
+        length[group] = min(max(near, least), 0.1 * low[group] + 0.9 * end)
+    return all_done

@@ -138,7 +138,12 @@ class _Cages:
         energy is least; where the energy still falls at the end they go all of it. Groups with no
         more force than ``most`` on any ball stay. ``springs`` (n,) hold the balls to the ground.
         """
-        from granphon.contacts.clusters import find_cluster_steps, join_balls, measure_slopes
+        from granphon.contacts.clusters import (
+            choose_lengths,
+            find_cluster_steps,
+            join_balls,
+            measure_slopes,
+        )
 
         assembly = self.assembly
         n = assembly.n_balls
@@ -171,31 +176,10 @@ class _Cages:
             rise = np.zeros(count)
             contacts = (ahead.current, ahead.distance, ahead.force, ahead.stiffness)
             measure_slopes(*ends, *contacts, steps, group, work, rise)
-            low = np.where(work > 0.0, length, low)
-            high = np.where(work < 0.0, length, high)
-            is_done |= (work >= 0.0) & (high == np.inf) | (
-                np.abs(work) <= options.loose_slope * first
-            )
-            if np.all(is_done):
+            slopes = (work, rise, first, hertz.EXPONENT, options.loose_slope)
+            if choose_lengths(*slopes, length, low, high, is_done):
                 break
-            length = np.where(is_done, length, _guess_length(length, low, high, first, work, rise))
         return ahead
-
-
-def _guess_length(
-    length: Array, low: Array, high: Array, first: Array, work: Array, rise: Array
-) -> Array:
-    """Return the lengths that are tried next, between ``low`` and ``high``.
-
-    Of one contact that closes on the way the work is first - c (length - place)^(3/2), by Hertz's
-    law.
-    """
-    below = np.where(work < 0.0, first - work, 1.0)
-    grown = hertz.EXPONENT * below * (1.0 - hertz.overlap_of(np.maximum(first, 0.0) / below))
-    change = np.where(work < 0.0, grown, -work)
-    near = length - change / np.where(rise > 0.0, rise, np.inf)
-    end = np.minimum(high, 1.0)
-    return np.clip(near, 0.9 * low + 0.1 * end, 0.1 * low + 0.9 * end)
 
 
 def find_way_down(configuration: Configuration, equations: Equations) -> Configuration | None:
