@@ -67,15 +67,15 @@ class TrueEquilibrium(Equilibrium):
     normal force.
     """
 
-    def _act(self, residual: float | None = None) -> ActingForces:
+    def _act(self) -> ActingForces:
         """Return the contacts that carry load, without friction.
 
         Balls that light contacts push aside lean on others with about W/d of their force. Where
-        that cannot be told from a ``residual``, by default the own one, the light contacts hold
-        instead, with W/d of their force.
+        that cannot be told from the residual, the light contacts hold instead, with W/d of their
+        force.
         """
         stiffness = self.stiffnesses
-        least = CARRIED_FORCE * (self.residual if residual is None else residual) * self.force
+        least = CARRIED_FORCE * self.residual * self.force
         carried = np.where(_ASIDE * self.ratio * self.forces > least, self.forces, -self.forces) * (
             stiffness > 0.0
         )

@@ -278,7 +278,8 @@ class GridEquations:
         self.options = options
         axes = tuple(range(problem.assembly.dimension))
         self.motions = Motions("", axes)
-        #: the stiffnesses (n_c,) of the last step, and its iteration with the true sign
+        #: the stiffnesses (n_c,) of contacts before the last step, and its iteration, where the step
+        #: is one near rest with the true sign
         self._last: tuple[Array, GridIteration] | None = None
 
     def solve(
@@ -298,7 +299,8 @@ class GridEquations:
         n = problem.n_ball_unknowns
         blocks = self._fill_blocks(configuration, stiffness, turning)
         iteration = self._iterate(configuration, stiffness, blocks)
-        self._last = (stiffness, iteration) if turning == 1.0 else None
+        is_near = turning == 1.0 and configuration.residual <= self.options.near
+        self._last = (configuration.stiffness, iteration) if is_near else None
         border = blocks.ahead.reshape(n, -1)
         columns_of_cell = border if load_slope is None else border - load_slope[:n]
         right = np.column_stack([pull[:n], columns_of_cell])
