@@ -278,8 +278,8 @@ class GridEquations:
         self.options = options
         axes = tuple(range(problem.assembly.dimension))
         self.motions = Motions("", axes)
-        #: the stiffnesses (n_c,) of contacts before the last step, and its iteration, where the step
-        #: is one near rest with the true sign
+        #: the stiffnesses (n_c,) of contacts before the last step, and its iteration, where that is
+        #: a step near rest with the true sign
         self._last: tuple[Array, GridIteration] | None = None
 
     def solve(
@@ -299,7 +299,7 @@ class GridEquations:
         n = problem.n_ball_unknowns
         blocks = self._fill_blocks(configuration, stiffness, turning)
         iteration = self._iterate(configuration, stiffness, blocks)
-        is_near = turning == 1.0 and configuration.residual <= self.options.near
+        is_near = turning == 1.0 and configuration.residual <= self.options.last
         self._last = (configuration.stiffness, iteration) if is_near else None
         border = blocks.ahead.reshape(n, -1)
         columns_of_cell = border if load_slope is None else border - load_slope[:n]

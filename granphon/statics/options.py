@@ -51,6 +51,7 @@ class RestOptions:
         left falls less than the error of motions.
     probed : part of the error of a response to random forces that is left when the curvature has
         been probed: less than the part of one ball among 10^6.
+    last : residual of an array from which the tangent of a step may be that at rest.
     unchanged : change of the stiffness of each contact, over it, up to which the curvature is
         probed with the tangent of the last step.
     longest : length of a step away from a saddle, in steps of Newton's method with the other sign,
@@ -104,6 +105,7 @@ class RestOptions:
     inexact: float = 1e-2
     margin: float = 0.1
     probed: float = 1e-4
+    last: float = 1e-5
     unchanged: float = 1e-3
     longest: float = 2.0**10
     too_far: float = 1e2
