@@ -40,6 +40,8 @@ _DIGITS = 2
 #: balls of a grid, at most, whose Green's function is kept and whose right sides share transforms:
 #: beyond, memory counts
 _KEPT_BALLS = 2**13
+#: the same for equal contacts, which all samples share
+_KEPT_EVEN_BALLS = 2**17
 #: contacts of a kind that are multiplied at a time, so that they stay in the processor's cache
 _CACHED = 256
 
@@ -71,18 +73,21 @@ class GridIteration:
     tangent : of the list. Of a tangent that is not symmetric only :meth:`precondition` serves.
     even : whether Green's function is that of contacts that are all alike, which is the same for
         all loads and steps, and not that of contacts of each kind that have their mean stiffness.
+    earlier : an even iteration on the same grid, whose Green's function serves.
     """
 
-    def __init__(self, tangent: Tangent, even: bool = False) -> None:
+    def __init__(
+        self, tangent: Tangent, even: bool = False, earlier: GridIteration | None = None
+    ) -> None:
         contacts = tangent.contacts
         self._shape = contacts.grid
         self._cells = math.prod(contacts.grid)
         self._n_motions = len(contacts.axes)
         self._level = float(np.mean(contacts.normal_stiffness)) or 1.0
         self._softness = np.float32(1.0 / self._level)
-        self._product = _GridProduct.of(tangent)
+        self._product = _GridProduct.of(tangent, earlier and earlier._product)
         self._coarse = self._product.round()
-        self._green = _find_green(contacts, self._level, even)
+        self._green = earlier._green if earlier else _find_green(contacts, self._level, even)
         self._alone = np.empty_like(self._coarse.diagonal)
         _invert_blocks(self._product.diagonal, _HOLDING * self._level, _DAMPED, self._alone)
 
@@ -212,14 +217,17 @@ class _GridProduct(NamedTuple):
     steps: NDArray[np.uint32]
 
     @classmethod
-    def of(cls, tangent: Tangent) -> _GridProduct:
-        """Return the product with a tangent."""
+    def of(cls, tangent: Tangent, earlier: _GridProduct | None = None) -> _GridProduct:
+        """Return the product with a tangent; ``earlier`` is one on the same grid."""
+        blocks = tangent.blocks
+        if earlier:
+            return earlier._replace(diagonal=blocks.diagonal, forward=blocks.forward)
         contacts = tangent.contacts
         cells = math.prod(contacts.grid)
         # numbers without a sign: a loop need not ask whether an index counts from the end
         steps = (contacts.j % cells).reshape(-1, cells).astype(np.uint32)
         ends = np.stack([contacts.i[::cells], contacts.j[::cells]], axis=1) // cells
-        return cls(tangent.blocks.diagonal, tangent.blocks.forward, ends, steps)
+        return cls(blocks.diagonal, blocks.forward, ends, steps)
 
     def round(self) -> _GridProduct:
         """Return the product in single precision."""
@@ -232,7 +240,8 @@ def _find_green(contacts: ContactList, level: float, even: bool) -> NDArray[Any]
     """Return (f, f, waves) inverses in Fourier space for equal contacts of each kind, of stiffness
     over ``level``; f are the motions of the balls of a cell.
 
-    If ``even`` is true all kinds have the same stiffness along their directions, and no other.
+    If ``even`` is true all kinds have the same stiffness along the directions of their first
+    contacts, and no other.
     """
     shape = contacts.grid
     cells = math.prod(shape)
@@ -246,10 +255,12 @@ def _find_green(contacts: ContactList, level: float, even: bool) -> NDArray[Any]
         return tuple(np.round(means, _DIGITS).ravel().tolist())
 
     if even:
-        stiffness = (1.0,) * kinds
+        directions = contacts.normal.reshape(kinds, cells, 3)[:, 0]
         none = (0.0,) * kinds
-        springs = (none, none, stiffness, none, none, none)
+        springs = (none, none, (1.0,) * kinds, none, none, none)
+        most = _KEPT_EVEN_BALLS
     else:
+        directions = np.array(average(contacts.normal))
         springs = (
             average(contacts.arm_i),
             average(contacts.arm_j),
@@ -258,13 +269,14 @@ def _find_green(contacts: ContactList, level: float, even: bool) -> NDArray[Any]
             average(contacts.torsion_stiffness, level),
             average(contacts.bending_stiffness, level),
         )
-    find = _find_equal_green if contacts.n_balls <= _KEPT_BALLS else _find_equal_green.__wrapped__
+        most = _KEPT_BALLS
+    find = _find_equal_green if contacts.n_balls <= most else _find_equal_green.__wrapped__
     return find(
         shape,
         contacts.motions,
         tuple(divmod(ball, cells) for ball in contacts.i[::cells].tolist()),
         tuple(divmod(ball, cells) for ball in contacts.j[::cells].tolist()),
-        average(contacts.normal),
+        tuple(directions.ravel().tolist()),
         *springs,
     )
 

@@ -281,6 +281,8 @@ class GridEquations:
         #: the stiffnesses (n_c,) of contacts before the last step, and its iteration, where that is
         #: a step near rest with the true sign
         self._last: tuple[Array, GridIteration] | None = None
+        #: an iteration on the same grid
+        self._earlier: GridIteration | None = None
 
     def solve(
         self,
@@ -379,8 +381,8 @@ class GridEquations:
             motions=self.motions,
             i=assembly.i,
             j=assembly.j,
-            vector=configuration.current,
-            normal=configuration.normal,
+            vector=assembly.vector,
+            normal=assembly.normal,
             arm_i=nothing,
             arm_j=nothing,
             normal_stiffness=stiffness,
@@ -392,7 +394,8 @@ class GridEquations:
             dimension=assembly.dimension,
             grid=assembly.grid,
         )
-        return GridIteration(Tangent(contacts, blocks), even=True)
+        self._earlier = GridIteration(Tangent(contacts, blocks), even=True, earlier=self._earlier)
+        return self._earlier
 
 
 def find_strongest_push(configuration: Configuration) -> float:
