@@ -29,7 +29,7 @@ class ContactLaws:
         self.groups = groups
         self.count = count
         #: the law of all contacts, where they have one
-        self._law: PairLaw | None = None
+        self._law: object = None
         if len(groups) == 1 and np.array_equal(groups[0][1], np.arange(count)):
             self._law = groups[0][0]
         self.modulus = np.ones(count) if modulus is None else modulus

@@ -55,14 +55,14 @@ class GridSolution(NamedTuple):
     has_arrived : whether the error has fallen as far as it should.
     way_down : (n, m) a motion along which the curvature of the energy is below zero; None if none
         was met.
-    count : number of iterations.
+    iterations : their number.
     """
 
     motions: Array
     remaining: Array
     has_arrived: bool
     way_down: Array | None
-    count: int
+    iterations: int
 
 
 class GridIteration:
@@ -85,9 +85,13 @@ class GridIteration:
         self._n_motions = len(contacts.axes)
         self._level = float(np.mean(contacts.normal_stiffness)) or 1.0
         self._softness = np.float32(1.0 / self._level)
-        self._product = _GridProduct.of(tangent, earlier and earlier._product)
+        self._product: _GridProduct = _GridProduct.of(
+            tangent, earlier._product if earlier else None
+        )
         self._coarse = self._product.round()
-        self._green = earlier._green if earlier else _find_green(contacts, self._level, even)
+        self._green: NDArray[Any] = (
+            earlier._green if earlier else _find_green(contacts, self._level, even)
+        )
         self._alone = np.empty_like(self._coarse.diagonal)
         _invert_blocks(self._product.diagonal, _HOLDING * self._level, _DAMPED, self._alone)
 
@@ -109,7 +113,7 @@ class GridIteration:
             remaining=np.concatenate([solution.remaining for solution in solutions], axis=-1),
             has_arrived=all(solution.has_arrived for solution in solutions),
             way_down=ways[0] if ways else None,
-            count=sum(solution.count for solution in solutions),
+            iterations=sum(solution.iterations for solution in solutions),
         )
 
     def _solve_together(
@@ -515,7 +519,7 @@ def _add_across(
 
 
 @compiled
-def _multiply_waves(green: Values, scale: float, waves: Values, out: Values) -> None:
+def _multiply_waves(green: Values, scale: np.float32, waves: Values, out: Values) -> None:
     """Set ``out`` (f, k, waves) to the ``scale`` times products of matrices (f, f, waves) and
     columns (f, k, waves).
     """

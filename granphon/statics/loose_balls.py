@@ -159,8 +159,8 @@ class _Cages:
         group = np.empty(n, np.int64)
         touches = (self.stiffness > 0.0) | (ahead.stiffness > 0.0)
         count = join_balls(*ends, touches, group)
-        first = np.bincount(group, np.einsum("na,na->n", self.pull, steps), count)
-        of_load = np.bincount(group, np.einsum("na,na->n", self.load, steps), count)
+        works = [np.einsum("na,na->n", forces, steps) for forces in (self.pull, self.load)]
+        first, of_load = (np.asarray(np.bincount(group, work, count), float) for work in works)
         left = np.zeros(count)
         np.maximum.at(left, group, self.size_of_pull)
         is_done = (left <= most) | (first <= 0.0)

@@ -259,13 +259,13 @@ class GridStep(NamedTuple):
     has_arrived : whether the error has fallen as far as it should.
     way_down : (size,) a motion of balls along which the curvature of the energy is below zero; None
         if none was met.
-    count : number of iterations.
+    iterations : their number.
     """
 
     step: Array
     has_arrived: bool
     way_down: Array | None
-    count: int
+    iterations: int
 
 
 class GridEquations:
@@ -320,7 +320,9 @@ class GridEquations:
             of_cell = np.linalg.solve(corner - rows @ motions[:, 1:], pull[n:] - rows @ step)
             step = np.concatenate([step - motions[:, 1:] @ of_cell, of_cell])
         step = problem.remove_drift(step)
-        return GridStep(step, solution.has_arrived, self._extend(solution.way_down), solution.count)
+        return GridStep(
+            step, solution.has_arrived, self._extend(solution.way_down), solution.iterations
+        )
 
     def probe(self, configuration: Configuration, most: int) -> GridStep:
         """Return the response to random forces, whose search meets ways along which the curvature
@@ -340,14 +342,14 @@ class GridEquations:
             change = np.abs(configuration.stiffness - stiffness)
             if np.all(change <= options.unchanged * stiffness):
                 solution = iteration.solve(right, options.probed, most, 0.0)
-                count = solution.count
+                count = solution.iterations
         if solution is None or solution.way_down is not None:
             blocks = self._fill_blocks(configuration, configuration.stiffness, 1.0)
             axes = np.arange(assembly.dimension)
             blocks.diagonal[axes, axes] += options.curvature * find_strongest_push(configuration)
             iteration = self._iterate(configuration, configuration.stiffness, blocks)
             solution = iteration.solve(right, options.probed, most, 0.0)
-            count += solution.count
+            count += solution.iterations
         return GridStep(forces, solution.has_arrived, self._extend(solution.way_down), count)
 
     def _extend(self, way_down: Array | None) -> Array | None:

@@ -15,7 +15,9 @@ on others. These loose balls are brought to rest first, while the others are hel
 (:mod:`granphon.statics.loose_balls`). Newton's method for all follows, and so on in turn. A step
 that would raise the energy is replaced by one downhill, and where neither the loose balls nor the
 others let each other come to rest, all move together. The inertia of the factors then proves that
-rest is a minimum; from a saddle the balls go downhill along the softest motion.
+rest is a minimum; from a saddle the balls go downhill along the softest motion. Of a list that is a
+grid, iterations with Green's function find the steps, and where most contacts are closed conjugate
+gradients under random forces take the place of the inertia.
 """
 
 from __future__ import annotations
@@ -527,7 +529,7 @@ class _ExactSearch(_Search):
         configuration = self.trail.nearest
         if self.problem.assembly.grid and self._is_well_held(configuration):
             solution = self.grid_equations.probe(configuration, self._patience_of_grid)
-            self.iterations += solution.count
+            self.iterations += solution.iterations
             if solution.way_down is not None:
                 return go_down(configuration, solution.way_down, self.options)
             if solution.has_arrived or not self.is_factored:
@@ -631,7 +633,7 @@ class _ExactSearch(_Search):
                 self._patience_of_grid,
                 load_slope,
             )
-            self.iterations += solution.count
+            self.iterations += solution.iterations
             if solution.way_down is not None:
                 continue
             if solution.has_arrived or not self.is_factored:
