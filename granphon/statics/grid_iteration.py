@@ -123,7 +123,6 @@ class GridIteration:
         remaining = self._lay(forces)
         motions = np.zeros_like(remaining)
         way = np.zeros_like(remaining)
-        change = np.empty_like(remaining)
         products = np.zeros(remaining.shape[1])
         curvatures = np.empty_like(products)
         least = noise**2 * self._level * remaining.size
@@ -143,12 +142,14 @@ class GridIteration:
             arrived = total <= max(aim, least)
             if arrived or count == most:
                 break
+            change = np.empty_like(way)
             _turn(self._product, _divide(products, last), better, way, change, curvatures)
             if np.any(curvatures < 0.0):
                 lowest = int(np.argmin(curvatures))
                 way_down = self._list(way)[..., lowest]
                 break
             _go_on(_divide(products, curvatures), way, change, motions, remaining)
+            del change  # the preconditioner needs the memory
         solution = (self._list(motions), self._list(remaining), arrived)
         return GridSolution(*solution, way_down, count)
 
