@@ -27,10 +27,10 @@ from granphon.contacts.motion_laws import PairLaws, Powers
 from granphon.contacts.motion_loops import Columns, Moment, Rules
 from granphon.networks.network import ContactNetwork
 
-#: rows of a pull: normal force and slip, and with torques of twist and of rolling
+#: forces across a contact against slip
 _N_SLIPS = 3
+#: rows of a pull without torques: the normal force, then those against slip
 _ROWS_OF_SLIP = 1 + _N_SLIPS
-_ROWS_OF_ROLLING = _ROWS_OF_SLIP + 4
 
 
 class MetPairs(NamedTuple):

@@ -367,6 +367,23 @@ def _go_along(rows: Array, n: int) -> None:
 
 
 @compiled
+def _lengthen(
+    rest: _Vector, length: float, free: float, across: _Vector
+) -> tuple[_Vector, float, _Vector, float]:
+    """Return r = rest + free across, its length, its direction, and by what it is longer than the
+    ``length`` at rest.
+    """
+    r = _add(rest, free, across)
+    # |r|^2 - |r_0|^2, no difference of near-equal lengths
+    square = _dot(_add(rest, 1.0, r), across)
+    r_length = math.sqrt(length * length + free * square)
+    # of one division, 1/|r| and e, which is the square over |r| + |r_0|
+    both = length + r_length
+    quotient = 1.0 / (r_length * both)
+    return r, r_length, _scale(both * quotient, r), square * (r_length * quotient)
+
+
+@compiled
 def _find_directions(rows: Array, n: int, is_mean: bool) -> None:
     """Find r, its directions and elongations where n turns."""
     for c in range(n):
@@ -375,23 +392,13 @@ def _find_directions(rows: Array, n: int, is_mean: bool) -> None:
         gap = rows[GAP + c]
         free = rows[FREE + c]
         across = _get(rows, _ACROSS + c)
-        start = _add(rest, free, across)
-        # |r|^2 - |r_0|^2, no difference of near-equal lengths
-        square = _dot(_add(rest, 1.0, start), across)
-        start_length = math.sqrt(length * length + free * square)
-        # of one division, 1/|r| and e, which is the square over |r| + |r_0|
-        both = length + start_length
-        quotient = 1.0 / (start_length * both)
-        rows[_E_START + c] = gap + square * (start_length * quotient)
-        _set(rows, _START + c, _scale(both * quotient, start))
-        across_end = _get(rows, _ACROSS_END + c)
-        end = _add(rest, free, across_end)
-        square = _dot(_add(rest, 1.0, end), across_end)
-        end_length = math.sqrt(length * length + free * square)
-        both = length + end_length
-        quotient = 1.0 / (end_length * both)
-        rows[_E + c] = gap + square * (end_length * quotient)
-        _set(rows, _END + c, _scale(both * quotient, end))
+        start, start_length, direction, elongation = _lengthen(rest, length, free, across)
+        rows[_E_START + c] = gap + elongation
+        _set(rows, _START + c, direction)
+        across = _get(rows, _ACROSS_END + c)
+        end, end_length, direction, elongation = _lengthen(rest, length, free, across)
+        rows[_E + c] = gap + elongation
+        _set(rows, _END + c, direction)
         middle = _scale(0.5, _add(start, 1.0, end))
         normal = _scale(1.0 / math.sqrt(_dot(middle, middle)), middle)
         _set(rows, _MIDDLE + c, normal)
