@@ -40,8 +40,6 @@ _DIGITS = 2
 #: balls of a grid, at most, whose Green's function is kept and whose right sides share transforms:
 #: beyond, memory counts
 _KEPT_BALLS = 2**13
-#: the same for equal contacts, which all samples share
-_KEPT_EVEN_BALLS = 2**17
 #: contacts of a kind that are multiplied at a time, so that they stay in the processor's cache
 _CACHED = 256
 
@@ -74,10 +72,15 @@ class GridIteration:
     even : whether Green's function is that of contacts that are all alike, which is the same for
         all loads and steps, and not that of contacts of each kind that have their mean stiffness.
     earlier : an even iteration on the same grid, whose Green's function serves.
+    most_kept : balls, at most, whose Green's function is kept for other lists.
     """
 
     def __init__(
-        self, tangent: Tangent, even: bool = False, earlier: GridIteration | None = None
+        self,
+        tangent: Tangent,
+        even: bool = False,
+        earlier: GridIteration | None = None,
+        most_kept: int = _KEPT_BALLS,
     ) -> None:
         contacts = tangent.contacts
         self._shape = contacts.grid
@@ -90,7 +93,7 @@ class GridIteration:
         )
         self._coarse = self._product.round()
         self._green: NDArray[Any] = (
-            earlier._green if earlier else _find_green(contacts, self._level, even)
+            earlier._green if earlier else _find_green(contacts, self._level, even, most_kept)
         )
         self._alone = np.empty_like(self._coarse.diagonal)
         _invert_blocks(self._product.diagonal, _HOLDING * self._level, _DAMPED, self._alone)
@@ -242,7 +245,7 @@ class _GridProduct(NamedTuple):
         )
 
 
-def _find_green(contacts: ContactList, level: float, even: bool) -> NDArray[Any]:
+def _find_green(contacts: ContactList, level: float, even: bool, most_kept: int) -> NDArray[Any]:
     """Return (f, f, waves) inverses in Fourier space for equal contacts of each kind, of stiffness
     over ``level``; f are the motions of the balls of a cell.
 
@@ -264,7 +267,6 @@ def _find_green(contacts: ContactList, level: float, even: bool) -> NDArray[Any]
         directions = contacts.normal.reshape(kinds, cells, 3)[:, 0]
         none = (0.0,) * kinds
         springs = (none, none, (1.0,) * kinds, none, none, none)
-        most = _KEPT_EVEN_BALLS
     else:
         directions = np.array(average(contacts.normal))
         springs = (
@@ -275,8 +277,7 @@ def _find_green(contacts: ContactList, level: float, even: bool) -> NDArray[Any]
             average(contacts.torsion_stiffness, level),
             average(contacts.bending_stiffness, level),
         )
-        most = _KEPT_BALLS
-    find = _find_equal_green if contacts.n_balls <= most else _find_equal_green.__wrapped__
+    find = _find_equal_green if contacts.n_balls <= most_kept else _find_equal_green.__wrapped__
     return find(
         shape,
         contacts.motions,
