@@ -270,9 +270,11 @@ def _find_start(deviations: Array, load: ReducedLoad, stencils: Stencils) -> Equ
     else:
         rests_differ = load.overlap < _DIFFERING_OVERLAP
         overlap = load.overlap
-    means = stencils.average_pairs(deviations)
-    is_rough = not rests_differ or begins_inside(load, overlap, means, Preconditioners(stencils))
-    tolerance = _TOLERANCE_OF_START if is_rough else REST_TOLERANCE
+    tolerance = _TOLERANCE_OF_START
+    if rests_differ:
+        means = stencils.average_pairs(deviations)
+        if not begins_inside(load, overlap, means, Preconditioners(stencils)):
+            tolerance = REST_TOLERANCE
     return equilibrate(deviations, load, stencils, tolerance=tolerance)
 
 
