@@ -710,8 +710,8 @@ def _average_contacts(pair: tuple[Any, Any]) -> Array:
 
 
 def _require_data(dof: int, parameters: int, sigma_given: bool) -> None:
-    """Raise InputError if the degrees of freedom ``dof``, numbers less parameters, are too few for
-    this number of ``parameters``.
+    """Raise InputError if the degrees of freedom ``dof``, numbers less ``parameters``, are below
+    zero, or below one unless ``sigma_given``, as the scatter then takes one.
     """
     least = 0 if sigma_given else 1
     if dof >= least:
@@ -720,7 +720,7 @@ def _require_data(dof: int, parameters: int, sigma_given: bool) -> None:
         f"there are {dof + parameters} numbers, to which {parameters} parameters cannot be fitted"
     )
     why = "" if sigma_given else "Without sigma one more is needed, to find the scatter"
-    raise InputError(fault, why, "Measure more")
+    raise InputError(fault, why, "Measure more, or fit fewer parameters")
 
 
 def _judge_errors(names: Sequence[str], values: Array, errors: Array) -> list[str]:

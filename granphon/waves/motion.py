@@ -417,12 +417,12 @@ class Motion(Result):
         is_too_short = n_periods > run_periods * (1.0 + _TIME_ROUNDING)
         if is_too_short or frames_per_period < _PER_PERIOD:
             fault = (
-                f"{frames_per_period:.3g} frames are in a period of multiple {n_multiples}, and"
-                f" {run_periods:.3g} periods in the run"
+                f"{frames_per_period:.3g} frames are in a period of the highest multiple,"
+                f" {n_multiples}, and {run_periods:.3g} periods in the run"
             )
-            raise InputError(
-                fault, mend="Run for longer, keep more frames, or ask for fewer multiples"
-            )
+            why = f"{_PER_PERIOD:g} and {n_periods} are needed"
+            mend = "Run for longer, keep more frames, or ask for fewer periods or multiples"
+            raise InputError(fault, why, mend)
 
 
 def _find_first_maxima(heights: Array) -> Index:

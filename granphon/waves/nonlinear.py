@@ -459,7 +459,8 @@ class NonlinearWaves:
     ) -> tuple[float, float]:
         """Return the step, s, of a run that starts at x with velocities v (size,), and a bound of
         the frequencies of contacts, rad/s; raise :class:`~granphon.base.errors.InputError` if the
-        ``step`` that the user gives is too long.
+        ``step`` that the user gives is too long, and as :meth:`_System.press` and
+        :meth:`_System.choose_step` do, whether or not a step is given.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             squares = np.sum(system.operator.values(v) ** 2, axis=1)
@@ -476,11 +477,14 @@ class NonlinearWaves:
         return chosen, top
 
     def find_step(self, speed: float = 0.0) -> float:
-        """Return the step, s, of a run from rest, or in which the heaviest ball has a ``speed``,
-        m/s, zero or above.
+        """Return the step, s, with which :meth:`run` begins by default, from rest, or where the
+        heaviest ball has a ``speed``, m/s, zero or above.
 
-        Raises :class:`~granphon.base.errors.InputError` for another speed, and where no contact is
-        pressed at it.
+        Displacements at the start and drives do not enter. The run shortens the step until a frame
+        has a whole number of steps, and halves it where contacts become much stiffer.
+
+        Raises :class:`~granphon.base.errors.InputError` for a speed below zero, where no contact is
+        pressed at it, and for balls too fast, or contacts too stiff, for double precision.
         """
         speed = not_negative("speed", speed, "m/s")
         system = _System(self, [])
@@ -689,6 +693,7 @@ class _System:
     """The equations of motion of a network with drives, and where it has come to.
 
     ``at`` are contacts now, and ``joined`` says which of them are, None where no force jumps.
+    These and what follows are set when a run begins.
     """
 
     at: Moment
@@ -861,10 +866,13 @@ class _System:
     def integrate(
         self, x: Array, v: Array, step: float, each: int, count: int, scheme: str, kept: Frames
     ) -> Any:
-        """Make ``count`` frames of ``each`` steps, and yield after each whether it is kept."""
+        """Keep ``count`` frames of a run from x with velocities v (size,), ``each`` steps apart, and
+        yield after each whether steps led to it: False for the first, which is the start.
+
+        Raises :class:`_Stop` where the run cannot go on, and InputError as :meth:`_begin` does.
+        """
         explicit = scheme == "verlet"
-        self._explicit = explicit
-        self._begin(x, v, step)
+        self._begin(x, v, step, explicit)
         self._keep(0, kept)
         yield False
         limit = 2.0 * math.pi / _LEAST_STEPS / step
@@ -893,8 +901,14 @@ class _System:
                             f" geometry: exact"
                         )
 
-    def _begin(self, x: Array, v: Array, step: float) -> None:
-        """Let contacts be those of the network, and the time be zero."""
+    def _begin(self, x: Array, v: Array, step: float, explicit: bool) -> None:
+        """Begin a run of a ``step``, s, at the time zero, from motions x with velocities v (size,),
+        of which copies are kept.
+
+        Contacts come from rest to the start as :meth:`MovingContacts.begin` says. InputError for a
+        drive whose displacement is not zero at the time zero, or that is no finite number then.
+        """
+        self._explicit = explicit  # first: what contacts set in a step depends on the scheme
         none = np.zeros(0, np.intp)
         self._keys: dict[tuple[int, ...], int] = {}
         self._join(none, none, np.zeros((0, 3), np.intp))
@@ -910,17 +924,20 @@ class _System:
         contacts = self.contacts
         rest = contacts.make_moment()
         contacts.press(rest, None)
-        rest.pull[1:] = contacts.held
-        self._at_rest = contacts.shear_energy(rest)
+        self._shear_energy_at_rest = contacts.shear_energy(rest)
         self.at = contacts.make_moment()
         self._spread(self.x, self.ways, self.at.motions)
         self.joined = contacts.begin(self.at)
         self._make_spare()
+        # balls that may meet are listed behind the contacts of the network, which keep the state
+        # that they have by now; what follows is of all contacts
         if self.waves.geometry == "exact":
             self._list()
-        # of slip, twist and roll, of dashpots, of drives, and of contacts that join and part
+        self._shear_energy_at_start = self.contacts.shear_energy(self.at)
+        # energies, J, that slip, twist and roll, and that dashpots take up, the work of drives, and
+        # energies lost where contacts join and part
         self.worked = np.zeros(4)
-        self._springs = self.contacts.shear_energy(self.at)
+        # the speeds of drives follow from their displacements in the last step: there is none yet
         self._start(np.zeros_like(self.ways))
 
     def _make_spare(self) -> None:
@@ -1104,7 +1121,11 @@ class _System:
         self.worked[2] += trial.resist @ (trial.ways - self.ways)
 
     def _keep(self, number: int, kept: Frames) -> None:
-        """Keep the frame after this number of steps."""
+        """Keep the frame after this ``number`` of steps, and how wide the widest contact has become
+        in all frames.
+
+        Elongations and normal forces must be those of the moment, see :meth:`_refresh`.
+        """
         at = self.at
         contacts = self.contacts
         joined = self.joined
@@ -1112,11 +1133,11 @@ class _System:
         step = self.step
         operator = self.operator
         square = self.v * self.v
-        springs = contacts.shear_energy(at)
+        shear_energy = contacts.shear_energy(at)
         stored = (
             float(np.sum(normal.store(at.e, joined)))
-            + springs
-            - self._at_rest
+            + shear_energy
+            - self._shear_energy_at_rest
             - float(self._weight @ self.x)
         )
         wide = self._wide * np.sqrt(np.maximum(normal.overlap - at.e, 0.0))
@@ -1141,7 +1162,7 @@ class _System:
                 "rotation": 0.5 * float(np.sum(square[operator.is_rotation])),
                 "stored": stored + contacts.rest_energy(at),
                 "lost": self.worked[0]
-                - (springs - self._springs)
+                - (shear_energy - self._shear_energy_at_start)
                 + self.worked[1]
                 + self.worked[3],
                 "work": self.worked[2],
