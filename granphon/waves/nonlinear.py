@@ -204,8 +204,13 @@ class NonlinearWaves:
         return self.normal.overlap
 
     def _find_laws(self, law: Any, state: CrystalState | None, unloaded: bool) -> Powers | PairLaws:
-        """Return the laws of the contacts; keep them, what finds the law of two kinds that meet,
-        kappa/2E*a, and E*, and the stiffnesses 2E*a of contacts at rest.
+        """Return the laws of the contacts of the network; InputError if they are not known.
+
+        Keeps ``_known``, these laws, as :class:`ContactLaws` but where one exponent is given for
+        all; ``punch``, the stiffnesses 2E*a of contacts at rest, those of normal motion where laws
+        know no radii; and ``_find``, which returns the law of balls of two kinds that meet,
+        kappa/2E*a, and E*, or raises InputError if it is not known. Of one exponent ``_find``
+        returns the coefficient over the root of the radius in place of the law, and 1 for E*.
         """
         self._known: Powers | ContactLaws
         self._find: Callable[..., tuple[Any, Any, Any]]
@@ -223,7 +228,9 @@ class NonlinearWaves:
         return self._take_law(law)
 
     def _take_crystal(self, crystal: Crystal, unloaded: bool) -> Powers | PairLaws:
-        """Return the laws of the pairs of a crystal, and keep what :meth:`_find_laws` keeps."""
+        """Return the laws of the pairs of a crystal, at rest without forces if ``unloaded``, and
+        keep what :meth:`_find_laws` keeps; InputError for balls of other kinds.
+        """
         network = self.network
         force = network.normal_force
         kinds = {name: name for name in (*crystal.names, RIGID_PLANE.name)}
@@ -269,7 +276,8 @@ class NonlinearWaves:
 
     def _take_power(self, law: Any) -> Powers:
         """Return powers of the overlap with the exponent of a ``law``, whose coefficients follow
-        from forces and stiffnesses at rest; keep what :meth:`_find_laws` keeps.
+        from forces and stiffnesses at rest; keep what :meth:`_find_laws` keeps, and the radii of
+        balls for coefficients, ``_sizes``. InputError for contacts without force.
         """
         network = self.network
         force = network.normal_force
@@ -391,18 +399,24 @@ class NonlinearWaves:
         progress : is told how many frames are done.
 
         A run that Ctrl-C stops, one whose balls leave their places by half of their diameter
-        (geometry "lattice") or meet others without a known law ("exact"), or one for whose contacts
-        the given ``step`` becomes too long, ends there with a
-        :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is. Where
+        (geometry "lattice") or meet others without a known law ("exact"), one of whose drives is no
+        finite number at a later time, or one for whose contacts the ``step`` becomes too long, as
+        it is given or after ten halvings, ends there with a
+        :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is. The step is
+        too long, too, where an implicit step has no solution, or a contact whose force jumps opens
+        and closes many times in it. Where
         contacts become wider than the law allows (:func:`~granphon.validity`), there is a
         :class:`~granphon.base.errors.LimitWarning`; and where they are more viscous than stiff at
         all frequencies of the run, from the inverse of its duration, as a damping is a time.
 
         Raises :class:`~granphon.base.errors.InputError` for shapes and numbers that are not
-        allowed, a drive of nothing or along which balls do not move, a force on a body that is
-        held, a start that moves a body that is held or that a drive displaces, and a ``step`` too
-        long for the stiffest contact; and :class:`~granphon.base.errors.OutputError` where ``file``
-        is something else than a motion, or cannot be written.
+        allowed, more frames than memory holds, a drive of nothing or along which balls do not move,
+        a displacement that does not begin at zero, a force on a body that is held, two drives of a
+        ball of which one is a displacement, a start that moves a body that is held or that a drive
+        displaces, a ``step`` too long for the stiffest contact, more than ten million steps, and
+        balls too fast, or contacts too stiff, for double precision; and
+        :class:`~granphon.base.errors.OutputError` where ``file`` is something else than a motion,
+        or cannot be written.
         """
         length = positive("duration", duration, "s")
         count = whole_number("frames", frames, 2, _MOST_STEPS)
@@ -513,7 +527,9 @@ def require_steps(count: float) -> None:
 
 
 def _read_gravity(gravity: Any, network: ContactNetwork) -> Array:
-    """Return the acceleration (3,) of the balls, m/s2; zero without ``gravity``."""
+    """Return the acceleration (3,) of the balls, m/s2; zero without ``gravity``. InputError for
+    another shape, and for a direction along which balls do not move.
+    """
     field = np.zeros(3)
     if gravity is None:
         return field
@@ -530,7 +546,7 @@ def _read_gravity(gravity: Any, network: ContactNetwork) -> Array:
 
 def _count_steps(length: float, step: float, count: int) -> int:
     """Return the number of steps from frame to frame, of at most ``step``, s, of ``count`` frames
-    in a ``length``, s.
+    in a ``length``, s. InputError for too many steps, and for steps beyond double precision.
     """
     require_steps(length / step)
     interval = length / (count - 1)
@@ -546,8 +562,10 @@ def _count_steps(length: float, step: float, count: int) -> int:
 def _record(
     system: _System, x: Array, v: Array, each: int, count: int, scheme: str, kept: Frames, told: Any
 ) -> str:
-    """Make ``count`` frames of ``each`` steps from x with velocities v (size,), and return why the
-    run ended early; empty if it did not.
+    """Keep ``count`` frames, ``each`` steps apart, of a run from x with velocities v (size,), and
+    return why the run ended early; empty if it did not.
+
+    A KeyboardInterrupt before the first frame is raised.
     """
     try:
         for frame in system.integrate(x, v, kept.step, each, count, scheme, kept):
@@ -597,7 +615,8 @@ class _Trial(NamedTuple):
     have the mean velocity ``drift`` (size,), and come to ``x`` (size,).
 
     An implicit one also has its mean acceleration, the energies that slip, twist and roll, and
-    dashpots take up, and the forces that resist drives.
+    dashpots take up, and the forces that resist drives. Arrays are the spare ones of the system:
+    the next trial writes over them.
     """
 
     step: float
@@ -630,7 +649,7 @@ def _read_drives(
     drives: Sequence[Any], network: ContactNetwork
 ) -> tuple[list[tuple[Index, Array]], list[tuple[Index, Array]]]:
     """Return the balls (k,) and the direction (3,) of each drive that is a displacement, and of
-    each that is a force.
+    each that is a force; InputError for drives that :meth:`NonlinearWaves.run` refuses.
     """
     moved = []
     pushed = []
@@ -680,7 +699,8 @@ class _RateBound:
 
     def find(self, stiffness: Array) -> float:
         """Return the bound, rad/s, of contacts of a normal ``stiffness`` (n_c,), N/m, those of the
-        network first.
+        network first; others may be at any ball, so that each contact of the network counts as
+        stiff as the stiffest of them, or more.
         """
         count = self._count
         if len(stiffness) > count:  # balls have met
@@ -733,8 +753,11 @@ class _System:
         self._skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))
 
     def _join(self, i: Index, j: Index, shift: Index) -> None:
-        """Let contacts be those of the network and some more; contacts without a law end the run
-        when they close.
+        """Let contacts be those of the network and, behind them, those of the pairs (i, j, shift);
+        contacts without a law end the run when they close.
+
+        The scheme must be known. The state of contacts is to be set anew: see :meth:`_begin` and
+        :meth:`_carry_over`.
         """
         waves = self.waves
         law = waves.normal
@@ -781,7 +804,12 @@ class _System:
         return float(np.mean(self.waves.overlap[round_ones] + apart)) if len(i) else 0.0
 
     def read(self, name: str, given: ArrayLike | None) -> Array:
-        """Return vectors of balls (n, 3) or (n, d) as mass-weighted motions (size,)."""
+        """Return vectors of balls (n, 3) or (n, d), by the ``name`` of the argument, as
+        mass-weighted motions (size,); zero if none are given.
+
+        InputError for another shape, and for vectors that are not finite, along which balls do not
+        move or turn, or of a ball that is held or that a drive displaces.
+        """
         operator = self.operator
         network = self.network
         if given is None:
@@ -809,7 +837,9 @@ class _System:
         )
 
     def choose_step(self, stiffness: Array) -> float:
-        """Return a step for contacts of a normal ``stiffness``."""
+        """Return a step, s, for contacts of a normal ``stiffness`` (n_c,), N/m; InputError for
+        contacts too stiff for double precision, and where none is pressed.
+        """
         top = self._top(stiffness)
         if not top < math.inf:
             raise InputError(
@@ -822,8 +852,12 @@ class _System:
         return 2.0 * math.pi / _STEPS / top
 
     def press(self, x: Array, energy: float) -> Array:
-        """Return stiffnesses of contacts at the start, or of those that a ball of this kinetic
-        energy, J, would press.
+        """Return the stiffness (n_c,), N/m, of each contact of the network, or of a flat punch as
+        wide if that is stiffer, at the start x (size,), or where a ball of this kinetic ``energy``,
+        J, would press it if that is deeper.
+
+        Under gravity it is at least that at rest. InputError for balls too fast, or too far away,
+        for double precision.
         """
         normal = self.waves.normal
         motions = np.zeros(self.operator.indices.shape)
@@ -974,7 +1008,9 @@ class _System:
             self.contacts.press(self.at, self.joined)
 
     def _advance(self, end: float, explicit: bool) -> None:
-        """Make a step that ends at a time, in parts where contacts join or part within it."""
+        """Make a step that ends at the time ``end``, s, in parts where contacts join or part within
+        it; :class:`_Stop` where one does so too often, and as :meth:`_try` raises it.
+        """
         left = self.step
         has_jumps = len(self.contacts.law.jumps) > 0
         often: Index = np.zeros(len(self.at.e) if has_jumps else 0, np.intp)
@@ -1014,7 +1050,7 @@ class _System:
         """Return the part of a step in which the first contacts come to where they join or part.
 
         It is found by the rule of false position (the Illinois method), to a small share of the
-        step.
+        step. The ``trial`` of the whole step may not be used after that.
         """
         whole = trial.step
         start = end - trial.step
@@ -1038,6 +1074,7 @@ class _System:
                 before = passed
                 after *= 0.5 if side == -1 else 1.0
                 side = -1
+        # tried again, as the arrays are those of the last trial
         return (
             self._try(whole, end, explicit)
             if whole - high < near
@@ -1045,7 +1082,10 @@ class _System:
         )
 
     def _try(self, step: float, end: float, explicit: bool) -> _Trial:
-        """Return where a ``step`` that ends at a time would come to."""
+        """Return where a ``step``, s, that ends at the time ``end``, s, would come to, in spare
+        arrays; :class:`_Stop` for an implicit step without a solution, and where a drive is no
+        finite number.
+        """
         ways, lifts = self._follow(end)
         if not explicit:
             return self._solve(step, ways, lifts)
@@ -1053,7 +1093,9 @@ class _System:
         return _Trial(step, ways, lifts, self._spare_x, self._spare_v, after)
 
     def _go(self, step: float, ways: Array, acceleration: Array) -> Moment:
-        """Return contacts after a ``step`` with an ``acceleration`` (size,), in spare arrays."""
+        """Return contacts after a ``step``, s, with an ``acceleration`` (size,), in spare arrays:
+        the motions of balls, and elongations unless the loops know the law.
+        """
         after = self._spare
         drift(self.x, self.v, acceleration, step, self._spare_x, self._spare_v)
         self._spread(self._spare_x, ways, after.motions)
@@ -1062,7 +1104,7 @@ class _System:
         return after
 
     def _leap(self, trial: _Trial, speeds: Array) -> None:
-        """Make a step of Verlet's."""
+        """Make the step of Verlet's that has been tried last, with drives at these ``speeds``."""
         contacts = self.contacts
         before = self.at
         after = trial.after
@@ -1173,7 +1215,10 @@ class _System:
         )
 
     def _follow(self, time: float) -> tuple[Array, Array]:
-        """Return the ways of moved bodies and the forces on pushed balls at a time."""
+        """Return the ways, m, of moved bodies and the forces, N, on pushed balls at a ``time``, s.
+
+        Where one is not finite the run stops, or at the time zero there is an InputError.
+        """
         if not self.drives:
             return _NOTHING, _NOTHING
         ways = np.array([real_number(displacement(time)) for displacement in self._ways])
@@ -1230,8 +1275,9 @@ class _System:
         self._carry_over(np.flatnonzero(numbers >= 0), numbers[numbers >= 0], dash)
 
     def _find_pairs(self, places: Array) -> Index:
-        """Return the pairs (i, j, shift) (n_p, 5) of balls at ``places`` (n, 3) that may meet, each
-        once, and that are no contacts of the network.
+        """Return the pairs (i, j, shift) (n_p, 5) of balls at ``places`` (n, 3), m, or of a ball i
+        and a flat wall j, that may meet, each once. Contacts of the network, and pairs of two
+        bodies that are held, are not among them.
         """
         network = self.network
         radii = network.radii
@@ -1270,7 +1316,7 @@ class _System:
         """Let contacts that have been listed anew keep their state: those of the network, and the
         pairs ``listed``, numbered from zero, whose contacts had the ``numbers`` until now.
 
-        ``dash`` are the forces of dashpots until now.
+        ``dash`` are the forces of dashpots until now: :meth:`_join` has made new contacts since.
         """
         contacts = self.contacts
         n = self.network.n_contacts
