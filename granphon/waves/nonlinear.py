@@ -404,10 +404,10 @@ class NonlinearWaves:
         it is given or after ten halvings, ends there with a
         :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is. The step is
         too long, too, where an implicit step has no solution, or a contact whose force jumps opens
-        and closes many times in it. Where
-        contacts become wider than the law allows (:func:`~granphon.validity`), there is a
-        :class:`~granphon.base.errors.LimitWarning`; and where they are more viscous than stiff at
-        all frequencies of the run, from the inverse of its duration, as a damping is a time.
+        and closes many times in it. Where contacts become wider than the law allows
+        (:func:`~granphon.validity`), there is a :class:`~granphon.base.errors.LimitWarning`; and
+        where they are more viscous than stiff at all frequencies of the run, from the inverse of
+        its duration, as a damping is a time.
 
         Raises :class:`~granphon.base.errors.InputError` for shapes and numbers that are not
         allowed, more frames than memory holds, a drive of nothing or along which balls do not move,
@@ -900,8 +900,8 @@ class _System:
     def integrate(
         self, x: Array, v: Array, step: float, each: int, count: int, scheme: str, kept: Frames
     ) -> Any:
-        """Keep ``count`` frames of a run from x with velocities v (size,), ``each`` steps apart, and
-        yield after each whether steps led to it: False for the first, which is the start.
+        """Keep ``count`` frames of a run from x with velocities v (size,), ``each`` steps apart,
+        and yield after each whether steps led to it: False for the first, which is the start.
 
         Raises :class:`_Stop` where the run cannot go on, and InputError as :meth:`_begin` does.
         """

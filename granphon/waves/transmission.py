@@ -673,8 +673,8 @@ def _scatter(
     = omega^2, (rad/s)^2.
 
     ``matrix`` is the stiffness of the strip, (rad/s)^2; ``ends`` are the matrices S of
-    :meth:`_Lead.map_to_block` of both leads, and ``waves`` the waves of each lead towards higher and towards
-    lower layers.
+    :meth:`_Lead.map_to_block` of both leads, and ``waves`` the waves of each lead towards higher
+    and towards lower layers.
     """
     from scipy.sparse import csc_array, eye_array
 
