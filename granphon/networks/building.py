@@ -213,7 +213,8 @@ class Contacts:
         self, between: Array, periods: Array, touch: Array, still: Flags, with_itself: Flags
     ) -> Index:
         """Return the whole cells (n_c, p) by which balls j are displaced to where they are nearest
-        to balls i; InputError for balls that touch at more than one of their images.
+        to balls i; InputError for balls that touch at more than one of their images, but for
+        contacts that are ``still``.
 
         The arguments are those of :meth:`find_steps`; contacts ``with_itself`` (n_c,) join a ball
         with its own image.
@@ -455,7 +456,8 @@ class Source:
             shift = self._find_shift(pbc, positions[j] - positions[i], touch, still, i == j)
         vector = positions[j] + shift @ self.cell - positions[i]
         distance = np.linalg.norm(vector, axis=1)
-        overlap = np.where(still, 0.0, touch - distance)  # a wall may have any place
+        # a body that does not move may have any place: it need not be a ball
+        overlap = np.where(still, 0.0, touch - distance)
         is_far = ~still & ~(np.abs(overlap) <= _REACH * touch)
         contacts.refuse(
             is_far,
@@ -474,11 +476,13 @@ class Source:
         self, pbc: Flags, between: Array, touch: Array, still: Flags, with_itself: Flags
     ) -> Index:
         """Return the whole cells (n_c, 3) by which balls j are displaced: as the vectors of the
-        source say, or to where they are nearest.
+        source say; without vectors to where they are nearest, and of contacts that are ``still`` to
+        where their normals lead, zero at flat walls.
 
-        The arguments are those of :meth:`Contacts.find_nearest_steps`, whose errors it raises;
-        ``pbc`` (3,) says which vectors of the cell are periods. InputError for periods that are not
-        independent.
+        The arguments are those of :meth:`Contacts.find_nearest_steps`; ``pbc`` (3,) says which
+        vectors of the cell are periods. InputError for periods that are not independent, with
+        vectors as of :meth:`Contacts.find_steps`, and without them as of
+        :meth:`Contacts.find_nearest_steps`.
         """
         contacts = self.contacts
         shift = np.zeros((len(touch), 3), np.intp)
@@ -491,9 +495,14 @@ class Source:
             shift[:, axes] = contacts.find_steps(between, periods, touch, still)
         elif axes.size:
             steps = contacts.find_nearest_steps(between, periods, touch, still, with_itself)
+            if contacts.normal is not None:
+                # a ball may touch one that does not move on several sides of the cell
+                is_held = still & np.isfinite(touch)
+                vectors = touch[is_held, None] * contacts.normal[is_held]
+                to_cells = np.linalg.pinv(periods)
+                steps[is_held] = _round_steps((vectors - between[is_held]) @ to_cells)
             shift[:, axes] = steps
-            # a wall has its normal, so that the place of its centre plays no part
-            shift[still] = 0
+            shift[np.isinf(touch)] = 0  # a flat wall may have any place
         return shift
 
     def _find_ends(self) -> tuple[Index, Index]:

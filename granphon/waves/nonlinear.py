@@ -389,8 +389,9 @@ class NonlinearWaves:
         drive : a :class:`Drive`, or several.
         frames : number of times that are kept, the start and the end among them.
         step : s, of which a frame has a whole number; by default a sixtieth of the shortest period
-            that the stiffest contact allows. It is halved, and the run begins anew, if contacts
-            become much stiffer. A step is cut where a contact whose force jumps closes or opens.
+            that the stiffest contact and its dashpots allow at the start. The default is halved,
+            and the run begins anew, if contacts become much stiffer. A step is cut where a contact
+            whose force jumps closes or opens.
         scheme : "verlet", explicit and symplectic, whose sum of energies differs from a constant by
             the square of the step, and wanders where contacts open; or "midpoint", implicit, four
             to six times the work, whose sum of energies is constant to rounding, with losses.

@@ -299,6 +299,45 @@ def test_a_table_of_a_row_between_walls():
     np.testing.assert_allclose(mass * np.linalg.eigvalsh(operator.matrix.toarray()), squares)
 
 
+@pytest.mark.parametrize("n_cells", [1, 3])
+def test_a_ball_that_is_held_is_where_the_normal_leads_across_a_side_of_the_cell(n_cells):
+    """Without shifts a clamped ball has the image that touches, on both sides in a cell of two
+    balls: with prestress, rows are pushed sideways as with shifts, by -f/r of the true distance.
+    """
+    diameter = 0.01
+    spacing = 0.999 * diameter
+    n = 2 * n_cells
+    balls = {
+        "x": spacing * (0.3 + np.arange(n)),
+        "y": np.zeros(n),
+        "radius": np.full(n, 0.5 * diameter),
+        "mass": np.where(np.arange(n) % 2, np.inf, 1e-3),
+        "inertia": np.where(np.arange(n) % 2, np.inf, 1e-8),
+    }
+    contacts = {
+        "i": np.arange(n),
+        "j": (np.arange(n) + 1) % n,
+        "nx": np.ones(n),
+        "ny": np.zeros(n),
+        "normal_force": np.full(n, 100.0),
+        "normal_stiffness": np.full(n, 1e6),
+    }
+    # each contact from its other end
+    contacts["i"][::3], contacts["j"][::3] = contacts["j"][::3].copy(), contacts["i"][::3].copy()
+    contacts["nx"][::3] *= -1.0
+    crossing = np.arange(n) == n - 1
+    shifts = np.where(crossing, np.where(np.arange(n) % 3 == 0, -1, 1), 0)
+    options = {"cell": [[n * spacing, 0.0]], "prestress": True, "friction": False}
+    known = gp.ContactNetwork.from_table(
+        balls, contacts | {"shift_1": shifts}, keep_rattlers=True, **options
+    )
+    found = gp.ContactNetwork.from_table(balls, contacts, keep_rattlers=True, **options)
+    np.testing.assert_allclose(known.distance, spacing, rtol=1e-12)
+    np.testing.assert_array_equal(found.shift, known.shift)
+    stiffness = gp.Waves(found).operator.matrix.toarray()
+    np.testing.assert_allclose(np.diag(stiffness)[1::2], -2.0 * 100.0 / spacing / 1e-3, rtol=1e-12)
+
+
 @pytest.mark.parametrize("wall", [0.0, -0.001])
 def test_a_flat_wall_leaves_a_network_in_space(wall):
     """A radius of inf is no scale for heights: three balls on a floor are in space, a layer on a
