@@ -258,7 +258,8 @@ class _Pairs:
     @property
     def arms(self) -> dict[str, Array]:
         """The arms, ``arm_i`` and ``arm_j`` (n_c,), m: from the centres to the middle of the
-        overlap. The arm of a flat wall, which does not turn, has no meaning.
+        overlap, which is zero at bodies that do not move. The arm of a flat wall, which does not
+        turn, has no meaning.
         """
         arms = {}
         for name, radii in (("arm_i", self.radii_i), ("arm_j", self.radii_j)):

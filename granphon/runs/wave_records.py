@@ -310,8 +310,9 @@ def _record_pulse(
     """Return a pulse through a network along a ``direction``, None if no pulse can be sent, and the
     numbers ``pulse_velocity``, m/s, ``time_of_flight``, s, and ``coherent_fraction``.
 
-    A number that cannot be known is nan, and the text ``pulse_note`` says why; ``pulse_echo`` holds
-    the other warnings of the pulse.
+    Where the arrival of the pulse is not known, the first two are nan, and where no pulse can be
+    sent all three; the text ``pulse_note`` says why. ``pulse_echo`` holds all other warnings of the
+    pulse, not of echoes alone.
     """
     numbers = dict.fromkeys(_PULSE, math.nan)
     pulse = None
@@ -866,7 +867,7 @@ def average_waves(
         observables |= spectra
         notes += notes_on_spectra
     if settings.pulse is not None:
-        pulses, notes_on_pulses = _average_pulse_numbers(records)
+        pulses, notes_on_pulses = _average_pulses(records)
         observables |= pulses
         notes += notes_on_pulses
     for block in settings.of_networks:
@@ -966,9 +967,15 @@ def _average_spectra(
     return observables, notes
 
 
-def _average_pulse_numbers(records: Sequence[Record]) -> tuple[dict[str, Array], list[str]]:
-    """Return the means over samples of the numbers of pulses, in SI units by name, and notes, which
-    say in how many samples the numbers are not known, and why; the means are those of the others.
+def _average_pulses(records: Sequence[Record]) -> tuple[dict[str, Array], list[str]]:
+    """Return the means over samples of velocity, time of flight and coherent fraction of pulses,
+    and the standard error of the velocity, ``pulse_velocity_error``, in SI units by name, and
+    notes.
+
+    Each mean is of the samples in which its number is known: where a pulse was heard and only its
+    arrival is not known, the coherent fraction is. A number that is known in no sample is left out,
+    and an error is of two samples or more. The notes are all other warnings of the pulses, and one
+    that says in how many samples the arrival is not known, with the reason in the first of these.
     """
     means = dict[str, Array]()
     for name in _PULSE:
@@ -978,13 +985,15 @@ def _average_pulse_numbers(records: Sequence[Record]) -> tuple[dict[str, Array],
             means[name] = np.array(np.mean(known))
         if name == "pulse_velocity" and known.size > 1:
             means["pulse_velocity_error"] = np.asarray(standard_error(known, axis=0))
-    echoes = [str(record["pulse_echo"]) for record in records]
-    notes = [echo for echo in dict.fromkeys(echoes) if echo]
+    texts = [str(record["pulse_echo"]) for record in records]
+    notes = [text for text in dict.fromkeys(texts) if text]
     reasons = [str(record["pulse_note"]) for record in records]
     reasons = [reason for reason in reasons if reason]
     if reasons:
         samples = f" in {len(reasons)} of {len(records)} samples" if len(records) > 1 else ""
-        remark = ", and the mean is that of the others" if len(reasons) < len(records) else ""
+        remark = ""
+        if len(reasons) < len(records):
+            remark = ", and the mean velocity and time of flight are those of the others"
         notes.append(f"the arrival of the pulse is not known{samples}{remark}: {reasons[0]}")
     return means, notes
 
