@@ -389,6 +389,8 @@ def find_secant(
     deviation does. ``compare`` returns residuals (n,) from parameters (p,) in units of typical
     values, as ``values`` are; ``index`` is the index of the loss among them.
 
+    If the least loss, 1e-9, changes the residuals by more, the change is the one at that loss.
+
     Raises :class:`~granphon.base.errors.InputError` if no loss changes the residuals so much.
     """
     from scipy.optimize import brentq
@@ -661,7 +663,8 @@ class _Comparison:
 
     def find_jacobian(self, best: Any, scatter: float) -> Array:
         """Return the derivatives of residuals by scaled parameters, (n, p), at a minimum of
-        :meth:`find_best`; secants for losses that are nearly zero.
+        :meth:`find_best`; secants for losses that are nearly zero. InputError if the data say
+        nothing of such a loss.
         """
         jacobian = np.array(best.jac)
         change_to_zero = np.linalg.norm(jacobian, axis=0) * best.x

@@ -403,10 +403,11 @@ def _average_responses(
     """Return the observables of the coherent response, which is the mean of complex amplitudes over
     samples, by name, and notes.
 
-    The observables are the response and its phase, rad, both (n_f, receivers), the peaks of each
-    receiver, (receivers, n), and the highest peak of the first receiver; of several samples also
-    the standard error of the response. Peaks of one record are solved for between the frequencies;
-    peaks of a mean are sought among the frequencies of the settings.
+    The observables are the response and its phase, rad, both (n_f, receivers); if there are any,
+    the peaks of each receiver, (receivers, n); if the heights of all peaks of the first receiver
+    are known, the highest of them; and of several samples the standard error of the response. Peaks
+    of one record are solved for between the frequencies; peaks of a mean are sought among the
+    frequencies of the settings. A note counts the peaks whose height is not known.
     """
     amplitudes = np.array([record["response"] for record in records])
     name = RESPONSES[settings.quantity]
@@ -541,7 +542,8 @@ class PreparedMotion:
 
     def run(self) -> Motion:
         """Return the motion of the balls, and keep its warnings as :attr:`notes`;
-        :class:`~granphon.base.errors.ConvergenceError` for a motion that ends before its time.
+        :class:`~granphon.base.errors.ConvergenceError` for a motion that ends before its time, and
+        KeyboardInterrupt for one that Ctrl-C stops.
         """
         settings = self.settings
         with warnings.catch_warnings(record=True) as limit_warnings:
@@ -694,8 +696,13 @@ def record_motion(
 def average_motions(
     records: Sequence[Mapping[str, Array]], _settings: MotionSettings
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return means over samples of the arrays of :func:`record_motion`, and standard errors, by
-    name, and notes. A number that no sample has is left out.
+    """Return means over samples of the arrays of :func:`record_motion`, the standard errors of
+    :data:`_WITH_ERRORS`, and notes; means and errors by name.
+
+    The mean and the error of a number are of the samples in which the number is known; one that is
+    known in none is left out, as an error is that fewer than two samples have. The notes say in how
+    many samples it is not known. Of the warnings of all samples they quote those of the first
+    sample that has any, with the number of such samples.
     """
     motions = np.mean([record["motion"] for record in records], axis=0)
     observables = dict(zip(OVER_TIME, motions, strict=True))
@@ -922,7 +929,12 @@ def _average_spectra(
 ) -> tuple[dict[str, Array], list[str]]:
     """Return the observables of the mean lines of plane waves, (polarisations, n) at n wave
     vectors, by name, and notes: peaks and widths, Hz, are averaged, and the other observables are
-    those of the mean peaks and widths.
+    those of the mean peaks and widths; ``line_resolved`` is the part of the samples whose line is
+    resolved.
+
+    Of several samples there are standard errors of peaks, widths and phase velocities, of the
+    attenuations that the samples have each, and of Ioffe-Regel frequencies by the jackknife. Where
+    there is no such frequency a note says why.
     """
     notes = list[str]()
     along_path = ("path_corners", "path_distance", "wavenumber")

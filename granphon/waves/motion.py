@@ -110,8 +110,9 @@ class Motion(Result):
         Of a file that was cut the whole frames are read, with a
         :class:`~granphon.base.errors.StoppedEarlyWarning`.
 
-        Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of
-        another kind or schema, and for ``frames`` that are none, or that run backwards.
+        Raises :class:`~granphon.base.errors.InputError` for a file that is not there, that is of
+        another kind or schema, or that is damaged, and for ``frames`` that are none, or that run
+        backwards.
         """
         if not isinstance(path, str | os.PathLike) and not hasattr(path, "read"):
             raise InputError(
@@ -202,7 +203,8 @@ class Motion(Result):
 
     def _find_tops(self, frames: Index) -> tuple[Array, Array]:
         """Return the times (n_c,), s, and heights (n_c,), N, of the tops of parabolas through the
-        forces of contacts at ``frames`` (n_c,) and at the frames beside these.
+        forces of contacts at ``frames`` (n_c,) and at the frames beside these; of the first and the
+        last frame, which lack one, the time and the force of the frame.
         """
         last = len(self.times) - 1
         contacts = np.arange(self.forces.shape[1])
@@ -302,7 +304,8 @@ class Motion(Result):
         :class:`~granphon.base.errors.InputError` for fewer than two contacts, for a contact that
         the pulse does not pass within the run, for fewer than three frames within the width of the
         pulse at half of its height, for contacts that the pulse does not reach one after another
-        along a straight line, and for a ``share`` of a peak.
+        along a straight line, for a first and a last contact at one place without a ``direction``,
+        and for a ``share`` of a peak.
         """
         chosen = index_array("contacts", contacts, self.forces.shape[1], "contacts")
         if chosen.size < 2:
@@ -612,7 +615,8 @@ def _require_writable(path: Any) -> None:
     writing.
 
     Raises :class:`~granphon.base.errors.InputError` for what is no path, and
-    :class:`~granphon.base.errors.OutputError` for a file that is no motion.
+    :class:`~granphon.base.errors.OutputError` for a file that is no motion, or that another run is
+    writing.
     """
     is_path = isinstance(path, str | os.PathLike)
     if not is_path or not os.fspath(path) or "\0" in str(path):
