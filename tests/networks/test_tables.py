@@ -65,6 +65,10 @@ def test_tables_are_read_as_they_were_written(kind, tmp_path):
         tmp_path / "new" / "balls.csv", tmp_path / "contacts.csv", keep_rattlers=True
     )
     assert again == network
+    # the cell is that of the file, of which pbc says what repeats
+    paths = tmp_path / "new" / "balls.csv", tmp_path / "contacts.csv"
+    same = gp.ContactNetwork.from_table(*paths, pbc=network.pbc, keep_rattlers=True)
+    assert same == network
     with pytest.raises(OSError, match="is a folder"):
         network.write_tables(tmp_path, tmp_path / "contacts.csv")
 
