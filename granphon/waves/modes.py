@@ -207,8 +207,8 @@ class Problem:
         return self.factors(value).n_below
 
     def refine(self, vectors: Array) -> tuple[Array, Array, Array]:
-        """Return angular frequencies (m,), rad/s, ascending, modes (size, m) and residuals (m,) over
-        top^2 within the space of ``vectors`` (live, m).
+        """Return angular frequencies (m,), rad/s, ascending, modes (size, m) and residuals (m,)
+        over top^2 within the space of ``vectors`` (live, m).
 
         Without static forces the modes are singular vectors of A, so that low frequencies lose no
         digits. With them there is an error of :func:`find_roots` for a network that is not stable.

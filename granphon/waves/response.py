@@ -269,7 +269,8 @@ class Peaks(NamedTuple):
     ----------
     frequencies : (n,) Hz.
     heights : (n,) magnitude at the peaks, in the unit of the response; nan of a line that is
-        narrower than the step of the frequencies, where nothing is solved between them.
+        narrower than the step of the frequencies, where nothing is solved between them, or no line
+        is found there.
     quality : (n,) Q factors, a ratio without a unit; nan if the peak is not resolved, or not that
         of one mode.
     """
@@ -287,13 +288,13 @@ def find_peaks(
 
     ``values`` (n_f, n_r) are complex amplitudes; ``solve`` returns those at other ascending
     frequencies. A mode over a constant background, B + R/(p - f^2), passes through the highest
-    value and its two neighbours. Its pole p gives the frequency (Re p)^1/2, the height there, and
-    Q = Re p / Im p. Where the line is narrower than the step of the frequencies, the three values
-    lie too far from the line: the response is solved at the pole and half a width beside it, and
-    the pole found anew, until it stands. Without ``solve`` the height and Q of such a line are not
-    known, and its frequency is that of the highest value. Where the pole is farther away than its
-    width, the peak is not that of one mode: its frequency and height are those of the highest
-    value, and Q is not known.
+    value and its two neighbours. Its pole p gives the frequency (Re p)^1/2, the height there, and Q
+    = Re p / Im p. Where the line is narrower than the step of the frequencies, the three values lie
+    too far from the line: the response is solved at the pole and half a width beside it, and the
+    pole found anew, until it stands. Without ``solve``, or if no pole stands, the height and Q of
+    such a line are not known, and its frequency is that of the highest value. Where the pole is
+    farther away than its width, the peak is not that of one mode: its frequency and height are
+    those of the highest value, and Q is not known.
     """
     magnitude = np.abs(values)
     rows, is_top = _find_tops(magnitude)
@@ -681,7 +682,8 @@ class Places:
     def _find_plane(self, name: str, held: bool) -> Index:
         """Return the balls (n,) of a plane across the direction: the first for the ``name``
         "source"; for a receiver that at the distance from the first, or the last; or the first
-        bodies that are ``held``.
+        bodies that are ``held``. InputError for a receiver without a distance in a network that
+        repeats along the direction, and where there is no such plane or body.
         """
         course = Course.along(self.network, self.along)
         if held:
@@ -702,7 +704,9 @@ class Places:
         return course.find_plane(float(np.max(places)), name)
 
     def _find_held_plane(self, course: Course) -> Index:
-        """Return the bodies that do not move, up to half a diameter behind the first of these."""
+        """Return the bodies that do not move, up to half a diameter behind the first of these;
+        InputError if all balls move.
+        """
         held_bodies = np.flatnonzero(~self.network.moving)
         if not held_bodies.size:
             raise InputError(
@@ -1021,10 +1025,11 @@ class _Problem:
     @single_products()
     def solve(self, omega: Array, method: str | None, tolerance: float) -> _Solution:
         """Return the signals of the receivers at ``omega`` (n_f,), rad/s, by the ``method``, or by
-        what is faster.
+        what is faster: then factors mend what a Krylov space has not found, or not well enough if
+        that is little work.
 
-        Raises :class:`~granphon.base.errors.InputError` for a Krylov space that serves not all
-        frequencies, and for a frequency at which factors find a mode without losses, and
+        Raises :class:`~granphon.base.errors.InputError` for a Krylov space that is named and serves
+        not all frequencies, and for a frequency at which factors find a mode without losses, and
         :class:`~granphon.base.errors.ConvergenceError` as :meth:`ResponseWork.choose` does, and
         where a Krylov space finds no values and there are no factors, or the space was named.
         """
@@ -1210,7 +1215,8 @@ class _Problem:
 
     def _follow(self, work: ResponseWork, expected_steps: float) -> tuple[Complex, Array, int]:
         """Return values (n_f, n_r) and errors (n_f,) by a Krylov space, and the number of its
-        steps; errors are infinite where no value is found.
+        steps; errors are infinite where the space ends before the error is within the tolerance or
+        rounding alone. A source of zero takes no step.
 
         The space ends, at the latest, after twice the ``expected_steps``, or ``_MOST`` steps.
         """
@@ -1399,7 +1405,7 @@ class _KrylovProcess:
         following = self._add(self._previous, following, a=-above)
         diagonal = product(self._current, following)
         following = self._add(self._current, following, a=-diagonal)
-        self._eliminate(above, diagonal)
+        self._eliminate(above, diagonal)  # with the entry below the last diagonal one
         self._below = np.sqrt(product(following, following))
         self._following = following
         self.bands[:, self.steps] = (above, diagonal, self._below)
