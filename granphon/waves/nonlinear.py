@@ -122,6 +122,9 @@ class Drive:
         the time zero. They move so whatever acts on them; bodies that are held may be moved.
     force : function of the time, s, that returns the force on each of the balls, N. Give one of
         both.
+
+    Where a run has displacements, all functions are also asked for the time one step after its end,
+    by which the last velocities are found.
     """
 
     balls: Any
@@ -248,7 +251,7 @@ class NonlinearWaves:
             groups.append((law, contacts))
         laws = ContactLaws(groups, force.size, modulus)
         self._known = laws
-        self._rest_on(laws)
+        self._keep_punch(laws)
         return _take_laws(laws, laws.overlap(np.zeros_like(force) if unloaded else force))
 
     def _take_law(self, law: Any) -> Powers | PairLaws:
@@ -264,7 +267,7 @@ class NonlinearWaves:
         modulus = 0.5 * np.asarray(pair_law.stiffness(overlap)) / finite_radius
         laws = ContactLaws([(pair_law, np.arange(force.size))], force.size, modulus)
         self._known = laws
-        self._rest_on(laws)
+        self._keep_punch(laws)
         eta = network.shear_stiffness / self.punch
 
         def find_alike(*pair: str) -> tuple[Any, Any, Any]:
@@ -310,10 +313,12 @@ class NonlinearWaves:
         self._find = find_alike
         return powers
 
-    def _rest_on(self, springs: ContactLaws) -> None:
-        """Keep the stiffnesses 2 E* a of the contacts under their forces at rest."""
-        if springs.know_radii:
-            self.punch = springs.punch(springs.overlap(self.network.normal_force))
+    def _keep_punch(self, laws: ContactLaws) -> None:
+        """Keep the stiffnesses 2 E* a of the contacts under their forces at rest; those of normal
+        motion stay where the ``laws`` know no radii.
+        """
+        if laws.know_radii:
+            self.punch = laws.punch(laws.overlap(self.network.normal_force))
 
     def _join_laws(
         self, i: Index, j: Index
@@ -913,7 +918,7 @@ class _System:
         limit = 2.0 * math.pi / _LEAST_STEPS / step
         for number in range(1, each * (count - 1) + 1):
             if self.waves.geometry == "exact":
-                self._watch(self._follow(number * step)[0])
+                self._watch(self._evaluate_drives(number * step)[0])
             self._advance(number * step, explicit)
             if number % each == 0:
                 self._refresh()
@@ -951,7 +956,7 @@ class _System:
         self.v = v.copy()
         self.step = step
         self.widest = 0.0
-        self.ways, self.lifts = self._follow(0.0)
+        self.ways, self.lifts = self._evaluate_drives(0.0)
         if np.any(self.ways):
             raise InputError(
                 "a displacement does not begin at zero", mend="Give a function that is zero at zero"
@@ -1017,7 +1022,7 @@ class _System:
         often: Index = np.zeros(len(self.at.e) if has_jumps else 0, np.intp)
         while left > 0.0:
             trial = self._try(left, end, explicit)
-            if has_jumps and self._passed(trial.after) > 0.0:
+            if has_jumps and self._find_overshoot(trial.after) > 0.0:
                 trial = self._cut(trial, end, explicit)
             speeds = (trial.ways - self.ways) / trial.step
             before = self.at
@@ -1033,7 +1038,7 @@ class _System:
             self.ways = trial.ways
             self.lifts = trial.lifts
             left -= trial.step
-            if has_jumps and self._passed(self.at) > 0.0:
+            if has_jumps and self._find_overshoot(self.at) > 0.0:
                 self.joined, switched, lost = self.contacts.switch(self.at, self.joined)
                 self.worked[3] += lost
                 self._start(speeds)
@@ -1041,7 +1046,7 @@ class _System:
                 if np.max(often) > _RATTLES:
                     raise _Stop(_RATTLED)
 
-    def _passed(self, moment: Moment) -> float:
+    def _find_overshoot(self, moment: Moment) -> float:
         """Return how far the first of the contacts has passed where it joins or parts, m; below
         zero before it.
         """
@@ -1058,13 +1063,13 @@ class _System:
         low = 0.0
         high = whole
         side = 0
-        before = self._passed(self.at)
-        after = self._passed(trial.after)
+        before = self._find_overshoot(self.at)
+        after = self._find_overshoot(trial.after)
         near = _TOGETHER * self.step
         while high - low > near:
             middle = low - before * (high - low) / (after - before)
             middle = min(max(middle, low + 0.5 * near), high - 0.5 * near)
-            passed = self._passed(self._try(middle, start + middle, explicit).after)
+            passed = self._find_overshoot(self._try(middle, start + middle, explicit).after)
             if passed > 0.0:
                 high = middle
                 after = passed
@@ -1087,7 +1092,7 @@ class _System:
         arrays; :class:`_Stop` for an implicit step without a solution, and where a drive is no
         finite number.
         """
-        ways, lifts = self._follow(end)
+        ways, lifts = self._evaluate_drives(end)
         if not explicit:
             return self._solve(step, ways, lifts)
         after = self._go(step, ways, self.acceleration)
@@ -1189,8 +1194,8 @@ class _System:
         both = (self._displace(), operator.to_balls(self.v))
         (places, turns), (speeds, spins) = (np.split(one, 2, axis=1) for one in both)
         if self._ways:
-            start, _ = self._follow(max(time - step, 0.0))
-            end, _ = self._follow(time + step)
+            start, _ = self._evaluate_drives(max(time - step, 0.0))
+            end, _ = self._evaluate_drives(time + step)
             drive_speeds = (end - start) / (step * (2 if number else 1))
             for (balls, along), speed in zip(self.moved, drive_speeds, strict=True):
                 speeds[balls] = speed * along
@@ -1215,7 +1220,7 @@ class _System:
             list(self._keys),
         )
 
-    def _follow(self, time: float) -> tuple[Array, Array]:
+    def _evaluate_drives(self, time: float) -> tuple[Array, Array]:
         """Return the ways, m, of moved bodies and the forces, N, on pushed balls at a ``time``, s.
 
         Where one is not finite the run stops, or at the time zero there is an InputError.

@@ -824,7 +824,7 @@ class ResponseWork:
         return self.even is None and bool(np.any(self.damping.times))
 
     @cached_property
-    def step(self) -> float:
+    def step_time(self) -> float:
         """Time of a step of the Krylov space, s."""
         if self.has_order_one:
             time_over_lanczos = _FIRST_ORDER
@@ -902,7 +902,7 @@ class ResponseWork:
         count = self.omega.size
         slowest_first = np.argsort(-self.steps, kind="stable")
         # (n_f + 1,) times with factors at none, one, two, ... of the slowest frequencies
-        times = self.step * np.append(self.steps[slowest_first], 0.0)
+        times = self.step_time * np.append(self.steps[slowest_first], 0.0)
         n_factors = 0
         if may_factorise and math.isfinite(self.factor_time):
             times = times + np.arange(count + 1) * self.factor_time
@@ -938,7 +938,7 @@ class ResponseWork:
 
         methods = []
         if math.isfinite(steps):
-            methods.append(f"a Krylov space takes about {write_duration(steps * self.step)}")
+            methods.append(f"a Krylov space takes about {write_duration(steps * self.step_time)}")
         if math.isfinite(self.factor_time):
             count = self.omega.size
             duration = write_duration(self.factor_time * count)
@@ -958,7 +958,7 @@ class ResponseWork:
             if damped_work.even is None:
                 continue
             steps = float(np.max(damped_work.steps))
-            seconds = steps * damped_work.step
+            seconds = steps * damped_work.step_time
             if steps <= _MOST and seconds <= _LONGEST:
                 return (
                     f"Damp all contacts alike and more: a loss_factor of {eta:g} takes about"
@@ -1048,18 +1048,19 @@ class _Problem:
         if by_krylov.size:
             expected_steps = float(np.max(work.steps[by_krylov])) if may_factorise else math.inf
             krylov_work = replace(work, omega=omega[by_krylov])
-            values[by_krylov], error[by_krylov], steps = self._follow(krylov_work, expected_steps)
+            in_space = self._solve_in_space(krylov_work, expected_steps)
+            values[by_krylov], error[by_krylov], steps = in_space
         # a response deep in a gap is less than the rounding of a Krylov space; factors keep all of
         # its digits
         deep = np.flatnonzero(np.isfinite(error) & (error > max(_UNSURE, tolerance)))
-        if may_factorise and deep.size * work.factor_time <= max(steps * work.step, _AGAIN):
+        if may_factorise and deep.size * work.factor_time <= max(steps * work.step_time, _AGAIN):
             error[deep] = np.inf
         unsolved = np.flatnonzero(np.isinf(error))
         if unsolved.size:
             if method == "krylov" or not has_factors:
                 unsolved_work = replace(work, omega=omega[unsolved])
                 raise unsolved_work.explain("is not found by a Krylov space")
-            values[unsolved], error[unsolved] = self._factorise(omega[unsolved])
+            values[unsolved], error[unsolved] = self._solve_by_factors(omega[unsolved])
         if unsolved.size == omega.size:
             steps = 0
         return _Solution(values, error, int(unsolved.size), steps)
@@ -1169,7 +1170,7 @@ class _Problem:
         """Return the signals (n_r,) of receivers for motions x (size,)."""
         return np.asarray(np.sum(x[self.heard] * self.ears, axis=1))
 
-    def _factorise(self, omega: Array) -> tuple[Complex, Array]:
+    def _solve_by_factors(self, omega: Array) -> tuple[Complex, Array]:
         """Return values (n_f, n_r) and errors (n_f,) at ``omega`` (n_f,), rad/s, by factors of Z at
         each frequency.
         """
@@ -1213,7 +1214,9 @@ class _Problem:
             raise _explain_resonance(w)
         return signals, error
 
-    def _follow(self, work: ResponseWork, expected_steps: float) -> tuple[Complex, Array, int]:
+    def _solve_in_space(
+        self, work: ResponseWork, expected_steps: float
+    ) -> tuple[Complex, Array, int]:
         """Return values (n_f, n_r) and errors (n_f,) by a Krylov space, and the number of its
         steps; errors are infinite where the space ends before the error is within the tolerance or
         rounding alone. A source of zero takes no step.
