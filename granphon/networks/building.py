@@ -479,8 +479,8 @@ class Source:
         self, pbc: Flags, between: Array, touch: Array, still: Flags, with_itself: Flags
     ) -> Index:
         """Return the whole cells (n_c, 3) by which balls j are displaced: as the vectors of the
-        source say; without vectors to where they are nearest, and of contacts that are ``still`` to
-        where their normals lead, zero at flat walls.
+        source say; without vectors to where they are nearest, or, of contacts that are ``still`` or
+        ``with_itself`` and have normals, to where these lead; zero at flat walls.
 
         The arguments are those of :meth:`Contacts.find_nearest_steps`; ``pbc`` (3,) says which
         vectors of the cell are periods. InputError for periods that are not independent, with
@@ -488,6 +488,8 @@ class Source:
         :meth:`Contacts.find_nearest_steps`.
         """
         contacts = self.contacts
+        is_flat = np.isinf(touch)
+        between = np.where(is_flat[:, None], 0.0, between)  # a flat wall may have any place
         shift = np.zeros((len(touch), 3), np.intp)
         axes = np.flatnonzero(pbc)
         periods = self.cell[axes]
@@ -499,13 +501,13 @@ class Source:
         elif axes.size:
             steps = contacts.find_nearest_steps(between, periods, touch, still, with_itself)
             if contacts.normal is not None:
-                # a ball may touch one that does not move on several sides of the cell
-                is_held = still & np.isfinite(touch)
-                vectors = touch[is_held, None] * contacts.normal[is_held]
+                # a ball may touch one that does not move, or its own image, on several sides
+                is_led = (still & ~is_flat) | with_itself
+                vectors = touch[is_led, None] * contacts.normal[is_led]
                 to_cells = np.linalg.pinv(periods)
-                steps[is_held] = _round_steps((vectors - between[is_held]) @ to_cells)
+                steps[is_led] = _round_steps((vectors - between[is_led]) @ to_cells)
             shift[:, axes] = steps
-            shift[np.isinf(touch)] = 0  # a flat wall may have any place
+        shift[is_flat] = 0
         return shift
 
     def _find_ends(self) -> tuple[Index, Index]:

@@ -973,9 +973,9 @@ class ContactNetwork(Result):
         (default: along the line of the centres), ``arm_i`` and ``arm_j`` (default: the radii less
         half the overlap; at a body that does not move the radii, zero of a flat wall), ``shift_1``,
         ``shift_2``, ``shift_3``, whole cells by which ball j is displaced (default: to where it is
-        nearest, or at a body that does not move to where the normal leads), ``tangential_x``,
-        ``tangential_y``, ``tangential_z``, the static force across the contact with which ball i
-        acts on ball j (default: not known). Other columns are not read.
+        nearest, or to where the normal leads at a body that does not move and at an image of ball
+        i), ``tangential_x``, ``tangential_y``, ``tangential_z``, the static force across the
+        contact with which ball i acts on ball j (default: not known). Other columns are not read.
 
         Parameters
         ----------

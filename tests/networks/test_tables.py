@@ -303,6 +303,32 @@ def test_a_table_of_a_row_between_walls():
     np.testing.assert_allclose(mass * np.linalg.eigvalsh(operator.matrix.toarray()), squares)
 
 
+def test_a_flat_wall_of_a_periodic_row_may_be_at_any_place():
+    radius = 0.005
+    balls = {
+        "x": [0.0, 2.0 * radius, 1e9],
+        "y": [0.0, 0.0, 0.0],
+        "radius": [radius, radius, np.inf],
+        "mass": [1e-3, 1e-3, np.inf],
+    }
+    contacts = {
+        "i": [0, 1, 0, 1],
+        "j": [1, 0, 2, 2],
+        "nx": [1.0, 1.0, 0.0, 0.0],
+        "ny": [0.0, 0.0, -1.0, -1.0],
+        "normal_force": [1.0] * 4,
+        "normal_stiffness": [1e5] * 4,
+        "shift_1": [0, 1, 0, 0],
+    }
+    options = {"cell": [[4.0 * radius, 0.0]], "friction": False, "keep_rattlers": True}
+    found = gp.ContactNetwork.from_table(balls, contacts, **options)
+    del contacts["shift_1"]
+    balls["x"][1] = 2.2 * radius  # so that one of the images of the neighbour is nearer
+    contacts = {name: values[1:] for name, values in contacts.items()}
+    nearest = gp.ContactNetwork.from_table(balls, contacts, **options)
+    np.testing.assert_array_equal(nearest.shift, found.shift[1:])
+
+
 @pytest.mark.parametrize("n_cells", [1, 3])
 def test_a_ball_that_is_held_is_where_the_normal_leads_across_a_side_of_the_cell(n_cells):
     """Without shifts a clamped ball has the image that touches, on both sides in a cell of two
@@ -659,6 +685,12 @@ def test_a_ball_that_touches_its_own_image_does_so_once():
         ball, {"i": [0], "j": [0]}, material=steel, cell=[[0.999 * d, 0.0], [0.3 * d, 1.2 * d]]
     )
     np.testing.assert_array_equal(np.abs(found.shift), [[1, 0, 0]])
+    for side in (1, -1):  # a normal says which of the two directions
+        contact = {"i": [0], "j": [0], "nx": [float(side)], "ny": [0.0]}
+        led = gp.ContactNetwork.from_table(
+            ball, contact, material=steel, cell=[[0.999 * d, 0.0], [0.3 * d, 1.2 * d]]
+        )
+        np.testing.assert_array_equal(led.shift, [[side, 0, 0]])
     with pytest.raises(InputError, match="only one"):
         gp.ContactNetwork.from_table(
             ball, {"i": [0, 0], "j": [0, 0]}, material=steel, cell=[0.999 * d, 0.999 * d]
