@@ -64,7 +64,8 @@ class Motion(Result):
     ----------
     times : (n_f,) s.
     displacements, velocities : (n_f, n, 3) from the places at rest, m, m/s. Velocities of balls
-        that a drive moves are differences over two steps.
+        that a drive moves are differences over two steps, over one at the start, and at the end if
+        the drive is no number later.
     rotations, spins : (n_f, n, 3) rad, rad/s.
     forces, shears : (n_f, n_c) normal force of each contact, zero where it is open, and size of its
         force of slip, N.

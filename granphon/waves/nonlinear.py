@@ -124,7 +124,7 @@ class Drive:
         both.
 
     Where a run has displacements, all functions are also asked for the time one step after its end,
-    by which the last velocities are found.
+    by which the last velocities are found. They need not be finite there.
     """
 
     balls: Any
@@ -1194,9 +1194,7 @@ class _System:
         both = (self._displace(), operator.to_balls(self.v))
         (places, turns), (speeds, spins) = (np.split(one, 2, axis=1) for one in both)
         if self._ways:
-            start, _ = self._evaluate_drives(max(time - step, 0.0))
-            end, _ = self._evaluate_drives(time + step)
-            drive_speeds = (end - start) / (step * (2 if number else 1))
+            drive_speeds = self._find_drive_speeds(number)
             for (balls, along), speed in zip(self.moved, drive_speeds, strict=True):
                 speeds[balls] = speed * along
         kept.keep(
@@ -1219,6 +1217,21 @@ class _System:
             contacts.shears(at),
             list(self._keys),
         )
+
+    def _find_drive_speeds(self, number: int) -> Array:
+        """Return the speeds, m/s, of displacements after this ``number`` of steps: differences over
+        two steps, or over one at the start, and where a drive is no finite number a step later, as
+        it may be after the end of the run.
+        """
+        time = number * self.step
+        start, _ = self._evaluate_drives(max(time - self.step, 0.0))
+        n_steps = 2 if number else 1
+        try:
+            end, _ = self._evaluate_drives(time + self.step)
+        except _Stop:
+            end = self.ways
+            n_steps = 1
+        return (end - start) / (n_steps * self.step)
 
     def _evaluate_drives(self, time: float) -> tuple[Array, Array]:
         """Return the ways, m, of moved bodies and the forces, N, on pushed balls at a ``time``, s.
