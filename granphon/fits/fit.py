@@ -482,7 +482,8 @@ def _descend(problem: FitProblem, start: Array) -> Array:
     reached from ``start`` (p,).
 
     A search that ends at the greatest number of evaluations is accepted: whether its end is a
-    minimum is found where the standard errors are (:func:`_find_covariance`).
+    minimum is found where the standard errors are (:func:`_find_covariance`). InputError if the
+    medium refuses the start; where it refuses other places, the search goes around them.
     """
     from scipy.optimize import least_squares
 

@@ -232,7 +232,9 @@ class _SourceColumns:
         return angle
 
     def measure(self, kind: str) -> Array:
-        """Return the numbers of a column, (n,), in the unit of the magnitude: m/N, m/s/N or 1."""
+        """Return the numbers of a column, (n,), in the unit of the magnitude: m/N, m/s/N or 1;
+        InputError for a column with the unit of another quantity, or without one that is needed.
+        """
         heading = self.headings[kind]
         unit = self.table.unit(heading)
         magnitude = _MAGNITUDES.get(self.quantity)

@@ -91,7 +91,7 @@ def read_dumps(
     shear_stiffness: float | None,
 ) -> Source:
     """Return the balls and contacts of two dumps of one time step and one box, in SI units; see
-    ``ContactNetwork.from_lammps`` for the arguments.
+    ``ContactNetwork.from_lammps`` for the arguments and errors.
     """
     step = None if step is None else whole_number("step", step, 0)
     atoms = _read_frame(dump, step, "ATOMS")

@@ -306,7 +306,8 @@ class _Columns:
 
 def _read_cells(table: Table, name: str, heading: str, quantity: Quantity | None) -> Array:
     """Return the numbers (rows,) of the column ``name``, which the ``table`` calls ``heading``, in
-    SI units; bodies that do not move may have "inf".
+    SI units; bodies that do not move may have "inf". InputError for another unit, and for a cell
+    that is no number or out of range.
     """
     if quantity is None:
         unit = table.unit(heading)

@@ -567,7 +567,7 @@ class _FilterSearch:
         """Return the modes of a window, of which none is missing, and whether those requested are
         among them; None if that takes more vectors than there are modes.
 
-        The search begins with ``starts`` random vectors.
+        The search begins with ``starts`` random vectors. Raises what :func:`find_filtered` raises.
         """
         problem = self.problem
         basis = np.zeros((problem.operator.size, 0))

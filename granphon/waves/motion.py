@@ -230,7 +230,8 @@ class Motion(Result):
         The first great change is the first maximum of the change with at least half of the
         greatest, so that a later echo does not count; or the greatest change, if the change has no
         such maximum. Times between frames are interpolated linearly; the time is infinite where a
-        force does not change.
+        force does not change. Raises :class:`~granphon.base.errors.InputError` for a ``share`` that
+        is below 1e-9, or above 1.
         """
         share = require("share", lambda value: number(value, 1e-9, 1.0), share)
         change = np.abs(self.forces - self.forces[0])

@@ -1135,7 +1135,10 @@ class _System:
         kick(self.v, self.acceleration, half)
 
     def _solve(self, step: float, ways: Array, lifts: Array) -> _Trial:
-        """Return where an implicit ``step``, whose energies add up, comes to."""
+        """Return where an implicit ``step``, s, whose energies add up, comes to, in spare arrays,
+        with drives at the displacements ``ways`` and forces ``lifts`` at its end; :class:`_Stop` if
+        the iteration does not converge.
+        """
         contacts = self.contacts
         steady = self._steady_push(0.5 * (self.lifts + lifts))
         guess = 2.0 * self.acceleration - self.last

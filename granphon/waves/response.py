@@ -515,7 +515,8 @@ def find_response(
     (n_f,).
 
     ``source`` and ``receiver`` are sought among the ``places`` of the network, as
-    :meth:`granphon.waves.waves.Waves.response` describes them.
+    :meth:`granphon.waves.waves.Waves.response` describes them, and raises what that raises. Unless
+    nothing loses energy, the response keeps what it takes to solve at other frequencies.
     """
     is_moved = options.quantity == "transmissibility"
     sources, pushes = places.find("source", source, held=is_moved)
