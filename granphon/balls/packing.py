@@ -105,9 +105,14 @@ class Packing:
         object.__setattr__(self, "bending", bending)
 
     def _require_double_precision(self) -> None:
-        """Raise :class:`InputError` if a scale of the packing is beyond double precision."""
+        """Raise :class:`InputError` if a scale of the packing is beyond double precision: the mass,
+        the density, or the energy, the force, the stiffness and its slope, or the square of a
+        velocity at the largest overlap.
+        """
         with np.errstate(all="ignore"):  # whatever is not finite is refused
             law = self.law
+            # the largest overlaps are as large as a ball, or as the width, their unit where balls
+            # differ
             largest_overlap = max(self.diameter, self.width)
             mass = self.mass
             force = float(law.force(largest_overlap))
@@ -128,8 +133,8 @@ class Packing:
         material = f"{self.material.young_modulus:g} Pa and {self.material.density:g} kg/m^3"
         raise InputError(
             f"balls of {self.diameter:g} m of {material} are beyond double precision",
-            f"Their mass, density, forces or velocities are not between {_LEAST_SCALE:g} and"
-            f" {1 / _LEAST_SCALE:g}",
+            "A scale, such as the mass, the density, a force, a stiffness, an energy or the square"
+            f" of a velocity, is not between {_LEAST_SCALE:g} and {1 / _LEAST_SCALE:g} in SI",
         )
 
     @property

@@ -145,10 +145,12 @@ class Block:
         even = self.deforming.even @ turn
         # the two ends of a contact cancel to rounding. Each end alone is rounding where a motion
         # deforms nothing at any q, such as the spin of a ball between two others. Gears whose arms
-        # differ a little leave more than rounding
+        # differ a little leave more than rounding, and keep it
         lengths = _find_lengths(self.deforming)
         odd[..., free] = _clear_rounding(odd[..., free], lengths)
         even[..., free] = _clear_rounding(even[..., free], lengths)
+        # `bent` keeps its numbers: displacements of all balls have no column at q = 0, so that
+        # `turn` leaves them as they are
         tilt = np.einsum("mn,kma->kna", turn.conj(), self.tilt) if self.bent else self.tilt
         return replace(
             self,

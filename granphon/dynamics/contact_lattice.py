@@ -133,21 +133,34 @@ class ContactLattice(LongWaves):
             chosen_motions = next(iter(allowed_motions(structure.dimension).values()))
         twist = not_negative("torsion", torsion)
         roll = not_negative("bending", bending)
-        numbers = (eta, distance, push, twist, roll)
-        return cls._make_of_equal_balls(structure, chosen_motions, numbers)
+        return cls._make_of_equal_balls(
+            structure,
+            chosen_motions,
+            mindlin_ratio=eta,
+            spacing=distance,
+            prestress=push,
+            torsion=twist,
+            bending=roll,
+        )
 
     @classmethod
     @lru_cache(maxsize=128)
     def _make_of_equal_balls(
-        cls, structure: Lattice, motions: Motions, numbers: tuple[float, ...]
+        cls,
+        structure: Lattice,
+        motions: Motions,
+        *,
+        mindlin_ratio: float,
+        spacing: float,
+        prestress: float,
+        torsion: float,
+        bending: float,
     ) -> ContactLattice:
-        """Return the lattice of :meth:`of` from checked ``numbers``: mindlin_ratio, spacing,
-        prestress, torsion and bending.
+        """Return the lattice of :meth:`of` from arguments that have been checked.
 
         The lattice, which is never changed, is cached, because velocities, moduli and validity of
         one state all start from it.
         """
-        mindlin_ratio, spacing, prestress, torsion, bending = numbers
         return cls(
             structure.vectors * spacing,
             structure.positions * spacing,
@@ -184,9 +197,7 @@ class ContactLattice(LongWaves):
 
     @classmethod
     def _make_of_network(cls, network: ContactNetwork) -> Self:
-        """Return the lattice of a network, without what the network keeps; see
-        :meth:`from_network`.
-        """
+        """Return the lattice of a network, made anew; :meth:`from_network` keeps it."""
         network.require_rest()
         axes = np.flatnonzero(network.pbc)
         dimension = network.dimension
@@ -213,7 +224,7 @@ class ContactLattice(LongWaves):
         normal = turn_frame(network.normal[kept])
         normal[is_swapped] *= -1.0
         vector = turn_frame(network.vector[kept])
-        vector[is_held] = 0.0
+        vector[is_held] = 0.0  # a body that does not move has no phase, see Compatibility
         prestress: Any = 0.0
         tangential_force = np.zeros((len(kept), 3))
         if network.prestress:
@@ -531,8 +542,8 @@ class ContactLattice(LongWaves):
 
     @cached_property
     def elongating_blocks(self) -> list[Block]:
-        """Those blocks whose motions lengthen or shorten contacts; other motions do not act on
-        static forces.
+        """The blocks with motions that lengthen or shorten contacts; the motions of other blocks do
+        not act on static forces.
         """
         # elongations come first among the kinds of rows
         lengthens = self._deforming.find_effects()[0].any(axis=0)

@@ -58,9 +58,9 @@ class LocalField(Result):
 
     Attributes
     ----------
-    alpha, beta : radial displacements of the on-top and the bridge second neighbours, over the
-        displacement of the corona (equations 32 and 43); None on lattices other than the triangular
-        one.
+    alpha, beta : radial displacements of the on-top and the bridge second neighbours of a ball,
+        over that of its neighbours, the corona (equations 32 and 43); None on lattices other than
+        the triangular one.
     xi : Xi of equations (34) and (44), the stiffness with which the rest of the lattice holds the
         corona, in units of k.
     mindlin_ratio : eta, tangential over normal stiffness.
@@ -121,11 +121,16 @@ def local_field(
     """Return the local field of a lattice of equal balls, with all motions relaxed, to 1e-8 or
     better (1e-10 in the plane).
 
+    Xi is the stiffness, in units of k, with which the rest of the lattice holds the neighbours of a
+    ball. Under one tension T of all contacts of a ball, in the lattice without load, these contacts
+    lengthen by u_1 T/k in the mean, and Xi = 1/u_1 - 1.
+
     At eta = 0 the triangular lattice has closed forms: Xi = (2 pi + 3 sqrt(3)) / D, alpha = (12 pi
     - 39 sqrt(3)/2) / D, beta = (18 - 8 pi/sqrt(3)) / D, D = 4 pi - 3 sqrt(3). At eta = 1, u_1 = 5/6
-    - sqrt(3)/pi (to 13 digits). On a chain Xi is exactly zero: all its contacts carry the same
-    force. All motions that act on static forces take part: u_x on a line, u_x, u_y and phi_z in a
-    plane, all six in space.
+    - sqrt(3)/pi, which was not derived, but found from the number: the two agree to 13 digits. On a
+    chain Xi is exactly zero: all its contacts carry the same force. All motions that lengthen or
+    shorten contacts take part, and those that contacts join to them: u_x on a line, u_x, u_y and
+    phi_z in a plane, all six in space.
 
     Parameters
     ----------
@@ -133,7 +138,7 @@ def local_field(
         mean over all contacts.
     mindlin_ratio : eta, zero or above.
     bending, torsion : stiffness of a contact against rolling and against twist, over k d^2. Without
-        friction they change nothing, as the tension of the star turns no ball. The torsion of a
+        friction they change nothing, as the tensions of the contacts turn no ball. The torsion of a
         Hertz contact that does not slip is of the order delta/d, which the medium leaves out: take
         0 for it.
 
@@ -146,8 +151,8 @@ def local_field(
     ------
     InputError : a stiffness is below zero or not finite, or the lattice is unknown.
     MechanismError : the lattice has a motion that costs no energy, so that nothing holds the
-        corona: sc, bcc, square, honeycomb, kagome and diamond without friction, honeycomb and
-        diamond also with friction alone.
+        neighbours of a ball: sc, bcc, square, honeycomb, kagome and diamond without friction,
+        honeycomb and diamond also with friction alone.
     PrecisionError : friction, torsion or bending is so weak, on a lattice that needs it, or so
         strong, that the integral over q does not settle.
     """

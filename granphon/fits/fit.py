@@ -245,8 +245,9 @@ def _judge_excess(problem: FitProblem, logs: Array, sigma_given: bool) -> list[s
 
 
 def _find_noise(force: Array, velocity: Array) -> float:
-    """Return the relative noise of velocities (n,) at forces (n,): the rms distance of their
-    logarithms from lines through their neighbours in force; infinite if there are no neighbours.
+    """Return the relative noise of one of the velocities (n,) at forces (n,), which makes the rms
+    distance of their logarithms from lines through their neighbours in force; rounding at least,
+    and infinite if there are no neighbours.
     """
     order = np.lexsort((velocity, force))
     log_force = np.log(force[order])
@@ -270,7 +271,8 @@ def _find_noise(force: Array, velocity: Array) -> float:
 def _judge_farthest(
     problem: FitProblem, residuals: Array, leverages: Array, chi2: float, sigma_given: bool
 ) -> list[str]:
-    """Return a warning if one datum is off the fit of the others.
+    """Return a warning if one datum is off the fit of the others: by the given sigma where the
+    others agree with theirs, else by the scatter of the others.
 
     ``residuals`` (n,) are over sigma, ``chi2`` is the sum of their squares, and ``leverages`` (n,)
     say how far the fit follows each datum.
@@ -377,9 +379,13 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
     """Find the logarithms (p,) of the parameters with the least sum of squares; the problem has the
     samples found there.
 
-    For a simulation, the search starts from those of the effective medium. Else it starts from each
-    width whose sum of squares is not above that of its neighbours; at each, one linear step brings
-    the other parameters to their best. Widths so large that the medium refuses them are left out.
+    For a simulation, the search starts from those of the effective medium; for another medium, if
+    the width is not fitted, from those of the packing. Else it starts from each width whose sum of
+    squares is not above that of its neighbours; at each, one linear step brings the other
+    parameters to their best. Widths so large that the medium refuses them are left out.
+
+    Raises :class:`~granphon.base.errors.InputError` as :func:`_find_best_of_samples` and
+    :func:`_try_widths` do, and where the medium refuses the start.
     """
     model = problem.model
     if model.is_sampled:
@@ -408,7 +414,7 @@ def _find_best_of_samples(problem: FitProblem) -> tuple[FitProblem, Array]:
     minimum, for a simulation: samples are simulated again until they belong to the minimum.
 
     Raises :class:`~granphon.base.errors.InputError` if the minimum still moves after a dozen
-    simulations.
+    simulations, or has a width that the data do not determine.
     """
     model = problem.model
     medium_problem = replace(problem, model=replace(model, choice=MediumChoice("ema")))
@@ -430,7 +436,8 @@ def _try_widths(problem: FitProblem, index: int) -> tuple[list[Array], list[floa
     """Return the logarithms (p,) of the parameters at each width that is tried, and the sum of
     squares to which one linear step brings the other parameters; ``index`` is that of the width.
 
-    Raises :class:`~granphon.base.errors.InputError` if velocities do not depend on the width.
+    Raises :class:`~granphon.base.errors.InputError` if velocities do not depend on the width, or
+    the medium refuses the least width.
     """
     is_not_width = np.arange(len(problem.model.names)) != index
     starts: list[Array] = []
@@ -475,7 +482,8 @@ def _descend(problem: FitProblem, start: Array) -> Array:
     reached from ``start`` (p,).
 
     A search that ends at the greatest number of evaluations is accepted: whether its end is a
-    minimum is found where the standard errors are (:func:`_find_covariance`).
+    minimum is found where the standard errors are (:func:`_find_covariance`). InputError if the
+    medium refuses the start; where it refuses other places, the search goes around them.
     """
     from scipy.optimize import least_squares
 
@@ -635,8 +643,8 @@ def _require_plain_errors(relative_error: Array) -> None:
 
 
 def _require_enough(names: Sequence[str], count: int, sigma_given: bool) -> None:
-    """Raise InputError if the parameters with these ``names`` are too many for this ``count`` of
-    measurements.
+    """Raise InputError if there are fewer measurements, by their ``count``, than parameters with
+    these ``names``, or as many unless ``sigma_given``, as the scatter then takes one.
     """
     least = len(names) if sigma_given else len(names) + 1
     if count >= least:
@@ -644,7 +652,7 @@ def _require_enough(names: Sequence[str], count: int, sigma_given: bool) -> None
     plural = "s" if count > 1 else ""
     fault = f"found {count} measurement{plural}, to which {' and '.join(names)} cannot be fitted"
     why = "" if sigma_given else "Without sigma one more is needed, to find the scatter"
-    raise InputError(fault, why, "Measure more")
+    raise InputError(fault, why, "Measure more, or fit fewer parameters")
 
 
 class Fitted(Result):
@@ -968,8 +976,10 @@ def fit_width(
 
 
 def _take_scatter(problem: FitProblem, logs: Array) -> FitProblem:
-    """Return the problem with sigma, (n,), m/s, from the scatter about the fit at ``logs``."""
-    residuals, _ = problem(logs)
+    """Return the problem, of a sigma of 1 m/s until now, with sigma, (n,), m/s, from the scatter
+    about the fit at ``logs``, or from rounding if that is more.
+    """
+    residuals, _ = problem(logs)  # m/s, as sigma is 1 m/s
     # numbers in double precision scatter by their rounding at least
     least = np.finfo(float).eps * float(np.max(problem.velocity))
     scatter = max(math.sqrt(float(residuals @ residuals) / problem.dof), least)
@@ -978,7 +988,9 @@ def _take_scatter(problem: FitProblem, logs: Array) -> FitProblem:
 
 def _find_covariance(problem: FitProblem, logs: Array) -> Array:
     """Return the covariance (p, p) of the logarithms of the parameters, at their minimum ``logs``;
-    InputError if the data do not determine them.
+    InputError if the data do not determine them or tell them apart, or if ``logs`` is no minimum.
+
+    The problem must have the sigma of the data, given or from the scatter.
     """
     names = problem.model.names
     residuals, matrix = problem(logs)

@@ -143,9 +143,10 @@ class Measurements(Result):
 
         Raises
         ------
-        InputError : a file, line or cell cannot be read, a column is missing, or a quantity is
-            given twice: by two columns, or by a ``distance`` and a column of distances or of
-            velocities.
+        InputError : a file, line or cell cannot be read, a column is missing, a quantity is given
+            twice: by two columns, or by a ``distance`` and a column of distances or of velocities;
+            loads or cut-off frequencies without the function that converts them, cut-off
+            frequencies beside frequencies of pulses, or numbers that the class does not allow.
         """
         source = _SourceColumns.read(path, columns or {}, periods)
         load = source.choose("force", "side_force", "pressure") or "force"

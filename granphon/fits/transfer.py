@@ -232,7 +232,9 @@ class _SourceColumns:
         return angle
 
     def measure(self, kind: str) -> Array:
-        """Return the numbers of a column, (n,), in the unit of the magnitude: m/N, m/s/N or 1."""
+        """Return the numbers of a column, (n,), in the unit of the magnitude: m/N, m/s/N or 1;
+        InputError for a column with the unit of another quantity, or without one that is needed.
+        """
         heading = self.headings[kind]
         unit = self.table.unit(heading)
         magnitude = _MAGNITUDES.get(self.quantity)
@@ -388,6 +390,8 @@ def find_secant(
     says nothing of the error: the loss up to which the misfit rises by that of one standard
     deviation does. ``compare`` returns residuals (n,) from parameters (p,) in units of typical
     values, as ``values`` are; ``index`` is the index of the loss among them.
+
+    If the least loss, 1e-9, changes the residuals by more, the change is the one at that loss.
 
     Raises :class:`~granphon.base.errors.InputError` if no loss changes the residuals so much.
     """
@@ -661,7 +665,8 @@ class _Comparison:
 
     def find_jacobian(self, best: Any, scatter: float) -> Array:
         """Return the derivatives of residuals by scaled parameters, (n, p), at a minimum of
-        :meth:`find_best`; secants for losses that are nearly zero.
+        :meth:`find_best`; secants for losses that are nearly zero. InputError if the data say
+        nothing of such a loss.
         """
         jacobian = np.array(best.jac)
         change_to_zero = np.linalg.norm(jacobian, axis=0) * best.x
@@ -710,8 +715,8 @@ def _average_contacts(pair: tuple[Any, Any]) -> Array:
 
 
 def _require_data(dof: int, parameters: int, sigma_given: bool) -> None:
-    """Raise InputError if the degrees of freedom ``dof``, numbers less parameters, are too few for
-    this number of ``parameters``.
+    """Raise InputError if the degrees of freedom ``dof``, numbers less ``parameters``, are below
+    zero, or below one unless ``sigma_given``, as the scatter then takes one.
     """
     least = 0 if sigma_given else 1
     if dof >= least:
@@ -720,7 +725,7 @@ def _require_data(dof: int, parameters: int, sigma_given: bool) -> None:
         f"there are {dof + parameters} numbers, to which {parameters} parameters cannot be fitted"
     )
     why = "" if sigma_given else "Without sigma one more is needed, to find the scatter"
-    raise InputError(fault, why, "Measure more")
+    raise InputError(fault, why, "Measure more, or fit fewer parameters")
 
 
 def _judge_errors(names: Sequence[str], values: Array, errors: Array) -> list[str]:

@@ -235,9 +235,9 @@ class VelocityModel:
 
     ``names`` (p,) are those of the parameters, from :data:`VARIABLE`; where the width is not one of
     them the packing keeps its own. ``curve_at`` are the logarithms of the parameters at which
-    samples are simulated, by default the packing's own. Raises :class:`InputError` for other names,
-    or if the medium does not exist for the packing or with finite overlap, or the lattice has no
-    such waves.
+    samples are simulated; by default they are the packing's own, but for the width where one curve
+    serves all widths. Raises :class:`InputError` for other names, or if the medium does not exist
+    for the packing or with finite overlap, or the lattice has no such waves.
     """
 
     packing: Packing
@@ -251,7 +251,7 @@ class VelocityModel:
         require_fitted(self.names, VARIABLE)
         if self.waves.finite_overlap:
             require_finite_overlap([self.choice])
-        self.choice.of(self._sampled if self.choice.is_exact else self.packing)
+        self.choice.of(self._packing_of_samples if self.choice.is_exact else self.packing)
         branches = [name for name in ideal_lattice(self.packing).wave_names if name in _BRANCHES]
         if self.waves.branch not in branches:
             fault = f"the {self.packing.structure.name} lattice has no {self.waves.branch} wave"
@@ -299,7 +299,7 @@ class VelocityModel:
         return self.choice.stand_in != self.choice
 
     @property
-    def _scales(self) -> bool:
+    def _has_one_curve(self) -> bool:
         """Whether one curve of samples, in reduced units, serves all widths, moduli and
         diameters.
         """
@@ -310,7 +310,7 @@ class VelocityModel:
         """Return the model whose samples are those at the logarithms ``logs`` (p,) of the
         parameters; this model itself if its samples serve there.
         """
-        if not self.is_sampled or self._scales:
+        if not self.is_sampled or self._has_one_curve:
             return self
         if self.curve_at is not None and np.max(np.abs(logs - self.curve_at)) <= _SETTLED:
             return self
@@ -434,18 +434,18 @@ class VelocityModel:
         return replace(even, normal_stiffness=stiffness), 0.5 * slope
 
     @property
-    def _sampled(self) -> Packing:
+    def _packing_of_samples(self) -> Packing:
         """The packing whose samples are simulated."""
         if self.curve_at is not None:
             return self._make_packing(self.curve_at)
         width = _ANY_WIDTH * self.packing.diameter
-        if not self._scales:
+        if not self._has_one_curve:
             width = self.packing.width or width
         return change_packing(self.packing, {"spread": self._widen(width)})
 
     @cached_property
     def _curve(self) -> _SampleCurve:
-        return _SampleCurve(self._sampled, self.choice, self.waves)
+        return _SampleCurve(self._packing_of_samples, self.choice, self.waves)
 
     def fit_packing(self, logs: Array) -> Packing:
         """Return the packing whose parameters have these logarithms (p,); listed diameters are

@@ -187,7 +187,8 @@ class Contacts:
 
     def find_steps(self, between: Array, periods: Array, touch: Array, still: Flags) -> Index:
         """Return the whole cells (n_c, p) by which balls j are displaced, from the vectors of
-        contacts; InputError for a vector that leads to no image of ball j.
+        contacts; InputError for a vector that leads to no image of ball j, unless the contact is
+        ``still``, and for balls too many cells apart.
 
         ``between`` (n_c, 3) leads from ball i to ball j in the cell, m; ``periods`` (p, 3) are the
         periodic vectors of the cell, m; ``touch`` (n_c,) is the sum of the radii, m; contacts that
@@ -213,7 +214,8 @@ class Contacts:
         self, between: Array, periods: Array, touch: Array, still: Flags, with_itself: Flags
     ) -> Index:
         """Return the whole cells (n_c, p) by which balls j are displaced to where they are nearest
-        to balls i; InputError for balls that touch at more than one of their images.
+        to balls i; InputError for balls that touch at more than one of their images, unless the
+        contact is ``still``, and for balls too many cells apart.
 
         The arguments are those of :meth:`find_steps`; contacts ``with_itself`` (n_c,) join a ball
         with its own image.
@@ -257,7 +259,8 @@ class _Pairs:
     @property
     def arms(self) -> dict[str, Array]:
         """The arms, ``arm_i`` and ``arm_j`` (n_c,), m: from the centres to the middle of the
-        overlap. The arm of a flat wall, which does not turn, has no meaning.
+        overlap, which is zero at bodies that do not move. The arm of a flat wall, which does not
+        turn, has no meaning.
         """
         arms = {}
         for name, radii in (("arm_i", self.radii_i), ("arm_j", self.radii_j)):
@@ -265,8 +268,8 @@ class _Pairs:
         return arms
 
     def find_coefficient(self, material: Material) -> Array:
-        """Return the coefficients (n_c,), N/m^(3/2), of Hertz's law between balls of a
-        material.
+        """Return the coefficients (n_c,), N/m^(3/2), of Hertz's law between two balls, or a ball
+        and a flat wall, of a ``material``.
         """
         small = np.minimum(self.radii_i, self.radii_j)
         large = np.maximum(self.radii_i, self.radii_j)
@@ -435,7 +438,8 @@ class Source:
 
         ``positions`` are (n, 3), m; ``is_fixed`` (n,) says which balls do not move, and ``pbc``
         (3,) along which vectors of the cell the network repeats. InputError for a contact with a
-        body that does not move and without a normal, and for balls that are not near each other.
+        body that does not move and without a normal, for balls that move and are not near each
+        other, and as of :meth:`_find_ends` and, without shifts, :meth:`_find_shift`.
         """
         balls = self.balls
         contacts = self.contacts
@@ -455,7 +459,8 @@ class Source:
             shift = self._find_shift(pbc, positions[j] - positions[i], touch, still, i == j)
         vector = positions[j] + shift @ self.cell - positions[i]
         distance = np.linalg.norm(vector, axis=1)
-        overlap = np.where(still, 0.0, touch - distance)  # a wall may have any place
+        # a body that does not move may have any place: it need not be a ball
+        overlap = np.where(still, 0.0, touch - distance)
         is_far = ~still & ~(np.abs(overlap) <= _REACH * touch)
         contacts.refuse(
             is_far,
@@ -474,13 +479,17 @@ class Source:
         self, pbc: Flags, between: Array, touch: Array, still: Flags, with_itself: Flags
     ) -> Index:
         """Return the whole cells (n_c, 3) by which balls j are displaced: as the vectors of the
-        source say, or to where they are nearest.
+        source say; without vectors to where they are nearest, or, of contacts that are ``still`` or
+        ``with_itself`` and have normals, to where these lead; zero at flat walls.
 
-        The arguments are those of :meth:`Contacts.find_nearest_steps`, whose errors it raises;
-        ``pbc`` (3,) says which vectors of the cell are periods. InputError for periods that are not
-        independent.
+        The arguments are those of :meth:`Contacts.find_nearest_steps`; ``pbc`` (3,) says which
+        vectors of the cell are periods. InputError for periods that are not independent, with
+        vectors as of :meth:`Contacts.find_steps`, and without them as of
+        :meth:`Contacts.find_nearest_steps`.
         """
         contacts = self.contacts
+        is_flat = np.isinf(touch)
+        between = np.where(is_flat[:, None], 0.0, between)  # a flat wall may have any place
         shift = np.zeros((len(touch), 3), np.intp)
         axes = np.flatnonzero(pbc)
         periods = self.cell[axes]
@@ -491,9 +500,14 @@ class Source:
             shift[:, axes] = contacts.find_steps(between, periods, touch, still)
         elif axes.size:
             steps = contacts.find_nearest_steps(between, periods, touch, still, with_itself)
+            if contacts.normal is not None:
+                # a ball may touch one that does not move, or its own image, on several sides
+                is_led = (still & ~is_flat) | with_itself
+                vectors = touch[is_led, None] * contacts.normal[is_led]
+                to_cells = np.linalg.pinv(periods)
+                steps[is_led] = _round_steps((vectors - between[is_led]) @ to_cells)
             shift[:, axes] = steps
-            # a wall has its normal, so that the place of its centre plays no part
-            shift[still] = 0
+        shift[is_flat] = 0
         return shift
 
     def _find_ends(self) -> tuple[Index, Index]:
@@ -531,8 +545,10 @@ class Source:
         source, or of balls of the ``material`` by the laws of Hertz and Mindlin.
 
         A shear stiffness that the source does not have is zero without ``friction``. InputError for
-        forces that pull, and where a material or a force is needed and lacks; warns where
-        :func:`_judge_errors` and :func:`_compare_forces` do.
+        forces that pull where contacts are not adhesive, and where a material, or the force of a
+        contact with a body that does not move, is needed and lacks. Forces of overlaps are judged
+        by :func:`_judge_errors`, which refuses or warns; forces of the source from which
+        stiffnesses follow are compared by :func:`_compare_forces`, which warns.
         """
         contacts = self.contacts
         force = contacts.normal_force
@@ -694,7 +710,9 @@ def _compare_forces(
     force or more are all one multiple of it, by 5 % or more from one.
 
     ``error`` (n_c,) is the greatest error of each overlap, m, and ``find_force`` returns the forces
-    (n_c,), N, at overlaps with an error, m. A force of nan is not compared.
+    (n_c,), N, at overlaps with an error, m: what such errors explain has no warning. Neither has a
+    contact that bears, by both forces, less than a thousandth of the mean. A force of nan is not
+    compared.
     """
     least = find_force(-error)
     expected = find_force(0.0)

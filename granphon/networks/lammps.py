@@ -91,7 +91,7 @@ def read_dumps(
     shear_stiffness: float | None,
 ) -> Source:
     """Return the balls and contacts of two dumps of one time step and one box, in SI units; see
-    ``ContactNetwork.from_lammps`` for the arguments.
+    ``ContactNetwork.from_lammps`` for the arguments and errors.
     """
     step = None if step is None else whole_number("step", step, 0)
     atoms = _read_frame(dump, step, "ATOMS")
@@ -121,6 +121,7 @@ def _read_contacts(
 ) -> Contacts:
     """Return the contacts of a dump of pairs, in SI units; ``scales`` are those of
     :func:`_find_units`, and the stiffnesses, N/m, those of each contact, if they are given.
+    InputError without ids, and for stiffnesses out of range.
     """
     length, _mass, force = scales
     lacking = [name for name in ("i", "j") if name not in pairs.names]
@@ -271,10 +272,11 @@ def _read_ids(frame: _Frame, column: str) -> Index:
 
 def _read_frame(path: str | os.PathLike[str], step: int | None, kind: str) -> _Frame:
     """Return the frame at the time ``step``, or the last frame for None, of a dump whose lists are
-    of the ``kind`` "ATOMS" or "ENTRIES"; InputError if there is no such frame.
+    of the ``kind`` "ATOMS" or "ENTRIES"; of several with one time step the last. InputError if
+    there is no such frame.
 
     A program that is killed leaves its last frame cut: an earlier frame that is requested is read,
-    with a warning.
+    with a warning; without a requested step an error names the last one that can be read.
     """
     chosen: _Frame | None = None
     steps = list[int]()
@@ -308,12 +310,15 @@ def _describe_steps(steps: list[int]) -> str:
 
 def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
     """Yield the frames of the dump ``name``, whose lists are of the ``kind`` "ATOMS" or "ENTRIES",
-    from its bytes; InputError where the dump cannot be read.
+    from its bytes; InputError where the dump cannot be read, when the frames before have been
+    yielded.
+
+    Units hold until a frame says others; the number of rows and the box are those of one frame.
     """
     lines = _Lines.of(name, raw)
     units = ""
     frame: _Frame | None = None
-    n_rows = -1  # not known yet
+    n_rows = -1  # of the frame; not known yet
     is_open = False  # whether the list of the frame has not been read yet
     while not lines.at_end:
         title = lines.read_title()
@@ -324,6 +329,7 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
             units = lines.read_text()
         elif title == "TIMESTEP":
             frame = _Frame(name, lines.read_count(), units)
+            n_rows = -1
             is_open = True
         elif title.startswith("NUMBER OF"):
             n_rows = lines.read_count()
@@ -422,8 +428,8 @@ class _Lines:
         """Put the names of ``columns`` and the next ``count`` rows into a ``frame``; ``count`` is
         -1 if the file has not said how many there are.
 
-        InputError for a count that is not known, a file that ends before, where ``kind`` names the
-        rows, and a name of a column that LAMMPS does not write.
+        InputError, in which ``kind`` names the rows, for a count that is not known, a file that
+        ends before, or in the last row, and a name of a column that LAMMPS does not write.
         """
         n_below = len(self.texts) - self.place
         if count < 0:
@@ -445,8 +451,8 @@ class _Lines:
             self.refuse_cut(frame)
 
     def refuse_cut(self, frame: _Frame) -> None:
-        """Raise :class:`InputError` if the last line is broken, or a row of the last ``frame`` with
-        too few cells.
+        """Raise :class:`InputError` if the last line is broken, or is the last row of the last
+        ``frame`` with too few cells.
         """
         last_line = len(self.texts)
         where = f"{self.name}:{last_line}"
@@ -480,7 +486,7 @@ def _read_count(name: str, lines: list[str], n: int) -> int:
 
 def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None:
     """Read the three lines of a box from line ``n`` on, counted from 0, into a frame: orthogonal or
-    tilted, as the ``words`` of its heading say.
+    tilted, as the ``words`` of its heading say. Without boundary conditions nothing repeats.
 
     InputError for three general vectors, for lines that are no bounds, and for a length of zero or
     below.

@@ -128,11 +128,12 @@ class ContactNetwork(Result):
     ------
     InputError : arrays of different lengths, a contact that names a ball that is not there or that
         is listed twice, a force that pulls, a number that is not finite or out of range, a normal
-        whose length is not one or that does not lead from ball i to ball j, balls whose distance
-        differs from the sum of the two arms by more than a quarter of that, a contact that leaves
-        the line or the plane, a tangential force that is not across the normal, periods that are
-        not independent or leave the line or the plane, motions that the dimension does not have,
-        two balls with one label, a ``shape`` that does not fit the number of balls.
+        whose length is not one, a normal that does not lead from ball i to ball j where both move,
+        balls that move and whose distance differs from the sum of the two arms by more than a
+        quarter of that, a contact that leaves the line or the plane, a tangential force that is not
+        across the normal, periods that are not independent or leave the line or the plane, motions
+        that the dimension does not have, two balls with one label, a ``shape`` that does not fit
+        the number of balls.
     """
 
     cell: Annotated[Array, "3 3", "m"]
@@ -204,8 +205,8 @@ class ContactNetwork(Result):
         self._check()
 
     def _check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for fields that the class does not
-        allow.
+        """Let contacts lead from balls to flat walls, as all that follows takes for granted, and
+        raise :class:`~granphon.base.errors.InputError` for fields that the class does not allow.
         """
         super()._check()
         self._turn_walls()
@@ -623,8 +624,9 @@ class ContactNetwork(Result):
         the contacts among them.
 
         The network keeps the ``labels`` of the balls; without labels they are the indices in this
-        network. Raises :class:`~granphon.base.errors.InputError` for balls that are not there,
-        for a ball given twice, and for none.
+        network. It has neither ``lattice`` nor ``shape``. Raises
+        :class:`~granphon.base.errors.InputError` for balls that are not there, for a ball given
+        twice, and for none.
         """
         plain: Any = balls.tolist() if isinstance(balls, np.ndarray) else balls
         is_for_each_ball = isinstance(plain, list | tuple) and len(plain) == self.n_balls
@@ -657,7 +659,9 @@ class ContactNetwork(Result):
         """Return the networks into which this one falls, the largest first; (self,) if contacts
         join all balls.
 
-        A wall does not move and joins no pieces; each piece that touches the wall contains it.
+        A wall does not move and joins no pieces; each piece that touches the wall contains it. A
+        wall that no ball touches is in no piece, unless there is one piece alone, which is the
+        network itself. There is no piece where no ball moves.
         """
         moving = self.moving
         piece_of_ball = number_pieces(self.i, self.j, moving)
@@ -684,7 +688,8 @@ class ContactNetwork(Result):
         period.
 
         Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
-        They have no labels, and ``left_out`` counts those of all cells. Raises
+        They have no labels, and ``left_out`` counts those of all cells. Of one cell of a lattice
+        the ``lattice`` is kept, and ``shape`` is the one given. Raises
         :class:`~granphon.base.errors.InputError` for a network without periods, another number of
         lengths, and more balls than memory holds.
         """
@@ -770,7 +775,9 @@ class ContactNetwork(Result):
         Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, for so few
         layers that a contact reaches across all of them, if layers are not connected, if no ball
         can move, if the balls of a clamped layer touch none that moves, and for a floor if
-        materials are not known, or a ball has lost no contact there or is not pressed on it.
+        materials are not known, a ball is not pressed on it, or a ball has lost no contact there.
+        Where balls of one kind differ in size, a ball that has lost none does not touch the floor,
+        and only a face without others is an error.
         """
         n_layers = whole_number("layers", layers, 1, MOST_CELLS)
         lower_edge, upper_edge = require("edges", read_edges, edges)
@@ -964,10 +971,11 @@ class ContactNetwork(Result):
         ``normal_stiffness`` and ``shear_stiffness`` (default: those of Hertz and Mindlin under this
         force), ``torsion_stiffness`` and ``bending_stiffness`` (default: 0), ``nx``, ``ny``, ``nz``
         (default: along the line of the centres), ``arm_i`` and ``arm_j`` (default: the radii less
-        half the overlap), ``shift_1``, ``shift_2``, ``shift_3``, whole cells by which ball j is
-        displaced (default: to where it is nearest), ``tangential_x``, ``tangential_y``,
-        ``tangential_z``, the static force across the contact with which ball i acts on ball j
-        (default: not known). Other columns are not read.
+        half the overlap; at a body that does not move the radii, zero of a flat wall), ``shift_1``,
+        ``shift_2``, ``shift_3``, whole cells by which ball j is displaced (default: to where it is
+        nearest, or to where the normal leads at a body that does not move and at an image of ball
+        i), ``tangential_x``, ``tangential_y``, ``tangential_z``, the static force across the
+        contact with which ball i acts on ball j (default: not known). Other columns are not read.
 
         Parameters
         ----------
@@ -1001,8 +1009,8 @@ class ContactNetwork(Result):
 
         Contacts without force whose stiffness follows from it are left out. Files of
         :meth:`write_tables` also give cell, pbc, dimension, motions and prestress, where these are
-        not given here. They have a digest: if one of the two has lost it, there is an
-        :class:`~granphon.base.errors.UnverifiedFileWarning`.
+        not given here; pbc for their own cell only. They have a digest: if one of the two has lost
+        it, there is an :class:`~granphon.base.errors.UnverifiedFileWarning`.
 
         Raises
         ------
@@ -1204,8 +1212,8 @@ def _list_demands(network: ContactNetwork) -> Iterator[_Demand]:
 
 
 def _list_demands_on_balls(network: ContactNetwork) -> Iterator[_Demand]:
-    """Yield the demands that places, sizes and masses are finite; walls, which do not move, may
-    have any size and place.
+    """Yield the demands that places are finite, sizes and masses above zero, and those of all but
+    bodies that do not move finite.
     """
     is_placed = np.all(np.abs(network.positions) < LARGEST, axis=1)
     yield "positions", is_placed, f"is at a place {_TOO_LARGE} m", ""
@@ -1265,8 +1273,9 @@ def _list_demands_on_forces(network: ContactNetwork) -> Iterator[_Demand]:
 
 
 def _list_demands_on_geometry(network: ContactNetwork) -> Iterator[_Demand]:
-    """Yield the demands that contacts lie in the line or plane of the balls, lead from ball i to
-    ball j, and are as long as the two arms, to a quarter of these.
+    """Yield the demands that normals lie in the line or plane of the balls; and that contacts of
+    two balls that move lie there, lead from ball i to ball j, and are as long as the two arms, to a
+    quarter of these. A body that does not move may have any place.
     """
     d = network.dimension
     where = "the line along x" if d == 1 else "the plane"
@@ -1396,7 +1405,7 @@ class _Hold:
 
     def release(self, ball: int) -> Iterator[int]:
         """Remove the contacts of a ``ball`` one by one, and yield the neighbour of each, from whose
-        sums the contact has been taken.
+        sums the contact has been taken; the sums of the ball itself stay.
         """
         ends = self._order[self._starts[ball] : self._starts[ball + 1]]
         contacts = ends % len(self.i)  # the ends j of all contacts follow the ends i

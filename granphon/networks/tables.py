@@ -102,6 +102,10 @@ class _Columns:
 
     ``remark`` has the fields of the whole network in a written table; empty for a table from
     elsewhere. ``sealed`` says whether the file has a digest, which then fits; None for arrays.
+    ``kinds`` are the names in the column "kind"; None without that column.
+
+    InputError for a file that cannot be read, a name that seems misspelled, wrong units or cells,
+    and columns of different lengths.
     """
 
     def __init__(
@@ -302,7 +306,8 @@ class _Columns:
 
 def _read_cells(table: Table, name: str, heading: str, quantity: Quantity | None) -> Array:
     """Return the numbers (rows,) of the column ``name``, which the ``table`` calls ``heading``, in
-    SI units; bodies that do not move may have "inf".
+    SI units; bodies that do not move may have "inf". InputError for another unit, and for a cell
+    that is no number or out of range.
     """
     if quantity is None:
         unit = table.unit(heading)
@@ -333,7 +338,11 @@ def read_tables(
     balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any, pbc: Any
 ) -> Source:
     """Return the balls and contacts of two tables, in SI units; see ``ContactNetwork.from_table``
-    for the arguments.
+    for the arguments, warnings and errors.
+
+    A table of balls that granphon has written has a remark, which gives further fields, and the
+    cell unless a ``cell`` is given. Which of its vectors are periods the remark says for its own
+    cell alone, and unless ``pbc`` is given.
     """
     _require_columns(columns)
     headings_of_balls = {name: columns[name] for name in columns if name in BALLS}
@@ -349,9 +358,9 @@ def read_tables(
         for table in (table_of_balls, table_of_contacts):
             if table.sealed is False:
                 warn_unverified(table.name)
-    if cell is None and pbc is None and "cell" in remark:
+    if cell is None and "cell" in remark:
         cell = remark["cell"]
-        pbc = remark.get("pbc")
+        pbc = remark.get("pbc") if pbc is None else pbc
     periods, is_period = _read_cell(cell, pbc)
     options: dict[str, Any] = {
         name: remark[name]

@@ -118,7 +118,8 @@ _TRAILER = b"\ngranphon sha256 of all bytes before: "
 _MOST_BYTES = 2_000_000_000
 #: length of that text with its digest, bytes
 _TRAILER_BYTES = len(_TRAILER) + 64
-#: variables above zero, and those that may also be zero; all are finite, but for the next two
+#: variables above zero, and those that may also be zero; all are finite, but for
+#: :data:`_MAY_BE_INFINITE`
 _ABOVE_ZERO = {
     "force",
     "pressure",
@@ -249,9 +250,9 @@ def make_frame(grid: Grid) -> Dataset:
 
     The path, which all packings share, has s segments of p points, and labels of its corners. In
     the data set ``qpoints`` (s, p, 3) are fractions of the reciprocal cell, ``distances`` (s, p)
-    lengths along the path in the paper's limit, in units of 1/d without 2 pi, and ``labels`` (s +
-    1,) the names of the corners.
-    :class:`~granphon.base.errors.InputError` if there is no such path.
+    lengths along the path without 2 pi, in units of 1/d, or of 1/a for media with finite overlap,
+    and ``labels`` (s + 1,) the names of the corners. :class:`~granphon.base.errors.InputError` if
+    there is no such path, or if the bands of the packings do not fit into one array.
     """
     with needing("A data set"):
         from xarray import Dataset
@@ -338,7 +339,8 @@ def _frame_bands(grid: Grid, finite_overlaps: Sequence[bool]) -> dict[str, Any]:
     """Return the variables of the path of the bands, ``qpoints`` (s, p, 3), ``distances`` (s, p)
     and ``labels`` (s + 1,) as in :func:`make_frame`; empty without bands.
 
-    ``finite_overlaps`` says of each medium whether its states have finite overlap.
+    ``finite_overlaps`` says of each medium whether its states have finite overlap. InputError for
+    cases with different lattices, or different motions of balls.
     """
     structure = grid.cases[0].packing.structure
     path = grid.request.find_path(structure)
@@ -528,6 +530,9 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
 def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     """Return the ``frame`` with the ``results`` filled in, one for each case of the ``grid``; a
     result holds arrays whose first axis is the loads.
+
+    Variables that some cases lack are left out, but for errors, choices and gaps: those are filled.
+    The results are changed in place.
     """
     packing = grid.cases[0].packing
     labels = [case.label for case in grid.cases]
@@ -535,7 +540,7 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     for label, result in zip(labels, results, strict=True):
         warnings += [(label, text) for text in tell_warnings(result)]
     _fill_errors(grid, results)
-    _pad_uneven(results)
+    _pad_uneven(results)  # before gaps, which have the shape of the values of others
     results, sentences = _fill_gaps(results, packing.structure.periods)
     warnings += [(label, text) for label, text in zip(labels, sentences, strict=True) if text]
     texts = label_warnings(warnings)
@@ -584,8 +589,9 @@ def _stack(
 
 
 def _fill_errors(grid: Grid, results: Sequence[TaskResult]) -> None:
-    """Add, in place, the standard errors that some ``results`` lack: zero for a medium that samples
-    nothing, and nan, not known, for an array of a single sample.
+    """Add, in place, the standard errors that some ``results`` lack, load by load: zero for a
+    medium that samples nothing and for equal balls, and nan, not known, for arrays of balls that
+    differ, such as a single sample.
     """
     # the shapes of standard errors without their first axis, the loads
     shapes = {
@@ -982,7 +988,8 @@ def _is_quantity(name: str, values: Array) -> bool:
 def _find_fault(name: str, values: Array, may_lack: bool) -> str:
     """Return words for the first of the ``values`` of a variable that cannot be of a sweep; empty
     if all can be. Standard errors, waves and registered observables may be nan, and with
-    ``may_lack`` velocities, moduli and pressures too.
+    ``may_lack`` velocities, moduli and pressures too; those of :data:`_MAY_BE_INFINITE` may be
+    +inf.
     """
     if values.dtype.kind not in "iuf":
         return "which are no numbers"
@@ -1015,8 +1022,8 @@ def _explain_unreadable(path: str | os.PathLike[str], why: str) -> InputError:
 
 
 def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
-    """Raise InputError if the ``data`` of a file without a digest cannot be opened in a separate
-    process: HDF5 may hang, or crash, on a damaged file.
+    """Raise InputError if the ``data`` of a file without a digest are not those of a netCDF-4 file,
+    or cannot be opened in a separate process: HDF5 may hang, or crash, on a damaged file.
     """
     if data.startswith(b"CDF") and b"granphon motion" in data:
         mend = f"Draw it in Python, gp.plot(gp.Motion.read({str(path)!r}))"

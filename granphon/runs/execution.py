@@ -213,6 +213,7 @@ class _Work:
                     future = self._send(executor, self._take(n_calls))
                     future.add_done_callback(ready.put)
                 future = ready.get()
+                # the call counts as running until its results, or its loss, have been taken in
                 self._receive(future, self.running[future])
                 del self.running[future]
         finally:
@@ -283,6 +284,9 @@ class _Work:
     def _receive(self, future: Future[list[Result]], indices: Sequence[int]) -> None:
         """Keep the results of the call ``future``, which did the tasks of ``indices``, and put back
         those of its tasks that are not done; all of them if its worker was lost.
+
+        Raises the error of a task, and GranphonError for a scheduler that does not answer, and as
+        :meth:`_count_losses` does.
         """
         results: list[Result] = []
         try:

@@ -101,7 +101,8 @@ def read_entries(path: str | os.PathLike[str]) -> Iterator[tuple[str, TaskResult
     """Yield name and result of every sound entry of a store, in the order in which they were found.
 
     The store may be growing meanwhile. The entry of a task that is done in steps has the steps that
-    were done.
+    were done. Raises FileNotFoundError without a file, and OutputError for a file that is no store,
+    or is damaged.
     """
     os.stat(path)  # raises FileNotFoundError, where a store would count as empty
     store = Store(Path(path))
@@ -264,7 +265,8 @@ class Store:
         """Return the open data base; None if there is no file, and ``make`` is off.
 
         With ``make``, which is for writing, a file that is missing is made, and OutputError is
-        raised if the file, or the folder that was claimed, has been removed or replaced.
+        raised if the file, or the folder that was claimed, has been removed or replaced. A damaged
+        file is discarded if ``force`` is on, and is an OutputError if not.
         """
         path = self.path
         try:

@@ -101,11 +101,12 @@ def sweep(
     executor : any executor with the interface of :class:`concurrent.futures.Executor`, for work
         side by side; the numbers do not depend on it.
     progress : is told how many steps are done. A step is a medium at one combination of parameters,
-        or one sample of a simulation at one load.
+        or one sample of a simulation at one load, with a history of friction at all loads.
     path : "out/sweep.nc", written whole or not at all, with the table "out/sweep.csv" beside it.
         Finished tasks are kept beside it until then: the same sweep to the same path continues from
         them, and gives the same numbers as an uninterrupted one.
-    resume : if the sweep in ``path`` is complete, return it, and compute and write nothing.
+    resume : if the sweep in ``path`` is complete, return it, and compute and write nothing; with
+        ``overwrite`` it has no effect.
     overwrite : replace existing files, and discard the finished tasks of another sweep to ``path``.
     store : where finished tasks are kept, instead of beside ``path``. Results that it holds are
         used; the caller clears it.
@@ -140,9 +141,12 @@ def sweep(
 
     Raises
     ------
-    InputError : no load or several kinds, an unknown medium or parameter, a medium twice, a value
-        that makes no packing, bands over parameters that change the number of branches, a
-        simulation with finite overlap, lattices of different dimension.
+    InputError : no load or several kinds, an unknown medium or parameter, a medium or a direction
+        twice, a value that makes no packing, bands over parameters that change the number of
+        branches, finite overlap of "auto" or of a simulation in the directions of the lattice,
+        lattices of different dimension, waves of media that are no simulations or that an array
+        does not have, a pulse in several directions, a ``path`` that does not end in .nc, and
+        ``resume`` without a path.
     MechanismError : a lattice is a mechanism; raised before anything is computed. With bands,
         velocities and moduli are left out instead, with a warning.
     InstabilityError : with finite overlap, a lattice buckles.
@@ -361,7 +365,9 @@ def sweep_grid(
         except ConvergenceError as error:
             if error.reached is None:
                 raise
-            raise keep_incomplete(error, locked, target.name, task_store) from None
+            # a store of the caller is not cleared
+            own_store = task_store if store is None else None
+            raise keep_incomplete(error, locked, target.name, own_store) from None
         with locked.staging() as stage:
             write_sweep(dataset, stage / target.name)
     return dataset
@@ -388,10 +394,11 @@ def _incomplete_files(name: str) -> list[str]:
 
 
 def keep_incomplete(
-    error: GranphonError, files: ResultFiles, name: str, store: Store
+    error: GranphonError, files: ResultFiles, name: str, store: Store | None
 ) -> GranphonError:
     """Write the data set that an ``error`` has ``reached`` into the locked folder of ``files``,
-    clear the ``store``, and return the error with the names of the files in its message.
+    clear the ``store``, if one is given, and return the error with the names of the files in its
+    message.
 
     ``name`` is the name of the file of the whole sweep. If the files cannot be written, the store
     stays, and the error is returned as it is.
@@ -402,7 +409,8 @@ def keep_incomplete(
     try:
         with incomplete_files.staging() as stage:
             write_sweep(error.reached, stage / names[0])
-        store.clear()
+        if store is not None:
+            store.clear()
     except OutputError:
         return error
     loads = "The load that was reached is"

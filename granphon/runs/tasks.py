@@ -420,7 +420,10 @@ class MediumTask(Task):
 
     def join(self, results: Sequence[TaskResult]) -> TaskResult:
         """Return the result of the medium, arrays (loads, ...) by name, from the ``results`` of the
-        :attr:`tasks`: samples are averaged, at the loads that all of them have reached.
+        :attr:`tasks`: samples are averaged, at the loads that all of them have reached. The other
+        loads have rows without meaning, and marks.
+
+        ConvergenceError if there is no load that all samples have reached.
         """
         if not self.serving.arrays:
             return results[0]
@@ -459,7 +462,12 @@ class MediumTask(Task):
         return add_waves(variables, self, self.load, records) if records else variables
 
     def observe(self, analysis: Analysis) -> TaskResult:
-        """Return the variables of a state (loads, ...) by name, and its "warnings"."""
+        """Return the variables of a state (loads, ...) by name, and its "warnings".
+
+        Waves of an edge are left out of simulated arrays, and bands are those of a lattice with the
+        mean stiffness: notes say so. Conditions of validity that hold are among the notes where a
+        medium was chosen automatically.
+        """
         state = analysis.state
         request = self.request
         # conditions that hold are kept only where another medium, at other loads, may not meet them
@@ -487,8 +495,10 @@ class MediumTask(Task):
 
     def _observe_numbers(self, analysis: Analysis) -> tuple[dict[str, Any], list[str]]:
         """Return the numbers of a state by name, at each load (loads, ...) or, of a single state,
-        without this axis: those of the state, velocities and exponents if they are requested and
-        known; and notes on those that are not known.
+        without this axis: those of the state, velocities if they are requested or long waves move
+        all balls, and exponents if they are requested; and notes on those that are not known.
+
+        MechanismError for a lattice without velocities if they are requested.
         """
         request = self.request
         packing = self.serving.packing
@@ -513,7 +523,7 @@ class MediumTask(Task):
 
     def record_networks(self, state: ContactState, whole: bool = False) -> list[SampleRecord]:
         """Return a record of the waves in the network of ``state`` at each load; an empty list if
-        no waves are requested. Errors name the load.
+        no waves are requested. Errors name the task and the load, but of a single state.
 
         With ``whole`` the records keep the results of the solvers too.
         """
@@ -600,7 +610,7 @@ def _observe_bands(
     state: ContactState, qpoints: Array, losses: BandsSettings | None
 ) -> tuple[TaskResult, list[str]]:
     """Return the variables of the bands, each (loads, s, p, branches) at ``qpoints`` (s, p, 3), and
-    notes on them.
+    notes on them; branches and modes that vanish are those of the first load.
 
     The variables are the frequencies, Hz, and, where contacts have ``losses``, the frequencies, Hz,
     decay and Q of the damped bands.
@@ -880,8 +890,8 @@ class SampleRecord(SimpleNamespace):
 
 
 def restore_sample(simulation: DirectSimulation, result: TaskResult) -> Sample | PressedSample:
-    """Return the one sample of a ``simulation`` at its one load, with the numbers and balls in the
-    ``result`` of its task; deviations of diameters are drawn again from the seed.
+    """Return the one sample of a ``simulation`` at its one load, with the balls and the elastic
+    tensors in the ``result`` of its task; deviations of diameters are drawn again from the seed.
     """
     packing = simulation.packing
     seed = simulation.seed_of(0)

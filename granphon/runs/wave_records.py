@@ -310,8 +310,9 @@ def _record_pulse(
     """Return a pulse through a network along a ``direction``, None if no pulse can be sent, and the
     numbers ``pulse_velocity``, m/s, ``time_of_flight``, s, and ``coherent_fraction``.
 
-    A number that cannot be known is nan, and the text ``pulse_note`` says why; ``pulse_echo`` holds
-    the other warnings of the pulse.
+    Where the arrival of the pulse is not known, the first two are nan, and where no pulse can be
+    sent all three; the text ``pulse_note`` says why. ``pulse_echo`` holds all other warnings of the
+    pulse, not of echoes alone.
     """
     numbers = dict.fromkeys(_PULSE, math.nan)
     pulse = None
@@ -402,10 +403,11 @@ def _average_responses(
     """Return the observables of the coherent response, which is the mean of complex amplitudes over
     samples, by name, and notes.
 
-    The observables are the response and its phase, rad, both (n_f, receivers), the peaks of each
-    receiver, (receivers, n), and the highest peak of the first receiver; of several samples also
-    the standard error of the response. Peaks of one record are solved for between the frequencies;
-    peaks of a mean are sought among the frequencies of the settings.
+    The observables are the response and its phase, rad, both (n_f, receivers); if there are any,
+    the peaks of each receiver, (receivers, n); if the heights of all peaks of the first receiver
+    are known, the highest of them; and of several samples the standard error of the response. Peaks
+    of one record are solved for between the frequencies; peaks of a mean are sought among the
+    frequencies of the settings. A note counts the peaks whose height is not known.
     """
     amplitudes = np.array([record["response"] for record in records])
     name = RESPONSES[settings.quantity]
@@ -540,7 +542,8 @@ class PreparedMotion:
 
     def run(self) -> Motion:
         """Return the motion of the balls, and keep its warnings as :attr:`notes`;
-        :class:`~granphon.base.errors.ConvergenceError` for a motion that ends before its time.
+        :class:`~granphon.base.errors.ConvergenceError` for a motion that ends before its time, and
+        KeyboardInterrupt for one that Ctrl-C stops.
         """
         settings = self.settings
         with warnings.catch_warnings(record=True) as limit_warnings:
@@ -693,8 +696,13 @@ def record_motion(
 def average_motions(
     records: Sequence[Mapping[str, Array]], _settings: MotionSettings
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return means over samples of the arrays of :func:`record_motion`, and standard errors, by
-    name, and notes. A number that no sample has is left out.
+    """Return means over samples of the arrays of :func:`record_motion`, the standard errors of
+    :data:`_WITH_ERRORS`, and notes; means and errors by name.
+
+    The mean and the error of a number are of the samples in which the number is known; one that is
+    known in none is left out, as an error is that fewer than two samples have. The notes say in how
+    many samples it is not known. Of the warnings of all samples they quote those of the first
+    sample that has any, with the number of such samples.
     """
     motions = np.mean([record["motion"] for record in records], axis=0)
     observables = dict(zip(OVER_TIME, motions, strict=True))
@@ -866,7 +874,7 @@ def average_waves(
         observables |= spectra
         notes += notes_on_spectra
     if settings.pulse is not None:
-        pulses, notes_on_pulses = _average_pulse_numbers(records)
+        pulses, notes_on_pulses = _average_pulses(records)
         observables |= pulses
         notes += notes_on_pulses
     for block in settings.of_networks:
@@ -921,7 +929,12 @@ def _average_spectra(
 ) -> tuple[dict[str, Array], list[str]]:
     """Return the observables of the mean lines of plane waves, (polarisations, n) at n wave
     vectors, by name, and notes: peaks and widths, Hz, are averaged, and the other observables are
-    those of the mean peaks and widths.
+    those of the mean peaks and widths; ``line_resolved`` is the part of the samples whose line is
+    resolved.
+
+    Of several samples there are standard errors of peaks, widths and phase velocities, of the
+    attenuations that the samples have each, and of Ioffe-Regel frequencies by the jackknife. Where
+    there is no such frequency a note says why.
     """
     notes = list[str]()
     along_path = ("path_corners", "path_distance", "wavenumber")
@@ -966,9 +979,15 @@ def _average_spectra(
     return observables, notes
 
 
-def _average_pulse_numbers(records: Sequence[Record]) -> tuple[dict[str, Array], list[str]]:
-    """Return the means over samples of the numbers of pulses, in SI units by name, and notes, which
-    say in how many samples the numbers are not known, and why; the means are those of the others.
+def _average_pulses(records: Sequence[Record]) -> tuple[dict[str, Array], list[str]]:
+    """Return the means over samples of velocity, time of flight and coherent fraction of pulses,
+    and the standard error of the velocity, ``pulse_velocity_error``, in SI units by name, and
+    notes.
+
+    Each mean is of the samples in which its number is known: where a pulse was heard and only its
+    arrival is not known, the coherent fraction is. A number that is known in no sample is left out,
+    and an error is of two samples or more. The notes are all other warnings of the pulses, and one
+    that says in how many samples the arrival is not known, with the reason in the first of these.
     """
     means = dict[str, Array]()
     for name in _PULSE:
@@ -978,13 +997,15 @@ def _average_pulse_numbers(records: Sequence[Record]) -> tuple[dict[str, Array],
             means[name] = np.array(np.mean(known))
         if name == "pulse_velocity" and known.size > 1:
             means["pulse_velocity_error"] = np.asarray(standard_error(known, axis=0))
-    echoes = [str(record["pulse_echo"]) for record in records]
-    notes = [echo for echo in dict.fromkeys(echoes) if echo]
+    texts = [str(record["pulse_echo"]) for record in records]
+    notes = [text for text in dict.fromkeys(texts) if text]
     reasons = [str(record["pulse_note"]) for record in records]
     reasons = [reason for reason in reasons if reason]
     if reasons:
         samples = f" in {len(reasons)} of {len(records)} samples" if len(records) > 1 else ""
-        remark = ", and the mean is that of the others" if len(reasons) < len(records) else ""
+        remark = ""
+        if len(reasons) < len(records):
+            remark = ", and the mean velocity and time of flight are those of the others"
         notes.append(f"the arrival of the pulse is not known{samples}{remark}: {reasons[0]}")
     return means, notes
 

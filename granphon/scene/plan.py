@@ -1193,7 +1193,7 @@ def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Co
     is_factorised, seconds = work.choose(None)
     cost_of_network = costs.response(
         partial(_measure_product, state.network, network.n_balls),
-        products=seconds / work.step,
+        products=seconds / work.step_time,
         balls=network.n_balls,
         contacts=network.n_contacts,
         frequencies=len(settings.frequencies),

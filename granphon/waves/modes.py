@@ -189,7 +189,9 @@ class Problem:
         return Elimination(self._entries[0])
 
     def factors(self, value: float) -> Factors:
-        """Return the factors of D - ``value``, (rad/s)^2."""
+        """Return the factors of D - ``value``, (rad/s)^2; where that is exactly singular, those of
+        D less a value beside it. ConvergenceError if there are none.
+        """
         for nudge in _NUDGES:
             matrix = self.shifted(value + nudge * self.top**2)
             try:
@@ -199,15 +201,17 @@ class Problem:
         raise ConvergenceError("the matrix of the network cannot be factorised")
 
     def count_below(self, value: float) -> int:
-        """Return the number of eigenvalues below ``value``."""
+        """Return the number of eigenvalues below ``value``, (rad/s)^2, or, if that is exactly an
+        eigenvalue, below a value beside it.
+        """
         return self.factors(value).n_below
 
     def refine(self, vectors: Array) -> tuple[Array, Array, Array]:
-        """Return angular frequencies (m,), rad/s, modes (size, m) and residuals (m,) over top^2
-        within the space of ``vectors`` (live, m).
+        """Return angular frequencies (m,), rad/s, ascending, modes (size, m) and residuals (m,)
+        over top^2 within the space of ``vectors`` (live, m).
 
         Without static forces the modes are singular vectors of A, so that low frequencies lose no
-        digits.
+        digits. With them there is an error of :func:`find_roots` for a network that is not stable.
         """
         operator = self.operator
         basis = np.zeros((operator.size, vectors.shape[1]))
@@ -226,7 +230,7 @@ class Problem:
 
     def choose(self, omega: Array, count: int, target: float) -> NDArray[np.intp]:
         """Return the indices, ascending, of the ``count`` frequencies nearest to ``target``, rad/s,
-        among those of ``omega`` (m,), rad/s, that cost energy.
+        among those of ``omega`` (m,), rad/s, that cost energy; of all these if they are fewer.
         """
         elastic = np.flatnonzero(omega > ZERO * self.top)
         from_nearest = np.argsort(np.abs(omega[elastic] - target), kind="stable")
@@ -499,7 +503,8 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
 
     Raises :class:`~granphon.base.errors.InputError` before the first filter is applied if the
     search takes too much memory or too many products with D, and
-    :class:`~granphon.base.errors.ConvergenceError` if the search needs as much later.
+    :class:`~granphon.base.errors.ConvergenceError` if the search needs as much later; and what
+    :func:`find_roots` raises.
     """
     search = _FilterSearch(problem, count, target)
     while True:
@@ -562,7 +567,7 @@ class _FilterSearch:
         """Return the modes of a window, of which none is missing, and whether those requested are
         among them; None if that takes more vectors than there are modes.
 
-        The search begins with ``starts`` random vectors.
+        The search begins with ``starts`` random vectors. Raises what :func:`find_filtered` raises.
         """
         problem = self.problem
         basis = np.zeros((problem.operator.size, 0))
@@ -909,7 +914,11 @@ def _find_unevenly_damped(
     operator: WaveOperator, damped: ContactDamping, count: int, target: float
 ) -> tuple[Complex, Complex]:
     """Return angular frequencies (count,), rad/s, and shapes (size, count) of the modes nearest to
-    ``target``, rad/s, of contacts that are damped differently.
+    ``target``, rad/s, of contacts that are damped differently: by the real part if all modes are
+    found, else by the complex frequency.
+
+    InputError for a network too large, for more modes than cost energy, and for more than are found
+    in a large network.
     """
     problem = Problem.of(operator)
     top = operator.top
@@ -936,7 +945,7 @@ def _find_damped_dense(
     problem: Problem, stiffness: Any, viscous: Any, count: int, target: float
 ) -> tuple[Complex, Complex]:
     """Return the ``count`` modes nearest to ``target``, over top, among all: omega over top
-    (count,), and vectors (live, count).
+    (count,), and vectors (live, count); InputError if fewer cost energy.
 
     ``stiffness`` and ``viscous`` (live, live) are the matrices of x and x', in units of the top
     frequency.
@@ -983,8 +992,8 @@ def _find_damped_near(
 
 
 def _choose_damped(omega: Complex, count: int, target: float) -> NDArray[np.intp]:
-    """Return the indices of the ``count`` modes whose real parts are nearest to ``target``, in
-    ascending order of the real part, then of the imaginary part.
+    """Return the indices of the ``count`` modes whose real parts are nearest to ``target``, or of
+    all if they are fewer, in ascending order of the real part, then of the imaginary part.
     """
     nearest = np.lexsort((omega.imag, np.abs(omega.real - target)))[:count]
     return nearest[np.lexsort((omega[nearest].imag, omega[nearest].real))]
@@ -1201,7 +1210,9 @@ def _diagonalise(problem: Problem, count: int) -> tuple[Array, Array]:
 
 
 def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
-    """Return the ``count`` modes nearest to ``target``, rad/s, among all."""
+    """Return the ``count`` modes nearest to ``target``, rad/s, among all; InputError if fewer cost
+    energy, and for a matrix that is too large.
+    """
     squares, vectors = _diagonalise(problem, count)
     omega = find_roots(problem.operator, squares)
     chosen = problem.choose(omega, count, target)
@@ -1214,7 +1225,9 @@ def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
 
 def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
     """Return the ``count`` modes nearest to ``target``, rad/s, by factors at a shift next to it;
-    more modes are sought until none is missed.
+    more modes are sought until none is missed, and in the end all, by :func:`_find_dense`.
+
+    InputError if fewer modes cost energy.
     """
     size = problem.live.size
     top = problem.top

@@ -64,7 +64,8 @@ class Motion(Result):
     ----------
     times : (n_f,) s.
     displacements, velocities : (n_f, n, 3) from the places at rest, m, m/s. Velocities of balls
-        that a drive moves are differences over two steps.
+        that a drive moves are differences over two steps, over one at the start, and at the end if
+        the drive is no number later.
     rotations, spins : (n_f, n, 3) rad, rad/s.
     forces, shears : (n_f, n_c) normal force of each contact, zero where it is open, and size of its
         force of slip, N.
@@ -110,8 +111,9 @@ class Motion(Result):
         Of a file that was cut the whole frames are read, with a
         :class:`~granphon.base.errors.StoppedEarlyWarning`.
 
-        Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of
-        another kind or schema, and for ``frames`` that are none, or that run backwards.
+        Raises :class:`~granphon.base.errors.InputError` for a file that is not there, that is of
+        another kind or schema, or that is damaged, and for ``frames`` that are none, or that run
+        backwards.
         """
         if not isinstance(path, str | os.PathLike) and not hasattr(path, "read"):
             raise InputError(
@@ -202,7 +204,8 @@ class Motion(Result):
 
     def _find_tops(self, frames: Index) -> tuple[Array, Array]:
         """Return the times (n_c,), s, and heights (n_c,), N, of the tops of parabolas through the
-        forces of contacts at ``frames`` (n_c,) and at the frames beside these.
+        forces of contacts at ``frames`` (n_c,) and at the frames beside these; of the first and the
+        last frame, which lack one, the time and the force of the frame.
         """
         last = len(self.times) - 1
         contacts = np.arange(self.forces.shape[1])
@@ -227,7 +230,8 @@ class Motion(Result):
         The first great change is the first maximum of the change with at least half of the
         greatest, so that a later echo does not count; or the greatest change, if the change has no
         such maximum. Times between frames are interpolated linearly; the time is infinite where a
-        force does not change.
+        force does not change. Raises :class:`~granphon.base.errors.InputError` for a ``share`` that
+        is below 1e-9, or above 1.
         """
         share = require("share", lambda value: number(value, 1e-9, 1.0), share)
         change = np.abs(self.forces - self.forces[0])
@@ -302,7 +306,8 @@ class Motion(Result):
         :class:`~granphon.base.errors.InputError` for fewer than two contacts, for a contact that
         the pulse does not pass within the run, for fewer than three frames within the width of the
         pulse at half of its height, for contacts that the pulse does not reach one after another
-        along a straight line, and for a ``share`` of a peak.
+        along a straight line, for a first and a last contact at one place without a ``direction``,
+        and for a ``share`` of a peak.
         """
         chosen = index_array("contacts", contacts, self.forces.shape[1], "contacts")
         if chosen.size < 2:
@@ -417,12 +422,12 @@ class Motion(Result):
         is_too_short = n_periods > run_periods * (1.0 + _TIME_ROUNDING)
         if is_too_short or frames_per_period < _PER_PERIOD:
             fault = (
-                f"{frames_per_period:.3g} frames are in a period of multiple {n_multiples}, and"
-                f" {run_periods:.3g} periods in the run"
+                f"{frames_per_period:.3g} frames are in a period of the highest multiple,"
+                f" {n_multiples}, and {run_periods:.3g} periods in the run"
             )
-            raise InputError(
-                fault, mend="Run for longer, keep more frames, or ask for fewer multiples"
-            )
+            why = f"{_PER_PERIOD:g} and {n_periods} are needed"
+            mend = "Run for longer, keep more frames, or ask for fewer periods or multiples"
+            raise InputError(fault, why, mend)
 
 
 def _find_first_maxima(heights: Array) -> Index:
@@ -612,7 +617,8 @@ def _require_writable(path: Any) -> None:
     writing.
 
     Raises :class:`~granphon.base.errors.InputError` for what is no path, and
-    :class:`~granphon.base.errors.OutputError` for a file that is no motion.
+    :class:`~granphon.base.errors.OutputError` for a file that is no motion, or that another run is
+    writing.
     """
     is_path = isinstance(path, str | os.PathLike)
     if not is_path or not os.fspath(path) or "\0" in str(path):

@@ -122,6 +122,9 @@ class Drive:
         the time zero. They move so whatever acts on them; bodies that are held may be moved.
     force : function of the time, s, that returns the force on each of the balls, N. Give one of
         both.
+
+    Where a run has displacements, all functions are also asked for the time one step after its end,
+    by which the last velocities are found. They need not be finite there.
     """
 
     balls: Any
@@ -204,8 +207,13 @@ class NonlinearWaves:
         return self.normal.overlap
 
     def _find_laws(self, law: Any, state: CrystalState | None, unloaded: bool) -> Powers | PairLaws:
-        """Return the laws of the contacts; keep them, what finds the law of two kinds that meet,
-        kappa/2E*a, and E*, and the stiffnesses 2E*a of contacts at rest.
+        """Return the laws of the contacts of the network; InputError if they are not known.
+
+        Keeps ``_known``, these laws, as :class:`ContactLaws` but where one exponent is given for
+        all; ``punch``, the stiffnesses 2E*a of contacts at rest, those of normal motion where laws
+        know no radii; and ``_find``, which returns the law of balls of two kinds that meet,
+        kappa/2E*a, and E*, or raises InputError if it is not known. Of one exponent ``_find``
+        returns the coefficient over the root of the radius in place of the law, and 1 for E*.
         """
         self._known: Powers | ContactLaws
         self._find: Callable[..., tuple[Any, Any, Any]]
@@ -223,7 +231,9 @@ class NonlinearWaves:
         return self._take_law(law)
 
     def _take_crystal(self, crystal: Crystal, unloaded: bool) -> Powers | PairLaws:
-        """Return the laws of the pairs of a crystal, and keep what :meth:`_find_laws` keeps."""
+        """Return the laws of the pairs of a crystal, at rest without forces if ``unloaded``, and
+        keep what :meth:`_find_laws` keeps; InputError for balls of other kinds.
+        """
         network = self.network
         force = network.normal_force
         kinds = {name: name for name in (*crystal.names, RIGID_PLANE.name)}
@@ -241,7 +251,7 @@ class NonlinearWaves:
             groups.append((law, contacts))
         laws = ContactLaws(groups, force.size, modulus)
         self._known = laws
-        self._rest_on(laws)
+        self._keep_punch(laws)
         return _take_laws(laws, laws.overlap(np.zeros_like(force) if unloaded else force))
 
     def _take_law(self, law: Any) -> Powers | PairLaws:
@@ -257,7 +267,7 @@ class NonlinearWaves:
         modulus = 0.5 * np.asarray(pair_law.stiffness(overlap)) / finite_radius
         laws = ContactLaws([(pair_law, np.arange(force.size))], force.size, modulus)
         self._known = laws
-        self._rest_on(laws)
+        self._keep_punch(laws)
         eta = network.shear_stiffness / self.punch
 
         def find_alike(*pair: str) -> tuple[Any, Any, Any]:
@@ -269,7 +279,8 @@ class NonlinearWaves:
 
     def _take_power(self, law: Any) -> Powers:
         """Return powers of the overlap with the exponent of a ``law``, whose coefficients follow
-        from forces and stiffnesses at rest; keep what :meth:`_find_laws` keeps.
+        from forces and stiffnesses at rest; keep what :meth:`_find_laws` keeps, and the radii of
+        balls for coefficients, ``_sizes``. InputError for contacts without force.
         """
         network = self.network
         force = network.normal_force
@@ -302,10 +313,12 @@ class NonlinearWaves:
         self._find = find_alike
         return powers
 
-    def _rest_on(self, springs: ContactLaws) -> None:
-        """Keep the stiffnesses 2 E* a of the contacts under their forces at rest."""
-        if springs.know_radii:
-            self.punch = springs.punch(springs.overlap(self.network.normal_force))
+    def _keep_punch(self, laws: ContactLaws) -> None:
+        """Keep the stiffnesses 2 E* a of the contacts under their forces at rest; those of normal
+        motion stay where the ``laws`` know no radii.
+        """
+        if laws.know_radii:
+            self.punch = laws.punch(laws.overlap(self.network.normal_force))
 
     def _join_laws(
         self, i: Index, j: Index
@@ -381,8 +394,9 @@ class NonlinearWaves:
         drive : a :class:`Drive`, or several.
         frames : number of times that are kept, the start and the end among them.
         step : s, of which a frame has a whole number; by default a sixtieth of the shortest period
-            that the stiffest contact allows. It is halved, and the run begins anew, if contacts
-            become much stiffer. A step is cut where a contact whose force jumps closes or opens.
+            that the stiffest contact and its dashpots allow at the start. The default is halved,
+            and the run begins anew, if contacts become much stiffer. A step is cut where a contact
+            whose force jumps closes or opens.
         scheme : "verlet", explicit and symplectic, whose sum of energies differs from a constant by
             the square of the step, and wanders where contacts open; or "midpoint", implicit, four
             to six times the work, whose sum of energies is constant to rounding, with losses.
@@ -391,18 +405,24 @@ class NonlinearWaves:
         progress : is told how many frames are done.
 
         A run that Ctrl-C stops, one whose balls leave their places by half of their diameter
-        (geometry "lattice") or meet others without a known law ("exact"), or one for whose contacts
-        the given ``step`` becomes too long, ends there with a
-        :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is. Where
-        contacts become wider than the law allows (:func:`~granphon.validity`), there is a
-        :class:`~granphon.base.errors.LimitWarning`; and where they are more viscous than stiff at
-        all frequencies of the run, from the inverse of its duration, as a damping is a time.
+        (geometry "lattice") or meet others without a known law ("exact"), one of whose drives is no
+        finite number at a later time, or one for whose contacts the ``step`` becomes too long, as
+        it is given or after ten halvings, ends there with a
+        :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is. The step is
+        too long, too, where an implicit step has no solution, or a contact whose force jumps opens
+        and closes many times in it. Where contacts become wider than the law allows
+        (:func:`~granphon.validity`), there is a :class:`~granphon.base.errors.LimitWarning`; and
+        where they are more viscous than stiff at all frequencies of the run, from the inverse of
+        its duration, as a damping is a time.
 
         Raises :class:`~granphon.base.errors.InputError` for shapes and numbers that are not
-        allowed, a drive of nothing or along which balls do not move, a force on a body that is
-        held, a start that moves a body that is held or that a drive displaces, and a ``step`` too
-        long for the stiffest contact; and :class:`~granphon.base.errors.OutputError` where ``file``
-        is something else than a motion, or cannot be written.
+        allowed, more frames than memory holds, a drive of nothing or along which balls do not move,
+        a displacement that does not begin at zero, a force on a body that is held, two drives of a
+        ball of which one is a displacement, a start that moves a body that is held or that a drive
+        displaces, a ``step`` too long for the stiffest contact, more than ten million steps, and
+        balls too fast, or contacts too stiff, for double precision; and
+        :class:`~granphon.base.errors.OutputError` where ``file`` is something else than a motion,
+        or cannot be written.
         """
         length = positive("duration", duration, "s")
         count = whole_number("frames", frames, 2, _MOST_STEPS)
@@ -459,7 +479,8 @@ class NonlinearWaves:
     ) -> tuple[float, float]:
         """Return the step, s, of a run that starts at x with velocities v (size,), and a bound of
         the frequencies of contacts, rad/s; raise :class:`~granphon.base.errors.InputError` if the
-        ``step`` that the user gives is too long.
+        ``step`` that the user gives is too long, and as :meth:`_System.press` and
+        :meth:`_System.choose_step` do, whether or not a step is given.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             squares = np.sum(system.operator.values(v) ** 2, axis=1)
@@ -476,11 +497,14 @@ class NonlinearWaves:
         return chosen, top
 
     def find_step(self, speed: float = 0.0) -> float:
-        """Return the step, s, of a run from rest, or in which the heaviest ball has a ``speed``,
-        m/s, zero or above.
+        """Return the step, s, with which :meth:`run` begins by default, from rest, or where the
+        heaviest ball has a ``speed``, m/s, zero or above.
 
-        Raises :class:`~granphon.base.errors.InputError` for another speed, and where no contact is
-        pressed at it.
+        Displacements at the start and drives do not enter. The run shortens the step until a frame
+        has a whole number of steps, and halves it where contacts become much stiffer.
+
+        Raises :class:`~granphon.base.errors.InputError` for a speed below zero, where no contact is
+        pressed at it, and for balls too fast, or contacts too stiff, for double precision.
         """
         speed = not_negative("speed", speed, "m/s")
         system = _System(self, [])
@@ -509,7 +533,9 @@ def require_steps(count: float) -> None:
 
 
 def _read_gravity(gravity: Any, network: ContactNetwork) -> Array:
-    """Return the acceleration (3,) of the balls, m/s2; zero without ``gravity``."""
+    """Return the acceleration (3,) of the balls, m/s2; zero without ``gravity``. InputError for
+    another shape, and for a direction along which balls do not move.
+    """
     field = np.zeros(3)
     if gravity is None:
         return field
@@ -526,7 +552,7 @@ def _read_gravity(gravity: Any, network: ContactNetwork) -> Array:
 
 def _count_steps(length: float, step: float, count: int) -> int:
     """Return the number of steps from frame to frame, of at most ``step``, s, of ``count`` frames
-    in a ``length``, s.
+    in a ``length``, s. InputError for too many steps, and for steps beyond double precision.
     """
     require_steps(length / step)
     interval = length / (count - 1)
@@ -542,8 +568,10 @@ def _count_steps(length: float, step: float, count: int) -> int:
 def _record(
     system: _System, x: Array, v: Array, each: int, count: int, scheme: str, kept: Frames, told: Any
 ) -> str:
-    """Make ``count`` frames of ``each`` steps from x with velocities v (size,), and return why the
-    run ended early; empty if it did not.
+    """Keep ``count`` frames, ``each`` steps apart, of a run from x with velocities v (size,), and
+    return why the run ended early; empty if it did not.
+
+    A KeyboardInterrupt before the first frame is raised.
     """
     try:
         for frame in system.integrate(x, v, kept.step, each, count, scheme, kept):
@@ -593,7 +621,8 @@ class _Trial(NamedTuple):
     have the mean velocity ``drift`` (size,), and come to ``x`` (size,).
 
     An implicit one also has its mean acceleration, the energies that slip, twist and roll, and
-    dashpots take up, and the forces that resist drives.
+    dashpots take up, and the forces that resist drives. Arrays are the spare ones of the system:
+    the next trial writes over them.
     """
 
     step: float
@@ -626,7 +655,7 @@ def _read_drives(
     drives: Sequence[Any], network: ContactNetwork
 ) -> tuple[list[tuple[Index, Array]], list[tuple[Index, Array]]]:
     """Return the balls (k,) and the direction (3,) of each drive that is a displacement, and of
-    each that is a force.
+    each that is a force; InputError for drives that :meth:`NonlinearWaves.run` refuses.
     """
     moved = []
     pushed = []
@@ -676,7 +705,8 @@ class _RateBound:
 
     def find(self, stiffness: Array) -> float:
         """Return the bound, rad/s, of contacts of a normal ``stiffness`` (n_c,), N/m, those of the
-        network first.
+        network first; others may be at any ball, so that each contact of the network counts as
+        stiff as the stiffest of them, or more.
         """
         count = self._count
         if len(stiffness) > count:  # balls have met
@@ -689,6 +719,7 @@ class _System:
     """The equations of motion of a network with drives, and where it has come to.
 
     ``at`` are contacts now, and ``joined`` says which of them are, None where no force jumps.
+    These and what follows are set when a run begins.
     """
 
     at: Moment
@@ -728,8 +759,11 @@ class _System:
         self._skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))
 
     def _join(self, i: Index, j: Index, shift: Index) -> None:
-        """Let contacts be those of the network and some more; contacts without a law end the run
-        when they close.
+        """Let contacts be those of the network and, behind them, those of the pairs (i, j, shift);
+        contacts without a law end the run when they close.
+
+        The scheme must be known. The state of contacts is to be set anew: see :meth:`_begin` and
+        :meth:`_carry_over`.
         """
         waves = self.waves
         law = waves.normal
@@ -776,7 +810,12 @@ class _System:
         return float(np.mean(self.waves.overlap[round_ones] + apart)) if len(i) else 0.0
 
     def read(self, name: str, given: ArrayLike | None) -> Array:
-        """Return vectors of balls (n, 3) or (n, d) as mass-weighted motions (size,)."""
+        """Return vectors of balls (n, 3) or (n, d), by the ``name`` of the argument, as
+        mass-weighted motions (size,); zero if none are given.
+
+        InputError for another shape, and for vectors that are not finite, along which balls do not
+        move or turn, or of a ball that is held or that a drive displaces.
+        """
         operator = self.operator
         network = self.network
         if given is None:
@@ -804,7 +843,9 @@ class _System:
         )
 
     def choose_step(self, stiffness: Array) -> float:
-        """Return a step for contacts of a normal ``stiffness``."""
+        """Return a step, s, for contacts of a normal ``stiffness`` (n_c,), N/m; InputError for
+        contacts too stiff for double precision, and where none is pressed.
+        """
         top = self._top(stiffness)
         if not top < math.inf:
             raise InputError(
@@ -817,8 +858,12 @@ class _System:
         return 2.0 * math.pi / _STEPS / top
 
     def press(self, x: Array, energy: float) -> Array:
-        """Return stiffnesses of contacts at the start, or of those that a ball of this kinetic
-        energy, J, would press.
+        """Return the stiffness (n_c,), N/m, of each contact of the network, or of a flat punch as
+        wide if that is stiffer, at the start x (size,), or where a ball of this kinetic ``energy``,
+        J, would press it if that is deeper.
+
+        Under gravity it is at least that at rest. InputError for balls too fast, or too far away,
+        for double precision.
         """
         normal = self.waves.normal
         motions = np.zeros(self.operator.indices.shape)
@@ -861,16 +906,19 @@ class _System:
     def integrate(
         self, x: Array, v: Array, step: float, each: int, count: int, scheme: str, kept: Frames
     ) -> Any:
-        """Make ``count`` frames of ``each`` steps, and yield after each whether it is kept."""
+        """Keep ``count`` frames of a run from x with velocities v (size,), ``each`` steps apart,
+        and yield after each whether steps led to it: False for the first, which is the start.
+
+        Raises :class:`_Stop` where the run cannot go on, and InputError as :meth:`_begin` does.
+        """
         explicit = scheme == "verlet"
-        self._explicit = explicit
-        self._begin(x, v, step)
+        self._begin(x, v, step, explicit)
         self._keep(0, kept)
         yield False
         limit = 2.0 * math.pi / _LEAST_STEPS / step
         for number in range(1, each * (count - 1) + 1):
             if self.waves.geometry == "exact":
-                self._watch(self._follow(number * step)[0])
+                self._watch(self._evaluate_drives(number * step)[0])
             self._advance(number * step, explicit)
             if number % each == 0:
                 self._refresh()
@@ -893,8 +941,14 @@ class _System:
                             f" geometry: exact"
                         )
 
-    def _begin(self, x: Array, v: Array, step: float) -> None:
-        """Let contacts be those of the network, and the time be zero."""
+    def _begin(self, x: Array, v: Array, step: float, explicit: bool) -> None:
+        """Begin a run of a ``step``, s, at the time zero, from motions x with velocities v (size,),
+        of which copies are kept.
+
+        Contacts come from rest to the start as :meth:`MovingContacts.begin` says. InputError for a
+        drive whose displacement is not zero at the time zero, or that is no finite number then.
+        """
+        self._explicit = explicit  # first: what contacts set in a step depends on the scheme
         none = np.zeros(0, np.intp)
         self._keys: dict[tuple[int, ...], int] = {}
         self._join(none, none, np.zeros((0, 3), np.intp))
@@ -902,7 +956,7 @@ class _System:
         self.v = v.copy()
         self.step = step
         self.widest = 0.0
-        self.ways, self.lifts = self._follow(0.0)
+        self.ways, self.lifts = self._evaluate_drives(0.0)
         if np.any(self.ways):
             raise InputError(
                 "a displacement does not begin at zero", mend="Give a function that is zero at zero"
@@ -910,17 +964,20 @@ class _System:
         contacts = self.contacts
         rest = contacts.make_moment()
         contacts.press(rest, None)
-        rest.pull[1:] = contacts.held
-        self._at_rest = contacts.shear_energy(rest)
+        self._shear_energy_at_rest = contacts.shear_energy(rest)
         self.at = contacts.make_moment()
         self._spread(self.x, self.ways, self.at.motions)
         self.joined = contacts.begin(self.at)
         self._make_spare()
+        # balls that may meet are listed behind the contacts of the network, which keep the state
+        # that they have by now; what follows is of all contacts
         if self.waves.geometry == "exact":
             self._list()
-        # of slip, twist and roll, of dashpots, of drives, and of contacts that join and part
+        self._shear_energy_at_start = self.contacts.shear_energy(self.at)
+        # energies, J, that slip, twist and roll, and that dashpots take up, the work of drives, and
+        # energies lost where contacts join and part
         self.worked = np.zeros(4)
-        self._springs = self.contacts.shear_energy(self.at)
+        # the speeds of drives follow from their displacements in the last step: there is none yet
         self._start(np.zeros_like(self.ways))
 
     def _make_spare(self) -> None:
@@ -957,13 +1014,15 @@ class _System:
             self.contacts.press(self.at, self.joined)
 
     def _advance(self, end: float, explicit: bool) -> None:
-        """Make a step that ends at a time, in parts where contacts join or part within it."""
+        """Make a step that ends at the time ``end``, s, in parts where contacts join or part within
+        it; :class:`_Stop` where one does so too often, and as :meth:`_try` raises it.
+        """
         left = self.step
         has_jumps = len(self.contacts.law.jumps) > 0
         often: Index = np.zeros(len(self.at.e) if has_jumps else 0, np.intp)
         while left > 0.0:
             trial = self._try(left, end, explicit)
-            if has_jumps and self._passed(trial.after) > 0.0:
+            if has_jumps and self._find_overshoot(trial.after) > 0.0:
                 trial = self._cut(trial, end, explicit)
             speeds = (trial.ways - self.ways) / trial.step
             before = self.at
@@ -979,7 +1038,7 @@ class _System:
             self.ways = trial.ways
             self.lifts = trial.lifts
             left -= trial.step
-            if has_jumps and self._passed(self.at) > 0.0:
+            if has_jumps and self._find_overshoot(self.at) > 0.0:
                 self.joined, switched, lost = self.contacts.switch(self.at, self.joined)
                 self.worked[3] += lost
                 self._start(speeds)
@@ -987,7 +1046,7 @@ class _System:
                 if np.max(often) > _RATTLES:
                     raise _Stop(_RATTLED)
 
-    def _passed(self, moment: Moment) -> float:
+    def _find_overshoot(self, moment: Moment) -> float:
         """Return how far the first of the contacts has passed where it joins or parts, m; below
         zero before it.
         """
@@ -997,20 +1056,20 @@ class _System:
         """Return the part of a step in which the first contacts come to where they join or part.
 
         It is found by the rule of false position (the Illinois method), to a small share of the
-        step.
+        step. The ``trial`` of the whole step may not be used after that.
         """
         whole = trial.step
         start = end - trial.step
         low = 0.0
         high = whole
         side = 0
-        before = self._passed(self.at)
-        after = self._passed(trial.after)
+        before = self._find_overshoot(self.at)
+        after = self._find_overshoot(trial.after)
         near = _TOGETHER * self.step
         while high - low > near:
             middle = low - before * (high - low) / (after - before)
             middle = min(max(middle, low + 0.5 * near), high - 0.5 * near)
-            passed = self._passed(self._try(middle, start + middle, explicit).after)
+            passed = self._find_overshoot(self._try(middle, start + middle, explicit).after)
             if passed > 0.0:
                 high = middle
                 after = passed
@@ -1021,6 +1080,7 @@ class _System:
                 before = passed
                 after *= 0.5 if side == -1 else 1.0
                 side = -1
+        # tried again, as the arrays are those of the last trial
         return (
             self._try(whole, end, explicit)
             if whole - high < near
@@ -1028,15 +1088,20 @@ class _System:
         )
 
     def _try(self, step: float, end: float, explicit: bool) -> _Trial:
-        """Return where a ``step`` that ends at a time would come to."""
-        ways, lifts = self._follow(end)
+        """Return where a ``step``, s, that ends at the time ``end``, s, would come to, in spare
+        arrays; :class:`_Stop` for an implicit step without a solution, and where a drive is no
+        finite number.
+        """
+        ways, lifts = self._evaluate_drives(end)
         if not explicit:
             return self._solve(step, ways, lifts)
         after = self._go(step, ways, self.acceleration)
         return _Trial(step, ways, lifts, self._spare_x, self._spare_v, after)
 
     def _go(self, step: float, ways: Array, acceleration: Array) -> Moment:
-        """Return contacts after a ``step`` with an ``acceleration`` (size,), in spare arrays."""
+        """Return contacts after a ``step``, s, with an ``acceleration`` (size,), in spare arrays:
+        the motions of balls, and elongations unless the loops know the law.
+        """
         after = self._spare
         drift(self.x, self.v, acceleration, step, self._spare_x, self._spare_v)
         self._spread(self._spare_x, ways, after.motions)
@@ -1045,7 +1110,7 @@ class _System:
         return after
 
     def _leap(self, trial: _Trial, speeds: Array) -> None:
-        """Make a step of Verlet's."""
+        """Make the step of Verlet's that has been tried last, with drives at these ``speeds``."""
         contacts = self.contacts
         before = self.at
         after = trial.after
@@ -1070,7 +1135,10 @@ class _System:
         kick(self.v, self.acceleration, half)
 
     def _solve(self, step: float, ways: Array, lifts: Array) -> _Trial:
-        """Return where an implicit ``step``, whose energies add up, comes to."""
+        """Return where an implicit ``step``, s, whose energies add up, comes to, in spare arrays,
+        with drives at the displacements ``ways`` and forces ``lifts`` at its end; :class:`_Stop` if
+        the iteration does not converge.
+        """
         contacts = self.contacts
         steady = self._steady_push(0.5 * (self.lifts + lifts))
         guess = 2.0 * self.acceleration - self.last
@@ -1104,7 +1172,11 @@ class _System:
         self.worked[2] += trial.resist @ (trial.ways - self.ways)
 
     def _keep(self, number: int, kept: Frames) -> None:
-        """Keep the frame after this number of steps."""
+        """Keep the frame after this ``number`` of steps, and how wide the widest contact has become
+        in all frames.
+
+        Elongations and normal forces must be those of the moment, see :meth:`_refresh`.
+        """
         at = self.at
         contacts = self.contacts
         joined = self.joined
@@ -1112,11 +1184,11 @@ class _System:
         step = self.step
         operator = self.operator
         square = self.v * self.v
-        springs = contacts.shear_energy(at)
+        shear_energy = contacts.shear_energy(at)
         stored = (
             float(np.sum(normal.store(at.e, joined)))
-            + springs
-            - self._at_rest
+            + shear_energy
+            - self._shear_energy_at_rest
             - float(self._weight @ self.x)
         )
         wide = self._wide * np.sqrt(np.maximum(normal.overlap - at.e, 0.0))
@@ -1125,9 +1197,7 @@ class _System:
         both = (self._displace(), operator.to_balls(self.v))
         (places, turns), (speeds, spins) = (np.split(one, 2, axis=1) for one in both)
         if self._ways:
-            start, _ = self._follow(max(time - step, 0.0))
-            end, _ = self._follow(time + step)
-            drive_speeds = (end - start) / (step * (2 if number else 1))
+            drive_speeds = self._find_drive_speeds(number)
             for (balls, along), speed in zip(self.moved, drive_speeds, strict=True):
                 speeds[balls] = speed * along
         kept.keep(
@@ -1141,7 +1211,7 @@ class _System:
                 "rotation": 0.5 * float(np.sum(square[operator.is_rotation])),
                 "stored": stored + contacts.rest_energy(at),
                 "lost": self.worked[0]
-                - (springs - self._springs)
+                - (shear_energy - self._shear_energy_at_start)
                 + self.worked[1]
                 + self.worked[3],
                 "work": self.worked[2],
@@ -1151,8 +1221,26 @@ class _System:
             list(self._keys),
         )
 
-    def _follow(self, time: float) -> tuple[Array, Array]:
-        """Return the ways of moved bodies and the forces on pushed balls at a time."""
+    def _find_drive_speeds(self, number: int) -> Array:
+        """Return the speeds, m/s, of displacements after this ``number`` of steps: differences over
+        two steps, or over one at the start, and where a drive is no finite number a step later, as
+        it may be after the end of the run.
+        """
+        time = number * self.step
+        start, _ = self._evaluate_drives(max(time - self.step, 0.0))
+        n_steps = 2 if number else 1
+        try:
+            end, _ = self._evaluate_drives(time + self.step)
+        except _Stop:
+            end = self.ways
+            n_steps = 1
+        return (end - start) / (n_steps * self.step)
+
+    def _evaluate_drives(self, time: float) -> tuple[Array, Array]:
+        """Return the ways, m, of moved bodies and the forces, N, on pushed balls at a ``time``, s.
+
+        Where one is not finite the run stops, or at the time zero there is an InputError.
+        """
         if not self.drives:
             return _NOTHING, _NOTHING
         ways = np.array([real_number(displacement(time)) for displacement in self._ways])
@@ -1209,8 +1297,9 @@ class _System:
         self._carry_over(np.flatnonzero(numbers >= 0), numbers[numbers >= 0], dash)
 
     def _find_pairs(self, places: Array) -> Index:
-        """Return the pairs (i, j, shift) (n_p, 5) of balls at ``places`` (n, 3) that may meet, each
-        once, and that are no contacts of the network.
+        """Return the pairs (i, j, shift) (n_p, 5) of balls at ``places`` (n, 3), m, or of a ball i
+        and a flat wall j, that may meet, each once. Contacts of the network, and pairs of two
+        bodies that are held, are not among them.
         """
         network = self.network
         radii = network.radii
@@ -1249,7 +1338,7 @@ class _System:
         """Let contacts that have been listed anew keep their state: those of the network, and the
         pairs ``listed``, numbered from zero, whose contacts had the ``numbers`` until now.
 
-        ``dash`` are the forces of dashpots until now.
+        ``dash`` are the forces of dashpots until now: :meth:`_join` has made new contacts since.
         """
         contacts = self.contacts
         n = self.network.n_contacts

@@ -269,7 +269,8 @@ class Peaks(NamedTuple):
     ----------
     frequencies : (n,) Hz.
     heights : (n,) magnitude at the peaks, in the unit of the response; nan of a line that is
-        narrower than the step of the frequencies, where nothing is solved between them.
+        narrower than the step of the frequencies, where nothing is solved between them, or no line
+        is found there.
     quality : (n,) Q factors, a ratio without a unit; nan if the peak is not resolved, or not that
         of one mode.
     """
@@ -287,13 +288,13 @@ def find_peaks(
 
     ``values`` (n_f, n_r) are complex amplitudes; ``solve`` returns those at other ascending
     frequencies. A mode over a constant background, B + R/(p - f^2), passes through the highest
-    value and its two neighbours. Its pole p gives the frequency (Re p)^1/2, the height there, and
-    Q = Re p / Im p. Where the line is narrower than the step of the frequencies, the three values
-    lie too far from the line: the response is solved at the pole and half a width beside it, and
-    the pole found anew, until it stands. Without ``solve`` the height and Q of such a line are not
-    known, and its frequency is that of the highest value. Where the pole is farther away than its
-    width, the peak is not that of one mode: its frequency and height are those of the highest
-    value, and Q is not known.
+    value and its two neighbours. Its pole p gives the frequency (Re p)^1/2, the height there, and Q
+    = Re p / Im p. Where the line is narrower than the step of the frequencies, the three values lie
+    too far from the line: the response is solved at the pole and half a width beside it, and the
+    pole found anew, until it stands. Without ``solve``, or if no pole stands, the height and Q of
+    such a line are not known, and its frequency is that of the highest value. Where the pole is
+    farther away than its width, the peak is not that of one mode: its frequency and height are
+    those of the highest value, and Q is not known.
     """
     magnitude = np.abs(values)
     rows, is_top = _find_tops(magnitude)
@@ -514,7 +515,8 @@ def find_response(
     (n_f,).
 
     ``source`` and ``receiver`` are sought among the ``places`` of the network, as
-    :meth:`granphon.waves.waves.Waves.response` describes them.
+    :meth:`granphon.waves.waves.Waves.response` describes them, and raises what that raises. Unless
+    nothing loses energy, the response keeps what it takes to solve at other frequencies.
     """
     is_moved = options.quantity == "transmissibility"
     sources, pushes = places.find("source", source, held=is_moved)
@@ -681,7 +683,8 @@ class Places:
     def _find_plane(self, name: str, held: bool) -> Index:
         """Return the balls (n,) of a plane across the direction: the first for the ``name``
         "source"; for a receiver that at the distance from the first, or the last; or the first
-        bodies that are ``held``.
+        bodies that are ``held``. InputError for a receiver without a distance in a network that
+        repeats along the direction, and where there is no such plane or body.
         """
         course = Course.along(self.network, self.along)
         if held:
@@ -702,7 +705,9 @@ class Places:
         return course.find_plane(float(np.max(places)), name)
 
     def _find_held_plane(self, course: Course) -> Index:
-        """Return the bodies that do not move, up to half a diameter behind the first of these."""
+        """Return the bodies that do not move, up to half a diameter behind the first of these;
+        InputError if all balls move.
+        """
         held_bodies = np.flatnonzero(~self.network.moving)
         if not held_bodies.size:
             raise InputError(
@@ -820,7 +825,7 @@ class ResponseWork:
         return self.even is None and bool(np.any(self.damping.times))
 
     @cached_property
-    def step(self) -> float:
+    def step_time(self) -> float:
         """Time of a step of the Krylov space, s."""
         if self.has_order_one:
             time_over_lanczos = _FIRST_ORDER
@@ -898,7 +903,7 @@ class ResponseWork:
         count = self.omega.size
         slowest_first = np.argsort(-self.steps, kind="stable")
         # (n_f + 1,) times with factors at none, one, two, ... of the slowest frequencies
-        times = self.step * np.append(self.steps[slowest_first], 0.0)
+        times = self.step_time * np.append(self.steps[slowest_first], 0.0)
         n_factors = 0
         if may_factorise and math.isfinite(self.factor_time):
             times = times + np.arange(count + 1) * self.factor_time
@@ -934,7 +939,7 @@ class ResponseWork:
 
         methods = []
         if math.isfinite(steps):
-            methods.append(f"a Krylov space takes about {write_duration(steps * self.step)}")
+            methods.append(f"a Krylov space takes about {write_duration(steps * self.step_time)}")
         if math.isfinite(self.factor_time):
             count = self.omega.size
             duration = write_duration(self.factor_time * count)
@@ -954,7 +959,7 @@ class ResponseWork:
             if damped_work.even is None:
                 continue
             steps = float(np.max(damped_work.steps))
-            seconds = steps * damped_work.step
+            seconds = steps * damped_work.step_time
             if steps <= _MOST and seconds <= _LONGEST:
                 return (
                     f"Damp all contacts alike and more: a loss_factor of {eta:g} takes about"
@@ -1021,10 +1026,11 @@ class _Problem:
     @single_products()
     def solve(self, omega: Array, method: str | None, tolerance: float) -> _Solution:
         """Return the signals of the receivers at ``omega`` (n_f,), rad/s, by the ``method``, or by
-        what is faster.
+        what is faster: then factors mend what a Krylov space has not found, or not well enough if
+        that is little work.
 
-        Raises :class:`~granphon.base.errors.InputError` for a Krylov space that serves not all
-        frequencies, and for a frequency at which factors find a mode without losses, and
+        Raises :class:`~granphon.base.errors.InputError` for a Krylov space that is named and serves
+        not all frequencies, and for a frequency at which factors find a mode without losses, and
         :class:`~granphon.base.errors.ConvergenceError` as :meth:`ResponseWork.choose` does, and
         where a Krylov space finds no values and there are no factors, or the space was named.
         """
@@ -1043,18 +1049,19 @@ class _Problem:
         if by_krylov.size:
             expected_steps = float(np.max(work.steps[by_krylov])) if may_factorise else math.inf
             krylov_work = replace(work, omega=omega[by_krylov])
-            values[by_krylov], error[by_krylov], steps = self._follow(krylov_work, expected_steps)
+            in_space = self._solve_in_space(krylov_work, expected_steps)
+            values[by_krylov], error[by_krylov], steps = in_space
         # a response deep in a gap is less than the rounding of a Krylov space; factors keep all of
         # its digits
         deep = np.flatnonzero(np.isfinite(error) & (error > max(_UNSURE, tolerance)))
-        if may_factorise and deep.size * work.factor_time <= max(steps * work.step, _AGAIN):
+        if may_factorise and deep.size * work.factor_time <= max(steps * work.step_time, _AGAIN):
             error[deep] = np.inf
         unsolved = np.flatnonzero(np.isinf(error))
         if unsolved.size:
             if method == "krylov" or not has_factors:
                 unsolved_work = replace(work, omega=omega[unsolved])
                 raise unsolved_work.explain("is not found by a Krylov space")
-            values[unsolved], error[unsolved] = self._factorise(omega[unsolved])
+            values[unsolved], error[unsolved] = self._solve_by_factors(omega[unsolved])
         if unsolved.size == omega.size:
             steps = 0
         return _Solution(values, error, int(unsolved.size), steps)
@@ -1164,7 +1171,7 @@ class _Problem:
         """Return the signals (n_r,) of receivers for motions x (size,)."""
         return np.asarray(np.sum(x[self.heard] * self.ears, axis=1))
 
-    def _factorise(self, omega: Array) -> tuple[Complex, Array]:
+    def _solve_by_factors(self, omega: Array) -> tuple[Complex, Array]:
         """Return values (n_f, n_r) and errors (n_f,) at ``omega`` (n_f,), rad/s, by factors of Z at
         each frequency.
         """
@@ -1208,9 +1215,12 @@ class _Problem:
             raise _explain_resonance(w)
         return signals, error
 
-    def _follow(self, work: ResponseWork, expected_steps: float) -> tuple[Complex, Array, int]:
+    def _solve_in_space(
+        self, work: ResponseWork, expected_steps: float
+    ) -> tuple[Complex, Array, int]:
         """Return values (n_f, n_r) and errors (n_f,) by a Krylov space, and the number of its
-        steps; errors are infinite where no value is found.
+        steps; errors are infinite where the space ends before the error is within the tolerance or
+        rounding alone. A source of zero takes no step.
 
         The space ends, at the latest, after twice the ``expected_steps``, or ``_MOST`` steps.
         """
@@ -1399,7 +1409,7 @@ class _KrylovProcess:
         following = self._add(self._previous, following, a=-above)
         diagonal = product(self._current, following)
         following = self._add(self._current, following, a=-diagonal)
-        self._eliminate(above, diagonal)
+        self._eliminate(above, diagonal)  # with the entry below the last diagonal one
         self._below = np.sqrt(product(following, following))
         self._following = following
         self.bands[:, self.steps] = (above, diagonal, self._below)

@@ -147,7 +147,7 @@ def transmission(
     operator = WaveOperator(strip)
     damped = ContactDamping.of(strip, damping, loss_factor)
     _require_strip(operator, leads)
-    ends = [first.fit(operator, lower=True), last.fit(operator, lower=False)]
+    ends = [first.map_to_block(operator, lower=True), last.map_to_block(operator, lower=False)]
     omega = 2.0 * np.pi * hertz
     waves_of_first = first.find_waves(omega)
     waves_of_last = last.find_waves(omega)
@@ -262,9 +262,11 @@ class ScatteringLengths(Result):
     frequencies : (n_f,) Hz.
     mean_free_path, mean_free_path_error : (n_f, m) l, m, of the coherent wave: the squared size of
         the mean amplitude falls as exp(-L/l). Infinite where it does not fall; zero beyond the
-        waves that run. An error is infinite where only the shortest strips let a wave be seen.
+        waves that run. An error is infinite where the path is, and where only the shortest strips
+        let a wave be seen.
     localisation_length, localisation_length_error : (n_f,) xi, m: the mean of ln(total) falls as -2
-        L/xi (P. W. Anderson et al., Phys. Rev. B 22, 3519, 1980). Infinite where it does not fall.
+        L/xi (P. W. Anderson et al., Phys. Rev. B 22, 3519, 1980). Both are infinite where it does
+        not fall.
     """
 
     frequencies: Annotated[Array, "f", "Hz"]
@@ -398,8 +400,9 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
     variance 4 a E/n + 2 |C|^2/(n (n - 1)), where C are the covariances of real and imaginary parts,
     and a is the variance along the mean. For weights C is that of all lengths together, the same in
     all directions; for the error C is that at each length. Both take E from the fit, which is
-    repeated until it does not change (quasi-likelihood). Where the fit goes on to change, the
-    signal is above the noise at the least length alone, and the error is infinite.
+    repeated until it does not change (quasi-likelihood). Where the fit goes on to change, or does
+    not tell the level from the rate, the signal is above the noise at the least length alone, and
+    the error is infinite.
     """
     count = np.array([len(samples) for samples in amplitudes], float)
     mean = np.array([samples.mean() for samples in amplitudes])
@@ -507,13 +510,13 @@ class _Lead(NamedTuple):
             wavenumbers[row, :n] = self.space.wavenumbers(factors, self.q).real
         return wavenumbers
 
-    def fit(self, operator: WaveOperator, lower: bool) -> Any:
+    def map_to_block(self, operator: WaveOperator, lower: bool) -> Any:
         """Return S (size, size of the strip), sparse, which takes motions of the strip to those of
         a block of the lead at the ``lower`` or upper end of the strip.
 
         Balls of the strip are sought where those of a block would stand. They have masses and
-        inertias of their own. Raises :class:`~granphon.base.errors.InputError` for a strip that
-        does not fit.
+        inertias of their own, so that S weighs motions anew. Raises
+        :class:`~granphon.base.errors.InputError` for a strip that does not fit.
         """
         strip = operator.network
         misfit = f"the strip does not fit to the {'first' if lower else 'other'} lead"
@@ -572,8 +575,8 @@ class _Lead(NamedTuple):
         worst = np.min(distances, axis=2).max(axis=1)
         is_shared = [np.unique(balls).size < n_sites for balls in nearest]
         worst[is_shared] = np.inf
-        # of several fits, as where two kinds of balls alternate, the one that leaves the frame of
-        # the lead unchanged
+        # of several matches, as where two kinds of balls alternate, the one that leaves the frame
+        # of the lead unchanged
         frame_shifts = self._find_frame_shifts(positions - sites[0], periods)
         tolerance = _SAME_SITE * float(2.0 * np.mean(cut.radii[block]))
         first = int(np.argmin(np.where(worst <= tolerance, frame_shifts, np.inf)))
@@ -670,8 +673,8 @@ def _scatter(
     = omega^2, (rad/s)^2.
 
     ``matrix`` is the stiffness of the strip, (rad/s)^2; ``ends`` are the matrices S of
-    :meth:`_Lead.fit` of both leads, and ``waves`` the waves of each lead towards higher and towards
-    lower layers.
+    :meth:`_Lead.map_to_block` of both leads, and ``waves`` the waves of each lead towards higher
+    and towards lower layers.
     """
     from scipy.sparse import csc_array, eye_array
 

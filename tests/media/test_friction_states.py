@@ -28,6 +28,7 @@ from granphon.dynamics.elasticity import symmetrise
 from granphon.figures.bands import bands_figure
 from granphon.figures.curves import describe_lines, sweep_figure
 from granphon.media.choice import MediumChoice
+from granphon.runs.store import Store
 from granphon.runs.tasks import SampleRecord
 from granphon.scene.redraw import read_run, redraw
 
@@ -1033,8 +1034,11 @@ def test_media_of_a_sweep_that_ends_early_have_the_same_loads(reached_loads, tmp
     end_at(monkeypatch, 0.01)
     media = ["ema", loaded_in_steps(True)]
     overlaps = np.array([0.2, 0.1, 0.005]) * W
+    store = Store(None)
     with pytest.raises(ConvergenceError, match=r"ordered=true.*x_incomplete.nc") as caught:
-        gp.sweep(PACKING, media=media, overlap=overlaps, path=tmp_path / "x.nc")
+        gp.sweep(PACKING, media=media, overlap=overlaps, path=tmp_path / "x.nc", store=store)
+    assert len(store.names) == 2  # the caller clears it
+    store.close()
     reached = caught.value.reached.drop_attrs(deep=False)
     assert reached.identical(reached_loads.drop_attrs(deep=False))
     assert caught.value.load_index == 2

@@ -756,6 +756,16 @@ def test_a_dump_that_is_cut_is_read_before_that(which, tmp_path):
                 gp.ContactNetwork.from_lammps(*paths, GLASS, step=step)
 
 
+def test_the_number_of_rows_is_that_of_the_step(tmp_path):
+    paths = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
+    for path, source in zip(paths, dumps("disks"), strict=True):
+        text = source.read_text()
+        later = re.sub(r"ITEM: NUMBER OF \w+\n\d+\n", "", text)
+        path.write_text(re.sub(r"TIMESTEP\n\d+", "TIMESTEP\n5", text) + later)
+    with pytest.raises(gp.GranphonError, match="number of atoms"):
+        gp.ContactNetwork.from_lammps(*paths, GLASS)
+
+
 def test_vectors_that_lead_the_other_way_are_told(tmp_path):
     atoms, pairs = dumps("disks")
     head, below = re.split(r"(?<=\n)(?=ITEM: ENTRIES)", pairs.read_text())

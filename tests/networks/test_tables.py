@@ -65,6 +65,10 @@ def test_tables_are_read_as_they_were_written(kind, tmp_path):
         tmp_path / "new" / "balls.csv", tmp_path / "contacts.csv", keep_rattlers=True
     )
     assert again == network
+    # the cell is that of the file, of which pbc says what repeats
+    paths = tmp_path / "new" / "balls.csv", tmp_path / "contacts.csv"
+    same = gp.ContactNetwork.from_table(*paths, pbc=network.pbc, keep_rattlers=True)
+    assert same == network
     with pytest.raises(OSError, match="is a folder"):
         network.write_tables(tmp_path, tmp_path / "contacts.csv")
 
@@ -297,6 +301,71 @@ def test_a_table_of_a_row_between_walls():
     )
     operator = gp.Waves(network).operator
     np.testing.assert_allclose(mass * np.linalg.eigvalsh(operator.matrix.toarray()), squares)
+
+
+def test_a_flat_wall_of_a_periodic_row_may_be_at_any_place():
+    radius = 0.005
+    balls = {
+        "x": [0.0, 2.0 * radius, 1e9],
+        "y": [0.0, 0.0, 0.0],
+        "radius": [radius, radius, np.inf],
+        "mass": [1e-3, 1e-3, np.inf],
+    }
+    contacts = {
+        "i": [0, 1, 0, 1],
+        "j": [1, 0, 2, 2],
+        "nx": [1.0, 1.0, 0.0, 0.0],
+        "ny": [0.0, 0.0, -1.0, -1.0],
+        "normal_force": [1.0] * 4,
+        "normal_stiffness": [1e5] * 4,
+        "shift_1": [0, 1, 0, 0],
+    }
+    options = {"cell": [[4.0 * radius, 0.0]], "friction": False, "keep_rattlers": True}
+    found = gp.ContactNetwork.from_table(balls, contacts, **options)
+    del contacts["shift_1"]
+    balls["x"][1] = 2.2 * radius  # so that one of the images of the neighbour is nearer
+    contacts = {name: values[1:] for name, values in contacts.items()}
+    nearest = gp.ContactNetwork.from_table(balls, contacts, **options)
+    np.testing.assert_array_equal(nearest.shift, found.shift[1:])
+
+
+@pytest.mark.parametrize("n_cells", [1, 3])
+def test_a_ball_that_is_held_is_where_the_normal_leads_across_a_side_of_the_cell(n_cells):
+    """Without shifts a clamped ball has the image that touches, on both sides in a cell of two
+    balls: with prestress, rows are pushed sideways as with shifts, by -f/r of the true distance.
+    """
+    diameter = 0.01
+    spacing = 0.999 * diameter
+    n = 2 * n_cells
+    balls = {
+        "x": spacing * (0.3 + np.arange(n)),
+        "y": np.zeros(n),
+        "radius": np.full(n, 0.5 * diameter),
+        "mass": np.where(np.arange(n) % 2, np.inf, 1e-3),
+        "inertia": np.where(np.arange(n) % 2, np.inf, 1e-8),
+    }
+    contacts = {
+        "i": np.arange(n),
+        "j": (np.arange(n) + 1) % n,
+        "nx": np.ones(n),
+        "ny": np.zeros(n),
+        "normal_force": np.full(n, 100.0),
+        "normal_stiffness": np.full(n, 1e6),
+    }
+    # each contact from its other end
+    contacts["i"][::3], contacts["j"][::3] = contacts["j"][::3].copy(), contacts["i"][::3].copy()
+    contacts["nx"][::3] *= -1.0
+    crossing = np.arange(n) == n - 1
+    shifts = np.where(crossing, np.where(np.arange(n) % 3 == 0, -1, 1), 0)
+    options = {"cell": [[n * spacing, 0.0]], "prestress": True, "friction": False}
+    known = gp.ContactNetwork.from_table(
+        balls, contacts | {"shift_1": shifts}, keep_rattlers=True, **options
+    )
+    found = gp.ContactNetwork.from_table(balls, contacts, keep_rattlers=True, **options)
+    np.testing.assert_allclose(known.distance, spacing, rtol=1e-12)
+    np.testing.assert_array_equal(found.shift, known.shift)
+    stiffness = gp.Waves(found).operator.matrix.toarray()
+    np.testing.assert_allclose(np.diag(stiffness)[1::2], -2.0 * 100.0 / spacing / 1e-3, rtol=1e-12)
 
 
 @pytest.mark.parametrize("wall", [0.0, -0.001])
@@ -616,6 +685,12 @@ def test_a_ball_that_touches_its_own_image_does_so_once():
         ball, {"i": [0], "j": [0]}, material=steel, cell=[[0.999 * d, 0.0], [0.3 * d, 1.2 * d]]
     )
     np.testing.assert_array_equal(np.abs(found.shift), [[1, 0, 0]])
+    for side in (1, -1):  # a normal says which of the two directions
+        contact = {"i": [0], "j": [0], "nx": [float(side)], "ny": [0.0]}
+        led = gp.ContactNetwork.from_table(
+            ball, contact, material=steel, cell=[[0.999 * d, 0.0], [0.3 * d, 1.2 * d]]
+        )
+        np.testing.assert_array_equal(led.shift, [[side, 0, 0]])
     with pytest.raises(InputError, match="only one"):
         gp.ContactNetwork.from_table(
             ball, {"i": [0, 0], "j": [0, 0]}, material=steel, cell=[0.999 * d, 0.999 * d]

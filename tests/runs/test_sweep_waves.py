@@ -358,11 +358,11 @@ def test_mean_of_samples_leaves_out_those_that_cannot_be_read():
     from granphon.runs.wave_records import average_waves
     from granphon.waves.settings import PulseSettings, WaveSettings
 
-    def record(velocity, note=""):
+    def record(velocity, note="", fraction=0.5):
         numbers = {
             "pulse_velocity": velocity,
             "time_of_flight": 1.0 / velocity,
-            "coherent_fraction": 0.5,
+            "coherent_fraction": fraction,
         }
         return {name: np.array(one) for name, one in numbers.items()} | {
             "pulse_note": note,
@@ -370,12 +370,15 @@ def test_mean_of_samples_leaves_out_those_that_cannot_be_read():
         }
 
     wanted = WaveSettings(pulse=PulseSettings(1e3))
-    found, notes = average_waves([record(3.0), record(np.nan, "too late"), record(5.0)], wanted)
+    unread = record(np.nan, "too late", fraction=0.2)
+    found, notes = average_waves([record(3.0), unread, record(5.0)], wanted)
     assert (float(found["pulse_velocity"]), float(found["pulse_velocity_error"])) == pytest.approx(
         (4.0, 1.0)
     )
+    assert float(found["coherent_fraction"]) == pytest.approx(0.4)  # a pulse was heard in all
     (note,) = notes
     assert " 1 of 3 samples" in note
+    assert "velocity" in note
     assert note.endswith("too late")
 
 

@@ -597,6 +597,24 @@ def test_a_drive_that_is_no_number_ends_the_run():
             waves.run(1e-4, drive=[still, other])
 
 
+def test_a_displacement_need_not_be_known_after_the_end():
+    waves = gp.NonlinearWaves(line(10.0, 4))
+
+    def shake(time):
+        return 1e-9 * math.sin(1e5 * time)
+
+    def shake_to_the_end(time):
+        return shake(time) if time < 1.0000001e-4 else math.nan
+
+    drive = gp.Drive(0, (1, 0, 0), displacement=shake_to_the_end)
+    motion = waves.run(1e-4, drive=drive, frames=11)
+    whole = waves.run(1e-4, drive=replace(drive, displacement=shake), frames=11)
+    assert_allclose(motion.displacements, whole.displacements, rtol=1e-14)
+    speeds = motion.velocities[:, 0, 0]
+    assert_allclose(speeds, 1e-4 * np.cos(1e5 * motion.times), atol=1e5 * 1e-4 * motion.step)
+    assert_allclose(speeds[:-1], whole.velocities[:-1, 0, 0], rtol=1e-14)
+
+
 def run_into(path, force):
     """The motion of a chain whose first ball is pushed, 101 frames of 1 us, in a file."""
     waves = gp.NonlinearWaves(line(10.0, 4))
