@@ -314,16 +314,23 @@ class _LowPass:
             " backwards)"
         )
 
+    @cached_property
+    def _sections(self) -> Array:
+        """Coefficients (n_sections, 6) of the filter."""
+        from scipy.signal import butter
+
+        sections: Array = butter(_ORDER, self.cutoff, fs=1.0 / self.time_step, output="sos")
+        return sections
+
     def __call__(self, signals: Array) -> Array:
         """Return filtered signals (..., n)."""
         if math.isinf(self.cutoff):
             return signals
-        from scipy.signal import butter, sosfiltfilt
+        from scipy.signal import sosfiltfilt
 
-        sections = butter(_ORDER, self.cutoff, fs=1.0 / self.time_step, output="sos")
         # reaches beyond the ends, within which the filter forgets
         reach = min(signals.shape[-1] - 1, math.ceil(3.0 / (self.cutoff * self.time_step)))
-        filtered: Array = sosfiltfilt(sections, signals, axis=-1, padlen=reach)
+        filtered: Array = sosfiltfilt(self._sections, signals, axis=-1, padlen=reach)
         return filtered
 
 
