@@ -66,6 +66,11 @@ class _Part:
     names: tuple[str, ...]
 
 
+def has_traces(table: Table) -> bool:
+    """Whether a table has a column that is headed with the distance of a sensor."""
+    return any(_split_heading(heading)[1] is not None for heading in table.headings)
+
+
 def read_traces(
     paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     distances: Sequence[float] | Mapping[str, float] | None,
