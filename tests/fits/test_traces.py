@@ -60,6 +60,7 @@ def find_pulls(method: str, n_draws: int, noise: float, places: tuple[float, ...
     return pulls
 
 
+@pytest.mark.claim("traces-errors")
 @pytest.mark.parametrize("method", METHODS)
 def test_standard_errors_are_those_of_the_noise(method: str) -> None:
     pulls = find_pulls(method, 40, 0.01, (0.0, 0.2))
@@ -67,6 +68,7 @@ def test_standard_errors_are_those_of_the_noise(method: str) -> None:
     assert np.std(pulls) == pytest.approx(1.0, abs=0.3)
 
 
+@pytest.mark.claim("traces-errors")
 @pytest.mark.slow
 @pytest.mark.parametrize("places", [(0.0, 0.2), (0.0, 0.05, 0.2)])
 @pytest.mark.parametrize("noise", [0.005, 0.02])
@@ -236,6 +238,7 @@ def test_the_command_prints_and_draws(
     assert "lowpass" in capsys.readouterr().err
 
 
+@pytest.mark.claim("traces-transfer")
 def test_welch_finds_a_filter_within_its_errors() -> None:
     rng = np.random.default_rng(10)
     n, step = 32768, 1e-5
@@ -267,3 +270,31 @@ def test_what_gives_no_transfer_function_is_refused() -> None:
     later = gp.Traces(times + 1.0, response.signals[0], 0.0)
     with pytest.raises(InputError, match="times"):
         gp.TransferFunction.from_traces(drive, later)
+
+
+def test_a_fit_takes_traces(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    traces = make_traces(12)
+    rows = np.column_stack([traces.times * 1e6, traces.signals.T])
+    data = tmp_path / "traces.csv"
+    np.savetxt(data, rows, delimiter=",", header="time (us),a at 0 mm,b at 20 cm", comments="")
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(
+        "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
+        "packing: {lattice: triangular, diameter: 8 mm, spread: {uniform: 2 um}}\n"
+        "load: {force: 2 N}\nmedium: ema\n"
+    )
+    words = ["fit", str(scene), str(data)]
+    assert main(words) == 0
+    from_traces = capsys.readouterr().out
+    found = gp.Traces.read(data).velocity()
+    table = tmp_path / "velocity.csv"
+    table.write_text(
+        f"force (N),velocity (m/s),sigma (m/s)\n2,{found.velocity!r},{found.stderr!r}\n"
+    )
+    assert main(["fit", str(scene), str(table)]) == 0
+    assert capsys.readouterr().out == from_traces
+    scene.write_text(scene.read_text().replace("2 N", "[2 N, 3 N]"))
+    assert main(words) == 2
+    assert "loads" in capsys.readouterr().err
+    assert main([*words, "--sigma", "5 m/s"]) == 2
+    assert "--sigma" in capsys.readouterr().err
