@@ -92,7 +92,7 @@ class TraceVelocity(Result):
 
     @property
     def p(self) -> float:
-        """Probability that noise makes a larger sum of squares; nan for two sensors."""
+        """Probability, a ratio, that noise makes a larger sum of squares; nan for two sensors."""
         return compute_probability(self.chi2, self.dof)
 
 
