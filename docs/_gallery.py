@@ -36,6 +36,7 @@ _ORDER = (
     "zigzag_edge",
     "surface_waves_fcc",
     "transfer_function",
+    "time_of_flight",
     "transmission",
     "pressure_sweep",
     "ladder",

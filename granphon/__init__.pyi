@@ -46,6 +46,8 @@ from .figures.plot import plot as plot
 from .fits.fit import WidthFit as WidthFit
 from .fits.fit import fit_width as fit_width
 from .fits.measurements import Measurements as Measurements
+from .fits.traces import Traces as Traces
+from .fits.traces import TraceVelocity as TraceVelocity
 from .fits.transfer import DampingFit as DampingFit
 from .fits.transfer import TransferFunction as TransferFunction
 from .fits.transfer import fit_damping as fit_damping

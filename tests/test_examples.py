@@ -63,6 +63,7 @@ LONG = {
     "spectral_function",
     "steel_bands",
     "surface_waves_fcc",
+    "time_of_flight",
     "transfer_function",
     "transmission",
     "true_directions",

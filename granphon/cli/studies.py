@@ -102,8 +102,9 @@ def fit_measurements(
     space 'pressure (kPa)') or 'side_force (N)' (the scene then gives balls_per_side). The velocity
     is 'velocity (m/s)', or 'time (ms)' and 'distance (m)', or 'cutoff (kHz)', the highest frequency
     of the branch. If known, there are also 'sigma (m/s)' or 'sigma (%)', 'time_sigma (us)' or
-    'cutoff_sigma (Hz)', and 'frequency (kHz)'. Velocities with a frequency are those of pulses. The
-    folder gets fit.yaml, fit.csv and fit.png.
+    'cutoff_sigma (Hz)', and 'frequency (kHz)'. Velocities with a frequency are those of pulses. A
+    table of traces, as for 'granphon velocity', gives one velocity, under the one load of the
+    scene. The folder gets fit.yaml, fit.csv and fit.png.
 
     \b
     Examples:
@@ -116,6 +117,7 @@ def fit_measurements(
     from granphon.base.staging import ResultFiles
     from granphon.base.tables import Table
     from granphon.fits.fit import FIT_FILES, fit_width
+    from granphon.fits.trace_files import has_traces
     from granphon.fits.transfer import TransferFunction
     from granphon.scene.scene import Scene
 
@@ -135,7 +137,7 @@ def fit_measurements(
             "--sigma": sigma,
             "--direction": direction,
         }
-        _refuse_options(options_of_velocities, data)
+        _refuse_options(options_of_velocities, data, "a transfer function")
         response_fit = _fit_response(scene, plan, data, columns, parameters)
         rows = describe_response_fit(response_fit)
         _finish_fit(out, files, response_fit, response_fit.warnings, rows)
@@ -153,9 +155,14 @@ def fit_measurements(
     # averaged
     takes_ema = width and plan.media[0].name == "ala" and not plan.balls_differ
     medium: Any = "ema" if takes_ema else plan.media[0]
-    measured = _read_velocities(
-        data, columns, distance, plan, packing, medium, parameters, branch, sound_direction
-    )
+    if has_traces(table):
+        options_of_tables = {"--distance": distance, "--sigma": sigma}
+        _refuse_options(options_of_tables, data, "traces")
+        measured = _read_traces(scene, data, plan, packing, medium, parameters)
+    else:
+        measured = _read_velocities(
+            data, columns, distance, plan, packing, medium, parameters, branch, sound_direction
+        )
     velocity_sigma, pulse_frequency = _choose_sigma_and_frequency(measured, sigma, frequency)
     fitted_names = ("width", *parameters) if width else parameters
     fit = fit_width(
@@ -210,13 +217,13 @@ def _read_columns(options: Sequence[str] | None) -> dict[str, str]:
     return columns
 
 
-def _refuse_options(options: Mapping[str, str | None], data: str) -> None:
+def _refuse_options(options: Mapping[str, str | None], data: str, content: str) -> None:
     """Raise InputError for the first of the ``options`` of velocities that has a value, as the
-    table ``data`` has a transfer function.
+    table ``data`` has another ``content``.
     """
     for name, value in options.items():
         if value is not None:
-            problem = f"{name} is for velocities, and {data} has a transfer function"
+            problem = f"{name} is for velocities, and {data} has {content}"
             raise InputError(problem, mend="Leave it out")
 
 
@@ -272,6 +279,44 @@ def _read_velocities(
         packing.structure.periods,
         partial(convert_cutoff, packing, branch, direction, finite_overlap, parameters),
     )
+
+
+def _read_traces(
+    scene: str,
+    data: str,
+    plan: Scene,
+    packing: Packing,
+    medium: Any,
+    parameters: tuple[str, ...],
+) -> Measurements:
+    """Return the velocity that the traces in the file ``data`` show, with its standard error, under
+    the one load of the scene in the file ``scene``.
+
+    Pressures are converted for the ``packing`` in the ``medium``, whose ``parameters`` are fitted.
+    """
+    from granphon.balls.loads import force_of_frame
+    from granphon.fits.fit import convert_pressure
+    from granphon.fits.measurements import Measurements
+    from granphon.fits.traces import Traces
+
+    load = plan.load
+    if load.size != 1:
+        problem = f"{scene} has {load.size} loads, and {data} has traces"
+        raise InputError(problem, "Traces are of one load", "Keep the load of the traces")
+    value = load.values[0]
+    if load.kind == "force":
+        force = value
+    elif load.kind == "side_force" and load.balls_per_side is not None:
+        force = force_of_frame(value, balls_per_side=load.balls_per_side)
+    elif load.kind == "pressure":
+        force = convert_pressure(packing, plan.finite_overlap, medium, parameters, value)
+    else:
+        problem = f"the load of {scene} is of the kind {load.kind}"
+        why = "A fit to traces takes a force, pressure or side_force"
+        raise InputError(problem, why, "Give the load that the balls had")
+    found = Traces.read(data).velocity()
+    warn(found.warnings)
+    return Measurements([force], [found.velocity], [found.stderr])
 
 
 def _choose_sigma_and_frequency(

@@ -47,6 +47,7 @@ _PICTURES = {
     "granphon.DensityOfStates": _Drawing("bands", "bands_figure", "dos"),
     "granphon.WidthFit": _Drawing("curves", "fit_figure", "fit"),
     "granphon.DampingFit": _Drawing("waves", "transfer_fit_figure", "fit"),
+    "granphon.Traces": _Drawing("traces", "traces_figure", "traces"),
     "granphon.TradeOff": _Drawing("work_precision", "tradeoff_figure", "result"),
     "granphon.PathSpectra": _Drawing("waves", "spectrum_figure", "spectra"),
     "granphon.SpectralFunction": _Drawing("waves", "plot_lines", "spectrum", 2.6),
@@ -79,12 +80,12 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
 
     ``result`` is bands, complex bands, a transmission, a density of states (of a lattice or of a
     sample), a sweep, a fit, a trade-off, spectra along a path or at single wave vectors, a pulse, a
-    response, a motion, modes of a network (``mode`` is the number of the mode), a state at one
-    load, a sample, a network of contacts, or the result of a scene's run, of which bands, density
-    of states or sweep are drawn. A state whose contacts follow from a law is drawn as some cells of
-    its network. ``options`` go to the function of :mod:`granphon.figures` that draws the result,
-    such as ``asymptotes`` of ``bands_figure`` and ``variable`` of ``sweep_figure``. The same
-    modules have functions that draw on your own Axes.
+    response, a motion, traces of sensors (``velocity`` adds their arrivals), modes of a network
+    (``mode`` is the number of the mode), a state at one load, a sample, a network of contacts, or
+    the result of a scene's run, of which bands, density of states or sweep are drawn. A state whose
+    contacts follow from a law is drawn as some cells of its network. ``options`` go to the function
+    of :mod:`granphon.figures` that draws the result, such as ``asymptotes`` of ``bands_figure`` and
+    ``variable`` of ``sweep_figure``. The same modules have functions that draw on your own Axes.
 
     A list of results, or a mapping that names results, is one picture: sweeps, fits and results of
     scenes over the load, with measured points, or bands, or densities of states. ``options`` are
@@ -156,9 +157,9 @@ def _choose_of_object(result: Any, classes: list[str]) -> tuple[_Drawing, dict[s
     refuse_unpressed(result)
     drawable = (
         "bands (complex ones too), a transmission, a density of states, a sweep, a fit, a"
-        " trade-off, spectra (of an edge too), a pulse, a response, a motion, modes, a state, a"
-        " sample, a network, or the result of a run of a scene with bands, a density of states or"
-        " a sweep"
+        " trade-off, spectra (of an edge too), a pulse, a response, a motion, traces, modes, a"
+        " state, a sample, a network, or the result of a run of a scene with bands, a density of"
+        " states or a sweep"
     )
     raise InputError(f"{brief(result)} has no default picture", mend=f"Give {drawable}")
 

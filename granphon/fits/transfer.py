@@ -21,15 +21,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls import hertz
-from granphon.base.arrays import Array
+from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import InputError
 from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result
 from granphon.base.tables import Table
 from granphon.base.text import list_names, suggest
-from granphon.base.validation import Low, finite_list, texts
+from granphon.base.validation import Low, finite_list, positive, texts
 from granphon.dynamics.damping import ContactDamping
 from granphon.fits.fit import LARGE_ERROR, SAME_EFFECT, Fitted, WidthFit, judge_residuals
+from granphon.fits.traces import Traces
 from granphon.fits.velocity_model import require_fitted
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.response import QUANTITIES
@@ -60,6 +61,10 @@ _FOLLOWED = 3
 #: factors that convert the numbers of a table into 1 or radians
 _NUMBERS = {"": 1.0, "1": 1.0, "%": 0.01}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0}
+#: least number of samples of a segment of a record
+_LEAST_SEGMENT = 16
+#: probability with which noise alone exceeds the coherence of a frequency that is kept
+_BY_CHANCE = 0.01
 #: columns of a table
 _COLUMNS = ("frequency", "magnitude", "phase", "sigma", "phase_sigma")
 _MAGNITUDES = {
@@ -147,6 +152,101 @@ class TransferFunction(Result):
             return cls(frequencies, magnitude, phase, sigma, phase_sigma)
         except InputError as error:
             raise InputError(f"{source.table.name}: {error}") from None
+
+    @classmethod
+    def from_traces(
+        cls,
+        drive: Traces,
+        response: Traces,
+        *,
+        segment: float | None = None,
+        band: tuple[float, float] | None = None,
+    ) -> Self:
+        """Return the transfer function from the ``drive`` to the ``response``, traces of one sensor
+        each at the same times, by the method of Welch.
+
+        The record is cut into segments that overlap by half, with Hann's window; the transfer
+        function is the mean cross spectrum over the mean spectrum of the drive, so that noise of
+        the response averages out. With the coherence C and n independent segments the relative
+        standard error of the magnitude, and the error of the phase in radians, are
+        ((1 - C)/(2 n C))^(1/2) (Bendat and Piersol, Random Data, 2010, equation 9.90).
+        Frequencies are left out where the coherence may be that of noise alone, with a probability
+        of a hundredth.
+
+        Parameters
+        ----------
+        drive, response : their unit of one over the other is that of the magnitude.
+        segment : length of a segment, s; by default an eighth of the record. A resonance needs
+            segments that are longer than it rings.
+        band : lowest and highest frequency that are kept, Hz; by default all above zero.
+
+        Raises :class:`~granphon.base.errors.InputError` for traces of several sensors, or at
+        different times; segments of less than 16 samples, or of which less than two fit into the
+        record; and drive and response that nothing connects.
+        """
+        step = _require_pair(drive, response)
+        n = drive.times.size
+        n_segment = n // 8 if segment is None else round(positive("segment", segment, "s") / step)
+        if n_segment < _LEAST_SEGMENT or 3 * n_segment > 2 * n:
+            raise InputError(
+                f"a segment of {n_segment} samples, in a record of {n}",
+                f"It needs {_LEAST_SEGMENT} samples or more, and two must fit in",
+                "Record for longer, or give segment",
+            )
+        from scipy.signal import coherence, csd, welch
+
+        options = {"fs": 1.0 / step, "nperseg": n_segment}
+        force = drive.signals[0]
+        motion = response.signals[0]
+        frequencies, spectrum = welch(force, **options)
+        _, cross_spectrum = csd(force, motion, **options)
+        _, coherences = coherence(force, motion, **options)
+        n_segments = (n - n_segment) // (n_segment - n_segment // 2) + 1
+        # neighbours that overlap by half under Hann's window have a correlation of a sixth
+        independent = n_segments / (1.0 + 2.0 / 36.0 * (n_segments - 1) / n_segments)
+        # coherence that noise alone exceeds with the probability of a hundredth
+        least = 1.0 - _BY_CHANCE ** (1.0 / max(independent - 1.0, 1.0))
+        low, high = (0.0, math.inf) if band is None else band
+        kept = (coherences > least) & (frequencies > low) & (frequencies <= high)
+        # segments have lost their means, and with these the frequencies of one window about zero
+        kept &= frequencies > 2.0 / (n_segment * step)
+        if not np.any(kept):
+            raise InputError(
+                "nothing connects drive and response: no coherence is above"
+                f" {least:.2g} in the band",
+                mend="Look at the band, drive harder, or record for longer",
+            )
+        transfer = cross_spectrum[kept] / spectrum[kept]
+        shares = np.minimum(coherences[kept], 1.0 - ROUNDED)
+        relative_error = np.sqrt((1.0 - shares) / (2.0 * independent * shares))
+        magnitude = np.abs(transfer)
+        return cls(
+            frequencies[kept],
+            magnitude,
+            np.unwrap(np.angle(transfer)),
+            magnitude * relative_error,
+            relative_error,
+        )
+
+
+def _require_pair(drive: Traces, response: Traces) -> float:
+    """Return the step of time, s, of two traces of one sensor each at the same times; InputError
+    for others.
+    """
+    for name, traces in (("drive", drive), ("response", response)):
+        if len(traces.signals) != 1:
+            raise InputError(
+                f"{name} has {len(traces.signals)} traces",
+                mend="Give one of them: gp.Traces(times, signals[0], distances[0])",
+            )
+    has_same_times = drive.times.shape == response.times.shape and np.allclose(
+        drive.times, response.times, rtol=0.0, atol=0.01 * drive.time_step
+    )
+    if not has_same_times:
+        raise InputError(
+            "drive and response have different times", mend="Interpolate them at the same times"
+        )
+    return drive.time_step
 
 
 @dataclass(frozen=True)

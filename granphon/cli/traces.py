@@ -1,0 +1,144 @@
+"""The command ``velocity``: the sound velocity that traces of sensors show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from granphon.base.errors import InputError
+from granphon.base.scales import write_quantity, write_uncertain
+from granphon.base.text import counted
+from granphon.cli.app import COMPARISONS, Force, command
+from granphon.cli.terminal import require_name, say, say_table, warn
+
+if TYPE_CHECKING:
+    from granphon.fits.traces import Traces, TraceVelocity
+
+#: values of ``--lowpass`` that are no frequency
+_NO_FILTER = "none"
+
+
+@command("velocity", rich_help_panel=COMPARISONS)
+def find_velocity(
+    data: Annotated[
+        list[str],
+        typer.Argument(metavar="TRACES", help="Files of traces (.csv, .h5), of the same times."),
+    ],
+    out: Annotated[
+        str, typer.Option("--out", "-o", metavar="FILE", help="The figure to write.")
+    ] = "velocity.png",
+    method: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME", help="How arrivals are found: threshold, peak, correlation or phase."
+        ),
+    ] = "threshold",
+    threshold: Annotated[
+        float | None,
+        typer.Option(metavar="SHARE", help="Share of its first maximum at which a pulse begins."),
+    ] = None,
+    frequency: Annotated[
+        str | None, typer.Option(metavar="HZ", help="Frequency of the phase, such as '8 kHz'.")
+    ] = None,
+    lowpass: Annotated[
+        str,
+        typer.Option(metavar="HZ", help="Cut-off of the low-pass filter; 'auto', or 'none'."),
+    ] = "auto",
+    quiet_until: Annotated[
+        str | None,
+        typer.Option(metavar="S", help="The traces are noise up to this time, such as '0.2 ms'."),
+    ] = None,
+    distances: Annotated[
+        str | None,
+        typer.Option(
+            metavar="'M, M, ...'", help="Distances of the sensors, such as '0 mm, 40 mm'."
+        ),
+    ] = None,
+    time_step: Annotated[
+        str | None, typer.Option(metavar="S", help="Time between samples, such as '0.1 us'.")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Find the sound velocity that traces of two or more sensors show.
+
+    A table of traces has a column 'time (us)' and one for each sensor, headed with its distance,
+    such as 'bead 5 at 40 mm (V)'. Prints the velocity with its standard error, which is that of the
+    noise before the pulse, and draws traces and arrivals (velocity.png in the working folder, or
+    the file given).
+
+    \b
+    Examples:
+      granphon velocity traces.csv
+      granphon velocity traces.csv --method correlation -o velocity.pdf
+      granphon velocity near.csv far.csv --distances "0 mm, 152.4 mm"
+    """
+    from granphon.base.quantities import FREQUENCY, TIME
+    from granphon.base.staging import ResultFiles
+    from granphon.base.validation import require
+    from granphon.fits.trace_files import PLACES, TIMES
+    from granphon.fits.traces import THRESHOLD, Traces
+
+    require_name("--out", out)
+    target = Path(out)
+    if not target.suffix:
+        raise InputError(f"--out is {out}, without an ending", mend="Use .png, .pdf or .svg")
+    places = None
+    if distances is not None:
+        texts = distances.split(",")
+        places = [require("--distances", PLACES.read, text.strip()) for text in texts]
+    step = None if time_step is None else require("--time-step", TIME.read, time_step)
+    traces = Traces.read(data, places, step)
+    cutoff: float | str | None = lowpass
+    if lowpass == _NO_FILTER:
+        cutoff = None
+    elif lowpass != "auto":
+        cutoff = require("--lowpass", FREQUENCY.read, lowpass)
+    velocity = traces.velocity(
+        method,
+        threshold=THRESHOLD if threshold is None else threshold,
+        frequency=None if frequency is None else require("--frequency", FREQUENCY.read, frequency),
+        lowpass=cutoff,
+        quiet=None if quiet_until is None else require("--quiet-until", TIMES.read, quiet_until),
+    )
+    files = ResultFiles(target.parent, [target.name], force, inputs=data)
+    with files.open() as locked, locked.staging() as stage:
+        _draw(traces, velocity, stage / target.name)
+    warn(velocity.warnings)
+    say_table(_describe(traces, velocity))
+    say(f"Wrote {out}")
+
+
+def _draw(traces: Traces, velocity: TraceVelocity, path: Path) -> None:
+    """Draw traces and arrivals into a file."""
+    from granphon.figures.style import save_figure
+    from granphon.figures.traces import traces_figure
+
+    save_figure(traces_figure(traces, velocity), path)
+
+
+def _describe(traces: Traces, velocity: TraceVelocity) -> list[tuple[str, str]]:
+    """Return the rows of a table of a velocity."""
+    rows = [
+        ("velocity", write_uncertain(velocity.velocity, velocity.stderr, "m/s")),
+        ("method", velocity.method),
+        ("filter", velocity.filter),
+        ("samples", f"{traces.times.size}, each {write_quantity(traces.time_step, 's')}"),
+    ]
+    columns = zip(
+        traces.names,
+        velocity.distances.tolist(),
+        velocity.arrivals.tolist(),
+        velocity.arrival_errors.tolist(),
+        strict=True,
+    )
+    for name, distance, arrival, error in columns:
+        place = write_quantity(distance, "m")
+        rows.append((f"sensor {name} at {place}", write_uncertain(arrival, error, "s")))
+    if velocity.dof:
+        freedom = counted(velocity.dof, "degree")
+        rows.append(
+            ("chi^2", f"{velocity.chi2:.4g} for {freedom} of freedom, p = {velocity.p:.2g}")
+        )
+    return rows

@@ -1,0 +1,89 @@
+"""Figures of traces of sensors over distance and time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from granphon.figures.scales import styled_figure
+
+import numpy as np
+
+from granphon.base.scales import prefixed, write_uncertain
+from granphon.figures.style import BLUE, GUIDE, VERMILION
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from granphon.fits.traces import Traces, TraceVelocity
+
+#: height of the greatest signal over the distance between sensors that are nearest to each other
+_HEIGHT = 0.8
+#: most samples of a trace that are drawn; of more the least and greatest of each group are
+_MOST_DRAWN = 4000
+
+
+def plot_traces(traces: Traces, ax: Axes, velocity: TraceVelocity | None = None) -> Axes:
+    """Draw each trace at the height of the distance of its sensor, over the time, all scaled by
+    their own greatest magnitude; with a ``velocity`` its arrivals, with their standard errors, and
+    the straight line through them.
+    """
+    time_unit, time_name = prefixed(float(np.max(np.abs(traces.times))), "s")
+    length_unit, length_name = prefixed(float(np.max(np.abs(traces.distances))), "m")
+    gaps = np.diff(traces.distances)
+    height = _HEIGHT * float(np.min(gaps, initial=np.inf)) if gaps.size else 1.0
+    for distance, signal in zip(traces.distances, traces.signals, strict=True):
+        deviations = signal - np.median(signal)
+        scaled = deviations / (np.max(np.abs(deviations)) or 1.0)
+        times, values = _thin(traces.times, distance + height * scaled)
+        ax.plot(times / time_unit, values / length_unit, color=BLUE, linewidth=0.7)
+    if velocity is not None:
+        arrivals = velocity.arrivals
+        start = velocity.start
+        is_delay = velocity.method == "correlation"
+        label = "delay after the first" if is_delay else "arrival"
+        ends = velocity.distances[[0, -1]]
+        ax.plot(
+            (start + ends / velocity.velocity) / time_unit,
+            ends / length_unit,
+            color=GUIDE,
+            linewidth=1.0,
+            label=write_uncertain(velocity.velocity, velocity.stderr, "m/s").replace("+/-", "±"),
+        )
+        ax.errorbar(
+            arrivals / time_unit,
+            velocity.distances / length_unit,
+            xerr=velocity.arrival_errors / time_unit,
+            color=VERMILION,
+            fmt="o",
+            markersize=3.0,
+            linewidth=0.8,
+            capsize=2.0,
+            label=label,
+        )
+        # above the Axes, as traces may be anywhere in it
+        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    ax.set_xlabel(f"time ({time_name.replace('u', 'µ')})")
+    ax.set_ylabel(f"distance of the sensor ({length_name.replace('u', 'µ')})")
+    ax.margins(x=0.0)
+    return ax
+
+
+def traces_figure(traces: Traces, velocity: TraceVelocity | None = None) -> Figure:
+    """Draw a figure of traces, see :func:`plot_traces`; one column wide."""
+    with styled_figure(2.8) as figure:
+        plot_traces(traces, figure.subplots(), velocity)
+    return figure
+
+
+def _thin(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the greatest value of each group of samples, at the time of the first,
+    where there are more than can be seen.
+    """
+    size = -(-2 * times.size // _MOST_DRAWN)
+    if times.size <= _MOST_DRAWN:
+        return times, values
+    count = times.size // size
+    groups = values[: count * size].reshape(count, size)
+    ends = np.stack([groups.min(axis=1), groups.max(axis=1)], axis=1)
+    return np.repeat(times[: count * size : size], 2), ends.ravel()

@@ -1,0 +1,292 @@
+"""Files of traces: tables, as oscilloscopes export them, and HDF5."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granphon.base.arrays import Array
+from granphon.base.errors import InputError, Refused, require_installed
+from granphon.base.quantities import LENGTH, NUMBER, TIME, Quantity
+from granphon.base.tables import Heading, Table
+from granphon.base.text import decode, list_names, read_bytes, suggest
+from granphon.base.validation import finite_numbers, positive
+
+#: times before a trigger, and distances on the other side of an origin, are below zero
+TIMES = replace(TIME, least="any")
+PLACES = replace(LENGTH, least="any")
+#: ends of the names of HDF5 files
+_HDF5 = (".h5", ".hdf5", ".hdf")
+#: a line that gives the time between two samples: "# time step: 0.1 us", "Sample Interval,1e-7,s"
+_STEP_LINE = re.compile(
+    r"\s*#?\s*\"?(?:time step|step of time|sampl(?:e|ing) interval|increment)\"?"
+    rf"\s*[:=,;\t]\s*\"?({NUMBER})\"?\s*[,;\t]?\s*\"?(.*?)\"?\s*",
+    re.IGNORECASE,
+)
+#: a name of a column that ends with, or is, the distance of its sensor: "bead 5 at 40 mm", "40 mm"
+_AT = re.compile(rf"(?:(.*?)[\s,]+(?:at|@)\s+|)({NUMBER}\s*[A-Za-zµμ]+)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Record:
+    """What stands in one file, or in several of the same times.
+
+    Attributes
+    ----------
+    where : the names of the files, for messages.
+    times : (n,) s.
+    signals : (m, n) in the units of the files.
+    distances : (m,) m.
+    names : (m,) of the sensors.
+    """
+
+    where: str
+    times: Array
+    signals: Array
+    distances: Array
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What stands in one file: ``times`` (n,), s, or None; ``signals`` (m, n); ``distances`` (m,),
+    m, each None if the file does not give it; ``names`` (m,).
+    """
+
+    name: str
+    times: Array | None
+    signals: Array
+    distances: tuple[float | None, ...]
+    names: tuple[str, ...]
+
+
+def has_traces(table: Table) -> bool:
+    """Whether a table has a column that is headed with the distance of a sensor."""
+    return any(_split_heading(heading)[1] is not None for heading in table.headings)
+
+
+def read_traces(
+    paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    distances: Sequence[float] | Mapping[str, float] | None,
+    time_step: float | None,
+) -> Record:
+    """Read traces from one or several files; see :meth:`granphon.Traces.read`."""
+    listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    if not listed:
+        raise InputError("there is no file of traces", mend="Give one or more")
+    step = None if time_step is None else positive("time_step", time_step, "s")
+    parts = [_read_part(path) for path in listed]
+    first = parts[0]
+    times = _find_times(first, step)
+    for part in parts[1:]:
+        _require_same_times(first, times, part, _find_times(part, step))
+    where = ", ".join(part.name for part in parts)
+    names = tuple(name for part in parts for name in part.names)
+    given = [distance for part in parts for distance in part.distances]
+    return Record(
+        where=where,
+        times=times,
+        signals=np.concatenate([part.signals for part in parts]),
+        distances=_find_distances(where, names, given, distances),
+        names=names,
+    )
+
+
+def _read_part(path: str | os.PathLike[str]) -> _Part:
+    """Read one file."""
+    is_hdf5 = Path(path).suffix.lower() in _HDF5
+    return _read_hdf5(path) if is_hdf5 else _read_table(path)
+
+
+def _find_times(part: _Part, step: float | None) -> Array:
+    """Return the times of a file, (n,), s, from the file or from a ``step``, s, which begin at
+    zero; InputError if they are missing, or given twice.
+    """
+    if part.times is not None and step is not None:
+        raise InputError(
+            f"{part.name} has times, and time_step is given", mend="Leave time_step out"
+        )
+    if part.times is not None:
+        return part.times
+    if step is None:
+        raise InputError(
+            f"{part.name} has no times",
+            mend="Head their column 'time (s)', write '# time step: 0.1 us' above the headings, or"
+            " give time_step",
+        )
+    return step * np.arange(part.signals.shape[1])
+
+
+def _require_same_times(first: _Part, times: Array, part: _Part, other_times: Array) -> None:
+    """Raise InputError if two files have different times, by more than a hundredth of a step."""
+    if times.size != other_times.size:
+        raise InputError(
+            f"{first.name} has {times.size} samples, and {part.name} {other_times.size}",
+            mend="Cut the longer record, so that all have the same times",
+        )
+    step = (times[-1] - times[0]) / max(times.size - 1, 1)
+    differences = np.abs(times - other_times)
+    if np.max(differences) > 0.01 * abs(step):
+        sample = int(np.argmax(differences))
+        raise InputError(
+            f"{first.name} and {part.name} have different times: sample {sample + 1} is at"
+            f" {times[sample]:.9g} s in one, and at {other_times[sample]:.9g} s in the other",
+            mend="Trigger both records by the same signal, and interpolate them at the same times",
+        )
+
+
+def _find_distances(
+    where: str,
+    names: tuple[str, ...],
+    read: Sequence[float | None],
+    given: Sequence[float] | Mapping[str, float] | None,
+) -> Array:
+    """Return the distance of each sensor, (m,), m: those ``read`` from the files, or those that are
+    ``given`` in the order of the sensors or by their ``names``.
+    """
+    if given is None:
+        distances = list(read)
+    elif isinstance(given, Mapping):
+        unknown = [name for name in given if name not in names]
+        if unknown:
+            raise InputError(
+                f"{where} has no sensor {unknown[0]!r}",
+                f"Its sensors are {list_names(map(repr, names))}",
+                suggest(unknown[0], names),
+            )
+        distances = [given.get(name, place) for name, place in zip(names, read, strict=True)]
+    else:
+        if len(given) != len(names):
+            raise InputError(
+                f"{where} has {len(names)} traces, and {len(given)} distances are given",
+                mend="Give one distance for each sensor",
+            )
+        distances = list(given)
+    lacking = [name for name, distance in zip(names, distances, strict=True) if distance is None]
+    if lacking:
+        raise InputError(
+            f"{where} does not say where the sensor {lacking[0]!r} is",
+            mend=f"Head its column '{lacking[0]} at 40 mm', or give the distances",
+        )
+    return finite_numbers(distances, "m")
+
+
+def _read_table(path: str | os.PathLike[str]) -> _Part:
+    """Read a table; the lines above its headings may give the step of time."""
+    raw = read_bytes(path)
+    lines = decode(str(path), raw).splitlines()
+    step = None
+    kept = []
+    for number, line in enumerate(lines, 1):
+        match = _STEP_LINE.fullmatch(line)
+        if match is None:
+            kept.append(line)
+            continue
+        try:
+            step = TIME.read(f"{match[1]} {match[2] or 's'}")
+        except Refused as refused:
+            raise InputError(f"{path}:{number}: time step: {refused}") from None
+        kept.append("#")  # lines keep their numbers
+    table = Table.parse(str(path), "\n".join(kept).encode())
+    if not table.lines:
+        raise InputError(f"{path} has no samples", mend="Write numbers below its headings")
+    has_times = "time" in table
+    if has_times and step is not None:
+        raise InputError(
+            f"{path} has a column of times, and a step of time", mend="Leave one of them out"
+        )
+    times = table.column("time", TIMES) if has_times else None
+    if step is not None:
+        times = step * np.arange(len(table.lines))
+    names = []
+    distances = []
+    signals = []
+    for heading in table.headings:
+        if heading.key == "time":
+            continue
+        name, distance = _split_heading(heading)
+        names.append(name)
+        distances.append(distance)
+        try:
+            signals.append(table.numbers(str(Heading(heading.name, ""))))
+        except InputError as error:
+            raise InputError(f"{path}, {error}") from None
+    if not signals:
+        raise InputError(
+            f"{path} has no trace", mend="Give each sensor a column, such as 'bead 5 at 40 mm (V)'"
+        )
+    return _Part(str(path), times, np.array(signals), tuple(distances), tuple(names))
+
+
+def _split_heading(heading: Heading) -> tuple[str, float | None]:
+    """Return the name of the sensor of a column and its distance, m, None if the heading has
+    none.
+    """
+    match = _AT.fullmatch(heading.name.strip())
+    if match is None:
+        return heading.name, None
+    try:
+        distance = PLACES.read(match[2])
+    except Refused:
+        return heading.name, None
+    return (match[1] or heading.name).strip(), distance
+
+
+def _read_hdf5(path: str | os.PathLike[str]) -> _Part:
+    """Read an HDF5 file."""
+    require_installed("A file of HDF5", "h5py")
+    import h5py
+
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        reason = "it does not exist" if not Path(path).exists() else str(error)
+        raise InputError(f"{path} cannot be read: {reason}") from None
+    with file:
+        if "signals" not in file:
+            listed = list_names(map(repr, file)) or "none"
+            raise InputError(
+                f"{path} has no data set 'signals'",
+                f"Its data sets are {listed}",
+                "Write 'signals' (sensors, times), 'time' and 'distance'",
+            )
+        signals = np.atleast_2d(finite_numbers(np.asarray(file["signals"])))
+        times: Array | None = None
+        if "time" in file:
+            times = _read_quantity(path, file["time"], "time", TIMES)
+        elif "time_step" in file.attrs:
+            step = positive("time_step", float(np.asarray(file.attrs["time_step"])), "s")
+            times = step * np.arange(signals.shape[1])
+        distances: tuple[float | None, ...] = (None,) * len(signals)
+        if "distance" in file:
+            places = np.atleast_1d(_read_quantity(path, file["distance"], "distance", PLACES))
+            distances = tuple(places.tolist())
+        names = tuple(str(number) for number in range(1, len(signals) + 1))
+        if "names" in file:
+            names = tuple(np.asarray(file["names"]).astype(str).tolist())
+    if len(distances) != len(signals) or len(names) != len(signals):
+        raise InputError(
+            f"{path} has {len(signals)} traces, {len(distances)} distances and {len(names)} names",
+            mend="Write one of each for a sensor",
+        )
+    return _Part(str(path), times, signals, distances, names)
+
+
+def _read_quantity(path: str | os.PathLike[str], data: Any, name: str, kind: Quantity) -> Array:
+    """Return the numbers of a data set of HDF5, SI; its attribute ``units`` is that of the ``kind``
+    if the data set has none.
+    """
+    unit = data.attrs.get("units", kind.unit)
+    text = unit.decode() if isinstance(unit, bytes) else str(unit)
+    if not kind.measures(text):
+        raise InputError(
+            f"{path}: {name} has the units {text!r}", mend=f"Give it units of {kind.name}"
+        )
+    numbers: Array = kind.factor(text) * finite_numbers(np.asarray(data))
+    return numbers

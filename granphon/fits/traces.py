@@ -1,0 +1,686 @@
+"""Traces of sensors, as an oscilloscope writes them, and the sound velocity that they show.
+
+Each trace gives the time of arrival of a pulse; a straight line through the times, over the
+distances of the sensors, gives the velocity. A time of arrival is, to first order, a linear
+functional of the samples of its trace: a random error e of the samples shifts the time by g.e, with
+weights g that each method knows. White noise of the standard deviation sigma, which is found in the
+quiet part of a trace before the pulse, therefore shifts it by sigma |g|, and with a low-pass filter
+F by sigma |F g|, as a filter without phase is symmetric. The standard error of the velocity follows
+from these shifts and from no other source: positions of sensors, and dispersion, are not in it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+
+from granphon.base.arrays import ROUNDED, Array
+from granphon.base.errors import InputError
+from granphon.base.results import Result
+from granphon.base.text import list_names, suggest
+from granphon.base.validation import finite_numbers, is_one_of, positive, text_list
+from granphon.fits.fit import compute_probability
+
+#: share of its maximum at which a trace begins, by default
+THRESHOLD = 0.1
+#: methods by which a time of arrival is found
+METHODS = ("threshold", "peak", "correlation", "phase")
+#: least number of samples of a trace, and of its quiet part
+_LEAST_SAMPLES = 16
+#: relative difference of the steps of time up to which times are evenly spaced: those of files have
+#: some six digits
+_EVEN = 1e-3
+#: share of the greatest magnitude that the first maximum has at least
+_HALF = 0.5
+#: number of standard deviations of the noise that a pulse, or a threshold, exceeds
+_ABOVE_NOISE = 5.0
+#: least number of equal samples at the end of the range of a trace that is clipped
+_CLIPPED = 5
+#: drop beside a flat top, over its length, in steps of the digits: 9 for a parabola whose top is
+#: flat because of the digits, and more for a pulse whose top is cut off
+_STEEP = 20.0
+#: order of the low-pass filter, which acts forwards and backwards
+_ORDER = 4
+#: cut-off of the automatic filter over the highest frequency of the pulse
+_ROOM = 2.0
+#: share of the highest frequency that samples hold, above which a low-pass filter has no effect
+_WIDE = 0.9
+#: least number of samples per period of a frequency whose phase is asked for
+_SAMPLES_PER_PERIOD = 4.0
+#: least probability of the scatter about a straight line that is not warned of
+_LEAST_CHANCE = 1e-3
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TraceVelocity(Result):
+    """The sound velocity that traces show.
+
+    Attributes
+    ----------
+    velocity, stderr : m/s; the standard error is that of the noise of the traces alone.
+    method : "threshold", "peak", "correlation" or "phase".
+    filter : the filter that the traces went through, in words; "none" without a filter.
+    arrivals : (m,) time of arrival at each sensor, s. By correlation, times after the first.
+    arrival_errors : (m,) standard errors of these times, s.
+    distances : (m,) of the sensors, m.
+    start : the time at which the straight line through the arrivals has the distance zero, s.
+    chi2, dof : sum of squares of the differences from the straight line over their errors, and its
+        degrees of freedom, m - 2.
+    p : probability that noise makes a larger sum; nan for two sensors.
+    warnings : what limits the velocity.
+    """
+
+    units: ClassVar[dict[str, str]] = {"p": "1"}
+
+    velocity: Annotated[float, "", "m/s"]
+    stderr: Annotated[float, "", "m/s"]
+    method: str
+    filter: str
+    arrivals: Annotated[Array, "m", "s"]
+    arrival_errors: Annotated[Array, "m", "s"]
+    distances: Annotated[Array, "m", "m"]
+    start: Annotated[float, "", "s"]
+    chi2: float
+    dof: int
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def p(self) -> float:
+        """Probability, a ratio, that noise makes a larger sum of squares; nan for two sensors."""
+        return compute_probability(self.chi2, self.dof)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Traces(Result, array="signals"):
+    """What sensors along a line measured, all at the same times.
+
+    Attributes
+    ----------
+    times : (n,) s, evenly spaced, in ascending order.
+    signals : (m, n) one row for each sensor, in any unit. Only ratios within a row count.
+    distances : (m,) of the sensors from any point of the line, m, in ascending order.
+    names : (m,) of the sensors; by default "1", "2", ...
+
+    Raises :class:`~granphon.base.errors.InputError` for times that are not evenly spaced or do not
+    rise, less than 16 of them, traces of other lengths, numbers that are not finite, distances that
+    are not as many as traces or do not rise, and a trace whose top or bottom is cut off.
+    """
+
+    times: Annotated[Array, "n", "s"]
+    signals: Annotated[Array, "m n"]
+    distances: Annotated[Array, "m", "m"]
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        times = _require_even(finite_numbers(self.times, "s"))
+        signals = np.atleast_2d(_read_signals(self.signals))
+        distances = np.atleast_1d(finite_numbers(self.distances, "m"))
+        n_sensors = len(signals)
+        if signals.shape[1:] != times.shape:
+            raise InputError(
+                f"there are {times.size} times, and traces of {signals.shape[-1]} samples",
+                mend="Give each trace a sample for each time: signals are (sensors, times)",
+            )
+        if distances.shape != (n_sensors,):
+            raise InputError(
+                f"there are {n_sensors} traces, and {distances.size} distances",
+                mend="Give one distance for each sensor",
+            )
+        falls = np.flatnonzero(np.diff(distances) <= 0.0)
+        if falls.size:
+            nearer, farther = distances[falls[0] : falls[0] + 2].tolist()
+            raise InputError(
+                f"a sensor at {farther:.6g} m comes after one at {nearer:.6g} m",
+                mend="Give the sensors in the order of their distances, each at its own",
+            )
+        default_names = tuple(str(number) for number in range(1, n_sensors + 1))
+        names = text_list(self.names) or default_names
+        if len(names) != n_sensors:
+            raise InputError(
+                f"there are {n_sensors} traces, and {len(names)} names",
+                mend="Give one name for each sensor",
+            )
+        for name, signal in zip(names, signals, strict=True):
+            _require_unclipped(name, times, signal)
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "signals", signals)
+        object.__setattr__(self, "distances", distances)
+        object.__setattr__(self, "names", names)
+        super().__post_init__()
+
+    @classmethod
+    def read(
+        cls,
+        paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+        distances: Sequence[float] | Mapping[str, float] | None = None,
+        time_step: float | None = None,
+    ) -> Self:
+        """Read one file, or several that have the same times.
+
+        Parameters
+        ----------
+        paths : tables with a column ``time (us)`` and one for each sensor, headed with its distance
+            such as ``bead 5 at 40 mm (V)`` or ``40 mm``; or HDF5 files (.h5, .hdf5) with the data
+            sets ``time`` (n,), ``signals`` (sensors, n) and ``distance`` (sensors,), of which time
+            and distance have an attribute ``units``. A table may have no column of times, but a
+            line ``# time step: 0.1 us`` or ``Sample Interval,1e-7,s`` above its headings; an HDF5
+            file an attribute ``time_step``, s.
+        distances : of the sensors, m, in the order of the columns or by their names, where the
+            headings have none.
+        time_step : s, where the file has no times.
+
+        Raises :class:`~granphon.base.errors.InputError` for a file, line or cell that cannot be
+        read, times or distances that are missing or given twice, files whose times differ, and what
+        the constructor refuses.
+        """
+        from granphon.fits.trace_files import read_traces
+
+        record = read_traces(paths, distances, time_step)
+        try:
+            return cls(record.times, record.signals, record.distances, record.names)
+        except InputError as error:
+            raise InputError(f"{record.where}: {error}") from None
+
+    @property
+    def time_step(self) -> float:
+        """Time between two samples, s."""
+        return float((self.times[-1] - self.times[0]) / (self.times.size - 1))
+
+    def velocity(
+        self,
+        method: str = "threshold",
+        *,
+        threshold: float = THRESHOLD,
+        frequency: float | None = None,
+        lowpass: float | str | None = "auto",
+        quiet: float | None = None,
+    ) -> TraceVelocity:
+        """Return the velocity, by a straight line through the times of arrival at the sensors.
+
+        Parameters
+        ----------
+        method : how the time of arrival is found. "threshold": where the magnitude of the trace
+            first has the share ``threshold`` of its first maximum. "peak": the first maximum of the
+            magnitude that has half the height of the greatest. "correlation": where the
+            cross-correlation with the first trace is greatest. "phase": from the phase at a
+            ``frequency``, which gives the phase velocity; of the times that differ by periods, the
+            nearest to that by correlation is taken.
+        threshold : share of the maximum, between 0 and 1.
+        frequency : Hz, for "phase".
+        lowpass : cut-off of the low-pass filter, Hz (Butterworth, order 4, forwards and backwards,
+            so that nothing is delayed); None for no filter; "auto" for twice the highest frequency
+            at which the spectrum of a trace stands out of its noise.
+        quiet : the traces are taken to be noise up to this time, s; by default each up to half of
+            the time, from its start, at which its magnitude first has half of its maximum.
+
+        Raises :class:`~granphon.base.errors.InputError` for less than two sensors, an unknown
+        method, a quiet part of less than 16 samples, a pulse or threshold that is not above five
+        standard deviations of the noise, samples that are too far apart for the frequency, a
+        frequency that the traces do not have, and arrivals that are not later at farther sensors.
+        """
+        if not is_one_of(method, METHODS):
+            known = list_names(map(repr, METHODS))
+            raise InputError(
+                f"{method!r} is not a method", f"Methods are {known}", suggest(method, METHODS)
+            )
+        if len(self.signals) < 2:
+            raise InputError(
+                "there is one trace", "A velocity needs the arrivals at two sensors", "Give both"
+            )
+        share = positive("threshold", threshold)
+        if share >= 1.0:
+            raise InputError(f"threshold is {share:g}", mend="Give a share of the maximum, below 1")
+        pulses = _Pulses.of(self, quiet, lowpass)
+        if method == "threshold":
+            arrivals = pulses.find_crossings(share)
+        elif method == "peak":
+            arrivals = pulses.find_peaks()
+        elif method == "correlation":
+            arrivals = pulses.find_delays()
+        else:
+            if frequency is None:
+                raise InputError("no frequency is given", mend="Give the frequency of the phase")
+            arrivals = pulses.find_phases(positive("frequency", frequency, "Hz"))
+        return self._fit_line(method, pulses, arrivals)
+
+    def _fit_line(self, method: str, pulses: _Pulses, arrivals: _Arrivals) -> TraceVelocity:
+        """Return the velocity of the straight line through the ``arrivals``, each weighted by the
+        inverse of its error.
+        """
+        distances = self.distances
+        # distances from their mean, over their span: the two columns are then of one magnitude
+        span = distances[-1] - distances[0]
+        middle = float(np.mean(distances))
+        columns = np.stack([np.ones(distances.size), (distances - middle) / span], axis=1)
+        errors = np.sqrt(arrivals.variances)
+        weighted_columns = columns / errors[:, None]
+        weighted_times = arrivals.times / errors
+        inverse = np.linalg.pinv(weighted_columns)
+        centre, flight = inverse @ weighted_times
+        flight_error = float(np.linalg.norm(inverse[1]))
+        if not flight > 0.0:
+            raise InputError(
+                "the pulse does not arrive later at farther sensors",
+                mend="Look at the order of the distances, and at the traces by gp.plot",
+            )
+        residuals = weighted_times - weighted_columns @ np.array([centre, flight])
+        velocity = float(span / flight)
+        chi2 = float(residuals @ residuals)
+        dof = distances.size - 2
+        warnings = []
+        if dof and compute_probability(chi2, dof) < _LEAST_CHANCE:
+            warnings.append(
+                f"the arrivals scatter {math.sqrt(chi2 / dof):.3g} times as much about a straight"
+                " line as noise alone makes them: the velocity changes with the distance, or the"
+                " pulse with its way; the standard error does not hold that"
+            )
+        return TraceVelocity(
+            velocity=velocity,
+            stderr=velocity * flight_error / float(flight),
+            method=method,
+            filter=pulses.filter.name,
+            arrivals=arrivals.times,
+            arrival_errors=errors,
+            distances=distances,
+            start=float(centre - flight * middle / span),
+            chi2=chi2 if dof else 0.0,
+            dof=dof,
+            warnings=tuple(warnings),
+        )
+
+
+@dataclass(frozen=True)
+class _LowPass:
+    """A low-pass filter without phase for signals (..., n) with samples each ``time_step``, s;
+    ``cutoff`` is in Hz, and infinite for no filter.
+    """
+
+    cutoff: float
+    time_step: float
+
+    @property
+    def name(self) -> str:
+        """The filter in words."""
+        if math.isinf(self.cutoff):
+            return "none"
+        return (
+            f"low-pass below {self.cutoff:.4g} Hz (Butterworth, order {_ORDER}, forwards and"
+            " backwards)"
+        )
+
+    @cached_property
+    def _sections(self) -> Array:
+        """Coefficients (n_sections, 6) of the filter."""
+        from scipy.signal import butter
+
+        sections: Array = butter(_ORDER, self.cutoff, fs=1.0 / self.time_step, output="sos")
+        return sections
+
+    def __call__(self, signals: Array) -> Array:
+        """Return filtered signals (..., n)."""
+        if math.isinf(self.cutoff):
+            return signals
+        from scipy.signal import sosfiltfilt
+
+        # reaches beyond the ends, within which the filter forgets
+        reach = min(signals.shape[-1] - 1, math.ceil(3.0 / (self.cutoff * self.time_step)))
+        filtered: Array = sosfiltfilt(self._sections, signals, axis=-1, padlen=reach)
+        return filtered
+
+
+@dataclass(frozen=True)
+class _Arrivals:
+    """Times of arrival (m,), s, and the variances (m,) of their errors, s^2, which do not depend
+    on each other.
+    """
+
+    times: Array
+    variances: Array
+
+
+@dataclass(frozen=True)
+class _Pulses:
+    """The pulses of ``traces``: filtered signals (m, n) from their mean before the pulse, and the
+    standard deviations (m,) of the noise of single samples before the filter.
+    """
+
+    traces: Traces
+    filter: _LowPass
+    signals: Array
+    noise: Array
+
+    @classmethod
+    def of(cls, traces: Traces, quiet: float | None, lowpass: float | str | None) -> Self:
+        """Take the pulses from the traces; the options are those of :meth:`Traces.velocity`."""
+        offsets = []
+        noise = []
+        for name, signal in zip(traces.names, traces.signals, strict=True):
+            samples = signal[: _find_quiet(traces, name, signal, quiet)]
+            offsets.append(np.mean(samples))
+            # noise below the rounding of the samples is that rounding
+            noise.append(max(np.std(samples, ddof=1), ROUNDED * np.max(np.abs(signal))))
+        signals = traces.signals - np.array(offsets)[:, None]
+        deviations = np.array(noise)
+        lowpass_filter = _choose_filter(traces, signals, deviations, lowpass)
+        pulses = cls(traces, lowpass_filter, lowpass_filter(signals), deviations)
+        pulses._require_pulses()
+        return pulses
+
+    def _require_pulses(self) -> None:
+        """Raise InputError if a pulse is not above the noise."""
+        filtered_noise = self.filtered_noise
+        highest = np.max(np.abs(self.signals), axis=1)
+        silent = np.flatnonzero(highest <= _ABOVE_NOISE * filtered_noise)
+        if silent.size:
+            name = self.traces.names[silent[0]]
+            ratio = highest[silent[0]] / filtered_noise[silent[0]]
+            raise InputError(
+                f"no pulse arrives at sensor {name}: the trace reaches {ratio:.3g} standard"
+                " deviations of its noise",
+                mend="Record for longer, average several pulses, or leave the sensor out",
+            )
+
+    @cached_property
+    def filtered_noise(self) -> Array:
+        """(m,) standard deviation of the noise of single samples after the filter."""
+        impulse = np.zeros(self.signals.shape[1])
+        impulse[impulse.size // 2] = 1.0
+        deviations: Array = self.noise * np.linalg.norm(self.filter(impulse))
+        return deviations
+
+    def find_crossings(self, share: float) -> _Arrivals:
+        """Return where the magnitude of each signal, linear between samples, first has the
+        ``share`` of its first maximum.
+
+        The error of a sample shifts the crossing by its size over the slope; that of the maximum,
+        times the share, shifts it the other way.
+        """
+        places = []
+        weights = []
+        for sensor, signal in enumerate(self.signals):
+            sizes = np.abs(signal)
+            top = self._find_top(sensor)
+            level = share * sizes[top]
+            name = self.traces.names[sensor]
+            if level <= _ABOVE_NOISE * self.filtered_noise[sensor]:
+                least = _ABOVE_NOISE * self.filtered_noise[sensor] / sizes[top]
+                raise InputError(
+                    f"the threshold {share:g} is in the noise of sensor {name}",
+                    mend=f"Give a threshold above {least:.2g}, a lower cut-off of the filter, or"
+                    " the method 'correlation'",
+                )
+            after = int(np.argmax(sizes >= level))
+            if after == 0:
+                raise InputError(
+                    f"the trace of sensor {name} begins above the threshold",
+                    mend="Start the record earlier, before the pulse",
+                )
+            rise = sizes[after] - sizes[after - 1]
+            part = (level - sizes[after - 1]) / rise
+            places.append(after - 1 + part)
+            weight = np.zeros(signal.size)
+            weight[after - 1] = -(1.0 - part) / rise * np.sign(signal[after - 1])
+            weight[after] = -part / rise * np.sign(signal[after])
+            weight[top] += share / rise * np.sign(signal[top])
+            weights.append(weight)
+        return self._make_independent(np.array(places), np.array(weights))
+
+    def find_peaks(self) -> _Arrivals:
+        """Return the first maximum of the magnitude of each signal that has half of the greatest
+        height, by the parabola through three samples; the error of the slope there shifts the
+        maximum by its size over the curvature.
+        """
+        places = []
+        weights = []
+        for sensor, signal in enumerate(self.signals):
+            top = self._find_top(sensor)
+            sign = np.sign(signal[top])
+            before, at_top, after = sign * signal[top - 1 : top + 2]
+            curvature = before - 2.0 * at_top + after
+            shift = 0.5 * (before - after) / curvature
+            places.append(top + shift)
+            weight = np.zeros(signal.size)
+            # derivatives of the shift by the three samples
+            weight[top - 1] = sign * (0.5 - shift) / curvature
+            weight[top] = sign * 2.0 * shift / curvature
+            weight[top + 1] = sign * (-0.5 - shift) / curvature
+            weights.append(weight)
+        return self._make_independent(np.array(places), np.array(weights))
+
+    def find_delays(self) -> _Arrivals:
+        """Return the delay of each signal after the first, where their cross-correlation is
+        greatest, by the parabola through three of its values.
+
+        The slope of the correlation there is the product of one signal with the derivative of the
+        other: an error of either is weighed with the derivative of the other, over the curvature.
+        The errors of the first signal are in every delay.
+        """
+        from scipy.signal import correlate
+
+        reference = self.signals[0]
+        n = reference.size
+        sensors = len(self.signals)
+        places = np.zeros(sensors)
+        weights = np.zeros((sensors, n))
+        for sensor in range(1, sensors):
+            signal = self.signals[sensor]
+            correlation = correlate(signal, reference, mode="full", method="fft")
+            top = int(np.argmax(np.abs(correlation)))
+            if not 0 < top < correlation.size - 1:
+                raise InputError(
+                    f"the traces of sensors {self.traces.names[0]} and"
+                    f" {self.traces.names[sensor]} share no pulse",
+                    mend="Use another method, or look at the traces by gp.plot",
+                )
+            before, at_top, after = correlation[top - 1 : top + 2]
+            curvature = before - 2.0 * at_top + after
+            places[sensor] = top - (n - 1) + 0.5 * (before - after) / curvature
+            whole_shift = top - (n - 1)
+            slope_of_reference = np.gradient(_shift(reference, whole_shift))
+            slope_of_signal = np.gradient(_shift(signal, -whole_shift))
+            weights[sensor] = slope_of_reference / curvature
+            # all delays have the same error of the first signal, if the pulse keeps its shape
+            weights[0] += slope_of_signal / curvature / (sensors - 1)
+        return self._make_independent(places, weights)
+
+    def find_phases(self, frequency: float) -> _Arrivals:
+        """Return the times of arrival of the phase at a ``frequency``, Hz: -phase / (2 pi f) of the
+        Fourier integral of each signal.
+        """
+        traces = self.traces
+        step = traces.time_step
+        per_period = 1.0 / (frequency * step)
+        if per_period < _SAMPLES_PER_PERIOD:
+            raise InputError(
+                f"there are {per_period:.3g} samples in a period of {frequency:.6g} Hz",
+                "The phase needs four",
+                f"Ask for a frequency below {1.0 / (_SAMPLES_PER_PERIOD * step):.4g} Hz",
+            )
+        duration = step * traces.times.size
+        if frequency * duration < 1.0:
+            raise InputError(
+                f"the record of {duration:.4g} s is shorter than a period of {frequency:.6g} Hz",
+                mend=f"Ask for a frequency above {1.0 / duration:.4g} Hz",
+            )
+        omega = 2.0 * math.pi * frequency
+        waves = np.exp(-1j * omega * step * np.arange(traces.times.size))
+        amplitudes = self.signals @ waves
+        noise_amplitudes = self.noise * np.linalg.norm(self.filter(waves.real))
+        absent = np.flatnonzero(np.abs(amplitudes) <= _ABOVE_NOISE * noise_amplitudes)
+        if absent.size:
+            raise InputError(
+                f"the trace of sensor {traces.names[absent[0]]} has nothing above its noise at"
+                f" {frequency:.6g} Hz",
+                mend="Ask for a frequency of the pulse",
+            )
+        phase_times = -np.angle(amplitudes) / omega
+        delays = self.find_delays().times
+        periods = np.rint(frequency * (delays - (phase_times - phase_times[0])))
+        weights = -np.imag(waves / amplitudes[:, None]) / omega / step
+        places = (phase_times + periods / frequency) / step
+        return self._make_independent(places, weights)
+
+    def _find_top(self, sensor: int) -> int:
+        """Return the sample of the first maximum of the magnitude of a signal that has half of the
+        greatest height.
+        """
+        sizes = np.abs(self.signals[sensor])
+        inner = sizes[1:-1]
+        is_top = (inner > sizes[:-2]) & (inner >= sizes[2:]) & (inner >= _HALF * np.max(sizes))
+        tops = 1 + np.flatnonzero(is_top)
+        if not tops.size:
+            raise InputError(
+                f"the trace of sensor {self.traces.names[sensor]} has no maximum",
+                mend="Record for longer, or use the method 'threshold' of a part of it",
+            )
+        return int(tops[0])
+
+    def _make_independent(self, places: Array, weights: Array) -> _Arrivals:
+        """Return arrivals at ``places`` (m,), in samples, whose errors are those of the signals
+        (m, n), weighed by ``weights`` (m, n), samples.
+        """
+        step = self.traces.time_step
+        # the filter is symmetric: errors of the samples before the filter have filtered weights
+        errors = self.noise * np.linalg.norm(self.filter(weights), axis=1)
+        times = self.traces.times[0] + step * places
+        return _Arrivals(times, (step * errors) ** 2)
+
+
+def _read_signals(values: Any) -> Array:
+    """Return traces (m, n) or one trace (n,) as an array; InputError for traces of different
+    lengths, and numbers that are not finite.
+    """
+    lengths = []
+    if isinstance(values, list | tuple):
+        lengths = [len(trace) for trace in values if hasattr(trace, "__len__")]
+    if len(set(lengths)) > 1:
+        raise InputError(
+            f"the traces have {list_names(map(str, lengths))} samples",
+            mend="Give each trace a sample for each time",
+        )
+    signals: Array = finite_numbers(values)
+    return signals
+
+
+def _require_even(times: Array) -> Array:
+    """Return ``times`` (n,), s; InputError if they are few, do not rise, or are not evenly
+    spaced.
+    """
+    if times.ndim != 1 or times.size < _LEAST_SAMPLES:
+        raise InputError(
+            f"there are {times.size} times", mend=f"Give {_LEAST_SAMPLES} or more, in a list"
+        )
+    steps = np.diff(times)
+    falls = np.flatnonzero(steps <= 0.0)
+    if falls.size:
+        before, after = times[falls[0] : falls[0] + 2].tolist()
+        raise InputError(
+            f"the time {after:.9g} s comes after {before:.9g} s (sample {falls[0] + 2})",
+            mend="Give times in ascending order, each once",
+        )
+    mean_step = float((times[-1] - times[0]) / steps.size)
+    even_times = times[0] + mean_step * np.arange(times.size)
+    farthest = int(np.argmax(np.abs(times - even_times)))
+    # digits of a file are cut off from the times, not from their steps
+    if abs(times[farthest] - even_times[farthest]) > _EVEN * mean_step:
+        raise InputError(
+            f"the times are not evenly spaced: sample {farthest + 1} is at"
+            f" {times[farthest]:.9g} s, not at {even_times[farthest]:.9g} s",
+            mend="Interpolate the traces at even times, or give time_step",
+        )
+    return times
+
+
+def _require_unclipped(name: str, times: Array, signal: Array) -> None:
+    """Raise InputError if the top or bottom of a trace is cut off: flat, and steep beside it."""
+    levels = np.unique(signal)
+    if levels.size < 2:
+        return
+    digit = float(np.min(np.diff(levels)))
+    for end in (levels[0], levels[-1]):
+        is_at_end = np.concatenate([[False], signal == end, [False]])
+        edges = np.flatnonzero(np.diff(is_at_end.astype(np.int8)))
+        starts = edges[::2]
+        lengths = edges[1::2] - starts
+        longest = int(np.argmax(lengths))
+        length = int(lengths[longest])
+        first = int(starts[longest])
+        before = first - length
+        after = first + 2 * length - 1
+        if length < _CLIPPED or before < 0 or after >= signal.size:
+            continue
+        drop = min(abs(signal[before] - end), abs(signal[after] - end))
+        if drop > _STEEP * digit:
+            raise InputError(
+                f"the trace of sensor {name} is cut off at {end:.6g} for {length} samples from"
+                f" {times[first]:.6g} s",
+                mend="Record with a larger range",
+            )
+
+
+def _find_quiet(traces: Traces, name: str, signal: Array, quiet: float | None) -> int:
+    """Return how many samples at the start of a ``signal`` (n,) hold no pulse: those before the
+    time ``quiet``, s, or half of those before its magnitude first has half of its maximum.
+    """
+    if quiet is not None:
+        count = int(np.count_nonzero(traces.times < quiet))
+        content = f"{count} samples lie before {quiet:.6g} s"
+    else:
+        sizes = np.abs(signal - np.mean(signal[:_LEAST_SAMPLES]))
+        rise = int(np.argmax(sizes >= _HALF * np.max(sizes)))
+        count = rise // 2
+        content = f"it has half of its greatest magnitude after {rise} samples"
+    if count < _LEAST_SAMPLES:
+        raise InputError(
+            f"the trace of sensor {name} has no quiet part before a pulse: {content}",
+            f"Its noise is found from {_LEAST_SAMPLES} samples or more",
+            "Start the record earlier, or give quiet, the time until which it is noise",
+        )
+    return count
+
+
+def _choose_filter(
+    traces: Traces, signals: Array, noise: Array, lowpass: float | str | None
+) -> _LowPass:
+    """Return the low-pass filter for ``signals`` (m, n) with the standard deviations ``noise``
+    (m,); ``lowpass`` is that of :meth:`Traces.velocity`.
+
+    A value of the spectrum of noise of the variance sigma^2 is above n sigma^2 x with the
+    probability exp(-x): above 2 n sigma^2 ln n, noise has none of n values but once in n records.
+    """
+    step = traces.time_step
+    highest = 0.5 / step
+    if lowpass is None:
+        return _LowPass(math.inf, step)
+    if lowpass != "auto":
+        cutoff = positive("lowpass", lowpass, "Hz")
+        if cutoff >= highest:
+            raise InputError(
+                f"lowpass is {cutoff:.6g} Hz, and samples each {step:.4g} s hold frequencies below"
+                f" {highest:.6g} Hz",
+                mend="Give a lower cut-off, or None for no filter",
+            )
+        return _LowPass(cutoff, step)
+    n = signals.shape[1]
+    spectra = np.abs(np.fft.rfft(signals, axis=1)) ** 2
+    stands_out = spectra > 2.0 * math.log(n) * n * noise[:, None] ** 2
+    frequencies = np.fft.rfftfreq(n, step)
+    highest_of_pulse = float(np.max(frequencies[np.any(stands_out, axis=0)], initial=0.0))
+    cutoff = _ROOM * highest_of_pulse
+    return _LowPass(cutoff if 0.0 < cutoff < _WIDE * highest else math.inf, step)
+
+
+def _shift(signal: Array, samples: int) -> Array:
+    """Return a signal (n,) that is later by a number of ``samples``; zeros come in at its end."""
+    shifted = np.zeros_like(signal)
+    if samples >= 0:
+        shifted[samples:] = signal[: signal.size - samples]
+    else:
+        shifted[:samples] = signal[-samples:]
+    return shifted
