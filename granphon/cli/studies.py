@@ -294,6 +294,8 @@ def _read_traces(
 
     Pressures are converted for the ``packing`` in the ``medium``, whose ``parameters`` are fitted.
     """
+    import numpy as np
+
     from granphon.balls.loads import force_of_frame
     from granphon.fits.fit import convert_pressure
     from granphon.fits.measurements import Measurements
@@ -316,7 +318,7 @@ def _read_traces(
         raise InputError(problem, why, "Give the load that the balls had")
     found = Traces.read(data).velocity()
     warn(found.warnings)
-    return Measurements([force], [found.velocity], [found.stderr])
+    return Measurements(np.array([force]), np.array([found.velocity]), found.stderr)
 
 
 def _choose_sigma_and_frequency(

@@ -120,7 +120,12 @@ def _find_times(part: _Part, step: float | None) -> Array:
             mend="Head their column 'time (s)', write '# time step: 0.1 us' above the headings, or"
             " give time_step",
         )
-    return step * np.arange(part.signals.shape[1])
+    return _count_steps(step, part.signals.shape[1])
+
+
+def _count_steps(step: float, n: int) -> Array:
+    """Return n times, a ``step``, s, apart, from zero on."""
+    return np.asarray(step * np.arange(n), np.float64)
 
 
 def _require_same_times(first: _Part, times: Array, part: _Part, other_times: Array) -> None:
@@ -203,7 +208,7 @@ def _read_table(path: str | os.PathLike[str]) -> _Part:
         )
     times = table.column("time", TIMES) if has_times else None
     if step is not None:
-        times = step * np.arange(len(table.lines))
+        times = _count_steps(step, len(table.lines))
     names = []
     distances = []
     signals = []
@@ -262,7 +267,7 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _Part:
             times = _read_quantity(path, file["time"], "time", TIMES)
         elif "time_step" in file.attrs:
             step = positive("time_step", float(np.asarray(file.attrs["time_step"])), "s")
-            times = step * np.arange(signals.shape[1])
+            times = _count_steps(step, signals.shape[1])
         distances: tuple[float | None, ...] = (None,) * len(signals)
         if "distance" in file:
             places = np.atleast_1d(_read_quantity(path, file["distance"], "distance", PLACES))

@@ -195,7 +195,7 @@ class TransferFunction(Result):
             )
         from scipy.signal import coherence, csd, welch
 
-        options = {"fs": 1.0 / step, "nperseg": n_segment}
+        options: dict[str, Any] = {"fs": 1.0 / step, "nperseg": n_segment}
         force = drive.signals[0]
         motion = response.signals[0]
         frequencies, spectrum = welch(force, **options)
