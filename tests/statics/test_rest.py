@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+import yaml
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 
@@ -320,6 +321,35 @@ def test_stiffnesses_of_an_array_that_shears_are_derivatives(lattice, shape, geo
     assert sample.stiffness_slope == pytest.approx(rise, rel=1e-6)
     kept = gp.DirectSimulation(packing, shape, 1, geometry=geometry).at_overlap(overlap)
     assert sample.stiffness_slope != pytest.approx(kept.sample.stiffness_slope, rel=1e-6)
+
+
+def test_a_calculator_does_not_take_a_cell_that_sheared():
+    """Its contacts have slipped nowhere, which the Atoms cannot say."""
+    packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2.04e-6))
+    simulation = gp.DirectSimulation(packing, (4, 4), geometry="lattice", boundary="stress")
+    state = simulation.at_force(1.0)
+    balls = state.sample.atoms()
+    balls.calc = gp.HertzMindlin(state)
+    with pytest.raises(InputError, match="sheared"):
+        balls.get_forces()
+
+
+def test_a_run_keeps_an_array_that_shears(tmp_path):
+    """A folder of one state has the sample itself, and is drawn anew from it."""
+    text = """
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 2 um}}
+load: {pressure: 3 kN/m}
+medium: {simulation: {shape: 4 4, boundary: stress}}
+"""
+    scene = gp.Scene.from_text(text)
+    scene.run(tmp_path, figures=False)
+    summary = yaml.safe_load((tmp_path / "summary.yaml").read_text())
+    packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
+    state = gp.DirectSimulation(packing, (4, 4), boundary="stress").at_pressure(3e3)
+    assert summary["normal_stiffness"] == pytest.approx(state.normal_stiffness, rel=1e-9)
+    kept = gp.DirectSimulation(packing, (4, 4)).at_pressure(3e3)
+    assert state.normal_stiffness != pytest.approx(kept.normal_stiffness, rel=1e-7)
 
 
 def test_a_boundary_has_one_of_two_words():
