@@ -43,7 +43,6 @@ from granphon.base.errors import GranphonError, InputError, Refused
 from granphon.base.text import show
 from granphon.base.validation import choice, number, read_inside, real_number, truth
 from granphon.media.medium import AveragedLattice, Option, explain_untouched
-from granphon.statics.configuration import Boundary
 
 
 def reduce_load(packing: Packing, load: Load) -> Array:
@@ -125,7 +124,7 @@ def find_equilibria(
     prescribed: Sequence[ReducedLoad],
     workers: int,
     ratio: float = 0.0,
-    boundary: Boundary = "isotropic",
+    boundary: str = "isotropic",
 ) -> dict[int, Equilibrium]:
     """Return the equilibria of a sample with these ``deviations`` (of the shape of the array, in
     units of the width) under all ``prescribed`` loads, by the index of the load.
@@ -161,7 +160,7 @@ def find_equilibrium(
     load: ReducedLoad,
     previous: tuple[float, Array] | None,
     ratio: float = 0.0,
-    boundary: Boundary = "isotropic",
+    boundary: str = "isotropic",
 ) -> Equilibrium:
     """Return the equilibrium of a sample with these ``deviations`` under one load.
 

@@ -69,7 +69,7 @@ from granphon.media.loading import (
 from granphon.media.medium import Medium, Option
 from granphon.media.sample_memory import estimate_memory
 from granphon.media.state import ContactState, read_finite_overlap
-from granphon.statics.configuration import BOUNDARIES, Boundary
+from granphon.statics.configuration import BOUNDARIES
 
 #: the largest seed of a sample
 _MOST_SEED = 2**64 - 1
@@ -781,7 +781,7 @@ class DirectSimulation(Medium[SimulatedState]):
     shear_response: str = FrictionHistory.shear_response
     step_tolerance: float = FrictionHistory.step_tolerance
     ordered: bool = FrictionHistory.ordered
-    boundary: Boundary = "isotropic"
+    boundary: str = "isotropic"
 
     #: what a scene may set: neither diameters nor executor and workers
     options: ClassVar[Mapping[str, Option]] = {
