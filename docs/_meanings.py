@@ -55,6 +55,9 @@ RUNG_OPTIONS = {
     "simulation.geometry": "`lattice`: contacts keep the directions of the lattice; `exact`: their"
     " own, with `finite_overlap`; left out: [exact where it"
     " matters](../explanation/simulation.md#which-geometry)",
+    "simulation.boundary": "`isotropic`: the cell keeps its shape; `stress`: it may shear, and its"
+    " whole stress is [hydrostatic](../explanation/rest.md#two-flags); not with"
+    " `friction_history`",
     "simulation.start": "where the loading starts, at rest without friction: a reduced spacing"
     " $a^*$ or a load; or `gas`, balls apart",
     "simulation.shear_response": "tangential stiffness under sound: $\\eta k$ everywhere, none"

@@ -19,6 +19,7 @@ the changes.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -113,6 +114,9 @@ class Equilibrium(Result):
     newton, conjugate : number of steps taken by Newton's method and by conjugate gradients.
     lattice : the lattice of the contacts.
     ratio : W/d in the true geometry; zero where contacts keep the directions of the lattice.
+    strain : (p, p) symmetric strain of the cell, in units of W/d, beside the even one, -y, of a
+        cell that has taken the shape in which its stress is hydrostatic; None of one that keeps its
+        shape. The length (d - y W)^p is the size of the cell.
 
     In arrays of contacts the first axis is the kind of contact, in the order of the lattice's
     table: (n_c, L1, ..., Lp).
@@ -126,6 +130,7 @@ class Equilibrium(Result):
     conjugate: int = 0
     lattice: Lattice = TRIANGULAR
     ratio: Annotated[float, "", "", "zero or above"] = 0.0
+    strain: Annotated[Array | None, "p p?", "", "finite"] = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         # keep derivatives already found: each costs a linear response, and another process may have
@@ -169,18 +174,28 @@ class Equilibrium(Result):
     @cached_property
     def place(self) -> ExactPlace:
         """Configuration of the balls in the true geometry."""
-        return ExactGeometry(self.stencils, self.deviations, self.ratio).place(
-            self.balls, self.overlap
-        )
+        geometry = ExactGeometry(self.stencils, self.deviations, self.ratio, self.strain)
+        return geometry.place(self.balls, self.overlap)
 
     @property
     def differences(self) -> Array:
         """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one."""
         if self.ratio:
             return self.place.differences
-        return self.stencils.average_pairs(self.deviations) - self.stencils.operator.deform(
-            self.balls
-        )
+        differences = self.stencils.average_pairs(self.deviations)
+        differences -= self.stencils.operator.deform(self.balls)
+        if self.strain is not None:
+            differences -= self._elongate(self.strain)
+        return differences
+
+    def _elongate(self, strain: Array) -> Array:
+        """Return what a ``strain`` (p, p) of the cell adds to the lengths of contacts along their
+        directions on the lattice, (n_c, 1, ..., 1), in units of W.
+        """
+        p = self.lattice.periods
+        normal = self.lattice.contacts.normal[:, :p]
+        elongation = np.einsum("ca,ab,cb->c", normal, strain, normal)
+        return np.asarray(elongation[(..., *(None,) * p)])
 
     @property
     def overlaps(self) -> Array:
@@ -247,7 +262,27 @@ class Equilibrium(Result):
         computed anew at each call.
         """
         stiffness = self.stiffnesses
-        tension = stiffness - _find_uniform_part(stiffness)
+        response = self._respond(1.0)
+        if self.strain is None:
+            return response
+        # the cell shears so far that the stress stays hydrostatic
+        units = list_shears(self.lattice.periods)
+        of_shears = [self._respond(-self._elongate(unit)) for unit in units]
+        coupling = [np.sum(stiffness * response * each) for each in of_shears]
+        resistance = [[np.sum(stiffness * a * b) for b in of_shears] for a in of_shears]
+        shears = -np.linalg.solve(resistance, coupling)
+        for shear, of_shear in zip(shears, of_shears, strict=True):
+            response = response + shear * of_shear
+        return response
+
+    def _respond(self, change: Array | float) -> Array:
+        """Return (n_c, L1, ..., Lp) changes of overlaps once the balls have followed the ``change``
+        (n_c, 1, ..., 1) of those of all contacts of a kind.
+        """
+        stiffness = self.stiffnesses
+        tension = stiffness * change
+        if isinstance(change, float):
+            tension = change * (stiffness - _find_uniform_part(stiffness))
         (balls,) = find_linear_response(
             self.stencils,
             stiffness,
@@ -255,7 +290,7 @@ class Equilibrium(Result):
             _RESPONSE,
             dot(tension, tension) / float(np.mean(stiffness)) ** 2,
         )
-        return np.asarray(1.0 - self.stencils.operator.deform(balls))
+        return np.asarray(change - self.stencils.operator.deform(balls))
 
     @cached_property
     def _derivatives(self) -> tuple[float, float]:
@@ -327,6 +362,21 @@ class Equilibrium(Result):
         motions = select_resisted(self.lattice, slip, torsion, bending)
         springs = Springs.of(normal, slip, np.asarray(torsion) * normal, bending * normal)
         return list_on_lattice(self.stencils.shape, self.lattice, motions, springs)
+
+
+def list_shears(periods: int) -> Array:
+    """Return (s, p, p) strains that keep the size of a cell, each symmetric and of its own."""
+    units = []
+    for axis in range(1, periods):
+        unit = np.zeros((periods, periods))
+        unit[0, 0] = 1.0
+        unit[axis, axis] = -1.0
+        units.append(unit)
+    for a, b in itertools.combinations(range(periods), 2):
+        unit = np.zeros((periods, periods))
+        unit[a, b] = unit[b, a] = 1.0
+        units.append(unit)
+    return np.array(units).reshape(-1, periods, periods)
 
 
 def _find_uniform_part(stiffness: Array) -> float:

@@ -224,11 +224,15 @@ class ExactGeometry:
     overlaps from positions.
 
     ``ratio`` is eps = W/d. The ``stencils`` say how balls move, with rotations or without; their
-    lattice has as many periods as dimensions. Raises :class:`~granphon.base.errors.InputError` if
-    the ratio is not from zero to :data:`LARGEST_RATIO`.
+    lattice has as many periods as dimensions. ``strain`` (p, p) is that of the cell in units of
+    W/d, beside the even one; None if it has none. Raises
+    :class:`~granphon.base.errors.InputError` if the ratio is not from zero to
+    :data:`LARGEST_RATIO`.
     """
 
-    def __init__(self, stencils: Stencils, deviations: Array, ratio: float) -> None:
+    def __init__(
+        self, stencils: Stencils, deviations: Array, ratio: float, strain: Array | None = None
+    ) -> None:
         require_small(ratio)
         self.stencils = stencils
         self.ratio = ratio
@@ -262,6 +266,18 @@ class ExactGeometry:
                 *(Row("turn", 1.0, turn, sign * turn) for sign in (-1.0, 1.0) for turn in turns),
             ]
         )
+
+        #: components of what the strain adds to v, in the frames of the lattice
+        self.strained: _Vector = _ZERO if strain is None else self.shear(strain)
+
+    def shear(self, strain: Array) -> _Vector:
+        """Return what a ``strain`` (p, p) of the cell, in units of W/d, adds to v: components (n_c,
+        1, ..., 1) in the frames of the lattice.
+        """
+        p = self.dimension
+        axes = self.axes()
+        components = np.einsum("cka,ab,cb->kc", axes, strain, axes[:, 0])
+        return (*(component[(..., *(None,) * p)] for component in components), *_ZERO[p:])
 
     def place(self, balls: Array, overlap: float) -> ExactPlace:
         """Return the configuration with these motions ``balls`` and the overlap y."""
@@ -333,7 +349,8 @@ class ExactPlace:
         self.balls = balls
         self.overlap = overlap
         eps = geometry.ratio
-        self._moved, self._sum, self._difference = geometry.split(Motion(balls, overlap))
+        moved, self._sum, self._difference = geometry.split(Motion(balls, overlap))
+        self._moved = _add(moved, geometry.strained)
         self.vector = (
             1.0 + eps * self._moved[0],
             _scale(eps, self._moved[1]),
@@ -352,7 +369,7 @@ class ExactPlace:
         """
         eps = self.geometry.ratio
         first = self._moved[0]
-        straight = self.geometry.split(Motion(self.balls, 0.0))[0][0]
+        straight = self.geometry.split(Motion(self.balls, 0.0))[0][0] + self.geometry.strained[0]
         curved = eps * (self._square - first * self._change) / (1.0 + self.size)
         return np.asarray(self.geometry.means - straight - curved)
 
@@ -462,6 +479,14 @@ class ExactPlace:
             push = push - self._carry(shears)[0][0]
         return float(np.mean(push))
 
+    def press_sheared(self, forces: Array) -> float:
+        """Return the force that the pressure on a cell of any shape stands for: the trace of the
+        forces times their arms, over the size of the cell.
+        """
+        p = len(self.geometry.stencils.shape)
+        size = (1.0 - self.geometry.ratio * self.overlap) ** p
+        return float(np.mean(forces * self.size)) / size
+
     def stress(self, forces: Array, shears: Shears = ()) -> Array:
         """Return the (p, p) sum over contacts of the force on ball i times w, below zero where
         balls are pressed together.
@@ -563,6 +588,8 @@ def find_boundary_force(place: Place, forces: Array, shears: Shears = ()) -> flo
     """Return the mean contact force f* at which the pressure is the same where the cell keeps its
     size.
     """
+    if isinstance(place, ExactPlace) and place.geometry.strained is not _ZERO:
+        return place.press_sheared(forces)
     return place.press(forces, shears) / place.boundary
 
 

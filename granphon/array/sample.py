@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
-from granphon.array.equilibrium import Equilibrium, equilibrate
+from granphon.array.equilibrium import Equilibrium
 from granphon.array.geometry import ReducedLoad
-from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
+from granphon.array.sheared_equilibrium import equilibrate_as
+from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.contact_model import ContactModel
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.hertz import COUNTED_FORCE
@@ -206,11 +207,8 @@ class Sample(Result):
         This takes two more equilibria, each started from this one, and their linear responses.
         """
         here = self.equilibrium
-        solve: Callable[..., Equilibrium] = (
-            partial(equilibrate_exactly, ratio=here.ratio) if here.ratio else equilibrate
-        )
         loads = [ReducedLoad(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
-        found = [solve(here.deviations, load, stencils=here.stencils, start=here) for load in loads]
+        found = [equilibrate_as(here, load) for load in loads]
         return read_only([self._compute_elastic_tensor(one) for one in found])
 
     @cached_property
@@ -239,7 +237,7 @@ class Sample(Result):
         diameters = self.diameters
         force = self.contact_forces
         stiffness = self._units.stiffness * np.moveaxis(here.stiffnesses, 0, -1)
-        positions = packing.diameter * self._shrinkage * self.sites + self.displacements
+        positions = packing.diameter * self.sites @ self._deformation + self.displacements
         structure = packing.structure
         table = packing.structure.contacts
         d = packing.diameter
@@ -265,7 +263,7 @@ class Sample(Result):
         )
         arms = [np.broadcast_to(d * arm, number.shape) for arm in (table.arm_i, table.arm_j)]
         if exact is not None:
-            cell *= 1.0 - exact.geometry.ratio * exact.overlap
+            cell[:p, :p] = cell[:p, :p] @ self._deformation
             normal = turn_frames(packing, exact.normal, shape).reshape(normal.shape)
             reach = [0.5 * exact.size + sign * exact.geometry.uneven for sign in (-1.0, 1.0)]
             arms = [d * np.moveaxis(arm, 0, -1).reshape(number.shape) for arm in reach]
@@ -315,11 +313,15 @@ class Sample(Result):
         return bool(self.equilibrium.ratio)
 
     @property
-    def _shrinkage(self) -> float:
-        """Spacing over diameter of the cell: 1 where contacts keep the directions of the
-        lattice.
+    def _deformation(self) -> Array:
+        """(p, p) deformation of the cell, symmetric: that of no load where contacts keep the
+        directions of the lattice.
         """
-        return 1.0 - self.equilibrium.ratio * self.equilibrium.overlap
+        here = self.equilibrium
+        deformation = (1.0 - here.ratio * here.overlap) * np.eye(len(self.shape))
+        if here.strain is not None:
+            deformation += here.ratio * here.strain
+        return deformation
 
     def _compute_elastic_tensor(self, equilibrium: Equilibrium) -> Array:
         packing = self.packing
@@ -358,10 +360,11 @@ class Sample(Result):
         d = packing.diameter
         shape = self.shape
         cell = np.eye(3)
-        cell[:p, :p] = self._shrinkage * packing.structure.vectors * np.array(shape)[:, None]
+        vectors = packing.structure.vectors[:, :p] @ self._deformation
+        cell[:p, :p] = vectors * np.array(shape)[:, None]
         moved, sites = (np.zeros((self.equilibrium.deviations.size, 3)) for _ in range(2))
         moved[:, :p] = self.displacements.reshape(-1, p) / d
-        sites[:, :p] = self._shrinkage * self.sites.reshape(-1, p)
+        sites[:, :p] = self.sites.reshape(-1, p) @ self._deformation
         balls = Atoms(
             [BALL] * len(sites),
             positions=sites + moved,

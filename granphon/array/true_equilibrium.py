@@ -32,6 +32,7 @@ from granphon.array.equilibrium import (
     Equilibrium,
     begins_inside,
     equilibrate,
+    list_shears,
 )
 from granphon.array.geometry import (
     LOAD_TOLERANCE,
@@ -144,10 +145,15 @@ class TrueEquilibrium(Equilibrium):
         """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y;
         computed anew at each call.
         """
+        if self.strain is not None:
+            course = self._shear_along()
+            return -self.place.lose(course.moved) / course.growth[0]
         return -self.place.lose(self._follow()[1])
 
     @cached_property
     def _derivatives(self) -> tuple[float, float]:
+        if self.strain is not None:
+            return self._shear_along().find_derivatives()
         place = self.place
         find, moved = self._follow()
         loss = place.lose(moved)
@@ -162,6 +168,11 @@ class TrueEquilibrium(Equilibrium):
             np.mean(self.stiffness_slopes * loss**2 + stiffness * more)
         )
 
+    def _shear_along(self) -> HydrostaticCourse:
+        """Return how the cell and the balls move as the pressure rises."""
+        find, moved = self._follow()
+        return HydrostaticCourse(self, self._act_at_rest(), find, moved)
+
     def _list_contacts(
         self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0
     ) -> ContactList:
@@ -175,6 +186,130 @@ class TrueEquilibrium(Equilibrium):
             torsion = bending = 0.0
         forces = self._act_at_rest(ratio if turns else None).forces
         return list_exact_contacts(self, forces, ratio, torsion, bending, turns)
+
+
+class HydrostaticCourse:
+    """The motion of a cell that shears as the pressure on it rises: its stress stays hydrostatic.
+
+    Derivatives are by a parameter t with which the cell shrinks evenly by W, and shears by strains
+    that keep its size in first order.
+
+    Parameters
+    ----------
+    state, acting : balls at rest, and the contacts that carry load.
+    find : what finds the motions of balls under small forces.
+    even : relative displacements of contacts where the cell shrinks and does not shear.
+    """
+
+    def __init__(
+        self,
+        state: TrueEquilibrium,
+        acting: ActingForces,
+        find: Callable[[Array], Array],
+        even: Any,
+    ) -> None:
+        self._state = state
+        self._place = state.place
+        self._geometry = state.place.geometry
+        self._acting = acting
+        self._find = find
+        p = state.lattice.periods
+        self._units = list_shears(p)
+        eps = state.ratio
+        strain = np.zeros((p, p)) if state.strain is None else state.strain
+        self._cell = np.eye(p) - eps * state.overlap * np.eye(p) + eps * strain
+        self._forces = self._multiply([state.forces * n for n in self._place.normal])
+        self._sheared = [self._follow(self._geometry.shear(unit)) for unit in self._units]
+        turned = [
+            eps * self._forces @ unit + self._resist(moved) @ self._cell
+            for unit, moved in zip(self._units, self._sheared, strict=True)
+        ]
+        self._resistance = self._project(turned).T
+        along = -eps * self._forces + self._resist(even) @ self._cell
+        shears = self._balance(along)
+        #: relative displacements of contacts
+        self.moved = self._add(even, shears)
+        #: (p, p) the deformation of the cell
+        self._strained = eps * (np.einsum("s,sab->ab", shears, self._units) - np.eye(p))
+
+    @cached_property
+    def growth(self) -> tuple[float, float]:
+        """First and second derivative of y."""
+        return self._measure(np.zeros_like(self._cell))
+
+    def find_derivatives(self) -> tuple[float, float]:
+        """Return the first and the second derivative of the mean force by y."""
+        state = self._state
+        place = self._place
+        stiffness = state.stiffnesses
+        slopes = state.stiffness_slopes
+        bend, push = place.curve(self.moved, state.forces, stiffness, slopes)
+        motion = self._find(self._geometry.join(push, *_STILL))
+        straight = self._geometry.split(Motion(motion, 0.0))[0]
+        forced = (self._multiply(push) + self._resist(straight)) @ self._cell
+        forced += 2.0 * self._resist(self.moved) @ self._strained.T
+        shears = self._balance(forced)
+        more = bend - place.lose(self._add(straight, shears))
+        loss = place.lose(self.moved)
+        first = float(np.mean(-stiffness * loss))
+        second = float(np.mean(slopes * loss**2 + stiffness * more))
+        bent = state.ratio * np.einsum("s,sab->ab", shears, self._units)
+        rise, curvature = self._measure(bent)
+        return first / rise, (second - first / rise * curvature) / rise**2
+
+    def _measure(self, bent: Array) -> tuple[float, float]:
+        """Return the first and the second derivative of y, where ``bent`` (p, p) is that of the
+        cell's deformation.
+        """
+        eps = self._state.ratio
+        p = len(self._cell)
+        inverse = np.linalg.inv(self._cell)
+        turned = inverse @ self._strained
+        spacing = 1.0 - eps * self._state.overlap
+        first = -float(np.trace(turned)) * spacing / (p * eps)
+        shrinking = float(np.trace(inverse @ bent) - np.trace(turned @ turned))
+        return first, -shrinking * spacing / (p * eps) - eps * first**2 / spacing
+
+    def _follow(self, affine: Any) -> Any:
+        """Return the relative displacements of contacts once the balls have followed those that a
+        strain makes.
+        """
+        rows = self._geometry.stack(affine, *_STILL)
+        tensions, _ = self._place.resist(rows, self._acting)
+        motion = self._find(-self._geometry.frame.forces(*tensions))
+        moved = self._geometry.split(Motion(motion, 0.0))[0]
+        return tuple(a + b for a, b in zip(affine, moved, strict=True))
+
+    def _add(self, moved: Any, shears: Array) -> Any:
+        """Return the relative displacements with those of the ``shears`` of the cell."""
+        for shear, sheared in zip(shears, self._sheared, strict=True):
+            moved = tuple(a + shear * b for a, b in zip(moved, sheared, strict=True))
+        return moved
+
+    def _resist(self, moved: Any) -> Array:
+        """Return how the forces of contacts times their directions on the lattice (p, p) change
+        with relative displacements.
+        """
+        tensions, _ = self._place.resist(self._geometry.stack(moved, *_STILL), self._acting)
+        return -self._multiply(tensions)
+
+    def _multiply(self, push: Any) -> Array:
+        """Return the sum (p, p) of vectors of contacts, given in the frames of the lattice, times
+        their directions on the lattice.
+        """
+        axes = self._geometry.axes()
+        p = axes.shape[1]
+        shape = self._state.forces.shape
+        sums = [np.sum(np.broadcast_to(part, shape).reshape(len(axes), -1), 1) for part in push[:p]]
+        return np.asarray(np.einsum("kc,cka,cb->ab", np.array(sums), axes, axes[:, 0]))
+
+    def _project(self, stresses: Any) -> Array:
+        """Return the parts (..., s) of stresses (..., p, p) that shear the cell."""
+        return np.asarray(np.einsum("...ab,sab->...s", np.asarray(stresses), self._units))
+
+    def _balance(self, stress: Array) -> Array:
+        """Return the shears (s,) with which a stress (p, p) is hydrostatic."""
+        return np.asarray(-np.linalg.solve(self._resistance, self._project(stress)))
 
 
 def list_exact_contacts(
@@ -244,15 +379,12 @@ def equilibrate_exactly(
     rest = _find_rest(assembly, load, ratio, stencils, begin, overlap, tolerance)
     if load.overlap is None:
         overlap = -float(rest.strain[0, 0]) / ratio
-    p = assembly.dimension
-    motions = (stencils.basis @ rest.displacement.T).reshape(p, stencils.n_balls, -1)
-    balls = motions.swapaxes(0, 1).reshape(begin.balls.shape)
     # by the mean force of all contacts, which is that of closed ones times their part
     closed = float(np.mean(rest.overlap > 0.0))
     state = TrueEquilibrium(
         deviations=deviations,
         overlap=float(overlap),
-        balls=stencils.centre(balls),
+        balls=gather_balls(rest, stencils),
         residual=rest.residual / closed,
         newton=begin.newton + rest.steps,
         conjugate=begin.conjugate + rest.iterations,
@@ -260,6 +392,16 @@ def equilibrate_exactly(
         ratio=ratio,
     )
     return state.share(deviations, stencils)
+
+
+def gather_balls(rest: Rest, stencils: Stencils) -> Array:
+    """Return the displacements (fields, L1, ..., Lp) of balls at rest, without that of the
+    whole.
+    """
+    p = len(stencils.shape)
+    motions = (stencils.basis @ rest.displacement.T).reshape(p, stencils.n_balls, -1)
+    balls = motions.swapaxes(0, 1).reshape(stencils.n_fields, *stencils.shape)
+    return np.asarray(stencils.centre(balls))
 
 
 def _find_start(deviations: Array, load: ReducedLoad, stencils: Stencils) -> Equilibrium:

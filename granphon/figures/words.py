@@ -20,6 +20,7 @@ _OPTIONS = {
     "friction_history=true": "loaded with friction",
     "geometry=exact": "exact geometry",
     "geometry=lattice": "lattice geometry",
+    "boundary=stress": "a cell that may shear",
     "tolerance": "error below {}",
     "seed": "seed {}",
     "start": "from {}",

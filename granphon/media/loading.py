@@ -30,6 +30,7 @@ from granphon.array.friction import PressedArray
 from granphon.array.geometry import ExactGeometry, ReducedLoad
 from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING, LoadingHistory
 from granphon.array.pressed_sample import SHEAR_RESPONSES, PressedEquilibrium, PressedSample
+from granphon.array.sheared_equilibrium import equilibrate_sheared
 from granphon.array.stencils import Stencils
 from granphon.array.stepper import GAS
 from granphon.array.true_equilibrium import equilibrate_exactly
@@ -123,13 +124,15 @@ def find_equilibria(
     prescribed: Sequence[ReducedLoad],
     workers: int,
     ratio: float = 0.0,
+    boundary: str = "isotropic",
 ) -> dict[int, Equilibrium]:
     """Return the equilibria of a sample with these ``deviations`` (of the shape of the array, in
     units of the width) under all ``prescribed`` loads, by the index of the load.
 
     Each equilibrium is found from the one at the next higher load. A ``ratio`` W/d above zero means
     the true geometry: there each equilibrium is found from that of the lattice under the same load,
-    so that it does not depend on the other loads. ``workers`` is the number of threads for each
+    so that it does not depend on the other loads. With the ``boundary`` "stress" the cell shears
+    until its stress is hydrostatic. ``workers`` is the number of threads for each
     Fourier transform. An error carries the index of its load as ``load_index``.
     """
     stencils = Stencils(array_shape(deviations, lattice), workers=workers, lattice=lattice)
@@ -137,7 +140,9 @@ def find_equilibria(
     previous = None
     for index in sort_by_load(prescribed):
         try:
-            equilibrium = find_equilibrium(deviations, stencils, prescribed[index], previous, ratio)
+            equilibrium = find_equilibrium(
+                deviations, stencils, prescribed[index], previous, ratio, boundary
+            )
             # every state needs the stiffness: found here, it is found by workers in parallel
             _ = equilibrium.stiffness
         except GranphonError as error:
@@ -155,13 +160,16 @@ def find_equilibrium(
     load: ReducedLoad,
     previous: tuple[float, Array] | None,
     ratio: float = 0.0,
+    boundary: str = "isotropic",
 ) -> Equilibrium:
     """Return the equilibrium of a sample with these ``deviations`` under one load.
 
     The search starts from ``previous``, the overlap and displacements of an earlier equilibrium, if
-    there is one. In the true geometry, with a ``ratio`` W/d above zero, the search starts from the
-    lattice.
+    there is one. In the true geometry, with a ``ratio`` W/d above zero, and with the ``boundary``
+    "stress", the search starts from the lattice.
     """
+    if boundary == "stress":
+        return equilibrate_sheared(deviations, load, ratio, stencils)
     if ratio:
         return equilibrate_exactly(deviations, load, ratio, stencils)
     start = None

@@ -69,6 +69,7 @@ from granphon.media.loading import (
 from granphon.media.medium import Medium, Option
 from granphon.media.sample_memory import estimate_memory
 from granphon.media.state import ContactState, read_finite_overlap
+from granphon.statics.configuration import BOUNDARIES
 
 #: the largest seed of a sample
 _MOST_SEED = 2**64 - 1
@@ -694,6 +695,10 @@ def read_geometry(value: Any) -> str | None:
     return None if value is None else choice(value, options=GEOMETRIES)
 
 
+#: rule of validation for what the cell of an array may do
+read_boundary = partial(choice, options=BOUNDARIES)
+
+
 @dataclass(frozen=True, eq=False)
 class DirectSimulation(Medium[SimulatedState]):
     """The medium that simulates samples of the packing, ball by ball, at rest under load.
@@ -737,6 +742,10 @@ class DirectSimulation(Medium[SimulatedState]):
     step_tolerance : steps of the load are halved until a halving changes f* by less than this
         fraction.
     ordered : whether ``at_*`` take the loads in the order given, as :meth:`path` does.
+    boundary : "isotropic", the default of arrays: the cell keeps its shape, and the mean of its
+        principal stresses is the pressure. "stress", the default of crystals: the cell may shear,
+        and its whole stress is hydrostatic; not after a history of friction. An overlap then is
+        that of a cell of the same size.
 
     Raises
     ------
@@ -772,6 +781,7 @@ class DirectSimulation(Medium[SimulatedState]):
     shear_response: str = FrictionHistory.shear_response
     step_tolerance: float = FrictionHistory.step_tolerance
     ordered: bool = FrictionHistory.ordered
+    boundary: str = "isotropic"
 
     #: what a scene may set: neither diameters nor executor and workers
     options: ClassVar[Mapping[str, Option]] = {
@@ -779,6 +789,7 @@ class DirectSimulation(Medium[SimulatedState]):
         "seed": Option(seed, partial(whole, low=0, high=_MOST_SEED)),
         "samples": Option(samples, partial(whole, low=1, high=10_000)),
         "geometry": Option(geometry, read_geometry),
+        "boundary": Option(boundary, read_boundary),
         **HISTORY_OPTIONS,
     }
 
@@ -810,6 +821,7 @@ class DirectSimulation(Medium[SimulatedState]):
             problem = f"executor is {self.executor!r}"
             raise InputError(problem, mend="Give a concurrent.futures.Executor, or none")
         object.__setattr__(self, "geometry", self._read_geometry())
+        object.__setattr__(self, "boundary", require("boundary", read_boundary, self.boundary))
         require_small(self.ratio)
         self._require_history()
 
@@ -961,6 +973,10 @@ class DirectSimulation(Medium[SimulatedState]):
         history = self.history
         if not history.is_loaded:
             return
+        if self.boundary != "isotropic":
+            problem = f"a friction_history with the boundary {self.boundary!r} is not simulated"
+            why = "Along its path the cell keeps its shape"
+            raise InputError(problem, why, "Leave boundary out, or friction_history")
         if self.packing.structure.periods == 1:
             why = "On a line contacts do not slip, so that friction does nothing"
             raise InputError("a chain has no friction_history", why, "Leave it out")
@@ -1011,6 +1027,7 @@ class DirectSimulation(Medium[SimulatedState]):
             self.samples,
             has_diameters,
             self.geometry,
+            self.boundary,
             self.history,
         )
 
@@ -1194,6 +1211,7 @@ class DirectSimulation(Medium[SimulatedState]):
             prescribed=prescribed,
             workers=self.workers,
             ratio=self.ratio,
+            boundary=self.boundary,
         )
         deviations = [read_only(self.deviations(index)) for index in range(self.samples)]
         if self.executor is None:
@@ -1304,7 +1322,8 @@ class DirectSimulation(Medium[SimulatedState]):
             self.balls,
             self.samples,
             load,
-            exact=bool(self.ratio),
+            # a cell that shears has a list of contacts in both geometries
+            exact=bool(self.ratio) or self.boundary == "stress",
             loaded=self.history.is_loaded,
         )
         mend = "Take fewer balls (shape), samples or loads"
@@ -1338,7 +1357,9 @@ class DirectSimulation(Medium[SimulatedState]):
         """
         deviations = read_only(self.deviations(0))
         stencils = Stencils(self.cells, workers=self.workers, lattice=self.packing.structure)
-        equilibrium = find_equilibrium(deviations, stencils, load, before, self.ratio)
+        equilibrium = find_equilibrium(
+            deviations, stencils, load, before, self.ratio, self.boundary
+        )
         return Sample(self.packing, self.seed_of(0), equilibrium)
 
     def require(self, load: Load) -> None:

@@ -885,8 +885,8 @@ class HertzMindlin(ContactCalculator):
 
     def _require_known_sample(self, balls: Atoms) -> None:
         """Raise :class:`InputError` for Atoms of a sample whose contacts this calculator does not
-        know: those of one sample of several, of one that was loaded with friction, and of one with
-        its exact geometry.
+        know: those of one sample of several, of one that was loaded with friction, of one with its
+        exact geometry, and of one whose cell has sheared.
         """
         samples = self.state.samples
         if not samples or not has_sampled(balls):
@@ -903,11 +903,14 @@ class HertzMindlin(ContactCalculator):
         elif samples[0].is_exact:
             fault = "has its exact geometry"
             remedy = 'simulate with geometry="lattice"'
+        elif samples[0].equilibrium.strain is not None:
+            fault = "has a cell that sheared"
+            remedy = 'simulate with boundary="isotropic"'
         else:
             return
         raise InputError(
             f"the Atoms are of a sample that {fault}",
-            "A calculator has neither a history nor true directions",
+            "A calculator has neither a history, nor true directions, nor sheared cells",
             f"Use the network of the sample, as gp.Waves(state.sample) does, or {remedy}",
         )
 

@@ -811,6 +811,7 @@ class SampleTask(MediumTask):
         balls = {
             name: np.asarray(getattr(equilibrium, name))
             for name in _list_kept_fields(type(equilibrium))
+            if getattr(equilibrium, name) is not None
         }
         if not isinstance(samples[0], PressedSample):
             # after a history the derivatives follow from the elastic tensors
@@ -899,7 +900,8 @@ def restore_sample(simulation: DirectSimulation, result: TaskResult) -> Sample |
     kind: type[Equilibrium] = TrueEquilibrium if simulation.ratio else Equilibrium
     if history.is_loaded:
         kind = PressedEquilibrium
-    balls: dict[str, Any] = {name: result[_BALLS + name][0] for name in _list_kept_fields(kind)}
+    names = [name for name in _list_kept_fields(kind) if _BALLS + name in result]
+    balls: dict[str, Any] = {name: result[_BALLS + name][0] for name in names}
     deviations = read_only(simulation.deviations(0))
     equilibrium: Any = kind(deviations=deviations, lattice=packing.structure, **balls)
     if history.is_loaded:

@@ -63,8 +63,9 @@ class RestOptions:
     carried : force, over the residual, up to which a contact carries nothing: its stiffness would
         hold a ball.
     patience : steps in exact directions without half of the residual, after which loose balls and
-        all others are no longer moved in turn, and four times as many end the search; where balls
-        do not differ, as many end it.
+        all others are no longer moved in turn, the steps of an array too are those along which the
+        energy falls, and four times as many end the search; where balls do not differ, as many end
+        it.
     light : force of a contact, over the mean, up to which it is light: balls with no more heavy
         contacts than dimensions are loose. The same part of what is left on others may be left on
         loose balls.

@@ -553,7 +553,8 @@ class _ExactSearch(_Search):
         then become loose.
         """
         self.steps += 1
-        if self.problem.assembly.grid:
+        # whole steps that push loose balls into others may go round in circles
+        if self.problem.assembly.grid and self.trail.stalled <= self.options.patience:
             ahead = self._advance_on_grid(configuration)
         else:
             ahead = self._advance_by_energy(configuration)

@@ -615,6 +615,19 @@ def test_balls_near_the_threshold_come_to_rest(side, seed):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "force", "ratio"),
+    [(44, 0.00038100153001851357, 0.0006427989740616743), (244, 0.0003209, 0.0001301)],
+)
+def test_steps_that_go_round_in_circles_end(seed, force, ratio):
+    """At the least loads whole steps push the same loose balls into others again and again."""
+    x = np.random.default_rng(seed).uniform(-0.5, 0.5, (10, 10))
+    state = equilibrate_exactly(x - np.mean(x), ReducedLoad(force=force), ratio)
+    assert state.residual <= 1e-10
+    assert state.stiffness > 0.0
+
+
+@pytest.mark.slow
 @pytest.mark.claim("rest-places")
 @pytest.mark.parametrize(
     ("force", "off", "part", "seeds"),

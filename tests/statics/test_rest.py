@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+import yaml
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 
@@ -270,9 +271,97 @@ def test_a_sample_of_a_crystal_is_the_array_of_the_same_balls(lattice, shape, ex
     np.testing.assert_allclose(by_force.normal_force, state.normal_force, atol=10.0 * atol)
 
 
+@pytest.mark.claim("sample-is-array")
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize(("lattice", "shape"), [("triangular", (10, 10)), ("fcc", (4, 4, 4))])
+def test_an_array_that_shears_is_the_sample_of_a_crystal(lattice, shape, exact):
+    """By default the stress of a crystal is hydrostatic; so is that of an array that asks for it,
+    under a given pressure, mean force or overlap.
+    """
+    spread = gp.Uniform(2.04e-6)
+    packing = gp.Packing(STEEL, 8e-3, spread=spread, lattice=lattice)
+    pressure = 5.0 * packing.pressure_per_force
+    geometry = "exact" if exact else "lattice"
+    simulation = gp.DirectSimulation(packing, shape, 3, geometry=geometry, boundary="stress")
+    array = simulation.at_pressure(pressure)
+    assert array.pressure == pytest.approx(pressure, rel=1e-11)
+    sample = gp.Crystal.on(lattice, [gp.Ball(STEEL, 8e-3, spread=spread)]).sample(shape, seed=3)
+    expected = np.sort(sample.at_pressure(pressure, finite_overlap=exact).normal_force)
+    assert np.any(expected == 0.0)
+    for state in (
+        array,
+        simulation.at_force(array.force),
+        simulation.at_overlap(array.overlap),
+    ):
+        forces = np.sort(np.ravel(state.sample.contact_forces))
+        np.testing.assert_allclose(forces, expected, rtol=0.0, atol=1e-10 * np.mean(expected))
+    # the network has the cell and the stress of the sample
+    network = array.sample.network
+    stress = np.einsum("c,ca,cb->ab", network.normal_force, network.normal, network.vector)
+    p = len(shape)
+    measure = abs(np.linalg.det(network.cell[:p, :p]))
+    hydrostatic = pressure * measure * np.eye(p)
+    np.testing.assert_allclose(stress[:p, :p], hydrostatic, rtol=0.0, atol=1e-9 * hydrostatic[0, 0])
+
+
+@pytest.mark.parametrize("geometry", ["lattice", "exact"])
+@pytest.mark.parametrize(("lattice", "shape"), [("triangular", (6, 5)), ("fcc", (3, 3, 3))])
+def test_stiffnesses_of_an_array_that_shears_are_derivatives(lattice, shape, geometry):
+    """Of the mean force by the overlap, as the cell shears on the way."""
+    packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-4), lattice=lattice)
+    simulation = gp.DirectSimulation(packing, shape, 1, geometry=geometry, boundary="stress")
+    overlap = 1.5 * packing.width
+    change = 1e-4 * packing.width
+    below, state, above = simulation.at_overlap(overlap + change * np.array([-1.0, 0.0, 1.0]))
+    sample = state.sample
+    assert np.all(sample.contact_forces > 0.0)
+    rise = (above.force - below.force) / (2.0 * change)
+    assert sample.normal_stiffness == pytest.approx(rise, rel=1e-7)
+    rise = (above.normal_stiffness - below.normal_stiffness) / (2.0 * change)
+    assert sample.stiffness_slope == pytest.approx(rise, rel=1e-6)
+    kept = gp.DirectSimulation(packing, shape, 1, geometry=geometry).at_overlap(overlap)
+    assert sample.stiffness_slope != pytest.approx(kept.sample.stiffness_slope, rel=1e-6)
+
+
+def test_a_calculator_does_not_take_a_cell_that_sheared():
+    """Its contacts have slipped nowhere, which the Atoms cannot say."""
+    packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2.04e-6))
+    simulation = gp.DirectSimulation(packing, (4, 4), geometry="lattice", boundary="stress")
+    state = simulation.at_force(1.0)
+    balls = state.sample.atoms()
+    balls.calc = gp.HertzMindlin(state)
+    with pytest.raises(InputError, match="sheared"):
+        balls.get_forces()
+
+
+def test_a_run_keeps_an_array_that_shears(tmp_path):
+    """A folder of one state has the sample itself, and is drawn anew from it."""
+    text = """
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 2 um}}
+load: {pressure: 3 kN/m}
+medium: {simulation: {shape: 4 4, boundary: stress}}
+"""
+    scene = gp.Scene.from_text(text)
+    scene.run(tmp_path, figures=False)
+    summary = yaml.safe_load((tmp_path / "summary.yaml").read_text())
+    packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
+    state = gp.DirectSimulation(packing, (4, 4), boundary="stress").at_pressure(3e3)
+    assert summary["normal_stiffness"] == pytest.approx(state.normal_stiffness, rel=1e-9)
+    kept = gp.DirectSimulation(packing, (4, 4)).at_pressure(3e3)
+    assert state.normal_stiffness != pytest.approx(kept.normal_stiffness, rel=1e-7)
+
+
 def test_a_boundary_has_one_of_two_words():
     crystal = gp.Crystal.on("triangular", [gp.Ball(STEEL, 8e-3)])
     with pytest.raises(InputError, match="isotropic, stress"):
         crystal.at_pressure(1.0, boundary="isotropc")
     with pytest.raises(InputError, match="isotropic, stress"):
         crystal.at_force(1.0, boundary=["stress"])
+    packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
+    with pytest.raises(InputError, match="isotropic, stress"):
+        gp.DirectSimulation(packing, boundary="shear")
+    with pytest.raises(InputError, match="friction_history"):
+        gp.DirectSimulation(
+            packing, friction_history=True, friction_coefficient=0.2, boundary="stress"
+        )

@@ -1,0 +1,173 @@
+"""Mechanical equilibrium without friction of an array whose cell may shear, until its stress is
+hydrostatic.
+
+Elsewhere the cell of an array keeps its shape: the mean of its principal stresses is the pressure,
+and a small sample of balls that differ bears some shear stress. Here all strains of the cell are
+free, as those of a crystal are. The balls, as an assembly (:mod:`granphon.contacts.assembly`), come
+to rest under a pressure (:mod:`granphon.statics.rest`). In the directions of the lattice the mean
+force follows from the pressure alone, by the virial; in true directions, and for a given overlap,
+the pressure is searched for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, equilibrate
+from granphon.array.geometry import LOAD_TOLERANCE, ReducedLoad
+from granphon.array.stencils import Stencils
+from granphon.array.true_equilibrium import (
+    TrueEquilibrium,
+    assemble,
+    equilibrate_exactly,
+    gather_balls,
+)
+from granphon.balls import hertz
+from granphon.base.arrays import Array
+from granphon.base.errors import ConvergenceError
+from granphon.contacts.assembly import Assembly
+from granphon.statics.configuration import AppliedLoad, Geometry
+from granphon.statics.options import RestOptions
+from granphon.statics.rest import Rest, find_rest
+
+#: pressures that are tried for a mean force or an overlap, at most
+_PRESSURES = 40
+#: largest force left on a ball, over the mean force of closed contacts
+_TOLERANCE = 1e-12
+#: tolerance of the equilibrium of a cell that keeps its shape, from which a search takes its first
+#: pressure
+_GUESS = 1e-3
+
+
+def equilibrate_sheared(
+    deviations: Array, load: ReducedLoad, ratio: float, stencils: Stencils
+) -> Equilibrium:
+    """Find the equilibrium without friction of an array whose cell shears until its stress is
+    hydrostatic.
+
+    Parameters
+    ----------
+    deviations, load, stencils : as in :func:`~granphon.array.equilibrium.equilibrate`. The overlap
+        is that of a cell of the same size and an even spacing.
+    ratio : W/d in the true geometry; zero in the directions of the lattice.
+
+    Raises errors as :func:`~granphon.array.equilibrium.equilibrate` does.
+    """
+    if stencils.lattice.periods == 1 or not np.ptp(deviations):
+        # nothing to shear, or equal forces that do not
+        return equilibrate(deviations, load, stencils)
+    search = _PressureSearch(deviations, ratio, stencils)
+    if load.overlap is None and (load.on_boundary or not ratio):
+        return search.press(load.force)
+    if load.overlap is None:
+        wanted = load.force
+
+        def measure(state: Equilibrium) -> float:
+            return hertz.overlap_of(state.force)
+
+        return search.find(wanted, measure, hertz.overlap_of(wanted))
+    near = equilibrate(deviations, load, stencils, tolerance=_GUESS)
+    return search.find(near.force, lambda state: state.overlap, load.overlap)
+
+
+class _PressureSearch:
+    """The equilibria of one array under pressures, each searched for from the last.
+
+    Pressures are given as the force f* of contacts under them where the cell keeps its size.
+    """
+
+    def __init__(self, deviations: Array, ratio: float, stencils: Stencils) -> None:
+        self._deviations = deviations
+        self._ratio = ratio
+        self._stencils = stencils
+        # in the directions of the lattice nothing depends on the diameter
+        self._assembly: Assembly = assemble(deviations, stencils, ratio or 1.0)
+        self._last: Rest | None = None
+        self._steps = 0
+        self._iterations = 0
+
+    def press(self, force: float) -> Equilibrium:
+        """Return the equilibrium under a pressure."""
+        assembly = self._assembly
+        p = assembly.dimension
+        nothing = np.zeros(assembly.n_balls * p)
+        virial = force * float(np.sum(assembly.distance))
+        load = AppliedLoad(
+            force=nothing,
+            words="the load",
+            stress=-virial / (p * assembly.measure) * np.eye(p),
+            strain=np.zeros((p, p)),
+            pressure_force=nothing,
+        )
+        geometry: Geometry = "exact" if self._ratio else "lattice"
+        options = RestOptions(tolerance=_TOLERANCE, required=REST_TOLERANCE)
+        rest = find_rest(assembly, load, geometry, "stress", self._last, options)
+        self._last = rest
+        self._steps += rest.steps
+        self._iterations += rest.iterations
+        return self._make_state(rest)
+
+    def find(
+        self, guess: float, measure: Callable[[Equilibrium], float], goal: float
+    ) -> Equilibrium:
+        """Return the equilibrium of which a ``measure`` in units of W, an overlap, is the ``goal``;
+        from a ``guess`` of the pressure.
+
+        The overlap of equal balls under the pressure is nearly linear in it: the search is one by
+        secants.
+        """
+        pressure = hertz.overlap_of(guess)
+        slope = 1.0
+        before: tuple[float, float] | None = None
+        for _ in range(_PRESSURES):
+            state = self.press(hertz.force_of(pressure))
+            lack = goal - measure(state)
+            if abs(lack) <= LOAD_TOLERANCE * max(1.0, abs(goal)):
+                return state
+            if before is not None:
+                change = pressure - before[0]
+                gain = before[1] - lack
+                slope = change / gain if gain * change > 0.0 else slope
+            before = (pressure, lack)
+            # no pressure below zero, nor far from those that are known
+            pressure = min(max(pressure + slope * lack, 0.5 * pressure), 2.0 * pressure)
+        what = "no pressure is found under which the sample has this load"
+        raise ConvergenceError(what, mend="Raise the load, or give a pressure")
+
+    def _make_state(self, rest: Rest) -> Equilibrium:
+        """Return the equilibrium of balls at rest."""
+        stencils = self._stencils
+        ratio = self._ratio
+        p = stencils.lattice.periods
+        if ratio:
+            logarithms = np.log1p(np.linalg.eigvalsh(rest.strain))
+            overlap = -math.expm1(float(np.mean(logarithms))) / ratio
+        else:
+            overlap = -float(np.trace(rest.strain)) / p
+        kind = TrueEquilibrium if ratio else Equilibrium
+        state = kind(
+            deviations=self._deviations,
+            overlap=overlap,
+            balls=gather_balls(rest, stencils),
+            residual=rest.residual / float(np.mean(rest.overlap > 0.0)),
+            newton=self._steps,
+            conjugate=self._iterations,
+            lattice=stencils.lattice,
+            ratio=ratio,
+            strain=rest.strain / (ratio or 1.0) + overlap * np.eye(p),
+        )
+        return state.share(self._deviations, stencils)
+
+
+def equilibrate_as(state: Equilibrium, load: ReducedLoad) -> Equilibrium:
+    """Return the equilibrium of the balls of a ``state`` under another load, in the same geometry
+    and with the same boundary; where the cell keeps its shape it is searched for from there.
+    """
+    if state.strain is not None:
+        return equilibrate_sheared(state.deviations, load, state.ratio, state.stencils)
+    if state.ratio:
+        return equilibrate_exactly(state.deviations, load, state.ratio, state.stencils, state)
+    return equilibrate(state.deviations, load, state.stencils, state)
