@@ -66,9 +66,9 @@ def equilibrate_sheared(
         wanted = load.force
 
         def measure(state: Equilibrium) -> float:
-            return hertz.overlap_of(state.force)
+            return float(hertz.overlap_of(state.force))
 
-        return search.find(wanted, measure, hertz.overlap_of(wanted))
+        return search.find(wanted, measure, float(hertz.overlap_of(wanted)))
     near = equilibrate(deviations, load, stencils, tolerance=_GUESS)
     return search.find(near.force, lambda state: state.overlap, load.overlap)
 
