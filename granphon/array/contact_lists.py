@@ -53,7 +53,7 @@ def list_on_lattice(
     """Return the contacts of an array of ``shape`` (L1, ..., Lp) cells that keep the directions of
     the lattice.
     """
-    grid = _find_grid(shape, lattice)
+    grid = find_grid(shape, lattice)
     normal, shear, torsion, bending = (np.ravel(stiffness) for stiffness in springs)
     return ContactList(
         n_balls=lattice.n_balls * math.prod(shape),
@@ -92,14 +92,14 @@ def list_in_true_directions(
     springs : stiffnesses.
     forces : (n_c, L1, ..., Lp) normal forces.
     leaning : (n_c, L1, ..., Lp) whether they hold balls that go aside.
-    shears : (n_s, n_c, L1, ..., Lp) tangential forces; None without friction.
+    shears : (contacts, 3) tangential forces along the axes of space; None without friction.
     """
     geometry = place.geometry
     lattice = geometry.stencils.lattice
     shape = geometry.stencils.shape
     p = lattice.periods
     cells = math.prod(shape)
-    grid = _find_grid(shape, lattice)
+    grid = find_grid(shape, lattice)
     axes = geometry.axes()
 
     def turn(components: tuple[Any, ...]) -> Array:
@@ -115,9 +115,7 @@ def list_in_true_directions(
     none = np.zeros((0, 3))
     tangential = none
     if shears is not None and np.any(shears):
-        tangential = np.zeros((normal.size, 3))
-        for force, tangent in zip(shears, place.tangents, strict=False):
-            tangential -= eps * np.ravel(force)[:, None] * turn(tangent)
+        tangential = -eps * shears
     return ContactList(
         n_balls=lattice.n_balls * cells,
         motions=motions,
@@ -154,7 +152,7 @@ class _Grid(NamedTuple):
     arm_j: Array
 
 
-def _find_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
+def find_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
     """Return the ends of the contacts of an array, and what they have on its lattice; those of
     small arrays are kept.
     """

@@ -7,8 +7,9 @@ resisted by forces T whose stiffness is in proportion to that of a flat punch as
 contact, k_t = eta 2 E* a(h), which without adhesion is the normal stiffness k: dT = k_t ds while a
 rises, and the elastic part T/k_t is kept while a falls. Slip ends at Coulomb's limit |T| <= mu f,
 of the force f of the law, without that of dashpots. It is the law of
-:mod:`granphon.array.friction`. Dashpots add tau k(h) times the rate of an elongation (G. Kuwabara
-and K. Kono, Jpn. J. Appl. Phys. 26, 1230, 1987), and tau' k_t(h) times those of other deformations.
+:mod:`granphon.contacts.friction`. Dashpots add tau k(h) times the rate of an elongation (G.
+Kuwabara and K. Kono, Jpn. J. Appl. Phys. 26, 1230, 1987), and tau' k_t(h) times those of other
+deformations.
 
 Some laws jump: of balls that adhere, the force is not zero where they touch or part. Such a contact
 is joined or not. It joins where the balls come to touch, and parts where the law ends, which may be

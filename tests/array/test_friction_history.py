@@ -16,10 +16,9 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 from scipy.optimize import root
 
 import granphon as gp
-from granphon.array import contact_operator, friction, load_step, stepper
+from granphon.array import contact_operator, load_step, stepper
 from granphon.array import history as module
 from granphon.array.equilibrium import equilibrate
-from granphon.array.friction import Contacts, FrictionLaw, Tangent
 from granphon.array.geometry import ExactGeometry, ReducedLoad, multiply
 from granphon.array.history import LoadingHistory
 from granphon.array.krylov import solve_by_minimal_residuals
@@ -37,6 +36,7 @@ from granphon.balls.lattices import (
     Lattice,
 )
 from granphon.base.errors import ConvergenceError
+from granphon.contacts.friction import SLIDES, Contacts, FrictionLaw, Tangent
 from granphon.dynamics.elasticity import bulk_and_shear
 from tests.array.test_equilibrium import balls
 from tests.array.test_stencils import Explicit, cartesian
@@ -519,9 +519,7 @@ def test_next_to_no_friction_finds_which_contacts_hold_the_balls(shape):
         changes.append(np.linalg.norm(state.contacts.forces - smooth.forces))
         closed = state.contacts.forces > 0.0
         # as many as there are rotations
-        assert np.sum(state.law.mobilise(state.contacts)[closed] < friction.SLIDES) == math.prod(
-            shape
-        )
+        assert np.sum(state.law.mobilise(state.contacts)[closed] < SLIDES) == math.prod(shape)
     assert changes[0] / changes[1] == pytest.approx(100.0, rel=0.02)
 
 

@@ -32,9 +32,9 @@ from study_simulation import PACKINGS, UNIT, WIDTH, mean_and_error
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, equilibrate
-from granphon.array.friction import PressedArray
 from granphon.array.geometry import ExactGeometry, ReducedLoad
 from granphon.array.history import LoadingHistory
+from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import equilibrate_exactly
