@@ -158,11 +158,8 @@ def sum_losses(
     """Return the energies that contacts lose by sliding and by the law, along the straight line of
     a step.
     """
-    n_s = len(slips)
     slid = 0.0
     loosened = 0.0
-    bent = np.zeros(n_s)
-    slip = np.zeros(n_s)
     for c in range(len(overlaps)):
         old = math.sqrt(max(old_overlaps[c], 0.0))
         new = math.sqrt(max(overlaps[c], 0.0))
@@ -173,14 +170,19 @@ def sum_losses(
         part = 1.0
         if old == 0.0 or new == 0.0:
             part = (new * new - old * old) / (overlaps[c] - old_overlaps[c])
-        for s in range(n_s):
-            bent[s] = old_shears[s, c] / old if old > 0.0 else 0.0
-            slip[s] = part * (slips[s, c] - old_slips[s, c])
-        lost = (
-            _lose_rising(old, new, bent, slip, eta, mu)
-            if new > old
-            else _lose_falling(old, new, bent, slip, eta, mu)
-        )
+        bent_square = 0.0
+        product = 0.0
+        slip_square = 0.0
+        for s in range(len(slips)):
+            bent = old_shears[s, c] / old if old > 0.0 else 0.0
+            slip = part * (slips[s, c] - old_slips[s, c])
+            bent_square += bent * bent
+            product += bent * slip
+            slip_square += slip * slip
+        if new > old:
+            lost = _lose_rising(old, new, bent_square, product, slip_square, eta, mu)
+        else:
+            lost = _lose_falling(old, new, bent_square, product, slip_square, eta, mu)
         slid += lost[0]
         loosened += lost[1]
     return slid, loosened
@@ -188,26 +190,32 @@ def sum_losses(
 
 @compiled
 def _lose_rising(
-    old: float, new: float, bent: Array, slip: Array, eta: float, mu: float
+    old: float,
+    new: float,
+    bent_square: float,
+    product: float,
+    slip_square: float,
+    eta: float,
+    mu: float,
 ) -> tuple[float, float]:
     """Return the energies lost by sliding and by the law while h rises from ``old``^2 to
     ``new``^2.
 
-    ``bent`` (n_s,) is T/r at first, and ``slip`` (n_s,) the slip since then.
+    The squares and the ``product`` are those of T/r at first, and of the slip since then.
     """
     mean = eta * (old * old + old * new + new * new) / max(old + new, _TINY)
-    first = old * bent
-    more = mean * slip
     cube = old * old * old
     rise = new * new * new - cube
-    share, over = _meet(first, more, mu, cube, rise)
+    first = old * old * bent_square
+    both = old * mean * product
+    more = mean * mean * slip_square
+    share, over = _meet(first, both, more, mu, cube, rise)
     # where it begins to slide
     turn = min(max(float(np.cbrt(cube + share * rise)), old), new)
-    more = share * more
     three = max(old * old + old * turn + turn * turn, _TINY)
-    stuck = old * _dot(bent, bent) + (turn + 2.0 * old) * _dot(first, more) / three
+    stuck = old * bent_square + (turn + 2.0 * old) * share * both / three
     powers = ((turn + 3.0 * old) * turn + 6.0 * old * old) * turn + 5.0 * cube
-    stuck += powers * _dot(more, more) / (5.0 * three * three)
+    stuck += powers * share * share * more / (5.0 * three * three)
     stuck *= (turn - old) / (3.0 * eta * max(turn, _TINY))
     if mu == math.inf:
         return 0.0, stuck
@@ -219,21 +227,27 @@ def _lose_rising(
 
 @compiled
 def _lose_falling(
-    old: float, new: float, bent: Array, slip: Array, eta: float, mu: float
+    old: float,
+    new: float,
+    bent_square: float,
+    product: float,
+    slip_square: float,
+    eta: float,
+    mu: float,
 ) -> tuple[float, float]:
     """Return the energies lost by sliding and by the law while h falls, as
     :func:`_lose_rising` does.
     """
     to_slip = EXPONENT * eta
-    first = bent / to_slip
     fall = new * new - old * old
-    share, over = _meet(first, slip, mu / to_slip, old * old, fall)
+    first = bent_square / to_slip / to_slip
+    both = product / to_slip
+    share, over = _meet(first, both, slip_square, mu / to_slip, old * old, fall)
     turn = min(max(math.sqrt(max(old * old + share * fall, 0.0)), new), old)
-    more = share * slip
-    both = max(old + turn, _TINY)
-    stuck = _dot(first, first) + 2.0 * (2.0 * old + turn) * _dot(first, more) / (3.0 * both)
+    width = max(old + turn, _TINY)
+    stuck = first + 2.0 * (2.0 * old + turn) * share * both / (3.0 * width)
     powers = 8.0 * old * old + 9.0 * old * turn + 3.0 * turn * turn
-    stuck += powers * _dot(more, more) / (15.0 * both * both)
+    stuck += powers * share * share * slip_square / (15.0 * width * width)
     stuck *= 0.75 * eta * (old - turn)
     if mu == math.inf:
         return 0.0, stuck
@@ -243,21 +257,24 @@ def _lose_falling(
 
 
 @compiled
-def _meet(first: Array, more: Array, mu: float, size: float, rise: float) -> tuple[float, float]:
-    """Return the part of the way at which ``|first + more|`` comes to mu (size + rise), and what is
-    then above it: nothing if mu is infinite.
+def _meet(
+    first: float, both: float, more: float, mu: float, size: float, rise: float
+) -> tuple[float, float]:
+    """Return the part of the way at which ``|a + b|`` comes to mu (size + rise), and what is then
+    above it: nothing if mu is infinite.
+
+    ``first``, ``both`` and ``more`` are a.a, a.b and b.b.
     """
     if mu == math.inf:
         return 1.0, 0.0
     limit = mu * size
     rise = mu * rise
-    end = first + more
-    over = math.sqrt(_dot(end, end)) - (limit + rise)
+    over = math.sqrt(max(first + 2.0 * both + more, 0.0)) - (limit + rise)
     if not over > 0.0:
         return 1.0, 0.0
-    square = _dot(more, more) - rise * rise
-    half = _dot(first, more) - limit * rise
-    remaining = min(_dot(first, first) - limit * limit, 0.0)
+    square = more - rise * rise
+    half = both - limit * rise
+    remaining = min(first - limit * limit, 0.0)
     root = math.sqrt(max(half * half - square * remaining, 0.0))
     if half <= 0.0:  # T leaves the limit at first
         share = (root - half) / max(square, _TINY)
@@ -270,12 +287,3 @@ def _meet(first: Array, more: Array, mu: float, size: float, rise: float) -> tup
 def _sum_powers(a: float, b: float) -> float:
     """Return (a^5 - b^5)/(a - b)."""
     return (((a + b) * a + b * b) * a + b * b * b) * a + b * b * b * b
-
-
-@compiled
-def _dot(one: Array, another: Array) -> float:
-    """Return the sum of products of vectors (n_s,)."""
-    total = 0.0
-    for s in range(len(one)):
-        total += one[s] * another[s]
-    return total

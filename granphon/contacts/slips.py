@@ -40,6 +40,8 @@ from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 from granphon.contacts.friction import Configuration, RollingContacts, SlipTangent
 
+#: square of the slope of an angle whose series ends with the third term: the fourth is rounding
+_SMALL = 1e-6
 #: 1 + n.e of a contact that a step too long has turned round
 _ROUND = float(np.finfo(float).tiny)
 
@@ -56,15 +58,16 @@ def list_motions(fields: NDArray[Any], axes: Array, displacement: Array, rotatio
     cells = fields.shape[2]
     first = p if fields.shape[1] - p == 3 else p - 2
     for ball in range(len(fields)):
-        for cell in range(cells):
-            place = ball * cells + cell
-            for axis in range(p):
-                total = 0.0
-                for field in range(p):
-                    total += axes[axis, field] * fields[ball, field, cell]
-                displacement[place, axis] = total
-            for field in range(p, fields.shape[1]):
-                rotation[place, field - first] = fields[ball, field, cell]
+        place = ball * cells
+        for axis in range(p):
+            displacement[place : place + cells, axis] = 0.0
+            for field in range(p):
+                factor = axes[axis, field]
+                for cell in range(cells):
+                    displacement[place + cell, axis] += factor * fields[ball, field, cell]
+        for field in range(p, fields.shape[1]):
+            for cell in range(cells):
+                rotation[place + cell, field - first] = fields[ball, field, cell]
 
 
 @compiled
@@ -102,8 +105,12 @@ def measure_straight(
     for c in range(len(overlaps)):
         i = contacts.i[c]
         j = contacts.j[c]
-        nx, ny, nz = contacts.normal[c]
-        tx, ty, tz = contacts.tangent[c]
+        nx = contacts.normal[c, 0]
+        ny = contacts.normal[c, 1]
+        nz = contacts.normal[c, 2]
+        tx = contacts.tangent[c, 0]
+        ty = contacts.tangent[c, 1]
+        tz = contacts.tangent[c, 2]
         x = displacement[j, 0] - displacement[i, 0]
         y = displacement[j, 1] - displacement[i, 1]
         z = displacement[j, 2] - displacement[i, 2]
@@ -140,7 +147,9 @@ def measure_turned(
     for c in range(len(overlaps)):
         i = contacts.i[c]
         j = contacts.j[c]
-        ex, ey, ez = contacts.normal[c]
+        ex = contacts.normal[c, 0]
+        ey = contacts.normal[c, 1]
+        ez = contacts.normal[c, 2]
         x = displacement[j, 0] - displacement[i, 0] - overlap * ex
         y = displacement[j, 1] - displacement[i, 1] - overlap * ey
         z = displacement[j, 2] - displacement[i, 2] - overlap * ez
@@ -163,7 +172,9 @@ def measure_turned(
             tangent[c, 1] = nx
             tangent[c, 2] = 0.0
             continue
-        tx, ty, tz = contacts.tangent[c]
+        tx = contacts.tangent[c, 0]
+        ty = contacts.tangent[c, 1]
+        tz = contacts.tangent[c, 2]
         along = ex * nx + ey * ny + ez * nz
         part = (tx * nx + ty * ny + tz * nz) / max(1.0 + along, _ROUND)
         tx -= part * (ex + nx)
@@ -180,6 +191,16 @@ def measure_turned(
 
 
 @compiled
+def _divide_angle(sine: float, cosine: float) -> float:
+    """Return the angle with a ``sine`` and a ``cosine``, both times a number, over that sine."""
+    slope = sine / cosine
+    square = slope * slope
+    if cosine > 0.0 and square < _SMALL:
+        return (1.0 - square / 3.0 + 0.2 * square * square) / cosine
+    return math.atan2(sine, cosine) / sine
+
+
+@compiled
 def measure_slips(
     contacts: RollingContacts, before: Configuration, after: Configuration, slips: Array
 ) -> None:
@@ -191,7 +212,9 @@ def measure_slips(
     for c in range(slips.shape[1]):
         i = contacts.i[c]
         j = contacts.j[c]
-        ex, ey, ez = contacts.normal[c]
+        ex = contacts.normal[c, 0]
+        ey = contacts.normal[c, 1]
+        ez = contacts.normal[c, 2]
         x = after.displacement[j, 0] - before.displacement[j, 0]
         y = after.displacement[j, 1] - before.displacement[j, 1]
         z = after.displacement[j, 2] - before.displacement[j, 2]
@@ -200,8 +223,12 @@ def measure_slips(
         z -= after.displacement[i, 2] - before.displacement[i, 2] + more * ez
         old = before.distance[c]
         new = after.distance[c]
-        px, py, pz = before.normal[c]
-        nx, ny, nz = after.normal[c]
+        px = before.normal[c, 0]
+        py = before.normal[c, 1]
+        pz = before.normal[c, 2]
+        nx = after.normal[c, 0]
+        ny = after.normal[c, 1]
+        nz = after.normal[c, 2]
         # the vector of the rotation that turns one direction into the other, over eps
         turn_x = old * (py * z - pz * y)
         turn_y = old * (pz * x - px * z)
@@ -209,9 +236,9 @@ def measure_slips(
         sine = math.sqrt(turn_x * turn_x + turn_y * turn_y + turn_z * turn_z)
         size = 0.5 * (old + new)
         scale = size
-        if eps > 0.0 and sine > 0.0:
+        if sine > 0.0:
             cosine = old * new * (px * nx + py * ny + pz * nz)
-            scale *= math.atan2(eps * sine, cosine) / (eps * sine)
+            scale *= _divide_angle(eps * sine, cosine)
         arm_i = 0.5 * size - contacts.uneven[c]
         arm_j = 0.5 * size + contacts.uneven[c]
         gone_z = scale * turn_z - arm_i * (after.rotation[i, 2] - before.rotation[i, 2])
@@ -223,8 +250,12 @@ def measure_slips(
         gone_x -= arm_j * (after.rotation[j, 0] - before.rotation[j, 0])
         gone_y = scale * turn_y - arm_i * (after.rotation[i, 1] - before.rotation[i, 1])
         gone_y -= arm_j * (after.rotation[j, 1] - before.rotation[j, 1])
-        qx, qy, qz = before.tangent[c]
-        tx, ty, tz = after.tangent[c]
+        qx = before.tangent[c, 0]
+        qy = before.tangent[c, 1]
+        qz = before.tangent[c, 2]
+        tx = after.tangent[c, 0]
+        ty = after.tangent[c, 1]
+        tz = after.tangent[c, 2]
         bx = py * qz - pz * qy + ny * tz - nz * ty
         by = pz * qx - px * qz + nz * tx - nx * tz
         bz = px * qy - py * qx + nx * ty - ny * tx
@@ -252,8 +283,12 @@ def add_forces(
             continue
         i = contacts.i[c]
         j = contacts.j[c]
-        nx, ny, nz = at.normal[c]
-        tx, ty, tz = at.tangent[c]
+        nx = at.normal[c, 0]
+        ny = at.normal[c, 1]
+        nz = at.normal[c, 2]
+        tx = at.tangent[c, 0]
+        ty = at.tangent[c, 1]
+        tz = at.tangent[c, 2]
         bx = ny * tz - nz * ty
         by = nz * tx - nx * tz
         bz = nx * ty - ny * tx
@@ -306,8 +341,12 @@ def resist(
         stiffness = tangent.stiffness[c]
         i = contacts.i[c]
         j = contacts.j[c]
-        nx, ny, nz = at.normal[c]
-        ex, ey, ez = contacts.normal[c]
+        nx = at.normal[c, 0]
+        ny = at.normal[c, 1]
+        nz = at.normal[c, 2]
+        ex = contacts.normal[c, 0]
+        ey = contacts.normal[c, 1]
+        ez = contacts.normal[c, 2]
         size = at.distance[c]
         arm_i = 0.5 * size - contacts.uneven[c]
         arm_j = 0.5 * size + contacts.uneven[c]
@@ -337,7 +376,9 @@ def resist(
             torque[j, 2] -= arm_j * change + lever
             continue
         z = moved[j, 2] - moved[i, 2] - press * ez
-        tx, ty, tz = at.tangent[c]
+        tx = at.tangent[c, 0]
+        ty = at.tangent[c, 1]
+        tz = at.tangent[c, 2]
         bx = ny * tz - nz * ty
         by = nz * tx - nx * tz
         bz = nx * ty - ny * tx
