@@ -8,7 +8,6 @@ Units are those of :mod:`granphon.array.geometry`; what contacts measure and exe
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -89,14 +88,12 @@ class PressedGeometry:
         slips.list_motions(fields, self.axes, displacement, rotation)
         return displacement, rotation
 
-    def collect_forces(self, force: Array, torque: Array, kind: Any = np.float64) -> Array:
-        """Return forces (fields, L1, ..., Lp) against motions of a ``kind`` of numbers, of forces
-        and torques (n, 3).
-        """
+    def collect_forces(self, force: Array, torque: Array) -> Array:
+        """Return forces (fields, L1, ..., Lp) against motions, of forces and torques (n, 3)."""
         from granphon.contacts import slips  # imported here: averages need no Numba
 
         stencils = self.stencils
-        fields = np.empty((stencils.n_balls, stencils.motions.count, *stencils.shape), kind)
+        fields = np.empty((stencils.n_balls, stencils.motions.count, *stencils.shape))
         by_ball = fields.reshape(*fields.shape[:2], -1)
         slips.collect_forces(force, torque, self.axes, by_ball)
         return fields.reshape(stencils.n_fields, *stencils.shape)
@@ -215,13 +212,19 @@ class PressedPlace:
         resisting = tangent.flatten()
         acting = (_by_contact(forces), _by_contact(shears, len(shears)))
 
+        stencils = geometry.stencils
+        displacement, rotation, force, torque = np.zeros((4, *here.displacement.shape))
+
         def product(balls: Single, press: float | None) -> tuple[Single, float]:
-            motion = here._replace(overlap=press or 0.0)
-            displacement, rotation = geometry.list_motions(balls)
-            motion = motion._replace(displacement=displacement, rotation=rotation)
-            force, torque = np.zeros((2, *displacement.shape))
-            push = slips.resist(geometry.contacts, here, resisting, *acting, motion, force, torque)
-            return geometry.collect_forces(force, torque, np.float32), push
+            fields = balls.reshape(stencils.n_balls, stencils.motions.count, -1)
+            products = np.empty_like(fields)
+            slips.list_motions(fields, geometry.axes, displacement, rotation)
+            force.fill(0.0)
+            torque.fill(0.0)
+            motion = (displacement, rotation, press or 0.0)
+            push = slips.resist(geometry.contacts, here, resisting, *acting, *motion, force, torque)
+            slips.collect_forces(force, torque, geometry.axes, products)
+            return products.reshape(balls.shape), push
 
         return product
 

@@ -79,15 +79,16 @@ def collect_forces(force: Array, torque: Array, axes: Array, fields: NDArray[Any
     cells = fields.shape[2]
     first = p if fields.shape[1] - p == 3 else p - 2
     for ball in range(len(fields)):
-        for cell in range(cells):
-            place = ball * cells + cell
-            for field in range(p):
-                total = 0.0
-                for axis in range(p):
-                    total += axes[axis, field] * force[place, axis]
-                fields[ball, field, cell] = total
-            for field in range(p, fields.shape[1]):
-                fields[ball, field, cell] = torque[place, field - first]
+        place = ball * cells
+        for field in range(p):
+            fields[ball, field] = 0.0
+            for axis in range(p):
+                factor = axes[axis, field]
+                for cell in range(cells):
+                    fields[ball, field, cell] += factor * force[place + cell, axis]
+        for field in range(p, fields.shape[1]):
+            for cell in range(cells):
+                fields[ball, field, cell] = torque[place + cell, field - first]
 
 
 @compiled
@@ -192,7 +193,11 @@ def measure_turned(
 
 @compiled
 def _divide_angle(sine: float, cosine: float) -> float:
-    """Return the angle with a ``sine`` and a ``cosine``, both times a number, over that sine."""
+    """Return the angle with a ``sine`` and a ``cosine``, both times a number, over that sine; zero
+    without an angle.
+    """
+    if sine == 0.0:
+        return 0.0
     slope = sine / cosine
     square = slope * slope
     if cosine > 0.0 and square < _SMALL:
@@ -229,23 +234,24 @@ def measure_slips(
         nx = after.normal[c, 0]
         ny = after.normal[c, 1]
         nz = after.normal[c, 2]
-        # the vector of the rotation that turns one direction into the other, over eps
-        turn_x = old * (py * z - pz * y)
-        turn_y = old * (pz * x - px * z)
-        turn_z = old * (px * y - py * x)
-        sine = math.sqrt(turn_x * turn_x + turn_y * turn_y + turn_z * turn_z)
         size = 0.5 * (old + new)
-        scale = size
-        if sine > 0.0:
-            cosine = old * new * (px * nx + py * ny + pz * nz)
-            scale *= _divide_angle(eps * sine, cosine)
         arm_i = 0.5 * size - contacts.uneven[c]
         arm_j = 0.5 * size + contacts.uneven[c]
+        # the vector of the rotation that turns one direction into the other, over eps
+        turn_z = old * (px * y - py * x)
+        cosine = old * new * (px * nx + py * ny + pz * nz)
+        if len(slips) == 1:
+            turn_z *= size * _divide_angle(eps * abs(turn_z), cosine)
+            turn_z -= arm_i * (after.rotation[i, 2] - before.rotation[i, 2])
+            turn_z -= arm_j * (after.rotation[j, 2] - before.rotation[j, 2])
+            slips[0, c] += turn_z
+            continue
+        turn_x = old * (py * z - pz * y)
+        turn_y = old * (pz * x - px * z)
+        sine = math.sqrt(turn_x * turn_x + turn_y * turn_y + turn_z * turn_z)
+        scale = size * _divide_angle(eps * sine, cosine)
         gone_z = scale * turn_z - arm_i * (after.rotation[i, 2] - before.rotation[i, 2])
         gone_z -= arm_j * (after.rotation[j, 2] - before.rotation[j, 2])
-        if len(slips) == 1:
-            slips[0, c] += gone_z
-            continue
         gone_x = scale * turn_x - arm_i * (after.rotation[i, 0] - before.rotation[i, 0])
         gone_x -= arm_j * (after.rotation[j, 0] - before.rotation[j, 0])
         gone_y = scale * turn_y - arm_i * (after.rotation[i, 1] - before.rotation[i, 1])
@@ -321,20 +327,20 @@ def resist(
     tangent: SlipTangent,
     normal_force: Array,
     shears: Array,
-    motion: Configuration,
+    moved: Array,
+    turned: Array,
+    press: float,
     force: Array,
     torque: Array,
 ) -> float:
-    """Add to the ``force`` and ``torque`` (n, 3) on balls what resists a small ``motion``, of which
-    displacement, rotation and overlap count; return the sum of the changes of normal forces.
+    """Add to the ``force`` and ``torque`` (n, 3) on balls what resists small displacements
+    ``moved`` and rotations ``turned`` (n, 3), and a change ``press`` of the overlap; return the sum
+    of the changes of normal forces.
 
     The law has the ``tangent``; the forces that act, ``normal_force`` (n_c,) and ``shears`` (n_s,
     n_c), turn with contacts that turn.
     """
     eps = contacts.ratio
-    press = motion.overlap
-    moved = motion.displacement
-    turned = motion.rotation
     in_plane = len(shears) == 1
     total = 0.0
     for c in range(len(normal_force)):
@@ -348,12 +354,13 @@ def resist(
         ey = contacts.normal[c, 1]
         ez = contacts.normal[c, 2]
         size = at.distance[c]
+        over = eps / size
         arm_i = 0.5 * size - contacts.uneven[c]
         arm_j = 0.5 * size + contacts.uneven[c]
         x = moved[j, 0] - moved[i, 0] - press * ex
         y = moved[j, 1] - moved[i, 1] - press * ey
         held = shears[0, c]
-        push = eps * normal_force[c] / size
+        push = over * normal_force[c]
         if in_plane:
             loss = nx * x + ny * y
             across = nx * y - ny * x
@@ -363,7 +370,7 @@ def resist(
             change -= tangent.coupling[0, c] * loss
             normal = stiffness * loss
             total -= normal
-            along = normal - eps * held * across / size
+            along = normal - over * held * across
             aside = change - push * across
             x = along * nx - aside * ny
             y = along * ny + aside * nx
@@ -401,8 +408,8 @@ def resist(
         total -= normal
         # components along n, t and b of what turns
         held_b = shears[1, c]
-        tilt_t = eps * across_t / size
-        tilt_b = eps * across_b / size
+        tilt_t = over * across_t
+        tilt_b = over * across_b
         spin = (turned[i, 0] + turned[j, 0]) * ex
         spin += (turned[i, 1] + turned[j, 1]) * ey
         spin += (turned[i, 2] + turned[j, 2]) * ez
