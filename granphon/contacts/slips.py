@@ -349,16 +349,15 @@ def resist(
         j = contacts.j[c]
         nx = at.normal[c, 0]
         ny = at.normal[c, 1]
-        nz = at.normal[c, 2]
-        ex = contacts.normal[c, 0]
-        ey = contacts.normal[c, 1]
-        ez = contacts.normal[c, 2]
         size = at.distance[c]
         over = eps / size
         arm_i = 0.5 * size - contacts.uneven[c]
         arm_j = 0.5 * size + contacts.uneven[c]
-        x = moved[j, 0] - moved[i, 0] - press * ex
-        y = moved[j, 1] - moved[i, 1] - press * ey
+        x = moved[j, 0] - moved[i, 0]
+        y = moved[j, 1] - moved[i, 1]
+        if press != 0.0:
+            x -= press * contacts.normal[c, 0]
+            y -= press * contacts.normal[c, 1]
         held = shears[0, c]
         push = over * normal_force[c]
         if in_plane:
@@ -382,6 +381,10 @@ def resist(
             torque[i, 2] -= arm_i * change + lever
             torque[j, 2] -= arm_j * change + lever
             continue
+        nz = at.normal[c, 2]
+        ex = contacts.normal[c, 0]
+        ey = contacts.normal[c, 1]
+        ez = contacts.normal[c, 2]
         z = moved[j, 2] - moved[i, 2] - press * ez
         tx = at.tangent[c, 0]
         ty = at.tangent[c, 1]

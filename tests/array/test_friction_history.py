@@ -19,9 +19,10 @@ import granphon as gp
 from granphon.array import contact_operator, load_step, stepper
 from granphon.array import history as module
 from granphon.array.equilibrium import equilibrate
-from granphon.array.geometry import ExactGeometry, ReducedLoad, multiply
+from granphon.array.geometry import ReducedLoad
 from granphon.array.history import LoadingHistory
 from granphon.array.krylov import solve_by_minimal_residuals
+from granphon.array.pressed_place import PressedGeometry, multiply
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.lattices import (
@@ -50,7 +51,7 @@ def history(shape, mu=math.inf, tolerance=math.inf, seed=0, lattice=TRIANGULAR, 
     """
     stencils = Stencils(shape, ETA, lattice=lattice)
     x = balls(shape, seed, lattice)
-    geometry = ExactGeometry(stencils, x, ratio) if ratio else None
+    geometry = PressedGeometry(stencils, x, ratio) if ratio else None
     return LoadingHistory(x, stencils, mu, tolerance, geometry=geometry, **more)
 
 
