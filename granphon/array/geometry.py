@@ -3,10 +3,9 @@ and in the true one.
 
 Units are those of :mod:`granphon.array.equilibrium`: displacements u in W; rotations phi in W/d;
 the lattice's lengths in d. In the limit contacts keep the directions e of the lattice, and all is
-linear: h = y + (x_i + x_j)/2 - e.(u_j - u_i), and slips are those of
-:class:`~granphon.array.stencils.Stencils`.
+linear: h = y + (x_i + x_j)/2 - e.(u_j - u_i).
 
-In the true geometry directions, arms, overlaps and slips follow from the positions of balls. A load
+In the true geometry directions, arms and overlaps follow from the positions of balls. A load
 compresses the cell evenly, by the factor 1 - eps y with eps = W/d and y = (d - a)/W, where a is the
 spacing of the lattice in the compressed cell. A contact whose direction on the lattice is e then
 has the vector from centre to centre
@@ -19,14 +18,8 @@ and the overlap
 
 in which no two numbers that are nearly equal are subtracted. It touches at the distances |w|/2 -+
 eps (x_j - x_i)/4 from the centres, which are the radii less half of the overlap each; they add up
-to |w|, so that forces exert no torque on a pair. It slips by
-
-    ds = (1 - nn) du - (arm_i dphi_i + arm_j dphi_j) x n,    n = w/|w|
-
-where du is the change of u_j - u_i - y e. From one configuration to the next the slip is found with
-the angle by which n turns, exact, and the means of arms and tangents at both ends. It is of second
-order in the step; in a plane it depends on the way by nothing but the change of arms. The tangents
-turn with n along the shortest way from e, and about n with both balls.
+to |w|, so that forces exert no torque on a pair. How it slips is said in
+:mod:`granphon.contacts.slips`.
 
 For eps = 0 all this is the linear map of the lattice. The coefficient of Hertz's law is that of the
 mean ball in both: its own radii change that of a contact by a part of order eps.
