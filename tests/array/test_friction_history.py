@@ -73,7 +73,8 @@ def run(paths, loads):
 
 
 def contact(h, s=(0.0,), t=(0.0,)):
-    return Contacts(np.array([h]), np.array(s, float)[:, None], np.array(t, float)[:, None])
+    slips, shears = np.array(np.broadcast_arrays(s, t), float)[..., None]
+    return Contacts(np.array([h]), slips, shears)
 
 
 unit = st.floats(-1.0, 1.0)
