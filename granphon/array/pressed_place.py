@@ -221,8 +221,17 @@ class PressedPlace:
             slips.list_motions(fields, geometry.axes, displacement, rotation)
             force.fill(0.0)
             torque.fill(0.0)
-            motion = (displacement, rotation, press or 0.0)
-            push = slips.resist(geometry.contacts, here, resisting, *acting, *motion, force, torque)
+            push = slips.resist(
+                geometry.contacts,
+                here,
+                resisting,
+                *acting,
+                displacement,
+                rotation,
+                press or 0.0,
+                force,
+                torque,
+            )
             slips.collect_forces(force, torque, geometry.axes, products)
             return products.reshape(balls.shape), push
 

@@ -258,8 +258,15 @@ class FrictionLaw:
                 coupling=np.empty(slips.shape),
                 sliding=np.empty(slips.shape),
             )
-            ends = (_flatten(overlaps), _flatten(held), guess is None, motion)
-            sliding.set_tangent(*numbers, *start, *ends, *tangent.flatten()[:4])
+            sliding.set_tangent(
+                *numbers,
+                *start,
+                _flatten(overlaps),
+                _flatten(held),
+                guess is None,
+                motion,
+                *tangent.flatten()[:4],
+            )
             return tangent
 
         return contacts, cache(linearise)
