@@ -232,16 +232,6 @@ class PressedPlace:
                 force,
                 torque,
             )
-                geometry.contacts,
-                here,
-                resisting,
-                *acting,
-                displacement,
-                rotation,
-                press or 0.0,
-                force,
-                torque,
-            )
             slips.collect_forces(force, torque, geometry.axes, products)
             return products.reshape(balls.shape), push
 

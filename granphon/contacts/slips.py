@@ -19,8 +19,8 @@ From one configuration to the next the slip is found with the angle by which n t
 with the means of arms and tangents at both ends. It is of second order in the step; in a plane it
 depends on the way by nothing but the change of arms.
 
-Tangents turn with n on the shortest way from e,
-and about n with the mean rotation of both balls about e.
+Tangents turn with n on the shortest way from e, and about n with the mean rotation of both balls
+about e.
 
 The force on ball j is f n - T, and both balls bear the torque arm n x T. A small motion changes it
 by what the law of the contact says, and by what turns: with
