@@ -24,22 +24,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.contact_operator import ContactHessian
-from granphon.array.friction import Contacts, FrictionLaw, PressedArray, Tangent
 from granphon.array.geometry import (
     ADDED_STIFFNESS,
     LOAD_TOLERANCE,
-    Geometry,
     Inverse,
-    Place,
     Product,
     ReducedLoad,
     find_lack,
-    multiply,
 )
 from granphon.array.krylov import Single, solve_by_minimal_residuals
 from granphon.array.preconditioners import Patches, Put
+from granphon.array.pressed_array import PressedArray
+from granphon.array.pressed_place import PressedGeometry, PressedPlace, multiply
 from granphon.array.stencils import Motion, dot
 from granphon.base.arrays import Array, Index
+from granphon.contacts.friction import Contacts, FrictionLaw, Tangent
 
 #: largest force, or torque over the diameter, left on a ball, over the mean normal force
 BALANCE_TOLERANCE = 1e-9
@@ -131,7 +130,7 @@ class Trial:
     ``linearise`` finds the tangent of the law, which few trials need.
     """
 
-    place: Place
+    place: PressedPlace
     balls: Array
     overlap: float
     contacts: Contacts
@@ -168,10 +167,10 @@ class LoadStep:
 
     def __init__(
         self,
-        geometry: Geometry,
+        geometry: PressedGeometry,
         law: FrictionLaw,
         here: PressedArray,
-        place: Place,
+        place: PressedPlace,
         load: ReducedLoad,
         patches: Patches,
         drag: float = 0.0,
@@ -329,7 +328,7 @@ class LoadStep:
     def _try(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
         place = self._geometry.place(balls, overlap)
         before = self._here.contacts
-        slips = place.slips(self._place, before.slips)
+        slips = place.find_slips(self._place, before.slips)
         contacts, linearise = self._law.advance(before, place.overlaps, slips, guess)
         forces = contacts.forces
         load = self._load
@@ -341,13 +340,10 @@ class LoadStep:
             loss = contacts.overlaps - before.overlaps - (overlap - self._here.overlap)
             normal = forces + self._drag * loss
             shears = shears + stencils.mindlin_ratio * self._drag * (contacts.slips - before.slips)
-        pull = place.pull(normal, shears)
+        on_balls = place.push(normal, shears)
+        pull = self._geometry.collect_forces(*on_balls)
         push = forces.size * find_lack(load, place, forces, contacts.shears)
-        fields = pull.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
-        parts = stencils.cartesian(pull), fields[:, stencils.motions.turning].swapaxes(0, 1)
-        square = max(
-            float(np.max(np.einsum("a...,a...->...", one, one), initial=0.0)) for one in parts
-        )
+        square = max(float(np.max(np.einsum("na,na->n", each, each))) for each in on_balls)
         scale = max(force, self._drag)
         scale = scale if scale > _FALLEN * self._here.force else math.inf
         size = math.sqrt(dot(pull, pull) + push * push / forces.size)

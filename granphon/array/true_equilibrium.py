@@ -177,9 +177,9 @@ def list_exact_contacts(
     """Return the contacts of a state at rest in the true geometry, with the forces that act.
 
     ``forces`` (n_c, L1, ..., Lp) are normal, below zero where they hold balls that go aside, and
-    ``shears`` tangential, if there are any. ``shear``, ``torsion`` and ``bending`` are those of
-    :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`; ``turns`` says whether balls
-    rotate.
+    ``shears`` (contacts, 3) tangential, if there are any. ``shear``, ``torsion`` and ``bending``
+    are those of :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`; ``turns`` says
+    whether balls rotate.
     """
     normal = state.stiffnesses
     springs = Springs.of(normal, shear * normal, np.asarray(torsion) * normal, bending * normal)
@@ -189,7 +189,7 @@ def list_exact_contacts(
         springs,
         np.abs(forces),
         forces < 0.0,
-        None if shears is None else (normal > 0.0) * shears,
+        shears,
     )
 
 

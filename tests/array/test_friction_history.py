@@ -16,13 +16,13 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 from scipy.optimize import root
 
 import granphon as gp
-from granphon.array import contact_operator, friction, load_step, stepper
+from granphon.array import contact_operator, load_step, stepper
 from granphon.array import history as module
 from granphon.array.equilibrium import equilibrate
-from granphon.array.friction import Contacts, FrictionLaw, Tangent
-from granphon.array.geometry import ExactGeometry, ReducedLoad, multiply
+from granphon.array.geometry import ReducedLoad
 from granphon.array.history import LoadingHistory
 from granphon.array.krylov import solve_by_minimal_residuals
+from granphon.array.pressed_place import PressedGeometry, multiply
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.lattices import (
@@ -37,6 +37,7 @@ from granphon.balls.lattices import (
     Lattice,
 )
 from granphon.base.errors import ConvergenceError
+from granphon.contacts.friction import SLIDES, Contacts, FrictionLaw, Tangent
 from granphon.dynamics.elasticity import bulk_and_shear
 from tests.array.test_equilibrium import balls
 from tests.array.test_stencils import Explicit, cartesian
@@ -50,7 +51,7 @@ def history(shape, mu=math.inf, tolerance=math.inf, seed=0, lattice=TRIANGULAR, 
     """
     stencils = Stencils(shape, ETA, lattice=lattice)
     x = balls(shape, seed, lattice)
-    geometry = ExactGeometry(stencils, x, ratio) if ratio else None
+    geometry = PressedGeometry(stencils, x, ratio) if ratio else None
     return LoadingHistory(x, stencils, mu, tolerance, geometry=geometry, **more)
 
 
@@ -72,7 +73,8 @@ def run(paths, loads):
 
 
 def contact(h, s=(0.0,), t=(0.0,)):
-    return Contacts(np.array([h]), np.array(s, float)[:, None], np.array(t, float)[:, None])
+    slips, shears = np.array(np.broadcast_arrays(s, t), float)[..., None]
+    return Contacts(np.array([h]), slips, shears)
 
 
 unit = st.floats(-1.0, 1.0)
@@ -519,9 +521,7 @@ def test_next_to_no_friction_finds_which_contacts_hold_the_balls(shape):
         changes.append(np.linalg.norm(state.contacts.forces - smooth.forces))
         closed = state.contacts.forces > 0.0
         # as many as there are rotations
-        assert np.sum(state.law.mobilise(state.contacts)[closed] < friction.SLIDES) == math.prod(
-            shape
-        )
+        assert np.sum(state.law.mobilise(state.contacts)[closed] < SLIDES) == math.prod(shape)
     assert changes[0] / changes[1] == pytest.approx(100.0, rel=0.02)
 
 

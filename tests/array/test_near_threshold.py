@@ -14,13 +14,14 @@ from hypothesis import strategies as st
 from granphon.array import equilibrium as module
 from granphon.array import linear_response
 from granphon.array.equilibrium import equilibrate
-from granphon.array.friction import Tangent
-from granphon.array.geometry import ReducedLoad, multiply
+from granphon.array.geometry import ReducedLoad
 from granphon.array.linear_response import find_linear_response
 from granphon.array.load_step import LinearSteps
 from granphon.array.preconditioners import Patches
+from granphon.array.pressed_place import multiply
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.lattices import FCC
+from granphon.contacts.friction import Tangent
 from tests.array.test_equilibrium import balls, close_forces, residual
 from tests.array.test_stencils import ETA, Explicit
 

@@ -1,0 +1,253 @@
+"""Where the contacts of an array of balls that roll and slip are, in the directions of the lattice
+or in the true ones.
+
+Units are those of :mod:`granphon.array.geometry`; what contacts measure and exert are the loops of
+:mod:`granphon.contacts.slips` over their list.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from granphon.array.contact_lists import find_grid
+from granphon.array.contact_operator import ContactHessian
+from granphon.array.geometry import Product, require_small, shrink_boundary
+from granphon.array.krylov import Single
+from granphon.array.stencils import Stencils
+from granphon.balls.contact_table import contact_frames
+from granphon.base.arrays import Array
+from granphon.contacts.friction import Configuration, RollingContacts, Tangent
+
+
+class PressedGeometry:
+    """Contacts of an array of balls with rotations.
+
+    Parameters
+    ----------
+    stencils : how balls move; contacts resist slip.
+    deviations : x = Delta/W of the balls.
+    ratio : eps = W/d of contacts in their true directions; zero where they keep those of the
+        lattice.
+
+    Raises
+    ------
+    InputError : a ratio that is not from zero to :data:`~granphon.array.geometry.LARGEST_RATIO`.
+    """
+
+    def __init__(self, stencils: Stencils, deviations: Array, ratio: float = 0.0) -> None:
+        require_small(ratio)
+        self.stencils = stencils
+        self.ratio = ratio
+        means = stencils.average_pairs(deviations)
+        first = stencils.by_ball(deviations)
+        ends = np.stack([first[i] for i, _ in stencils.ends])
+        lattice = stencils.lattice
+        grid = find_grid(stencils.shape, lattice)
+        frames = contact_frames(lattice.contacts.normal[:, : lattice.periods])
+        tangents = np.stack(frames[1], axis=1)
+        #: the list of the contacts
+        self.contacts = RollingContacts(
+            # of their own: loops are compiled anew for arrays that cannot be written
+            i=grid.i.copy(),
+            j=grid.j.copy(),
+            normal=grid.normal.copy(),
+            tangent=np.repeat(tangents, math.prod(stencils.shape), axis=0),
+            offset=means.ravel(),
+            uneven=np.ravel(0.5 * ratio * (means - ends)),
+            ratio=float(ratio),
+        )
+        #: (p, p) what takes the coordinates of displacements to the axes of space
+        self.axes = np.ascontiguousarray(np.linalg.inv(stencils.basis), float)
+        self._distance = np.ones(means.size)
+
+    def place(self, balls: Array, overlap: float) -> PressedPlace:
+        """Return the configuration with these motions ``balls`` and the overlap y."""
+        return PressedPlace(self, balls, overlap)
+
+    def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
+        """Return the overlaps of contacts and their slips, with which a history begins: those from
+        the sites, or zeros where contacts turn.
+        """
+        place = self.place(balls, overlap)
+        return place.overlaps, place.find_slips(place, np.zeros(self.slip_shape))
+
+    @property
+    def slip_shape(self) -> tuple[int, ...]:
+        """Shape (n_s, n_c, L1, ..., Lp) of slips."""
+        stencils = self.stencils
+        return (len(stencils.shape) - 1, stencils.n_contacts, *stencils.shape)
+
+    def list_motions(self, balls: Array) -> tuple[Array, Array]:
+        """Return displacements and rotations (n, 3), of motions (fields, L1, ..., Lp)."""
+        from granphon.contacts import slips  # imported here: averages need no Numba
+
+        fields = balls.reshape(self.stencils.n_balls, self.stencils.motions.count, -1)
+        displacement, rotation = np.zeros((2, fields.shape[0] * fields.shape[2], 3))
+        slips.list_motions(fields, self.axes, displacement, rotation)
+        return displacement, rotation
+
+    def collect_forces(self, force: Array, torque: Array) -> Array:
+        """Return forces (fields, L1, ..., Lp) against motions, of forces and torques (n, 3)."""
+        from granphon.contacts import slips  # imported here: averages need no Numba
+
+        stencils = self.stencils
+        fields = np.empty((stencils.n_balls, stencils.motions.count, *stencils.shape))
+        by_ball = fields.reshape(*fields.shape[:2], -1)
+        slips.collect_forces(force, torque, self.axes, by_ball)
+        return fields.reshape(stencils.n_fields, *stencils.shape)
+
+    def measure(self, balls: Array, overlap: float) -> tuple[Configuration, Array, Array | None]:
+        """Return where balls and contacts are, overlaps (n_c,), and slips (n_s, n_c) if they follow
+        from that alone.
+        """
+        from granphon.contacts import slips  # imported here: averages need no Numba
+
+        contacts = self.contacts
+        displacement, rotation = self.list_motions(balls)
+        overlaps = np.empty(contacts.offset.size)
+        count = len(self.stencils.shape) - 1
+        if not self.ratio:
+            here = (contacts.normal, contacts.tangent, self._distance)
+            slid = np.empty((count, overlaps.size))
+            slips.measure_straight(contacts, displacement, rotation, overlap, overlaps, slid)
+            return Configuration(overlap, displacement, rotation, *here), overlaps, slid
+        normal, tangent = np.empty((2, overlaps.size, 3))
+        distance = np.empty(overlaps.size)
+        here = (normal, tangent, distance)
+        motion = (displacement, rotation, overlap)
+        slips.measure_turned(contacts, *motion, count == 1, overlaps, *here)
+        return Configuration(overlap, displacement, rotation, *here), overlaps, None
+
+
+class PressedPlace:
+    """Configuration of an array in its :class:`PressedGeometry`.
+
+    Attributes
+    ----------
+    geometry : the array.
+    balls : (fields, L1, ..., Lp) displacements and rotations.
+    overlap : y.
+    overlaps : (n_c, L1, ..., Lp) overlaps h of the contacts.
+    configuration : what loops over contacts read.
+    """
+
+    def __init__(self, geometry: PressedGeometry, balls: Array, overlap: float) -> None:
+        self.geometry = geometry
+        self.balls = balls
+        self.overlap = overlap
+        self.configuration, overlaps, slips = geometry.measure(balls, float(overlap))
+        self.overlaps = overlaps.reshape(geometry.slip_shape[1:])
+        self._slips = None if slips is None else slips.reshape(geometry.slip_shape)
+
+    def find_slips(self, before: PressedPlace, slips: Array) -> Array:
+        """Return (n_s, n_c, L1, ..., Lp) slips, if they are ``slips`` in the place ``before``: that
+        does not matter where contacts keep their directions.
+        """
+        from granphon.contacts import slips as loops  # imported here: averages need no Numba
+
+        if self._slips is not None:
+            return self._slips
+        slid = slips.copy(order="C")
+        contacts = self.geometry.contacts
+        by_contact = slid.reshape(len(slid), -1)
+        loops.measure_slips(contacts, before.configuration, self.configuration, by_contact)
+        return slid
+
+    def push(self, forces: Array, shears: Array) -> tuple[Array, Array]:
+        """Return forces and torques (n, 3) on balls by normal forces f (n_c, L1, ..., Lp) and
+        tangential forces T (n_s, n_c, L1, ..., Lp).
+        """
+        from granphon.contacts import slips  # imported here: averages need no Numba
+
+        here = self.configuration
+        force, torque = np.zeros((2, *here.displacement.shape))
+        tangential = _by_contact(shears, len(shears))
+        slips.add_forces(
+            self.geometry.contacts, here, _by_contact(forces), tangential, force, torque
+        )
+        return force, torque
+
+    def pull(self, forces: Array, shears: Array) -> Array:
+        """Return the forces of :meth:`push` against motions, (fields, L1, ..., Lp)."""
+        return self.geometry.collect_forces(*self.push(forces, shears))
+
+    def turn(self, shears: Array) -> Array:
+        """Return the vectors (n_c, 3) of tangential forces, along the axes of space."""
+        t = self.configuration.tangent
+        tangential = _by_contact(shears, len(shears))
+        vectors = tangential[0][:, None] * t
+        if len(shears) == 2:
+            vectors += tangential[1][:, None] * np.cross(self.configuration.normal, t)
+        return np.asarray(vectors)
+
+    @property
+    def boundary(self) -> float:
+        """Size of the cell's boundary, over that with y = 0."""
+        return shrink_boundary(self.geometry.ratio, self.overlap, len(self.geometry.stencils.shape))
+
+    def press(self, forces: Array, shears: Array) -> float:
+        """Return the force whose work on dy is that of the load: the mean of (f n - T).e over
+        contacts.
+        """
+        if not self.geometry.ratio:
+            return float(np.mean(forces))
+        push = _by_contact(forces)[:, None] * self.configuration.normal - self.turn(shears)
+        return float(np.einsum("ca,ca->", push, self.geometry.contacts.normal)) / len(push)
+
+    def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
+        """Return the changes of :meth:`pull` and of the sum of forces by small motions in single
+        precision, both times -1.
+
+        They follow from the ``tangent`` of the law of friction, and from the forces that act where
+        contacts turn.
+        """
+        if not self.geometry.ratio:
+            return multiply(self.geometry.stencils, tangent)
+        from granphon.contacts import slips  # imported here: averages need no Numba
+
+        geometry = self.geometry
+        here = self.configuration
+        resisting = tangent.flatten()
+        acting = (_by_contact(forces), _by_contact(shears, len(shears)))
+
+        stencils = geometry.stencils
+        displacement, rotation, force, torque = np.zeros((4, *here.displacement.shape))
+
+        def product(balls: Single, press: float | None) -> tuple[Single, float]:
+            fields = balls.reshape(stencils.n_balls, stencils.motions.count, -1)
+            products = np.empty_like(fields)
+            slips.list_motions(fields, geometry.axes, displacement, rotation)
+            force.fill(0.0)
+            torque.fill(0.0)
+            push = slips.resist(
+                geometry.contacts,
+                here,
+                resisting,
+                *acting,
+                displacement,
+                rotation,
+                press or 0.0,
+                force,
+                torque,
+            )
+            slips.collect_forces(force, torque, geometry.axes, products)
+            return products.reshape(balls.shape), push
+
+        return product
+
+
+def _by_contact(values: Array, *rows: int) -> Array:
+    """Return numbers (n_c,) of contacts, or ``rows`` of such numbers, as loops read them."""
+    return np.require(values, float, ["C", "W"]).reshape(*rows, -1)
+
+
+def multiply(stencils: Stencils, tangent: Tangent) -> Product:
+    """Return the product of C^T D C, D being the ``tangent`` of the law of friction, with motions
+    in single precision.
+    """
+    coupling = {(1 + slip, 0): -one for slip, one in enumerate(tangent.coupling)}
+    for one in -tangent.cross:
+        coupling |= {(1, 2): one, (2, 1): one}
+    return ContactHessian(stencils.operator, [tangent.stiffness, *tangent.springs], coupling)
