@@ -23,19 +23,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.contact_operator import ContactHessian
 from granphon.array.geometry import (
     ADDED_STIFFNESS,
     LOAD_TOLERANCE,
     Inverse,
-    Product,
     ReducedLoad,
     find_lack,
 )
 from granphon.array.krylov import Single, solve_by_minimal_residuals
 from granphon.array.preconditioners import Patches, Put
 from granphon.array.pressed_array import PressedArray
-from granphon.array.pressed_place import PressedGeometry, PressedPlace, multiply
+from granphon.array.pressed_place import PressedGeometry, PressedPlace, PressedTangent
 from granphon.array.stencils import Motion, dot
 from granphon.base.arrays import Array, Index
 from granphon.contacts.friction import Contacts, FrictionLaw, Tangent
@@ -92,6 +90,12 @@ _FARTHEST = 0.2
 #: stiffness of a ball against turning, over that without sliding, below which it is turned by
 #: itself
 _LOOSE = 1e-2
+#: torques on balls that turn without resistance, over all that is left of balance, from which they
+#: are turned by themselves
+_TURNING = 0.03
+#: stiffness, over the mean, that the preconditioner adds to the motions of each ball: a ball may
+#: have no contact
+_LEAST_LOCAL = 1e-5
 #: GMRES iterations, at most
 _MOST_ITERATIONS = 300
 #: GMRES iterations after which weakly held balls are looked for
@@ -399,11 +403,12 @@ class LoadStep:
         loose: NDArray[np.bool_] = (
             stencils.around(tangent.springs[0] - least * tangent.stiffness) < 0.0
         )
-        if not np.any(loose):
+        count = stencils.motions.count
+        (turning,) = range(count)[stencils.motions.turning]
+        torque = trial.pull.reshape(-1, count, *stencils.shape)[:, turning][stencils.by_ball(loose)]
+        if not dot(torque, torque) > (_TURNING * trial.size) ** 2:
             return trial
         # contacts around these balls, (contacts, balls) of each, and their slips as the balls turn
-        count = stencils.motions.count
-        (turning,) = range(stencils.motions.count)[stencils.motions.turning]
         ball, *cell = np.nonzero(stencils.by_ball(loose))
         places: list[Any] = []
         reach: list[Array] = []
@@ -476,7 +481,12 @@ class LinearSteps:
         self._put: Put | None = None
 
     def solve(
-        self, product: Product, tangent: Tangent, pull: Array, push: float | None, reduction: float
+        self,
+        product: PressedTangent,
+        tangent: Tangent,
+        pull: Array,
+        push: float | None,
+        reduction: float,
     ) -> tuple[Motion, int]:
         """Return the motion that takes all but the part ``reduction`` of a ``pull`` away, and the
         number of iterations.
@@ -484,10 +494,8 @@ class LinearSteps:
         The mean stiffness of the ``tangent`` is one; its ``product`` is that of the geometry.
         Without a ``push``, the force that the contacts lack in sum, the overlap stays as it is.
         """
-        # the product of the lattice serves as it is in the true geometry too, where its own takes
-        # longer
-        near = product if isinstance(product, ContactHessian) else multiply(self._stencils, tangent)
-        size, inverse = pull.size, self.invert(tangent, near)
+        size = pull.size
+        inverse = self.invert(tangent, product)
         held = np.float32(1.0 / tangent.stiffness.size)
 
         def apply(vector: Single) -> Single:
@@ -529,31 +537,29 @@ class LinearSteps:
             found[:size].reshape(pull.shape), 0.0 if push is None else float(found[size])
         ), taken
 
-    def invert(self, tangent: Tangent, product: Product) -> Inverse:
+    def invert(self, tangent: Tangent, product: PressedTangent) -> Inverse:
         """Return an approximate inverse of C^T D C, of which ``product`` is the product.
 
         The patch may be that of a tangent before: it is made anew only when it does not serve any
         more.
         """
-        stencils = self._stencils
-        stiffnesses = np.concatenate(
-            [tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)]
-        )
-        springs: Single = stiffnesses.astype(np.float32)
-        smooth = stencils.block_jacobi(springs)
-        green = stencils.green_preconditioner(
-            springs.dtype, float(np.mean(springs[: stencils.n_contacts]))
-        )
+        from granphon.contacts import grid_product  # imported here: averages need no Numba
+
+        level = float(np.mean(tangent.stiffness))
+        alone = product.invert_alone(_LEAST_LOCAL * level)
+        green = self._stencils.green_preconditioner(np.float32, level)
 
         def apply(force: Single) -> Single:
-            motion = np.zeros_like(force)
-            smooth(force, motion)
+            motion = np.empty_like(force)
+            remaining = np.empty_like(force)
+            fields = [each.reshape(len(force), 1, -1) for each in (force, motion, remaining)]
+            grid_product.move_alone(alone, product.product, *fields)
             if self._put is not None:
                 self._put(force, motion)
+                grid_product.leave(product.product, *fields)
             # where few balls touch, Green's function would pass on what each ball's own motion
             # leaves too far
-            moved = green(force if self._damped else force - product(motion, None)[0])
-            moved += motion
-            return moved
+            motion += green(force if self._damped else remaining)
+            return motion
 
         return apply

@@ -8,17 +8,22 @@ Units are those of :mod:`granphon.array.geometry`; what contacts measure and exe
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from granphon.array.contact_lists import find_grid
-from granphon.array.contact_operator import ContactHessian
-from granphon.array.geometry import Product, require_small, shrink_boundary
-from granphon.array.krylov import Single
+from granphon.array.geometry import require_small, shrink_boundary
 from granphon.array.stencils import Stencils
 from granphon.balls.contact_table import contact_frames
 from granphon.base.arrays import Array
 from granphon.contacts.friction import Configuration, RollingContacts, Tangent
+
+if TYPE_CHECKING:
+    from granphon.contacts.grid_product import GridProduct
 
 
 class PressedGeometry:
@@ -61,6 +66,13 @@ class PressedGeometry:
         #: (p, p) what takes the coordinates of displacements to the axes of space
         self.axes = np.ascontiguousarray(np.linalg.inv(stencils.basis), float)
         self._distance = np.ones(means.size)
+
+    @cached_property
+    def product(self) -> GridProduct:
+        """What multiplies tangents, without blocks."""
+        from granphon.contacts.grid_product import GridProduct  # averages need no Numba
+
+        return GridProduct.of(self.contacts.i, self.contacts.j, math.prod(self.stencils.shape))
 
     def place(self, balls: Array, overlap: float) -> PressedPlace:
         """Return the configuration with these motions ``balls`` and the overlap y."""
@@ -196,58 +208,92 @@ class PressedPlace:
         push = _by_contact(forces)[:, None] * self.configuration.normal - self.turn(shears)
         return float(np.einsum("ca,ca->", push, self.geometry.contacts.normal)) / len(push)
 
-    def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
-        """Return the changes of :meth:`pull` and of the sum of forces by small motions in single
-        precision, both times -1.
+    def linearise(
+        self, tangent: Tangent, forces: Array, shears: Array, precision: DTypeLike = np.float32
+    ) -> PressedTangent:
+        """Return the changes of :meth:`pull` and of the sum of forces by small motions, both times
+        -1, in a given precision.
 
         They follow from the ``tangent`` of the law of friction, and from the forces that act where
         contacts turn.
         """
-        if not self.geometry.ratio:
-            return multiply(self.geometry.stencils, tangent)
-        from granphon.contacts import slips  # imported here: averages need no Numba
+        from granphon.contacts.slips_tangent import fill_tangent  # averages need no Numba
 
         geometry = self.geometry
-        here = self.configuration
-        resisting = tangent.flatten()
-        acting = (_by_contact(forces), _by_contact(shears, len(shears)))
-
         stencils = geometry.stencils
-        displacement, rotation, force, torque = np.zeros((4, *here.displacement.shape))
+        balls = len(self.configuration.displacement)
+        m = stencils.motions.count
+        diagonal = np.zeros((balls, m, m))
+        forward, backward = np.empty((2, m, m, len(geometry.contacts.i)), precision)
+        ahead, back = np.zeros((2, balls, m))
+        corner = fill_tangent(
+            geometry.contacts,
+            self.configuration,
+            tangent.flatten(),
+            _by_contact(forces),
+            _by_contact(shears, len(shears)),
+            geometry.axes,
+            diagonal,
+            forward,
+            backward,
+            ahead,
+            back,
+        )
+        blocks = np.ascontiguousarray(np.moveaxis(diagonal, 0, -1), precision)
+        return PressedTangent(
+            geometry.product._replace(diagonal=blocks, forward=forward, backward=backward),
+            diagonal,
+            np.ascontiguousarray(ahead.T, precision),
+            np.ascontiguousarray(back.T, precision),
+            corner,
+        )
 
-        def product(balls: Single, press: float | None) -> tuple[Single, float]:
-            fields = balls.reshape(stencils.n_balls, stencils.motions.count, -1)
-            products = np.empty_like(fields)
-            slips.list_motions(fields, geometry.axes, displacement, rotation)
-            force.fill(0.0)
-            torque.fill(0.0)
-            push = slips.resist(
-                geometry.contacts,
-                here,
-                resisting,
-                *acting,
-                displacement,
-                rotation,
-                press or 0.0,
-                force,
-                torque,
-            )
-            slips.collect_forces(force, torque, geometry.axes, products)
-            return products.reshape(balls.shape), push
 
-        return product
+@dataclass(frozen=True, eq=False)
+class PressedTangent:
+    """Changes of forces on balls, and of the sum of normal forces, by small motions, both times -1.
+
+    Attributes
+    ----------
+    product : of motions, with the overlap held.
+    diagonal : its blocks (n, m, m) of balls, in double precision.
+    ahead, back : (m, n) forces by a unit of the overlap, and what each motion changes of the sum.
+    corner : change of the sum by a unit of the overlap.
+    """
+
+    product: GridProduct
+    diagonal: Array
+    ahead: NDArray[Any]
+    back: NDArray[Any]
+    corner: float
+
+    def __call__(self, balls: NDArray[Any], press: float | None) -> tuple[NDArray[Any], float]:
+        """Return the changes by motions (fields, L1, ..., Lp), and by a change of the overlap."""
+        from granphon.contacts.grid_product import multiply_pressed  # averages need no Numba
+
+        forces = np.empty_like(balls)
+        change = multiply_pressed(
+            self.product,
+            self.ahead,
+            self.back,
+            self.corner,
+            balls.reshape(len(balls), 1, -1),
+            balls.dtype.type(press or 0.0),
+            forces.reshape(len(balls), 1, -1),
+        )
+        return forces, change
+
+    def invert_alone(self, least: float) -> NDArray[Any]:
+        """Return the (m, m, n) inverses of the blocks of balls, with ``least`` added to their
+        diagonal.
+        """
+        from granphon.contacts.grid_product import invert_blocks  # averages need no Numba
+
+        inverses = np.empty_like(self.product.diagonal)
+        invert_blocks(np.moveaxis(self.diagonal, 0, -1), least, 1.0, inverses)
+        return inverses
 
 
 def _by_contact(values: Array, *rows: int) -> Array:
     """Return numbers (n_c,) of contacts, or ``rows`` of such numbers, as loops read them."""
     return np.require(values, float, ["C", "W"]).reshape(*rows, -1)
-
-
-def multiply(stencils: Stencils, tangent: Tangent) -> Product:
-    """Return the product of C^T D C, D being the ``tangent`` of the law of friction, with motions
-    in single precision.
-    """
-    coupling = {(1 + slip, 0): -one for slip, one in enumerate(tangent.coupling)}
-    for one in -tangent.cross:
-        coupling |= {(1, 2): one, (2, 1): one}
-    return ContactHessian(stencils.operator, [tangent.stiffness, *tangent.springs], coupling)

@@ -41,12 +41,12 @@ from numpy.typing import NDArray
 
 from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
-from granphon.contacts.friction import Configuration, RollingContacts, SlipTangent
+from granphon.contacts.friction import Configuration, RollingContacts
 
 #: square of the slope of an angle whose series ends with the third term: the fourth is rounding
 _SMALL = 1e-6
 #: 1 + n.e of a contact that a step too long has turned round
-_ROUND = float(np.finfo(float).tiny)
+ROUND = float(np.finfo(float).tiny)
 
 
 @compiled
@@ -180,7 +180,7 @@ def measure_turned(
         ty = contacts.tangent[c, 1]
         tz = contacts.tangent[c, 2]
         along = ex * nx + ey * ny + ez * nz
-        part = (tx * nx + ty * ny + tz * nz) / max(1.0 + along, _ROUND)
+        part = (tx * nx + ty * ny + tz * nz) / max(1.0 + along, ROUND)
         tx -= part * (ex + nx)
         ty -= part * (ey + ny)
         tz -= part * (ez + nz)
@@ -321,133 +321,3 @@ def add_forces(
         torque[j, 0] += arm_j * x
         torque[j, 1] += arm_j * y
         torque[j, 2] += arm_j * z
-
-
-@compiled
-def resist(
-    contacts: RollingContacts,
-    at: Configuration,
-    tangent: SlipTangent,
-    normal_force: Array,
-    shears: Array,
-    moved: Array,
-    turned: Array,
-    press: float,
-    force: Array,
-    torque: Array,
-) -> float:
-    """Add to the ``force`` and ``torque`` (n, 3) on balls what resists small displacements
-    ``moved`` and rotations ``turned`` (n, 3), and a change ``press`` of the overlap; return the sum
-    of the changes of normal forces.
-
-    The law has the ``tangent``; the forces that act, ``normal_force`` (n_c,) and ``shears`` (n_s,
-    n_c), turn with contacts that turn.
-    """
-    eps = contacts.ratio
-    in_plane = len(shears) == 1
-    total = 0.0
-    for c in range(len(normal_force)):
-        stiffness = tangent.stiffness[c]
-        i = contacts.i[c]
-        j = contacts.j[c]
-        nx = at.normal[c, 0]
-        ny = at.normal[c, 1]
-        size = at.distance[c]
-        over = eps / size
-        arm_i = 0.5 * size - contacts.uneven[c]
-        arm_j = 0.5 * size + contacts.uneven[c]
-        x = moved[j, 0] - moved[i, 0]
-        y = moved[j, 1] - moved[i, 1]
-        if press != 0.0:
-            x -= press * contacts.normal[c, 0]
-            y -= press * contacts.normal[c, 1]
-        held = shears[0, c]
-        push = over * normal_force[c]
-        if in_plane:
-            loss = nx * x + ny * y
-            across = nx * y - ny * x
-            slip = across - arm_i * turned[i, 2] - arm_j * turned[j, 2]
-            q = tangent.sliding[0, c]
-            change = (tangent.shear[c] * (1.0 - q * q) + tangent.drag) * slip
-            change -= tangent.coupling[0, c] * loss
-            normal = stiffness * loss
-            total -= normal
-            along = normal - over * held * across
-            aside = change - push * across
-            x = along * nx - aside * ny
-            y = along * ny + aside * nx
-            force[i, 0] -= x
-            force[i, 1] -= y
-            force[j, 0] += x
-            force[j, 1] += y
-            lever = 0.5 * eps * held * loss
-            torque[i, 2] -= arm_i * change + lever
-            torque[j, 2] -= arm_j * change + lever
-            continue
-        nz = at.normal[c, 2]
-        ex = contacts.normal[c, 0]
-        ey = contacts.normal[c, 1]
-        ez = contacts.normal[c, 2]
-        z = moved[j, 2] - moved[i, 2] - press * ez
-        tx = at.tangent[c, 0]
-        ty = at.tangent[c, 1]
-        tz = at.tangent[c, 2]
-        bx = ny * tz - nz * ty
-        by = nz * tx - nx * tz
-        bz = nx * ty - ny * tx
-        loss = nx * x + ny * y + nz * z
-        across_t = tx * x + ty * y + tz * z
-        across_b = bx * x + by * y + bz * z
-        rx = arm_i * turned[i, 0] + arm_j * turned[j, 0]
-        ry = arm_i * turned[i, 1] + arm_j * turned[j, 1]
-        rz = arm_i * turned[i, 2] + arm_j * turned[j, 2]
-        slip_t = across_t - (bx * rx + by * ry + bz * rz)
-        slip_b = across_b + tx * rx + ty * ry + tz * rz
-        q_t = tangent.sliding[0, c]
-        q_b = tangent.sliding[1, c]
-        shear = tangent.shear[c]
-        slid = shear * (q_t * slip_t + q_b * slip_b)
-        shear += tangent.drag
-        change_t = shear * slip_t - slid * q_t - tangent.coupling[0, c] * loss
-        change_b = shear * slip_b - slid * q_b - tangent.coupling[1, c] * loss
-        normal = stiffness * loss
-        total -= normal
-        # components along n, t and b of what turns
-        held_b = shears[1, c]
-        tilt_t = over * across_t
-        tilt_b = over * across_b
-        spin = (turned[i, 0] + turned[j, 0]) * ex
-        spin += (turned[i, 1] + turned[j, 1]) * ey
-        spin += (turned[i, 2] + turned[j, 2]) * ez
-        spin *= 0.5 * eps
-        opposite = (bx * ex + by * ey + bz * ez) * tilt_t - (tx * ex + ty * ey + tz * ez) * tilt_b
-        spin -= opposite / max(1.0 + nx * ex + ny * ey + nz * ez, _ROUND)
-        along = normal - tilt_t * held - tilt_b * held_b
-        aside_t = change_t - push * across_t - spin * held_b
-        aside_b = change_b - push * across_b + spin * held
-        x = along * nx + aside_t * tx + aside_b * bx
-        y = along * ny + aside_t * ty + aside_b * by
-        z = along * nz + aside_t * tz + aside_b * bz
-        force[i, 0] -= x
-        force[i, 1] -= y
-        force[i, 2] -= z
-        force[j, 0] += x
-        force[j, 1] += y
-        force[j, 2] += z
-        wrench_n = tilt_t * held_b - tilt_b * held
-        wrench_t = -change_b - spin * held
-        wrench_b = change_t - spin * held_b
-        x = wrench_n * nx + wrench_t * tx + wrench_b * bx
-        y = wrench_n * ny + wrench_t * ty + wrench_b * by
-        z = wrench_n * nz + wrench_t * tz + wrench_b * bz
-        lever = 0.5 * eps * loss
-        lever_x = lever * (held * bx - held_b * tx)
-        lever_y = lever * (held * by - held_b * ty)
-        lever_z = lever * (held * bz - held_b * tz)
-        torque[i, 0] -= arm_i * x + lever_x
-        torque[i, 1] -= arm_i * y + lever_y
-        torque[i, 2] -= arm_i * z + lever_z
-        torque[j, 0] -= arm_j * x + lever_x
-        torque[j, 1] -= arm_j * y + lever_y
-        torque[j, 2] -= arm_j * z + lever_z
-    return total
