@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.array.geometry import (
     ADDED_STIFFNESS,
@@ -30,7 +29,7 @@ from granphon.array.geometry import (
     ReducedLoad,
     find_lack,
 )
-from granphon.array.krylov import Single, solve_by_minimal_residuals
+from granphon.array.krylov import Single
 from granphon.array.preconditioners import Patches, Put
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry, PressedPlace, PressedTangent
@@ -400,16 +399,20 @@ class LoadStep:
         stencils = self._stencils
         tangent = trial.tangent
         least = _LOOSE * self._law.mindlin_ratio
-        loose: NDArray[np.bool_] = (
-            stencils.around(tangent.springs[0] - least * tangent.stiffness) < 0.0
+        resisting = np.ravel(tangent.springs[0] - least * tangent.stiffness)
+        contacts = self._geometry.contacts
+        balls = stencils.n_balls * math.prod(stencils.shape)
+        around = np.bincount(contacts.i, resisting, balls) + np.bincount(
+            contacts.j, resisting, balls
         )
+        loose = around.reshape(stencils.n_balls, *stencils.shape) < 0.0
         count = stencils.motions.count
         (turning,) = range(count)[stencils.motions.turning]
-        torque = trial.pull.reshape(-1, count, *stencils.shape)[:, turning][stencils.by_ball(loose)]
+        torque = trial.pull.reshape(-1, count, *stencils.shape)[:, turning][loose]
         if not dot(torque, torque) > (_TURNING * trial.size) ** 2:
             return trial
         # contacts around these balls, (contacts, balls) of each, and their slips as the balls turn
-        ball, *cell = np.nonzero(stencils.by_ball(loose))
+        ball, *cell = np.nonzero(loose)
         places: list[Any] = []
         reach: list[Array] = []
         slips = stencils.coefficients[:, stencils.n_contacts :].swapaxes(0, 1)
@@ -462,7 +465,7 @@ class LoadStep:
         fields = balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)[
             :, stencils.motions.turning
         ]
-        fields[:, 0][stencils.by_ball(loose)] += turn
+        fields[:, 0][loose] += turn
         return self._try(balls, trial.overlap, guess)
 
 
@@ -494,6 +497,8 @@ class LinearSteps:
         The mean stiffness of the ``tangent`` is one; its ``product`` is that of the geometry.
         Without a ``push``, the force that the contacts lack in sum, the overlap stays as it is.
         """
+        from granphon.array.minimal_residuals import solve_by_minimal_residuals  # compiled
+
         size = pull.size
         inverse = self.invert(tangent, product)
         held = np.float32(1.0 / tangent.stiffness.size)

@@ -17,7 +17,7 @@ from granphon.base.compiled import compiled
 Values = NDArray[Any]
 #: contacts of a kind that are multiplied at a time, so that they stay in the processor's cache
 _CACHED = 256
-#: balls whose blocks are inverted before they are written
+#: balls whose blocks are inverted together
 _INVERTED = 64
 
 
@@ -160,35 +160,41 @@ def invert_blocks(blocks: Values, least: float, part: float, inverses: Values) -
     """
     m = len(blocks)
     balls = blocks.shape[2]
-    work = np.empty((m, m))
-    # entries of some balls are written together: of one ball they are far apart
-    rows = np.empty((m, m, _INVERTED))
+    work = np.ones((m, m, _INVERTED))
+    factor = np.empty(_INVERTED)
     for start in range(0, balls, _INVERTED):
         stop = min(start + _INVERTED, balls)
         for ball in range(start, stop):
             for line in range(m):
                 for column in range(m):
-                    work[line, column] = blocks[line, column, ball]
-                work[line, line] += least
-            # the elimination of Gauss and Jordan in place; pivots of a positive matrix are on its
-            # diagonal
-            for pivot in range(m):
-                over = 1.0 / work[pivot, pivot]
-                work[pivot, pivot] = 1.0
-                for column in range(m):
-                    work[pivot, column] *= over
-                for line in range(m):
-                    if line != pivot:
-                        factor = work[line, pivot]
-                        work[line, pivot] = 0.0
-                        for column in range(m):
-                            work[line, column] -= factor * work[pivot, column]
+                    work[line, column, ball - start] = blocks[line, column, ball]
+                work[line, line, ball - start] += least
+        # the elimination of Gauss and Jordan in place; pivots of a positive matrix are on its
+        # diagonal
+        for pivot in range(m):
+            for place in range(_INVERTED):
+                factor[place] = 1.0 / work[pivot, pivot, place]
+            work[pivot, pivot] = 1.0
+            for column in range(m):
+                entries = work[pivot, column]
+                for place in range(_INVERTED):
+                    entries[place] *= factor[place]
             for line in range(m):
+                if line == pivot:
+                    continue
+                factor[:] = work[line, pivot]
+                work[line, pivot] = 0.0
                 for column in range(m):
-                    rows[line, column, ball - start] = part * work[line, column]
+                    entries = work[line, column]
+                    pivots = work[pivot, column]
+                    for place in range(_INVERTED):
+                        entries[place] -= factor[place] * pivots[place]
         for line in range(m):
             for column in range(m):
-                inverses[line, column, start:stop] = rows[line, column, : stop - start]
+                entries = work[line, column]
+                inverse = inverses[line, column, start:stop]
+                for place in range(stop - start):
+                    inverse[place] = part * entries[place]
 
 
 @compiled

@@ -21,7 +21,7 @@ from granphon.array import history as module
 from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
 from granphon.array.history import LoadingHistory
-from granphon.array.krylov import solve_by_minimal_residuals
+from granphon.array.minimal_residuals import solve_by_minimal_residuals
 from granphon.array.pressed_place import PressedGeometry, multiply
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.stencils import Motion, Stencils
