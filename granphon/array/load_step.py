@@ -91,7 +91,7 @@ _FARTHEST = 0.2
 _LOOSE = 1e-2
 #: torques on balls that turn without resistance, over all that is left of balance, from which they
 #: are turned by themselves
-_TURNING = 0.03
+_TURNING = 0.01
 #: stiffness, over the mean, that the preconditioner adds to the motions of each ball: a ball may
 #: have no contact
 _LEAST_LOCAL = 1e-5
@@ -370,7 +370,7 @@ class LoadStep:
         share = min(1.0, secant * distance * hold)
         tangent = trial.tangent.regularise(added, eta, share, self._drag, mean)
         product = trial.place.linearise(
-            tangent, trial.contacts.forces / mean, trial.contacts.shears / mean
+            tangent, trial.contacts.forces / mean, trial.contacts.shears / mean, free=free
         )
         reduction = min(
             _LOOSEST, max(_FORCING * math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance)

@@ -209,13 +209,18 @@ class PressedPlace:
         return float(np.einsum("ca,ca->", push, self.geometry.contacts.normal)) / len(push)
 
     def linearise(
-        self, tangent: Tangent, forces: Array, shears: Array, precision: DTypeLike = np.float32
+        self,
+        tangent: Tangent,
+        forces: Array,
+        shears: Array,
+        precision: DTypeLike = np.float32,
+        free: bool = True,
     ) -> PressedTangent:
         """Return the changes of :meth:`pull` and of the sum of forces by small motions, both times
         -1, in a given precision.
 
         They follow from the ``tangent`` of the law of friction, and from the forces that act where
-        contacts turn.
+        contacts turn. The overlap may change if it is ``free``.
         """
         from granphon.contacts.slips_tangent import fill_tangent  # averages need no Numba
 
@@ -225,7 +230,7 @@ class PressedPlace:
         m = stencils.motions.count
         diagonal = np.zeros((balls, m, m))
         forward, backward = np.empty((2, m, m, len(geometry.contacts.i)), precision)
-        ahead, back = np.zeros((2, balls, m))
+        ahead, back = np.zeros((2, balls if free else 0, m))
         corner = fill_tangent(
             geometry.contacts,
             self.configuration,
@@ -257,7 +262,8 @@ class PressedTangent:
     ----------
     product : of motions, with the overlap held.
     diagonal : its blocks (n, m, m) of balls, in double precision.
-    ahead, back : (m, n) forces by a unit of the overlap, and what each motion changes of the sum.
+    ahead, back : (m, n) forces by a unit of the overlap, and what each motion changes of the sum;
+        (m, 0) if the overlap is held.
     corner : change of the sum by a unit of the overlap.
     """
 
@@ -268,7 +274,9 @@ class PressedTangent:
     corner: float
 
     def __call__(self, balls: NDArray[Any], press: float | None) -> tuple[NDArray[Any], float]:
-        """Return the changes by motions (fields, L1, ..., Lp), and by a change of the overlap."""
+        """Return the changes by motions (fields, L1, ..., Lp), and by a change of the overlap, if
+        that is free.
+        """
         from granphon.contacts.grid_product import multiply_pressed  # averages need no Numba
 
         forces = np.empty_like(balls)

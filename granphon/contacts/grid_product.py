@@ -211,11 +211,14 @@ def multiply_pressed(
     overlap; return the change of the sum of the normal forces with the sign turned.
 
     ``ahead`` and ``back`` (m, n) are the forces by a unit of the overlap, and the changes of that
-    sum by motions; ``corner`` is that by a unit of the overlap.
+    sum by motions; ``corner`` is that by a unit of the overlap. They are empty if the overlap is
+    held.
     """
     forces[:] = 0.0
     add_alone(product.diagonal, motions, forces)
     add_across(product, motions, forces)
+    if not ahead.size:
+        return 0.0
     total = corner * press
     m = len(ahead)
     cells = motions.shape[2]

@@ -211,7 +211,7 @@ def _lose_rising(
     more = mean * mean * slip_square
     share, over = _meet(first, both, more, mu, cube, rise)
     # where it begins to slide
-    turn = min(max(float(np.cbrt(cube + share * rise)), old), new)
+    turn = new if share == 1.0 else min(max(float(np.cbrt(cube + share * rise)), old), new)
     three = max(old * old + old * turn + turn * turn, _TINY)
     stuck = old * bent_square + (turn + 2.0 * old) * share * both / three
     powers = ((turn + 3.0 * old) * turn + 6.0 * old * old) * turn + 5.0 * cube
@@ -243,7 +243,9 @@ def _lose_falling(
     first = bent_square / to_slip / to_slip
     both = product / to_slip
     share, over = _meet(first, both, slip_square, mu / to_slip, old * old, fall)
-    turn = min(max(math.sqrt(max(old * old + share * fall, 0.0)), new), old)
+    turn = new
+    if share != 1.0:
+        turn = min(max(math.sqrt(max(old * old + share * fall, 0.0)), new), old)
     width = max(old + turn, _TINY)
     stuck = first + 2.0 * (2.0 * old + turn) * share * both / (3.0 * width)
     powers = 8.0 * old * old + 9.0 * old * turn + 3.0 * turn * turn

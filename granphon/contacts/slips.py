@@ -195,17 +195,15 @@ def measure_turned(
 
 
 @compiled
-def _divide_angle(sine: float, cosine: float) -> float:
-    """Return the angle with a ``sine`` and a ``cosine``, both times a number, over that sine; zero
-    without an angle.
+def _find_angle(sine: float, cosine: float, eps: float) -> float:
+    """Return an angle over eps, from its ``cosine`` and the ``sine`` over eps, both times a
+    number.
     """
-    if sine == 0.0:
-        return 0.0
     slope = sine / cosine
-    square = slope * slope
+    square = eps * eps * slope * slope
     if cosine > 0.0 and square < _SMALL:
-        return (1.0 - square / 3.0 + 0.2 * square * square) / cosine
-    return math.atan2(sine, cosine) / sine
+        return slope * (1.0 - square / 3.0 + 0.2 * square * square)
+    return math.atan2(eps * sine, cosine) / eps
 
 
 @compiled
@@ -215,50 +213,83 @@ def measure_slips(
     """Add to ``slips`` (n_s, n_c) those of contacts that turn with their balls from one
     configuration to another.
     """
-    eps = contacts.ratio
+    moved = after.displacement - before.displacement
+    turned = after.rotation - before.rotation
     more = after.overlap - before.overlap
+    if len(slips) == 1:
+        _measure_slips_in_plane(contacts, before, after, moved, turned, more, slips[0])
+    else:
+        _measure_slips_in_space(contacts, before, after, moved, turned, more, slips)
+
+
+@compiled
+def _measure_slips_in_plane(
+    contacts: RollingContacts,
+    before: Configuration,
+    after: Configuration,
+    moved: Array,
+    turned: Array,
+    more: float,
+    slips: Array,
+) -> None:
+    """Add to ``slips`` (n_c,) those of :func:`measure_slips`."""
+    eps = contacts.ratio
+    for c in range(len(slips)):
+        i = contacts.i[c]
+        j = contacts.j[c]
+        x = moved[j, 0] - moved[i, 0] - more * contacts.normal[c, 0]
+        y = moved[j, 1] - moved[i, 1] - more * contacts.normal[c, 1]
+        px = before.normal[c, 0]
+        py = before.normal[c, 1]
+        nx = after.normal[c, 0]
+        ny = after.normal[c, 1]
+        size = 0.5 * (before.distance[c] + after.distance[c])
+        cosine = px * nx + py * ny
+        slid = size * _find_angle(px * y - py * x, after.distance[c] * cosine, eps)
+        slid -= (0.5 * size - contacts.uneven[c]) * turned[i, 2]
+        slid -= (0.5 * size + contacts.uneven[c]) * turned[j, 2]
+        slips[c] += slid
+
+
+@compiled
+def _measure_slips_in_space(
+    contacts: RollingContacts,
+    before: Configuration,
+    after: Configuration,
+    moved: Array,
+    turned: Array,
+    more: float,
+    slips: Array,
+) -> None:
+    """Add to ``slips`` (2, n_c) those of :func:`measure_slips`."""
+    eps = contacts.ratio
     for c in range(slips.shape[1]):
         i = contacts.i[c]
         j = contacts.j[c]
-        ex = contacts.normal[c, 0]
-        ey = contacts.normal[c, 1]
-        ez = contacts.normal[c, 2]
-        x = after.displacement[j, 0] - before.displacement[j, 0]
-        y = after.displacement[j, 1] - before.displacement[j, 1]
-        z = after.displacement[j, 2] - before.displacement[j, 2]
-        x -= after.displacement[i, 0] - before.displacement[i, 0] + more * ex
-        y -= after.displacement[i, 1] - before.displacement[i, 1] + more * ey
-        z -= after.displacement[i, 2] - before.displacement[i, 2] + more * ez
-        old = before.distance[c]
-        new = after.distance[c]
+        x = moved[j, 0] - moved[i, 0] - more * contacts.normal[c, 0]
+        y = moved[j, 1] - moved[i, 1] - more * contacts.normal[c, 1]
+        z = moved[j, 2] - moved[i, 2] - more * contacts.normal[c, 2]
         px = before.normal[c, 0]
         py = before.normal[c, 1]
         pz = before.normal[c, 2]
         nx = after.normal[c, 0]
         ny = after.normal[c, 1]
         nz = after.normal[c, 2]
-        size = 0.5 * (old + new)
+        size = 0.5 * (before.distance[c] + after.distance[c])
         arm_i = 0.5 * size - contacts.uneven[c]
         arm_j = 0.5 * size + contacts.uneven[c]
         # the vector of the rotation that turns one direction into the other, over eps
-        turn_z = old * (px * y - py * x)
-        cosine = old * new * (px * nx + py * ny + pz * nz)
-        if len(slips) == 1:
-            turn_z *= size * _divide_angle(eps * abs(turn_z), cosine)
-            turn_z -= arm_i * (after.rotation[i, 2] - before.rotation[i, 2])
-            turn_z -= arm_j * (after.rotation[j, 2] - before.rotation[j, 2])
-            slips[0, c] += turn_z
-            continue
-        turn_x = old * (py * z - pz * y)
-        turn_y = old * (pz * x - px * z)
+        turn_x = py * z - pz * y
+        turn_y = pz * x - px * z
+        turn_z = px * y - py * x
+        cosine = px * nx + py * ny + pz * nz
         sine = math.sqrt(turn_x * turn_x + turn_y * turn_y + turn_z * turn_z)
-        scale = size * _divide_angle(eps * sine, cosine)
-        gone_z = scale * turn_z - arm_i * (after.rotation[i, 2] - before.rotation[i, 2])
-        gone_z -= arm_j * (after.rotation[j, 2] - before.rotation[j, 2])
-        gone_x = scale * turn_x - arm_i * (after.rotation[i, 0] - before.rotation[i, 0])
-        gone_x -= arm_j * (after.rotation[j, 0] - before.rotation[j, 0])
-        gone_y = scale * turn_y - arm_i * (after.rotation[i, 1] - before.rotation[i, 1])
-        gone_y -= arm_j * (after.rotation[j, 1] - before.rotation[j, 1])
+        scale = 0.0
+        if sine > 0.0:
+            scale = size * _find_angle(sine, after.distance[c] * cosine, eps) / sine
+        gone_x = scale * turn_x - arm_i * turned[i, 0] - arm_j * turned[j, 0]
+        gone_y = scale * turn_y - arm_i * turned[i, 1] - arm_j * turned[j, 1]
+        gone_z = scale * turn_z - arm_i * turned[i, 2] - arm_j * turned[j, 2]
         qx = before.tangent[c, 0]
         qy = before.tangent[c, 1]
         qz = before.tangent[c, 2]

@@ -31,6 +31,7 @@ def _fill_plane(
     back: Array,
 ) -> float:
     """Fill the blocks of :func:`fill_tangent` in a plane."""
+    is_free = len(ahead) > 0
     eps = contacts.ratio
     corner = 0.0
     n = np.empty(2)
@@ -62,20 +63,21 @@ def _fill_plane(
             for motion in range(2):
                 n[motion] = x * axes[0, motion] + y * axes[1, motion]
                 t[motion] = x * axes[1, motion] - y * axes[0, motion]
-            e_n = x * contacts.normal[c, 0] + y * contacts.normal[c, 1]
-            e_t = x * contacts.normal[c, 1] - y * contacts.normal[c, 0]
-            corner += k * e_n
-            along = k * e_n - turned * e_t
-            across = aside * e_t - coupling * e_n
-            change = spring * e_t - coupling * e_n
-            for motion in range(2):
-                push = n[motion] * along + t[motion] * across
-                ahead[i, motion] += push
-                ahead[j, motion] -= push
-                back[i, motion] += k * n[motion]
-                back[j, motion] -= k * n[motion]
-            ahead[i, 2] += arm_i * change + lever * e_n
-            ahead[j, 2] += arm_j * change + lever * e_n
+            if is_free:
+                e_n = x * contacts.normal[c, 0] + y * contacts.normal[c, 1]
+                e_t = x * contacts.normal[c, 1] - y * contacts.normal[c, 0]
+                corner += k * e_n
+                along = k * e_n - turned * e_t
+                across = aside * e_t - coupling * e_n
+                change = spring * e_t - coupling * e_n
+                for motion in range(2):
+                    push = n[motion] * along + t[motion] * across
+                    ahead[i, motion] += push
+                    ahead[j, motion] -= push
+                    back[i, motion] += k * n[motion]
+                    back[j, motion] -= k * n[motion]
+                ahead[i, 2] += arm_i * change + lever * e_n
+                ahead[j, 2] += arm_j * change + lever * e_n
             for motion in range(2):
                 along = k * n[motion] - turned * t[motion]
                 across = aside * t[motion] - coupling * n[motion]
@@ -154,6 +156,7 @@ def _fill_space(
     back: Array,
 ) -> float:
     """Fill the blocks of :func:`fill_tangent` in space."""
+    is_free = len(ahead) > 0
     eps = contacts.ratio
     # along n, t, b: each axis of displacements, and of rotations
     along = np.empty((3, 3))
@@ -227,7 +230,7 @@ def _fill_space(
                         + turning[row, 1] * axes[1, axis]
                         + turning[row, 2] * axes[2, axis]
                     )
-            for motion in range(4):
+            for motion in range(4 if is_free else 3):
                 if motion < 3:
                     v_n = along[0, motion]
                     v_t = along[1, motion]
@@ -257,8 +260,9 @@ def _fill_space(
                         ahead[i, 3 + line] += on_i[line]
                         ahead[j, 3 + line] += on_j[line]
                     continue
-                back[i, motion] += k * v_n
-                back[j, motion] -= k * v_n
+                if is_free:
+                    back[i, motion] += k * v_n
+                    back[j, motion] -= k * v_n
                 for line in range(3):
                     diagonal[i, line, motion] += push_on[line]
                     diagonal[j, line, motion] += push_on[line]
@@ -335,7 +339,8 @@ def fill_tangent(
     forward, backward : (m, m, n_c) forces on ball i against the motions of ball j; of each motion
         of ball i the forces on ball j. They are set.
     ahead : (n, m) forces on balls by a unit of y.
-    back : (n, m) sums of the changes of normal forces by each motion, with the sign turned.
+    back : (n, m) sums of the changes of normal forces by each motion, with the sign turned. It and
+        ``ahead`` have no rows if the overlap is held.
     """
     blocks = (diagonal, forward, backward, ahead, back)
     if len(axes) == 2:
