@@ -36,18 +36,13 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from granphon.array.krylov import Single, solve_for_motion
+from granphon.array.krylov import solve_for_motion
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.contact_table import contact_frames
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.dynamics.rows import Row
 
-#: changes of forces (-df, dT) that follow from a loss of overlap -dh and a slip ds
-Law = Callable[[Array, Any], tuple[Array, Any]]
-#: changes of the forces on balls and of the sum of forces, times -1, by a motion of balls and a
-#: change of y; without one, y is held and the sum is not asked for
-Product = Callable[[Single, float | None], tuple[Single, float]]
 #: approximate inverse of C^T K C
 Inverse = Callable[[Array], Array]
 
@@ -86,12 +81,12 @@ class ActingForces(NamedTuple):
 
     Attributes
     ----------
-    law : changes of forces (-df, dT) that follow from a loss of overlap and a slip.
+    stiffness : (n_c, L1, ..., Lp) by which a normal force falls with a loss of overlap.
     forces : (n_c, L1, ..., Lp) normal forces that act, and turn with their contacts; with the sign
         below zero where they are to hold balls against going aside, and not to push them there.
     """
 
-    law: Law
+    stiffness: Array
     forces: Array
 
 
@@ -198,30 +193,17 @@ class ExactGeometry:
         #: (n_c, L1, ..., Lp) half of the difference of the radii of ball j and ball i, in d
         self.uneven = 0.5 * ratio * (self.means - ends)
         self.dimension = stencils.lattice.dimension
-        self._turns = len(stencils.motions.rotations)
-        # rows for the relative displacement of two balls, then for the sum and the difference of
-        # their rotations: components along the contact's direction on the lattice and its tangents
-        # there
+        # rows for the relative displacement of two balls: components along the contact's direction
+        # on the lattice and its tangents there
         motions = stencils.motions
         p = self.dimension
-        frame = [np.array(axis) for axis in contact_frames(stencils.lattice.contacts.normal[:, :p])]
-        still, fixed = (
-            np.zeros((len(axes), stencils.n_contacts))
-            for axes in (motions.rotations, motions.translations)
-        )
-        moves = [np.concatenate([axis[list(motions.translations)], still]).T for axis in frame[:p]]
-        turns = [
-            np.concatenate([fixed, axis[list(motions.rotations)]]).T
-            for axis in frame[3 - self._turns :]
+        frame = contact_frames(stencils.lattice.contacts.normal[:, :p])[:p]
+        still = np.zeros((len(motions.rotations), stencils.n_contacts))
+        moves = [
+            np.concatenate([np.array(axis)[list(motions.translations)], still]).T for axis in frame
         ]
-        pushes = [Row("push", 1.0, move, move) for move in moves]
-        #: stencils with the vectors of :meth:`split`
-        self.frame = stencils.observe(
-            [
-                *pushes,
-                *(Row("turn", 1.0, turn, sign * turn) for sign in (-1.0, 1.0) for turn in turns),
-            ]
-        )
+        #: stencils with the vector of :meth:`split`
+        self.frame = stencils.observe([Row("push", 1.0, move, move) for move in moves])
 
     def place(self, balls: Array, overlap: float) -> ExactPlace:
         """Return the configuration with these motions ``balls`` and the overlap y."""
@@ -231,35 +213,25 @@ class ExactGeometry:
         """Return the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
         return self.frame.deformations(motion).reshape(-1, *self.means.shape)
 
-    def split(self, motion: Motion) -> tuple[_Vector, _Vector, _Vector]:
-        """Return v, and the sum and the difference of the rotations of balls j and i, in the frames
-        of the lattice.
-        """
+    def split(self, motion: Motion) -> _Vector:
+        """Return v in the frames of the lattice."""
         return self.sort(self.deform(motion))
 
-    def sort(self, rows: Array) -> tuple[_Vector, _Vector, _Vector]:
-        """Return the three vectors from the deformations (rows, n_c, L1, ..., Lp) of
-        :attr:`frame`.
-        """
-        p = self.dimension
-        r = self._turns
-        moved = (*rows[:p], *_ZERO[p:])
-        if not r:
-            return moved, _ZERO, _ZERO
-        still = _ZERO[r:]  # in a plane balls turn about its normal, the last tangent
-        return moved, (*still, *rows[p : p + r]), (*still, *rows[p + r :])
+    def sort(self, rows: Array) -> _Vector:
+        """Return the vector from the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
+        return (*rows, *_ZERO[len(rows) :])
 
-    def join(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
-        """Return the forces on balls whose work is that of forces on the three vectors of
+    def join(self, push: _Vector) -> Array:
+        """Return the forces on balls whose work is that of forces on the vector of
         :meth:`split`.
         """
-        return self.frame.forces(*self.stack(push, turning, rolling))
+        return self.frame.forces(*self.stack(push))
 
-    def stack(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
-        """Return the forces on the three vectors as those on the deformations (rows, n_c, L1, ...,
-        Lp) of :attr:`frame`.
+    def stack(self, push: _Vector) -> Array:
+        """Return the forces on the vector as those on the deformations (rows, n_c, L1, ..., Lp) of
+        :attr:`frame`.
         """
-        parts = [*push[: self.dimension], *turning[3 - self._turns :], *rolling[3 - self._turns :]]
+        parts = push[: self.dimension]
         return np.array([np.broadcast_to(part, self.means.shape) for part in parts])
 
     def axes(self) -> Array:
@@ -288,7 +260,7 @@ class ExactPlace:
         self.balls = balls
         self.overlap = overlap
         eps = geometry.ratio
-        self._moved, self._sum, self._difference = geometry.split(Motion(balls, overlap))
+        self._moved = geometry.split(Motion(balls, overlap))
         self.vector = (
             1.0 + eps * self._moved[0],
             _scale(eps, self._moved[1]),
@@ -307,13 +279,13 @@ class ExactPlace:
         """
         eps = self.geometry.ratio
         first = self._moved[0]
-        straight = self.geometry.split(Motion(self.balls, 0.0))[0][0]
+        straight = self.geometry.split(Motion(self.balls, 0.0))[0]
         curved = eps * (self._square - first * self._change) / (1.0 + self.size)
         return np.asarray(self.geometry.means - straight - curved)
 
     def losses(self, motion: Motion) -> Array:
         """Return (n_c, L1, ..., Lp) losses of overlap by a small motion."""
-        return self.lose(self.geometry.split(motion)[0])
+        return self.lose(self.geometry.split(motion))
 
     def lose(self, moved: Any) -> Array:
         """Return the losses of overlap by small relative displacements of the two balls."""
@@ -340,7 +312,7 @@ class ExactPlace:
 
     def pull(self, forces: Array) -> Array:
         """Return the forces on balls (fields, L1, ..., Lp) by normal forces f of contacts."""
-        return self.geometry.join(_times(forces, self.normal), _ZERO, _ZERO)
+        return self.geometry.join(_times(forces, self.normal))
 
     @property
     def boundary(self) -> float:
@@ -396,14 +368,13 @@ class ExactPlace:
 
         Deformations and forces are (rows, n_c, L1, ..., Lp).
         """
-        law, forces = acting
-        moved = self.geometry.sort(rows)[0]
+        moved = self.geometry.sort(rows)
         n = self.normal
         loss = _dot(n, moved)
-        normal, _ = law(loss, ())
+        normal = acting.stiffness * loss
         tilt = _times(self.geometry.ratio / self.size, _subtract(moved, _times(loss, n)))  # dn
-        push = _subtract(_times(normal, n), _times(forces, tilt))
-        return self.geometry.stack(push, _ZERO, _ZERO), normal
+        push = _subtract(_times(normal, n), _times(acting.forces, tilt))
+        return self.geometry.stack(push), normal
 
 
 #: geometry of an array of balls

@@ -1,10 +1,6 @@
-"""Krylov methods for the linear equations of an array of balls, C^T K C u = f: conjugate gradients,
-and GMRES.
+"""Conjugate gradients for the symmetric linear equations of an array of balls, C^T K C u = f.
 
-Conjugate gradients solve symmetric systems. GMRES, the method of minimal residuals (Y. Saad and M.
-H. Schultz, SIAM J. Sci. Stat. Comput. 7, 856 (1986)), solves those that are not, preconditioned
-from the right. Steps of Newton's method need few digits and few iterations: vectors of GMRES are in
-single precision, and an iteration costs little beside its product.
+Those that are not symmetric are solved by :mod:`granphon.array.minimal_residuals`.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from granphon.array.geometry import require_small, shrink_boundary
 from granphon.array.stencils import Stencils
 from granphon.balls.contact_table import contact_frames
 from granphon.base.arrays import Array
-from granphon.contacts.friction import Configuration, RollingContacts, Tangent
+from granphon.contacts.friction import Configuration, RollingContacts, Tangent, by_contact
 
 if TYPE_CHECKING:
     from granphon.contacts.grid_product import GridProduct
@@ -175,9 +175,9 @@ class PressedPlace:
 
         here = self.configuration
         force, torque = np.zeros((2, *here.displacement.shape))
-        tangential = _by_contact(shears, len(shears))
+        tangential = by_contact(shears, len(shears))
         slips.add_forces(
-            self.geometry.contacts, here, _by_contact(forces), tangential, force, torque
+            self.geometry.contacts, here, by_contact(forces), tangential, force, torque
         )
         return force, torque
 
@@ -188,7 +188,7 @@ class PressedPlace:
     def turn(self, shears: Array) -> Array:
         """Return the vectors (n_c, 3) of tangential forces, along the axes of space."""
         t = self.configuration.tangent
-        tangential = _by_contact(shears, len(shears))
+        tangential = by_contact(shears, len(shears))
         vectors = tangential[0][:, None] * t
         if len(shears) == 2:
             vectors += tangential[1][:, None] * np.cross(self.configuration.normal, t)
@@ -205,7 +205,7 @@ class PressedPlace:
         """
         if not self.geometry.ratio:
             return float(np.mean(forces))
-        push = _by_contact(forces)[:, None] * self.configuration.normal - self.turn(shears)
+        push = by_contact(forces)[:, None] * self.configuration.normal - self.turn(shears)
         return float(np.einsum("ca,ca->", push, self.geometry.contacts.normal)) / len(push)
 
     def linearise(
@@ -222,7 +222,7 @@ class PressedPlace:
         They follow from the ``tangent`` of the law of friction, and from the forces that act where
         contacts turn. The overlap may change if it is ``free``.
         """
-        from granphon.contacts.slips_tangent import fill_tangent  # averages need no Numba
+        from granphon.contacts.rolling_tangent import fill_tangent  # averages need no Numba
 
         geometry = self.geometry
         stencils = geometry.stencils
@@ -235,8 +235,8 @@ class PressedPlace:
             geometry.contacts,
             self.configuration,
             tangent.flatten(),
-            _by_contact(forces),
-            _by_contact(shears, len(shears)),
+            by_contact(forces),
+            by_contact(shears, len(shears)),
             geometry.axes,
             diagonal,
             forward,
@@ -300,8 +300,3 @@ class PressedTangent:
         inverses = np.empty_like(self.product.diagonal)
         invert_blocks(np.moveaxis(self.diagonal, 0, -1), least, 1.0, inverses)
         return inverses
-
-
-def _by_contact(values: Array, *rows: int) -> Array:
-    """Return numbers (n_c,) of contacts, or ``rows`` of such numbers, as loops read them."""
-    return np.require(values, float, ["C", "W"]).reshape(*rows, -1)

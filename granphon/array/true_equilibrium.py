@@ -79,7 +79,7 @@ class TrueEquilibrium(Equilibrium):
         carried = np.where(_ASIDE * self.ratio * self.forces > least, self.forces, -self.forces) * (
             stiffness > 0.0
         )
-        return ActingForces(lambda loss, slip: (stiffness * loss, slip), carried)
+        return ActingForces(stiffness, carried)
 
     def _act_at_rest(self, shear: Array | None = None) -> ActingForces:
         """Return what :meth:`_act` does where the energy is known to be least.
@@ -126,7 +126,7 @@ class TrueEquilibrium(Equilibrium):
             motions = response.find_motions(stencils.list_forces(forces)[..., None])
             return stencils.gather_motions(motions[..., 0])
 
-        return find, self.place.geometry.split(Motion(find(-pull), 1.0))[0]
+        return find, self.place.geometry.split(Motion(find(-pull), 1.0))
 
     def response(self) -> Array:
         """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y;
@@ -143,9 +143,8 @@ class TrueEquilibrium(Equilibrium):
         # the second derivatives: of the overlaps along the motion itself, and by the motion that
         # balances those of forces
         bend, push = place.curve(moved, self.forces, stiffness, self.stiffness_slopes)
-        more = bend - place.lose(
-            place.geometry.split(Motion(find(place.geometry.join(push, *_STILL)), 0.0))[0]
-        )
+        follow = find(place.geometry.join(push))
+        more = bend - place.lose(place.geometry.split(Motion(follow, 0.0)))
         return float(np.mean(-stiffness * loss)), float(
             np.mean(self.stiffness_slopes * loss**2 + stiffness * more)
         )
@@ -191,9 +190,6 @@ def list_exact_contacts(
         forces < 0.0,
         shears,
     )
-
-
-_STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def equilibrate_exactly(

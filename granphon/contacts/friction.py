@@ -136,7 +136,11 @@ class Contacts:
         them.
         """
         count = len(self.slips)
-        return _flatten(self.overlaps), _flatten(self.slips, count), _flatten(self.shears, count)
+        return (
+            by_contact(self.overlaps),
+            by_contact(self.slips, count),
+            by_contact(self.shears, count),
+        )
 
     @property
     def tangential(self) -> Array:
@@ -246,10 +250,10 @@ class FrictionLaw:
         contacts = Contacts(overlaps, slips, np.empty(slips.shape))
         held = overlaps if guess is None else guess
         start = before.flatten()
-        motion = _flatten(slips, len(slips))
+        motion = by_contact(slips, len(slips))
         shears = contacts.shears.reshape(len(slips), -1)
         numbers = (float(self.mindlin_ratio), float(self.friction_coefficient))
-        sliding.set_shears(*numbers, *start, _flatten(held), motion, shears)
+        sliding.set_shears(*numbers, *start, by_contact(held), motion, shears)
 
         def linearise() -> Tangent:
             tangent = Tangent(
@@ -261,8 +265,8 @@ class FrictionLaw:
             sliding.set_tangent(
                 *numbers,
                 *start,
-                _flatten(overlaps),
-                _flatten(held),
+                by_contact(overlaps),
+                by_contact(held),
                 guess is None,
                 motion,
                 *tangent.flatten()[:4],
@@ -280,7 +284,9 @@ class FrictionLaw:
         sticking = FrictionLaw(self.mindlin_ratio)
         springs = np.empty(overlaps.shape)
         eta = float(self.mindlin_ratio)
-        sliding.set_springs(eta, _flatten(before.overlaps), _flatten(overlaps), springs.reshape(-1))
+        sliding.set_springs(
+            eta, by_contact(before.overlaps), by_contact(overlaps), springs.reshape(-1)
+        )
         limit = self.friction_coefficient * hertz.force_of(overlaps)
         return sticking.advance(before, overlaps, slips)[0].shears, springs, limit
 
@@ -330,20 +336,20 @@ class FrictionLaw:
         """
         from granphon.contacts import sliding  # imported here: averages need no Numba
 
-        slips = _flatten(after.slips, len(after.slips))
+        slips = by_contact(after.slips, len(after.slips))
         slid, loosened = sliding.sum_losses(
             float(self.mindlin_ratio),
             float(self.friction_coefficient),
             *before.flatten(),
-            _flatten(after.overlaps),
+            by_contact(after.overlaps),
             slips,
         )
         return slid / after.overlaps.size, loosened / after.overlaps.size
 
 
-def _flatten(values: Array, *rows: int) -> Array:
-    """Return numbers of contacts one after the other, or ``rows`` of such numbers, as loops read
-    them.
+def by_contact(values: Array, *rows: int) -> Array:
+    """Return numbers (n_c,) of contacts one after the other, or ``rows`` of such numbers, as loops
+    read them.
     """
     # of one layout, and writable: loops are compiled anew for each
     return np.require(values, float, ["C", "W"]).reshape(*rows, -1)

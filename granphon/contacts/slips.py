@@ -22,13 +22,8 @@ depends on the way by nothing but the change of arms.
 Tangents turn with n on the shortest way from e, and about n with the mean rotation of both balls
 about e.
 
-The force on ball j is f n - T, and both balls bear the torque arm n x T. A small motion changes it
-by what the law of the contact says, and by what turns: with
-
-    e = n.v,    dn = (1 - nn) eps v/|w|,    turn = n x dn + spin n
-
-ball j is resisted by k e n + dT - f dn + turn x T, and both balls by the torques -arm (n x dT +
-turn x (n x T)) - (eps/2) e (n x T). This tangent has no potential, and is not symmetric.
+The force on ball j is f n - T, and both balls bear the torque arm n x T. How a small motion changes
+them is said in :mod:`granphon.contacts.rolling_tangent`.
 """
 
 from __future__ import annotations

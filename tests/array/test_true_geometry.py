@@ -307,7 +307,7 @@ def test_the_linear_operator_is_the_derivative(lattice, shape):
     )
     loss = -(ahead.overlaps - behind.overlaps) / (2.0 * step)
     np.testing.assert_allclose(here.losses(way), loss, rtol=0.0, atol=1e-9)
-    acting = ActingForces(lambda loss, slip: (0.0 * loss, slip), forces)
+    acting = ActingForces(np.zeros_like(forces), forces)
     pull, push = here.respond(way, acting)
     found = (ahead.pull(forces) - behind.pull(forces)) / (2.0 * step)
     np.testing.assert_allclose(-pull, found, rtol=0.0, atol=1e-9 * np.max(np.abs(found)))
@@ -475,7 +475,7 @@ def test_a_ball_between_two_others_in_line_moves_out():
 def hessian(state):
     """Second derivatives of the energy by the motions of balls, of the contacts that carry load."""
     carried = np.where(state.stiffnesses > 0.0, state.forces, 0.0)
-    acting = ActingForces(lambda loss, slip: (state.stiffnesses * loss, slip), carried)
+    acting = ActingForces(state.stiffnesses, carried)
     units = np.eye(state.balls.size).reshape(-1, *state.balls.shape)
     return np.array([np.ravel(state.place.respond(Motion(one, 0.0), acting)[0]) for one in units])
 

@@ -1,4 +1,14 @@
-"""Loops over the contacts of balls that slip and roll, compiled: the tangent of what they exert."""
+"""Loops over the contacts of balls that slip and roll, compiled: the tangent of what they exert, as
+blocks of a grid (:class:`~granphon.contacts.grid_product.GridProduct`).
+
+With the words of :mod:`granphon.contacts.slips`, a small motion changes the force f n - T on ball j
+and the torque arm n x T on both balls by what the law of the contact says, and by what turns: with
+
+    e = n.v,    dn = (1 - nn) eps v/|w|,    turn = n x dn + spin n
+
+ball j is resisted by k e n + dT - f dn + turn x T, and both balls by the torques -arm (n x dT +
+turn x (n x T)) - (eps/2) e (n x T). This tangent has no potential, and is not symmetric.
+"""
 
 from __future__ import annotations
 
