@@ -518,13 +518,7 @@ def equilibrate(
     begun = 0
     least = _LEAST_DIFFERENCE * float(np.std(means))
     inverses = Preconditioners(stencils)
-    near = (
-        _DIRECT_FORCE <= load.force <= _MOST_INTERIOR
-        if free
-        else np.mean(y + means > 0.0) < _CLOSED_ON_SITES
-    )
-    # in space the interior-point method takes too many iterations without factors
-    if near and not equal and (len(stencils.shape) < 3 or inverses.are_small):
+    if not equal and begins_inside(load, y, means, inverses):
         found = approach(
             LatticeGeometry(stencils, deviations),
             y,
@@ -600,6 +594,22 @@ def equilibrate(
         f" of the mean contact force is left on a ball",
         "Raise the load, or take fewer balls",
     )
+
+
+def begins_inside(
+    load: ReducedLoad, overlap: float, means: Array, inverses: Preconditioners
+) -> bool:
+    """Return whether the interior-point method comes before Newton's: near the rigidity
+    threshold of balls that differ.
+
+    ``overlap`` is that of the start, and ``means`` (n_c, L1, ..., Lp) are those of x of contacts.
+    """
+    # in space the interior-point method takes too many iterations without factors
+    if means.ndim > 3 and not inverses.are_small:
+        return False
+    if load.overlap is None:
+        return _DIRECT_FORCE <= load.force <= _MOST_INTERIOR
+    return bool(np.mean(overlap + means > 0.0) < _CLOSED_ON_SITES)
 
 
 def explain_too_small(force: float) -> InputError:

@@ -26,13 +26,20 @@ from granphon.array.contact_lists import (
     list_in_true_directions,
     select_resisted,
 )
-from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, equilibrate
+from granphon.array.equilibrium import (
+    CARRIED_FORCE,
+    REST_TOLERANCE,
+    Equilibrium,
+    begins_inside,
+    equilibrate,
+)
 from granphon.array.geometry import (
     LOAD_TOLERANCE,
     ActingForces,
     ReducedLoad,
     require_small,
 )
+from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls import hertz
 from granphon.base.arrays import Array
@@ -50,9 +57,14 @@ from granphon.statics.rest import Rest, find_rest_nearby
 _OF_RATIO = 1e-4
 #: least tolerance that rounding allows
 _LEAST_TOLERANCE = 1e-12
-#: tolerance of the equilibrium on the lattice from which the search starts: that in true directions
-#: is farther off
+#: tolerance of the equilibrium on the lattice from which the search starts, where one rest is near,
+#: or the interior-point method has brought the balls there: that in true directions is farther off
 _TOLERANCE_OF_START = 1e-3
+#: overlap, in W, and f* below which rests differ: the side to which loose balls go, and so the
+#: energy, depends on where the lattice leaves them. With a rough start energies are higher, in two
+#: of three arrays that differ
+_DIFFERING_OVERLAP = 0.05
+_DIFFERING_FORCE = 0.05
 #: force that holds a ball which moves aside, over W/d times the force that pushes it there, at
 #: least: the distance in W
 _ASIDE = 1e-2
@@ -222,7 +234,7 @@ def equilibrate_exactly(
         )
     if tolerance is None:
         tolerance = min(REST_TOLERANCE, max(_LEAST_TOLERANCE, _OF_RATIO * ratio))
-    begin = start or equilibrate(deviations, load, stencils, tolerance=_TOLERANCE_OF_START)
+    begin = start or _find_start(deviations, load, stencils)
     assembly = assemble(deviations, stencils, ratio)
     overlap = begin.overlap if load.overlap is None else load.overlap
     rest = _find_rest(assembly, load, ratio, stencils, begin, overlap, tolerance)
@@ -244,6 +256,22 @@ def equilibrate_exactly(
         ratio=ratio,
     )
     return state.share(deviations, stencils)
+
+
+def _find_start(deviations: Array, load: ReducedLoad, stencils: Stencils) -> Equilibrium:
+    """Return the equilibrium on the lattice, as near to rest as the search needs."""
+    if load.overlap is None:
+        rests_differ = load.force < _DIFFERING_FORCE
+        overlap = hertz.overlap_of(load.force)
+    else:
+        rests_differ = load.overlap < _DIFFERING_OVERLAP
+        overlap = load.overlap
+    tolerance = _TOLERANCE_OF_START
+    if rests_differ:
+        means = stencils.average_pairs(deviations)
+        if not begins_inside(load, overlap, means, Preconditioners(stencils)):
+            tolerance = REST_TOLERANCE
+    return equilibrate(deviations, load, stencils, tolerance=tolerance)
 
 
 def _keep_directions(state: Equilibrium, deviations: Array, stencils: Stencils) -> TrueEquilibrium:

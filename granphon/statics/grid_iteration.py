@@ -48,8 +48,6 @@ _DIGITS = 2
 #: balls of a grid, at most, whose Green's function is kept and whose right sides share transforms:
 #: beyond, memory counts
 _KEPT_BALLS = 2**13
-#: the same for equal contacts, which all samples share
-_KEPT_EVEN_BALLS = 2**17
 
 
 class GridSolution(NamedTuple):
@@ -80,10 +78,15 @@ class GridIteration:
     even : whether Green's function is that of contacts that are all alike, which is the same for
         all loads and steps, and not that of contacts of each kind that have their mean stiffness.
     earlier : an even iteration on the same grid, whose Green's function serves.
+    most_kept : balls, at most, whose Green's function is kept for other lists.
     """
 
     def __init__(
-        self, tangent: Tangent, even: bool = False, earlier: GridIteration | None = None
+        self,
+        tangent: Tangent,
+        even: bool = False,
+        earlier: GridIteration | None = None,
+        most_kept: int = _KEPT_BALLS,
     ) -> None:
         contacts = tangent.contacts
         self._shape = contacts.grid
@@ -97,7 +100,7 @@ class GridIteration:
         )._replace(diagonal=blocks.diagonal, forward=blocks.forward, backward=blocks.forward)
         self._coarse = self._product.round()
         self._green: NDArray[Any] = (
-            earlier._green if earlier else _find_green(contacts, self._level, even)
+            earlier._green if earlier else _find_green(contacts, self._level, even, most_kept)
         )
         self._alone = np.empty_like(self._coarse.diagonal)
         invert_blocks(self._product.diagonal, _HOLDING * self._level, _DAMPED, self._alone)
@@ -213,7 +216,7 @@ class GridIteration:
         return by_ball.transpose(0, 3, 1, 2).reshape(-1, self._n_motions, fields.shape[1])
 
 
-def _find_green(contacts: ContactList, level: float, even: bool) -> NDArray[Any]:
+def _find_green(contacts: ContactList, level: float, even: bool, most_kept: int) -> NDArray[Any]:
     """Return (f, f, waves) inverses in Fourier space for equal contacts of each kind, of stiffness
     over ``level``; f are the motions of the balls of a cell.
 
@@ -235,7 +238,6 @@ def _find_green(contacts: ContactList, level: float, even: bool) -> NDArray[Any]
         directions = contacts.normal.reshape(kinds, cells, 3)[:, 0]
         none = (0.0,) * kinds
         springs = (none, none, (1.0,) * kinds, none, none, none)
-        most = _KEPT_EVEN_BALLS
     else:
         directions = np.array(average(contacts.normal))
         springs = (
@@ -246,8 +248,7 @@ def _find_green(contacts: ContactList, level: float, even: bool) -> NDArray[Any]
             average(contacts.torsion_stiffness, level),
             average(contacts.bending_stiffness, level),
         )
-        most = _KEPT_BALLS
-    find = _find_equal_green if contacts.n_balls <= most else _find_equal_green.__wrapped__
+    find = _find_equal_green if contacts.n_balls <= most_kept else _find_equal_green.__wrapped__
     return find(
         shape,
         contacts.motions,

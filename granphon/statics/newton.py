@@ -396,7 +396,9 @@ class GridEquations:
             dimension=assembly.dimension,
             grid=assembly.grid,
         )
-        self._earlier = GridIteration(Tangent(contacts, blocks), even=True, earlier=self._earlier)
+        self._earlier = GridIteration(
+            Tangent(contacts, blocks), True, self._earlier, self.options.kept_green
+        )
         return self._earlier
 
 

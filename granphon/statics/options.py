@@ -45,6 +45,8 @@ class RestOptions:
         found: a solution takes a tenth of the time of factors, and near rest 2 do.
     most_iterations : iterations in a step, at most, where matrices are not factorised.
     patience_of_grid : iterations with Green's function of an array, after which factors are found.
+    kept_green : balls of an array, at most, whose Green's function is kept: that of equal contacts
+        is the same for all samples and loads, and takes some 2 MB for 10^5 balls of a plane.
     inexact : relative error of a step of an array, at most: with more of it soft motions are hardly
         solved for, and come to rest over many steps more.
     margin : part of the tolerance that an accurate step of an array is to leave: the largest force
@@ -103,6 +105,7 @@ class RestOptions:
     patience_of_factors: int = 8
     most_iterations: int = 4000
     patience_of_grid: int = 200
+    kept_green: int = 2**17
     inexact: float = 1e-2
     margin: float = 0.1
     probed: float = 1e-4

@@ -648,6 +648,7 @@ class _ExactSearch(_Search):
                 continue
             if solution.has_arrived or not self.is_factored:
                 return solution.step
+            break
         return self.equations.solve(
             configuration, stiffness + added, configuration.pull, -1.0, load_slope
         )
