@@ -401,10 +401,9 @@ class LoadStep:
         least = _LOOSE * self._law.mindlin_ratio
         resisting = np.ravel(tangent.springs[0] - least * tangent.stiffness)
         contacts = self._geometry.contacts
-        balls = stencils.n_balls * math.prod(stencils.shape)
-        around = np.bincount(contacts.i, resisting, balls) + np.bincount(
-            contacts.j, resisting, balls
-        )
+        n_balls = stencils.n_balls * math.prod(stencils.shape)
+        around = np.bincount(contacts.i, resisting, n_balls)
+        around += np.bincount(contacts.j, resisting, n_balls)
         loose = around.reshape(stencils.n_balls, *stencils.shape) < 0.0
         count = stencils.motions.count
         (turning,) = range(count)[stencils.motions.turning]
