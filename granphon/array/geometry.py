@@ -377,10 +377,6 @@ class ExactPlace:
         return self.geometry.stack(push), normal
 
 
-#: geometry of an array of balls
-Geometry = LatticeGeometry | ExactGeometry
-
-
 def shrink_boundary(ratio: float, overlap: float, periods: int) -> float:
     """Return the size of a cell's boundary at an ``overlap`` y, over that with y = 0."""
     return (1.0 - ratio * overlap) ** (periods - 1)

@@ -23,7 +23,7 @@ from granphon.base.compiled import compiled
 Single = NDArray[Any]
 Map = Callable[[Single], Single]
 #: vectors that are kept, after which the method starts again
-KEPT = 60
+_KEPT = 60
 #: elements of vectors that are multiplied at a time: a power of two
 _LENGTH = 1024
 #: part of a vector's length that is left by the projection on those before it, below which it is
@@ -50,7 +50,7 @@ def solve_by_minimal_residuals(
     rest = (right / size).astype(np.float32)
     left = 1.0
     while left > reduction and taken < most:
-        count, left, change = _cycle(apply, precondition, rest, reduction, min(KEPT, most - taken))
+        count, left, change = _cycle(apply, precondition, rest, reduction, min(_KEPT, most - taken))
         if not count:  # what is left is out of reach of A
             break
         found += change
