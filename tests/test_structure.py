@@ -89,9 +89,9 @@ def test_public_names_exist_and_are_documented():
 #: places above the law that hold 3/2, 2/3, 1/3, 5/2, 2/5 or 5/3, or a cube root, and what they are
 #: there
 NOT_HERTZ = {
-    "array/friction.py:_lose_rising": "integrals of powers of h^(1/2): the closed form of Hertz and"
+    "contacts/sliding.py:_lose_rising": "integrals of powers of h^(1/2): the closed form of Hertz and"
     " Mindlin in one step",
-    "array/friction.py:_lose_falling": "the same",
+    "contacts/sliding.py:_lose_falling": "the same",
     "balls/ball.py:__post_init__": "inertia of a shell over that of a solid ball",
     "balls/diameters.py:cut_rms": "argument of the gamma function",
     "balls/lattices.py:": "places in a cell",

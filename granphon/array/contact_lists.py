@@ -92,7 +92,7 @@ def list_in_true_directions(
     springs : stiffnesses.
     forces : (n_c, L1, ..., Lp) normal forces.
     leaning : (n_c, L1, ..., Lp) whether they hold balls that go aside.
-    shears : (n_s, n_c, L1, ..., Lp) tangential forces; None without friction.
+    shears : (contacts, 3) tangential forces along the axes of space; None without friction.
     """
     geometry = place.geometry
     lattice = geometry.stencils.lattice
@@ -115,9 +115,7 @@ def list_in_true_directions(
     none = np.zeros((0, 3))
     tangential = none
     if shears is not None and np.any(shears):
-        tangential = np.zeros((normal.size, 3))
-        for force, tangent in zip(shears, place.tangents, strict=False):
-            tangential -= eps * np.ravel(force)[:, None] * turn(tangent)
+        tangential = -eps * shears
     return ContactList(
         n_balls=lattice.n_balls * cells,
         motions=motions,

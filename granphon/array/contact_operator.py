@@ -13,7 +13,7 @@ processor's cache.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -286,16 +286,13 @@ class ContactOperator:
 
 
 class ContactHessian:
-    """Product of C^T D C with motions of balls, in a given precision.
+    """Product of C^T D C, D being diagonal, with motions of balls, in a given precision.
 
     Parameters
     ----------
     operator : C.
     stiffness : the diagonal of D, in parts (n, L1, ..., Lp) one after the other, (rows, L1, ...,
         Lp) in all.
-    coupling : what else is in D: forces against the deformations ``a`` by a unit of the
-        deformations ``b``, arrays (contacts, L1, ..., Lp) by (a, b), the numbers of two groups of
-        rows.
     precision : single or double; complex, of stiffnesses with losses and of complex motions.
     """
 
@@ -303,7 +300,6 @@ class ContactHessian:
         self,
         operator: ContactOperator,
         stiffness: Sequence[Values],
-        coupling: Mapping[tuple[int, int], Values] | None = None,
         precision: DTypeLike = np.float32,
     ) -> None:
         self._operator = operator
@@ -311,29 +307,17 @@ class ContactHessian:
         real = np.zeros(0, precision).real.dtype
         self._split = np.concatenate([operator.head, operator.tail]).astype(real)
         self._join = np.concatenate([operator.head, -operator.tail]).T.astype(real)
-        coupling = coupling or {}
-        tables = {id(one): one for one in coupling.values()}
-        n = operator.n_contacts
-        rows = operator.n_rows
         # with images in the ghost cells
-        law = np.empty((rows + n * len(tables), *operator.halo.outer), precision)
-        np.concatenate(
-            [*stiffness, *tables.values()], out=law[operator.halo.inner], casting="unsafe"
-        )
+        law = np.empty((operator.n_rows, *operator.halo.outer), precision)
+        np.concatenate(stiffness, out=law[operator.halo.inner], casting="unsafe")
         for image, cell in operator.halo.images(law, 0):
             image[...] = cell
         law = law.reshape(len(law), -1)
-        place = {key: slice(rows + at * n, rows + (at + 1) * n) for at, key in enumerate(tables)}
-        #: of each part the diagonal of D, and the rest as (rows a, rows b, their coupling)
-        self._law: list[tuple[Values, list[tuple[Values, Values, Values]]]] = []
+        #: D of each part
+        self._law: list[Values] = []
         for part in operator.parts(precision):
             count = part.space.rows.shape[1]
-            here = law[:, part.start : part.start + count]
-            groups = part.space.rows.reshape(-1, n, count)
-            rest = [
-                (groups[a], groups[b], here[place[id(one)]]) for (a, b), one in coupling.items()
-            ]
-            self._law.append((here[:rows], rest))
+            self._law.append(law[:, part.start : part.start + count])
 
     def __call__(self, balls: Values, press: float | None = None) -> tuple[Values, float]:
         """Return the forces (fields, L1, ..., Lp), and the sum of the tensions along normals with
@@ -345,18 +329,13 @@ class ContactHessian:
         n = self._operator.n_contacts
         total = 0.0
         out = np.empty((operator.n_fields, *operator.shape), self._precision)
-        for part, (diagonal, coupling) in zip(
-            operator.parts(self._precision), self._law, strict=True
-        ):
+        for part, law in zip(operator.parts(self._precision), self._law, strict=True):
             space = part.space
             stretch(self._split, balls, part)
             if press:
                 loss = space.rows[:n]
                 np.subtract(loss, space.rows.dtype.type(press), out=loss)
-            changes = [(a, table * b) for a, b, table in coupling]
-            np.multiply(space.rows, diagonal, out=space.rows)
-            for a, change in changes:
-                np.add(a, change, out=a)
+            np.multiply(space.rows, law, out=space.rows)
             if press is not None:
                 total -= float(np.sum(space.contacts[:n][part.inner]))
             for place, tension in space.gathered:

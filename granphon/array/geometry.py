@@ -3,10 +3,9 @@ and in the true one.
 
 Units are those of :mod:`granphon.array.equilibrium`: displacements u in W; rotations phi in W/d;
 the lattice's lengths in d. In the limit contacts keep the directions e of the lattice, and all is
-linear: h = y + (x_i + x_j)/2 - e.(u_j - u_i), and slips are those of
-:class:`~granphon.array.stencils.Stencils`.
+linear: h = y + (x_i + x_j)/2 - e.(u_j - u_i).
 
-In the true geometry directions, arms, overlaps and slips follow from the positions of balls. A load
+In the true geometry directions, arms and overlaps follow from the positions of balls. A load
 compresses the cell evenly, by the factor 1 - eps y with eps = W/d and y = (d - a)/W, where a is the
 spacing of the lattice in the compressed cell. A contact whose direction on the lattice is e then
 has the vector from centre to centre
@@ -19,14 +18,8 @@ and the overlap
 
 in which no two numbers that are nearly equal are subtracted. It touches at the distances |w|/2 -+
 eps (x_j - x_i)/4 from the centres, which are the radii less half of the overlap each; they add up
-to |w|, so that forces exert no torque on a pair. It slips by
-
-    ds = (1 - nn) du - (arm_i dphi_i + arm_j dphi_j) x n,    n = w/|w|
-
-where du is the change of u_j - u_i - y e. From one configuration to the next the slip is found with
-the angle by which n turns, exact, and the means of arms and tangents at both ends. It is of second
-order in the step; in a plane it depends on the way by nothing but the change of arms. The tangents
-turn with n along the shortest way from e, and about n with both balls.
+to |w|, so that forces exert no torque on a pair. How it slips is said in
+:mod:`granphon.contacts.slips`.
 
 For eps = 0 all this is the linear map of the lattice. The coefficient of Hertz's law is that of the
 mean ball in both: its own radii change that of a contact by a part of order eps.
@@ -39,26 +32,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from granphon.array.contact_operator import ContactHessian
-from granphon.array.friction import Tangent
-from granphon.array.krylov import Single, solve_for_motion
+from granphon.array.krylov import solve_for_motion
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.contact_table import contact_frames
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.dynamics.rows import Row
 
-#: changes of forces (-df, dT) that follow from a loss of overlap -dh and a slip ds
-Law = Callable[[Array, Any], tuple[Array, Any]]
-#: tangential forces T of contacts (n_s, n_c, L1, ..., Lp), none without friction
-Shears = Array | tuple[()]
-#: changes of the forces on balls and of the sum of forces, times -1, by a motion of balls and a
-#: change of y; without one, y is held and the sum is not asked for
-Product = Callable[[Single, float | None], tuple[Single, float]]
 #: approximate inverse of C^T K C
 Inverse = Callable[[Array], Array]
 
@@ -97,17 +81,13 @@ class ActingForces(NamedTuple):
 
     Attributes
     ----------
-    law : changes of forces (-df, dT) that follow from a loss of overlap and a slip.
+    stiffness : (n_c, L1, ..., Lp) by which a normal force falls with a loss of overlap.
     forces : (n_c, L1, ..., Lp) normal forces that act, and turn with their contacts; with the sign
         below zero where they are to hold balls against going aside, and not to push them there.
-    shears : (n_s, n_c, L1, ..., Lp) tangential forces that act; none where nothing resists slip.
-    rolling : stiffnesses of contacts against twist and rolls.
     """
 
-    law: Law
+    stiffness: Array
     forces: Array
-    shears: Shears = ()
-    rolling: tuple[Any, Any] = (0.0, 0.0)
 
 
 class LatticeGeometry:
@@ -126,13 +106,6 @@ class LatticeGeometry:
     def place(self, balls: Array, overlap: float) -> LatticePlace:
         """Return the configuration with these motions ``balls`` and the overlap y."""
         return LatticePlace(self, balls, overlap)
-
-    def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
-        """Return the overlaps of contacts and their slips from the sites, with which a history
-        begins.
-        """
-        place = self.place(balls, overlap)
-        return place.overlaps, place.slips(place, place.overlaps)
 
     def solve(
         self,
@@ -173,37 +146,19 @@ class LatticePlace:
         self.overlap = overlap
         stencils = self._stencils
         n = self._stencils.n_contacts
-        rows = stencils.operator.deform(balls)
-        self.overlaps = overlap + geometry.means - rows[:n]
-        self._slips = rows[n:].reshape(-1, *self.overlaps.shape)
-
-    def slips(self, before: Place, slips: Array) -> Array:
-        """Return (n_s, n_c, L1, ..., Lp) slips from the sites: ``slips`` in the configuration
-        ``before`` do not matter.
-        """
-        return self._slips
+        self.overlaps = overlap + geometry.means - stencils.operator.deform(balls)[:n]
 
     def losses(self, motion: Motion) -> Array:
         """Return (n_c, L1, ..., Lp) losses of overlap by a small motion."""
         return self._stencils.deformations(motion)[: self._stencils.n_contacts]
 
-    def pull(self, forces: Array, shears: Shears = ()) -> Array:
-        """Return the forces on balls (fields, L1, ..., Lp) by normal forces f of contacts, and
-        tangential ones T.
-        """
-        return self._stencils.forces(forces, *(-one for one in shears))
+    def pull(self, forces: Array) -> Array:
+        """Return the forces on balls (fields, L1, ..., Lp) by normal forces f of contacts."""
+        return self._stencils.forces(forces)
 
-    def press(self, forces: Array, shears: Shears = ()) -> float:
+    def press(self, forces: Array) -> float:
         """Return the force whose work on dy is that of the load: the mean normal force."""
         return float(np.mean(forces))
-
-    def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
-        """Return the changes of :meth:`pull` and of the sum of forces by small motions in single
-        precision, both times -1.
-
-        They follow from the ``tangent`` of the law of friction; no force turns.
-        """
-        return multiply(self._stencils, tangent)
 
 
 def require_small(ratio: float) -> None:
@@ -242,30 +197,17 @@ class ExactGeometry:
         #: (n_c, L1, ..., Lp) half of the difference of the radii of ball j and ball i, in d
         self.uneven = 0.5 * ratio * (self.means - ends)
         self.dimension = stencils.lattice.dimension
-        self._turns = len(stencils.motions.rotations)
-        # rows for the relative displacement of two balls, then for the sum and the difference of
-        # their rotations: components along the contact's direction on the lattice and its tangents
-        # there
+        # rows for the relative displacement of two balls: components along the contact's direction
+        # on the lattice and its tangents there
         motions = stencils.motions
         p = self.dimension
-        frame = [np.array(axis) for axis in contact_frames(stencils.lattice.contacts.normal[:, :p])]
-        still, fixed = (
-            np.zeros((len(axes), stencils.n_contacts))
-            for axes in (motions.rotations, motions.translations)
-        )
-        moves = [np.concatenate([axis[list(motions.translations)], still]).T for axis in frame[:p]]
-        turns = [
-            np.concatenate([fixed, axis[list(motions.rotations)]]).T
-            for axis in frame[3 - self._turns :]
+        frame = contact_frames(stencils.lattice.contacts.normal[:, :p])[:p]
+        still = np.zeros((len(motions.rotations), stencils.n_contacts))
+        moves = [
+            np.concatenate([np.array(axis)[list(motions.translations)], still]).T for axis in frame
         ]
-        pushes = [Row("push", 1.0, move, move) for move in moves]
-        #: stencils with the vectors of :meth:`split`
-        self.frame = stencils.observe(
-            [
-                *pushes,
-                *(Row("turn", 1.0, turn, sign * turn) for sign in (-1.0, 1.0) for turn in turns),
-            ]
-        )
+        #: stencils with the vector of :meth:`split`
+        self.frame = stencils.observe([Row("push", 1.0, move, move) for move in moves])
 
         #: components of what the strain adds to v, in the frames of the lattice
         self.strained: _Vector = _ZERO if strain is None else self.shear(strain)
@@ -283,44 +225,29 @@ class ExactGeometry:
         """Return the configuration with these motions ``balls`` and the overlap y."""
         return ExactPlace(self, balls, overlap)
 
-    def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
-        """Return the overlaps of contacts, and slips of zero: they are counted from there."""
-        overlaps = self.place(balls, overlap).overlaps
-        return overlaps, np.zeros((self.dimension - 1, *overlaps.shape))
-
     def deform(self, motion: Motion) -> Array:
         """Return the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
         return self.frame.deformations(motion).reshape(-1, *self.means.shape)
 
-    def split(self, motion: Motion) -> tuple[_Vector, _Vector, _Vector]:
-        """Return v, and the sum and the difference of the rotations of balls j and i, in the frames
-        of the lattice.
-        """
+    def split(self, motion: Motion) -> _Vector:
+        """Return v in the frames of the lattice."""
         return self.sort(self.deform(motion))
 
-    def sort(self, rows: Array) -> tuple[_Vector, _Vector, _Vector]:
-        """Return the three vectors from the deformations (rows, n_c, L1, ..., Lp) of
-        :attr:`frame`.
-        """
-        p = self.dimension
-        r = self._turns
-        moved = (*rows[:p], *_ZERO[p:])
-        if not r:
-            return moved, _ZERO, _ZERO
-        still = _ZERO[r:]  # in a plane balls turn about its normal, the last tangent
-        return moved, (*still, *rows[p : p + r]), (*still, *rows[p + r :])
+    def sort(self, rows: Array) -> _Vector:
+        """Return the vector from the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
+        return (*rows, *_ZERO[len(rows) :])
 
-    def join(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
-        """Return the forces on balls whose work is that of forces on the three vectors of
+    def join(self, push: _Vector) -> Array:
+        """Return the forces on balls whose work is that of forces on the vector of
         :meth:`split`.
         """
-        return self.frame.forces(*self.stack(push, turning, rolling))
+        return self.frame.forces(*self.stack(push))
 
-    def stack(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
-        """Return the forces on the three vectors as those on the deformations (rows, n_c, L1, ...,
-        Lp) of :attr:`frame`.
+    def stack(self, push: _Vector) -> Array:
+        """Return the forces on the vector as those on the deformations (rows, n_c, L1, ..., Lp) of
+        :attr:`frame`.
         """
-        parts = [*push[: self.dimension], *turning[3 - self._turns :], *rolling[3 - self._turns :]]
+        parts = push[: self.dimension]
         return np.array([np.broadcast_to(part, self.means.shape) for part in parts])
 
     def axes(self) -> Array:
@@ -349,7 +276,7 @@ class ExactPlace:
         self.balls = balls
         self.overlap = overlap
         eps = geometry.ratio
-        moved, self._sum, self._difference = geometry.split(Motion(balls, overlap))
+        moved = geometry.split(Motion(balls, overlap))
         self._moved = _add(moved, geometry.strained)
         self.vector = (
             1.0 + eps * self._moved[0],
@@ -369,60 +296,13 @@ class ExactPlace:
         """
         eps = self.geometry.ratio
         first = self._moved[0]
-        straight = self.geometry.split(Motion(self.balls, 0.0))[0][0] + self.geometry.strained[0]
+        straight = self.geometry.split(Motion(self.balls, 0.0))[0] + self.geometry.strained[0]
         curved = eps * (self._square - first * self._change) / (1.0 + self.size)
         return np.asarray(self.geometry.means - straight - curved)
 
-    @cached_property
-    def tangents(self) -> tuple[_Vector, _Vector]:
-        """The tangents t and b, with n x t = b."""
-        n0, n1, n2 = self.normal
-        if not isinstance(n2, np.ndarray):
-            return (-n1, n0, 0.0), (0.0, 0.0, 1.0)
-        # a step that is too long may turn a contact round
-        one = 1.0 / np.maximum(1.0 + n0, np.finfo(float).tiny)
-        mixed = -n1 * n2 * one
-        t = (-n1, 1.0 - n1 * n1 * one, mixed)
-        b = (-n2, mixed, 1.0 - n2 * n2 * one)
-        spin = 0.5 * self.geometry.ratio * self._sum[0]
-        cosine = np.cos(spin)
-        sine = np.sin(spin)
-        return _add(_times(cosine, t), _times(sine, b)), _add(_times(cosine, b), _times(-sine, t))
-
-    # -- slips -------------------------------------------------------------------------------------
-
-    def slips(self, before: Place, slips: Array) -> Array:
-        """Return (n_s, n_c, L1, ..., Lp) slips s here, if they are ``slips`` in the configuration
-        ``before``.
-        """
-        assert isinstance(before, ExactPlace)
-        if before is self:
-            return slips
-        eps = self.geometry.ratio
-        size = 0.5 * (before.size + self.size)
-        # the vector of the rotation that turns one direction into the other, over eps
-        turn = _cross(before.vector, _subtract(self._moved, before._moved))
-        if eps:
-            sine = np.sqrt(_dot(turn, turn))
-            angle = np.arctan2(eps * sine, _dot(before.vector, self.vector))
-            turn = _times(
-                np.divide(angle, eps * sine, out=np.ones_like(sine), where=sine > 0.0), turn
-            )
-        rolled = self._roll(
-            _subtract(self._sum, before._sum), _subtract(self._difference, before._difference), size
-        )
-        gone = _subtract(_times(size, turn), rolled)
-        (t0, b0), (t1, b1) = before.tangents, self.tangents
-        found = _dot(gone, _add(b0, b1)), _scale(-1.0, _dot(gone, _add(t0, t1)))
-        return slips + 0.5 * np.stack(found[: len(slips)])
-
-    def _roll(self, total: _Vector, difference: _Vector, size: Array) -> _Vector:
-        """Return arm_i phi_i + arm_j phi_j, from the sum and the difference of the rotations."""
-        return _add(_times(0.5 * size, total), _times(self.geometry.uneven, difference))
-
     def losses(self, motion: Motion) -> Array:
         """Return (n_c, L1, ..., Lp) losses of overlap by a small motion."""
-        return self.lose(self.geometry.split(motion)[0])
+        return self.lose(self.geometry.split(motion))
 
     def lose(self, moved: Any) -> Array:
         """Return the losses of overlap by small relative displacements of the two balls."""
@@ -447,37 +327,20 @@ class ExactPlace:
 
     # -- forces ------------------------------------------------------------------------------------
 
-    def pull(self, forces: Array, shears: Shears = ()) -> Array:
-        """Return the forces on balls (fields, L1, ..., Lp) by normal forces f of contacts, and
-        tangential ones T.
-        """
-        along, across = self._carry(shears)
-        push = _subtract(_times(forces, self.normal), along)
-        return self.geometry.join(
-            push, _times(0.5 * self.size, across), _times(self.geometry.uneven, across)
-        )
-
-    def _carry(self, shears: Shears) -> tuple[_Vector, _Vector]:
-        """Return the vectors T and n x T of the tangential forces."""
-        parts = (*shears, *_ZERO[len(shears) : 2])
-        t, b = self.tangents
-        return _add(_times(parts[0], t), _times(parts[1], b)), _subtract(
-            _times(parts[0], b), _times(parts[1], t)
-        )
+    def pull(self, forces: Array) -> Array:
+        """Return the forces on balls (fields, L1, ..., Lp) by normal forces f of contacts."""
+        return self.geometry.join(_times(forces, self.normal))
 
     @property
     def boundary(self) -> float:
         """Size of the cell's boundary, over that with y = 0."""
-        return (1.0 - self.geometry.ratio * self.overlap) ** (len(self.geometry.stencils.shape) - 1)
+        return shrink_boundary(self.geometry.ratio, self.overlap, len(self.geometry.stencils.shape))
 
-    def press(self, forces: Array, shears: Shears = ()) -> float:
-        """Return the force whose work on dy is that of the load: the mean of (f n - T).e over
+    def press(self, forces: Array) -> float:
+        """Return the force whose work on dy is that of the load: the mean of f n.e over
         contacts.
         """
-        push = forces * self.normal[0]
-        if len(shears):
-            push = push - self._carry(shears)[0][0]
-        return float(np.mean(push))
+        return float(np.mean(forces * self.normal[0]))
 
     def press_sheared(self, forces: Array) -> float:
         """Return the force that the pressure on a cell of any shape stands for: the trace of the
@@ -487,14 +350,14 @@ class ExactPlace:
         size = (1.0 - self.geometry.ratio * self.overlap) ** p
         return float(np.mean(forces * self.size)) / size
 
-    def stress(self, forces: Array, shears: Shears = ()) -> Array:
+    def stress(self, forces: Array) -> Array:
         """Return the (p, p) sum over contacts of the force on ball i times w, below zero where
         balls are pressed together.
 
         It is in units of stiffness times d^2.
         """
-        along, _ = self._carry(shears)
-        push, axes = _subtract(along, _times(forces, self.normal)), self.geometry.axes()
+        push = _times(-forces, self.normal)
+        axes = self.geometry.axes()
         out = np.zeros(axes.shape[1:])
         p = axes.shape[1]
         for a in range(p):
@@ -524,92 +387,55 @@ class ExactPlace:
             table[a, a] -= aside
         return np.asarray(table)
 
-    def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
-        """Return :meth:`respond` with the ``tangent`` of the law of friction, for motions in single
-        precision.
-        """
-
-        acting = ActingForces(tangent.apply, forces, shears)
-
-        def product(balls: Single, press: float | None) -> tuple[Single, float]:
-            pull, push = self.respond(Motion(balls.astype(float), press or 0.0), acting)
-            return pull.astype(np.float32), push
-
-        return product
-
     def resist(self, rows: Array, acting: ActingForces) -> tuple[Array, Array]:
         """Return what :meth:`respond` does, contact by contact: forces against the small
         deformations of frames, and -df.
 
         Deformations and forces are (rows, n_c, L1, ..., Lp).
         """
-        law, forces, shears, (twist, roll) = acting
-        moved, total, difference = self.geometry.sort(rows)
-        eps = self.geometry.ratio
+        moved = self.geometry.sort(rows)
         n = self.normal
-        half = 0.5 * self.size
         loss = _dot(n, moved)
-        shear: Any = ()
-        if len(shears):
-            (t, b), rolled = self.tangents, self._roll(total, difference, self.size)
-            slide = _dot(t, moved) - _dot(b, rolled), _dot(b, moved) + _dot(t, rolled)
-            shear = np.stack(slide[: len(shears)])
-        normal, shear = law(loss, shear)
-        tilt = _times(eps / self.size, _subtract(moved, _times(loss, n)))  # dn
-        along, across = self._carry(shear)
-        push = _subtract(_add(_times(normal, n), along), _times(forces, tilt))
-        if np.any(shears):
-            held, arms = self._carry(shears)
-            spin = 0.5 * eps * total[0]
-            if isinstance(n[2], np.ndarray):  # of tangents that turn with n along the shortest way
-                spin = spin - (n[1] * tilt[2] - n[2] * tilt[1]) / (1.0 + n[0])
-            turn = _add(_cross(n, tilt), _times(spin, n))
-            push = _add(push, _cross(turn, held))
-            across = _add(across, _cross(turn, arms))
-            turning = _add(_times(half, across), _times(0.5 * eps * loss, arms))
-        else:
-            turning = _times(half, across)
-        turning = _times(-1.0, turning)
-        back = _times(-self.geometry.uneven, across)
-        if np.any(twist) or np.any(roll):
-            back = _add(
-                back,
-                _add(_times(roll, difference), _times((twist - roll) * _dot(difference, n), n)),
-            )
-        return self.geometry.stack(push, turning, back), normal
+        normal = acting.stiffness * loss
+        tilt = _times(self.geometry.ratio / self.size, _subtract(moved, _times(loss, n)))  # dn
+        push = _subtract(_times(normal, n), _times(acting.forces, tilt))
+        return self.geometry.stack(push), normal
 
 
-#: geometry of an array of balls, and a configuration in it
-Geometry = LatticeGeometry | ExactGeometry
-Place = LatticePlace | ExactPlace
+def shrink_boundary(ratio: float, overlap: float, periods: int) -> float:
+    """Return the size of a cell's boundary at an ``overlap`` y, over that with y = 0."""
+    return (1.0 - ratio * overlap) ** (periods - 1)
 
 
-def find_boundary_force(place: Place, forces: Array, shears: Shears = ()) -> float:
+class Loaded(Protocol):
+    """Configuration of an array: the size of its boundary, and the force of the load by those of
+    the contacts.
+    """
+
+    @property
+    def boundary(self) -> float:
+        """Size of the cell's boundary, over that with y = 0."""
+
+
+def find_boundary_force(place: Loaded, *forces: Array) -> float:
     """Return the mean contact force f* at which the pressure is the same where the cell keeps its
-    size.
+    size, by normal ``forces`` of contacts, and tangential ones with friction.
     """
     if isinstance(place, ExactPlace) and place.geometry.strained is not _ZERO:
-        return place.press_sheared(forces)
-    return place.press(forces, shears) / place.boundary
+        return place.press_sheared(*forces)
+    return place.press(*forces) / place.boundary
 
 
-def find_lack(load: ReducedLoad, place: Place, forces: Array, shears: Shears = ()) -> float:
-    """Return what the mean contact force lacks to a load; zero at a given overlap."""
+def find_lack(load: ReducedLoad, place: Loaded, *forces: Array) -> float:
+    """Return what the mean contact force lacks to a load; zero at a given overlap.
+
+    ``forces`` are those of :func:`find_boundary_force`.
+    """
     if load.overlap is not None:
         return 0.0
     if load.on_boundary:
-        return load.force * place.boundary - place.press(forces, shears)
-    return load.force - float(np.mean(forces))
-
-
-def multiply(stencils: Stencils, tangent: Tangent) -> Product:
-    """Return the product of C^T D C, D being the ``tangent`` of the law of friction, with motions
-    in single precision.
-    """
-    coupling = {(1 + slip, 0): -one for slip, one in enumerate(tangent.coupling)}
-    for one in -tangent.cross:
-        coupling |= {(1, 2): one, (2, 1): one}
-    return ContactHessian(stencils.operator, [tangent.stiffness, *tangent.springs], coupling)
+        return load.force * place.boundary - place.press(*forces)
+    return load.force - float(np.mean(forces[0]))
 
 
 # -- vectors ---------------------------------------------------------------------------------------
@@ -642,11 +468,3 @@ def _product(a: Any, b: Any) -> Any:
 
 def _dot(one: _Vector, other: _Vector) -> Any:
     return _product(one[0], other[0]) + _product(one[1], other[1]) + _product(one[2], other[2])
-
-
-def _cross(one: _Vector, other: _Vector) -> _Vector:
-    return (
-        _product(one[1], other[2]) - _product(one[2], other[1]),
-        _product(one[2], other[0]) - _product(one[0], other[2]),
-        _product(one[0], other[1]) - _product(one[1], other[0]),
-    )

@@ -3,7 +3,7 @@ from the one before.
 
 Directions of contacts are those of the lattice, or the true ones (:mod:`granphon.array.geometry`).
 Units are those of :mod:`granphon.array.equilibrium`, W and c W^(3/2). Contacts follow
-:mod:`granphon.array.friction`. With friction the forces depend on the way to the load, which is
+:mod:`granphon.contacts.friction`. With friction the forces depend on the way to the load, which is
 taken in steps. At the end of each step the forces and torques on every ball are in balance,
 
     C_n^T f = C_s^T T
@@ -24,14 +24,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granphon.array.equilibrium import Equilibrium, equilibrate
-from granphon.array.friction import FrictionLaw, PressedArray
-from granphon.array.geometry import Geometry, LatticeGeometry, ReducedLoad
+from granphon.array.geometry import ReducedLoad
 from granphon.array.load_step import BALANCE_TOLERANCE
+from granphon.array.pressed_array import PressedArray
+from granphon.array.pressed_place import PressedGeometry
 from granphon.array.stencils import Stencils, dot
 from granphon.array.stepper import GAS, MOST_HALVINGS, Stepper, find_aim, goes_on, weigh_states
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
+from granphon.contacts.friction import FrictionLaw
 
 #: reduced spacing a* = y + 1/2 at which a history begins, at rest without friction
 START_SPACING = 0.5
@@ -82,11 +84,11 @@ class LoadingHistory:
     friction_coefficient: float = math.inf
     tolerance: float = REFINEMENT_TOLERANCE
     start: Equilibrium | ReducedLoad | str | None = None
-    geometry: Geometry | None = None
+    geometry: PressedGeometry | None = None
 
     def __post_init__(self) -> None:
         self._law = FrictionLaw(self.stencils.mindlin_ratio, self.friction_coefficient)
-        geometry = self.geometry or LatticeGeometry(self.stencils, self.deviations)
+        geometry = self.geometry or PressedGeometry(self.stencils, self.deviations)
         self.stepper = Stepper(geometry, self._law, from_gas=self.start == GAS)
 
     @property

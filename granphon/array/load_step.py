@@ -21,25 +21,21 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from granphon.array.contact_operator import ContactHessian
-from granphon.array.friction import Contacts, FrictionLaw, PressedArray, Tangent
 from granphon.array.geometry import (
     ADDED_STIFFNESS,
     LOAD_TOLERANCE,
-    Geometry,
     Inverse,
-    Place,
-    Product,
     ReducedLoad,
     find_lack,
-    multiply,
 )
-from granphon.array.krylov import Single, solve_by_minimal_residuals
+from granphon.array.krylov import Single
 from granphon.array.preconditioners import Patches, Put
+from granphon.array.pressed_array import PressedArray
+from granphon.array.pressed_place import PressedGeometry, PressedPlace, PressedTangent
 from granphon.array.stencils import Motion, dot
 from granphon.base.arrays import Array, Index
+from granphon.contacts.friction import Contacts, FrictionLaw, Tangent
 
 #: largest force, or torque over the diameter, left on a ball, over the mean normal force
 BALANCE_TOLERANCE = 1e-9
@@ -93,6 +89,12 @@ _FARTHEST = 0.2
 #: stiffness of a ball against turning, over that without sliding, below which it is turned by
 #: itself
 _LOOSE = 1e-2
+#: torques on balls that turn without resistance, over all that is left of balance, from which they
+#: are turned by themselves
+_TURNING = 0.01
+#: stiffness, over the mean, that the preconditioner adds to the motions of each ball: a ball may
+#: have no contact
+_LEAST_LOCAL = 1e-5
 #: GMRES iterations, at most
 _MOST_ITERATIONS = 300
 #: GMRES iterations after which weakly held balls are looked for
@@ -131,7 +133,7 @@ class Trial:
     ``linearise`` finds the tangent of the law, which few trials need.
     """
 
-    place: Place
+    place: PressedPlace
     balls: Array
     overlap: float
     contacts: Contacts
@@ -168,10 +170,10 @@ class LoadStep:
 
     def __init__(
         self,
-        geometry: Geometry,
+        geometry: PressedGeometry,
         law: FrictionLaw,
         here: PressedArray,
-        place: Place,
+        place: PressedPlace,
         load: ReducedLoad,
         patches: Patches,
         drag: float = 0.0,
@@ -329,7 +331,7 @@ class LoadStep:
     def _try(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
         place = self._geometry.place(balls, overlap)
         before = self._here.contacts
-        slips = place.slips(self._place, before.slips)
+        slips = place.find_slips(self._place, before.slips)
         contacts, linearise = self._law.advance(before, place.overlaps, slips, guess)
         forces = contacts.forces
         load = self._load
@@ -341,13 +343,10 @@ class LoadStep:
             loss = contacts.overlaps - before.overlaps - (overlap - self._here.overlap)
             normal = forces + self._drag * loss
             shears = shears + stencils.mindlin_ratio * self._drag * (contacts.slips - before.slips)
-        pull = place.pull(normal, shears)
+        on_balls = place.push(normal, shears)
+        pull = self._geometry.collect_forces(*on_balls)
         push = forces.size * find_lack(load, place, forces, contacts.shears)
-        fields = pull.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
-        parts = stencils.cartesian(pull), fields[:, stencils.motions.turning].swapaxes(0, 1)
-        square = max(
-            float(np.max(np.einsum("a...,a...->...", one, one), initial=0.0)) for one in parts
-        )
+        square = max(float(np.max(np.einsum("na,na->n", each, each))) for each in on_balls)
         scale = max(force, self._drag)
         scale = scale if scale > _FALLEN * self._here.force else math.inf
         size = math.sqrt(dot(pull, pull) + push * push / forces.size)
@@ -371,7 +370,7 @@ class LoadStep:
         share = min(1.0, secant * distance * hold)
         tangent = trial.tangent.regularise(added, eta, share, self._drag, mean)
         product = trial.place.linearise(
-            tangent, trial.contacts.forces / mean, trial.contacts.shears / mean
+            tangent, trial.contacts.forces / mean, trial.contacts.shears / mean, free=free
         )
         reduction = min(
             _LOOSEST, max(_FORCING * math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance)
@@ -400,15 +399,19 @@ class LoadStep:
         stencils = self._stencils
         tangent = trial.tangent
         least = _LOOSE * self._law.mindlin_ratio
-        loose: NDArray[np.bool_] = (
-            stencils.around(tangent.springs[0] - least * tangent.stiffness) < 0.0
-        )
-        if not np.any(loose):
+        resisting = np.ravel(tangent.springs[0] - least * tangent.stiffness)
+        contacts = self._geometry.contacts
+        n_balls = stencils.n_balls * math.prod(stencils.shape)
+        around = np.bincount(contacts.i, resisting, n_balls)
+        around += np.bincount(contacts.j, resisting, n_balls)
+        loose = around.reshape(stencils.n_balls, *stencils.shape) < 0.0
+        count = stencils.motions.count
+        (turning,) = range(count)[stencils.motions.turning]
+        torque = trial.pull.reshape(-1, count, *stencils.shape)[:, turning][loose]
+        if not dot(torque, torque) > (_TURNING * trial.size) ** 2:
             return trial
         # contacts around these balls, (contacts, balls) of each, and their slips as the balls turn
-        count = stencils.motions.count
-        (turning,) = range(stencils.motions.count)[stencils.motions.turning]
-        ball, *cell = np.nonzero(stencils.by_ball(loose))
+        ball, *cell = np.nonzero(loose)
         places: list[Any] = []
         reach: list[Array] = []
         slips = stencils.coefficients[:, stencils.n_contacts :].swapaxes(0, 1)
@@ -461,7 +464,7 @@ class LoadStep:
         fields = balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)[
             :, stencils.motions.turning
         ]
-        fields[:, 0][stencils.by_ball(loose)] += turn
+        fields[:, 0][loose] += turn
         return self._try(balls, trial.overlap, guess)
 
 
@@ -480,7 +483,12 @@ class LinearSteps:
         self._put: Put | None = None
 
     def solve(
-        self, product: Product, tangent: Tangent, pull: Array, push: float | None, reduction: float
+        self,
+        product: PressedTangent,
+        tangent: Tangent,
+        pull: Array,
+        push: float | None,
+        reduction: float,
     ) -> tuple[Motion, int]:
         """Return the motion that takes all but the part ``reduction`` of a ``pull`` away, and the
         number of iterations.
@@ -488,10 +496,10 @@ class LinearSteps:
         The mean stiffness of the ``tangent`` is one; its ``product`` is that of the geometry.
         Without a ``push``, the force that the contacts lack in sum, the overlap stays as it is.
         """
-        # the product of the lattice serves as it is in the true geometry too, where its own takes
-        # longer
-        near = product if isinstance(product, ContactHessian) else multiply(self._stencils, tangent)
-        size, inverse = pull.size, self.invert(tangent, near)
+        from granphon.array.minimal_residuals import solve_by_minimal_residuals  # compiled
+
+        size = pull.size
+        inverse = self.invert(tangent, product)
         held = np.float32(1.0 / tangent.stiffness.size)
 
         def apply(vector: Single) -> Single:
@@ -533,31 +541,29 @@ class LinearSteps:
             found[:size].reshape(pull.shape), 0.0 if push is None else float(found[size])
         ), taken
 
-    def invert(self, tangent: Tangent, product: Product) -> Inverse:
+    def invert(self, tangent: Tangent, product: PressedTangent) -> Inverse:
         """Return an approximate inverse of C^T D C, of which ``product`` is the product.
 
         The patch may be that of a tangent before: it is made anew only when it does not serve any
         more.
         """
-        stencils = self._stencils
-        stiffnesses = np.concatenate(
-            [tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)]
-        )
-        springs: Single = stiffnesses.astype(np.float32)
-        smooth = stencils.block_jacobi(springs)
-        green = stencils.green_preconditioner(
-            springs.dtype, float(np.mean(springs[: stencils.n_contacts]))
-        )
+        from granphon.contacts import grid_product  # imported here: averages need no Numba
+
+        level = float(np.mean(tangent.stiffness))
+        alone = product.invert_alone(_LEAST_LOCAL * level)
+        green = self._stencils.green_preconditioner(np.float32, level)
 
         def apply(force: Single) -> Single:
-            motion = np.zeros_like(force)
-            smooth(force, motion)
+            motion = np.empty_like(force)
+            remaining = np.empty_like(force)
+            fields = [each.reshape(len(force), 1, -1) for each in (force, motion, remaining)]
+            grid_product.move_alone(alone, product.product, *fields)
             if self._put is not None:
                 self._put(force, motion)
+                grid_product.leave(product.product, *fields)
             # where few balls touch, Green's function would pass on what each ball's own motion
             # leaves too far
-            moved = green(force if self._damped else force - product(motion, None)[0])
-            moved += motion
-            return moved
+            motion += green(force if self._damped else remaining)
+            return motion
 
         return apply

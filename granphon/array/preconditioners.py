@@ -25,10 +25,10 @@ from functools import cached_property
 import numpy as np
 
 from granphon.array.contact_operator import ContactHessian
-from granphon.array.friction import Tangent
 from granphon.array.sparse_matrices import STIFF, compose, factorise_contacts
 from granphon.array.stencils import Stencils, number_cells
 from granphon.base.arrays import Array, Index
+from granphon.contacts.friction import Tangent
 from granphon.dynamics.factors import factorise
 
 Inverse = Callable[[Array], Array]

@@ -25,10 +25,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.array.equilibrium import Equilibrium
-from granphon.array.friction import SLIDES, Contacts, FrictionLaw, PressedArray
-from granphon.array.geometry import ExactGeometry, ExactPlace, ReducedLoad, find_boundary_force
+from granphon.array.geometry import ReducedLoad, find_boundary_force
 from granphon.array.history import LoadingHistory
-from granphon.array.sample import STEP, Sample, find_density, turn_frames
+from granphon.array.pressed_array import PressedArray
+from granphon.array.pressed_place import PressedGeometry, PressedPlace
+from granphon.array.sample import STEP, Sample, find_density
 from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import list_exact_contacts
 from granphon.balls.hertz import reduce_by_slip
@@ -36,6 +37,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import read_only
 from granphon.contacts.contact_list import ContactList
+from granphon.contacts.friction import SLIDES, Contacts, FrictionLaw
 from granphon.networks.network import ContactNetwork
 
 if TYPE_CHECKING:
@@ -129,9 +131,9 @@ class PressedEquilibrium(Equilibrium):
         )
 
     @cached_property
-    def place(self) -> ExactPlace:
-        """Configuration of the balls in the true geometry."""
-        geometry = ExactGeometry(self.sheared, self.deviations, self.ratio)
+    def pressed_place(self) -> PressedPlace:
+        """Configuration of the balls with their rotations."""
+        geometry = PressedGeometry(self.sheared, self.deviations, self.ratio)
         return geometry.place(self.sheared.spread(self.balls, self.rotations), self.overlap)
 
     @property
@@ -139,9 +141,9 @@ class PressedEquilibrium(Equilibrium):
         """Force f*, a reduced number, at which the pressure is the same where the cell keeps its
         size.
         """
-        return (
-            find_boundary_force(self.place, self.forces, self.shears) if self.ratio else self.force
-        )
+        if not self.ratio:
+            return self.force
+        return find_boundary_force(self.pressed_place, self.forces, self.shears)
 
     @cached_property
     def law(self) -> FrictionLaw:
@@ -215,7 +217,8 @@ class PressedEquilibrium(Equilibrium):
             return super()._list_contacts(shear, torsion, bending)
         forces = self.forces * (self.stiffnesses > 0.0)
         ratio = np.asarray(shear, float)
-        return list_exact_contacts(self, forces, ratio, torsion, bending, shears=self.shears)
+        acting = self.pressed_place.turn(self.shears * (self.stiffnesses > 0.0))
+        return list_exact_contacts(self, forces, ratio, torsion, bending, shears=acting)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -253,11 +256,9 @@ class PressedSample(Sample):
         balls are apart.
         """
         here = self.equilibrium
-        t, b = here.place.tangents if here.ratio else ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-        one, other = (*here.shears, 0.0)[:2]
-        parts = one * t[0] + other * b[0], one * t[1] + other * b[1], one * t[2] + other * b[2]
-        vectors = turn_frames(self.packing, parts, self.shape)
-        return np.asarray(-self._units.force * vectors[..., : self.packing.structure.periods])
+        vectors = here.pressed_place.turn(here.shears)[:, : self.packing.structure.periods]
+        by_kind = vectors.reshape(-1, *self.shape, vectors.shape[1])
+        return np.asarray(-self._units.force * np.moveaxis(by_kind, 0, -2))
 
     @cached_property
     def network(self) -> ContactNetwork:
@@ -390,7 +391,7 @@ class PressedSample(Sample):
         loads = [
             ReducedLoad(force=here.force * math.exp(times * STEP)) for times in (1.0, 2.0, 3.0)
         ]
-        geometry = ExactGeometry(stencils, here.deviations, here.ratio) if here.ratio else None
+        geometry = PressedGeometry(stencils, here.deviations, here.ratio)
         history = LoadingHistory(
             here.deviations, stencils, here.friction_coefficient, math.inf, geometry=geometry
         )

@@ -233,18 +233,6 @@ class Stencils:
         """
         return ContactHessian(self.operator, [stiffness], precision=stiffness.dtype)
 
-    def couple(self, table: Array) -> ContactHessian:
-        """Return the product of C^T D C with motions, for a symmetric D of each contact, (m, m,
-        contacts, L1, ..., Lp).
-        """
-        coupling: dict[tuple[int, int], Array] = {}
-        for a, b in combinations(range(len(table)), 2):
-            if np.any(table[a, b]):
-                coupling[a, b] = coupling[b, a] = table[a, b]
-        return ContactHessian(
-            self.operator, [table[a, a] for a in range(len(table))], coupling, table.dtype
-        )
-
     def around(self, contacts: Array) -> Array:
         """Return sums of the values (contacts, L1, ..., Lp) over the contacts of each ball, of
         :attr:`ball_shape`.

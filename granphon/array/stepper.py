@@ -51,8 +51,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granphon.array.equilibrium import THRESHOLD_FORCE
-from granphon.array.friction import Contacts, FrictionLaw, PressedArray
-from granphon.array.geometry import Geometry, Place, ReducedLoad, find_boundary_force
+from granphon.array.geometry import ReducedLoad, find_boundary_force
 from granphon.array.load_step import (
     FAST_LIMITS,
     SLOW_LIMITS,
@@ -62,9 +61,12 @@ from granphon.array.load_step import (
     Trial,
 )
 from granphon.array.preconditioners import Patches
+from granphon.array.pressed_array import PressedArray
+from granphon.array.pressed_place import PressedGeometry, PressedPlace
 from granphon.array.stencils import dot
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
+from granphon.contacts.friction import Contacts, FrictionLaw
 
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is
 #: not yet accurate
@@ -120,13 +122,13 @@ class Stepper:
     from_gas : whether balls were pressed from the gas, so that friction alone may hold them.
     """
 
-    geometry: Geometry
+    geometry: PressedGeometry
     law: FrictionLaw
     from_gas: bool = False
 
     def __post_init__(self) -> None:
         self._patches = Patches(self.geometry.stencils)
-        self._located: deque[tuple[Array, Place]] = deque(maxlen=3)
+        self._located: deque[tuple[Array, PressedPlace]] = deque(maxlen=3)
 
     def place(self, displacements: Array, overlap: float, residual: float = 0.0) -> PressedArray:
         """Return balls with displacements (n p, L1, ..., Lp), without rotations and tangential
@@ -277,7 +279,7 @@ class Stepper:
         mend = mend or f"End the path before this load, or {other}"
         return ConvergenceError(what, why[0].upper() + why[1:], mend)
 
-    def locate(self, here: PressedArray) -> Place:
+    def locate(self, here: PressedArray) -> PressedPlace:
         """Return the configuration of a state; those of the last three are kept."""
         for balls, place in self._located:
             if balls is here.balls:

@@ -92,7 +92,7 @@ class TrueEquilibrium(Equilibrium):
         carried = np.where(_ASIDE * self.ratio * self.forces > least, self.forces, -self.forces) * (
             stiffness > 0.0
         )
-        return ActingForces(lambda loss, slip: (stiffness * loss, slip), carried)
+        return ActingForces(stiffness, carried)
 
     def _act_at_rest(self, shear: Array | None = None) -> ActingForces:
         """Return what :meth:`_act` does where the energy is known to be least.
@@ -139,7 +139,7 @@ class TrueEquilibrium(Equilibrium):
             motions = response.find_motions(stencils.list_forces(forces)[..., None])
             return stencils.gather_motions(motions[..., 0])
 
-        return find, self.place.geometry.split(Motion(find(-pull), 1.0))[0]
+        return find, self.place.geometry.split(Motion(find(-pull), 1.0))
 
     def response(self) -> Array:
         """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y;
@@ -161,9 +161,8 @@ class TrueEquilibrium(Equilibrium):
         # the second derivatives: of the overlaps along the motion itself, and by the motion that
         # balances those of forces
         bend, push = place.curve(moved, self.forces, stiffness, self.stiffness_slopes)
-        more = bend - place.lose(
-            place.geometry.split(Motion(find(place.geometry.join(push, *_STILL)), 0.0))[0]
-        )
+        follow = find(place.geometry.join(push))
+        more = bend - place.lose(place.geometry.split(Motion(follow, 0.0)))
         return float(np.mean(-stiffness * loss)), float(
             np.mean(self.stiffness_slopes * loss**2 + stiffness * more)
         )
@@ -244,8 +243,8 @@ class HydrostaticCourse:
         stiffness = state.stiffnesses
         slopes = state.stiffness_slopes
         bend, push = place.curve(self.moved, state.forces, stiffness, slopes)
-        motion = self._find(self._geometry.join(push, *_STILL))
-        straight = self._geometry.split(Motion(motion, 0.0))[0]
+        motion = self._find(self._geometry.join(push))
+        straight = self._geometry.split(Motion(motion, 0.0))
         forced = (self._multiply(push) + self._resist(straight)) @ self._cell
         forced += 2.0 * self._resist(self.moved) @ self._strained.T
         shears = self._balance(forced)
@@ -274,10 +273,10 @@ class HydrostaticCourse:
         """Return the relative displacements of contacts once the balls have followed those that a
         strain makes.
         """
-        rows = self._geometry.stack(affine, *_STILL)
+        rows = self._geometry.stack(affine)
         tensions, _ = self._place.resist(rows, self._acting)
         motion = self._find(-self._geometry.frame.forces(*tensions))
-        moved = self._geometry.split(Motion(motion, 0.0))[0]
+        moved = self._geometry.split(Motion(motion, 0.0))
         return tuple(a + b for a, b in zip(affine, moved, strict=True))
 
     def _add(self, moved: Any, shears: Array) -> Any:
@@ -290,7 +289,7 @@ class HydrostaticCourse:
         """Return how the forces of contacts times their directions on the lattice (p, p) change
         with relative displacements.
         """
-        tensions, _ = self._place.resist(self._geometry.stack(moved, *_STILL), self._acting)
+        tensions, _ = self._place.resist(self._geometry.stack(moved), self._acting)
         return -self._multiply(tensions)
 
     def _multiply(self, push: Any) -> Array:
@@ -324,9 +323,9 @@ def list_exact_contacts(
     """Return the contacts of a state at rest in the true geometry, with the forces that act.
 
     ``forces`` (n_c, L1, ..., Lp) are normal, below zero where they hold balls that go aside, and
-    ``shears`` tangential, if there are any. ``shear``, ``torsion`` and ``bending`` are those of
-    :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`; ``turns`` says whether balls
-    rotate.
+    ``shears`` (contacts, 3) tangential, if there are any. ``shear``, ``torsion`` and ``bending``
+    are those of :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`; ``turns`` says
+    whether balls rotate.
     """
     normal = state.stiffnesses
     springs = Springs.of(normal, shear * normal, np.asarray(torsion) * normal, bending * normal)
@@ -336,11 +335,8 @@ def list_exact_contacts(
         springs,
         np.abs(forces),
         forces < 0.0,
-        None if shears is None else (normal > 0.0) * shears,
+        shears,
     )
-
-
-_STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def equilibrate_exactly(

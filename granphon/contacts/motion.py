@@ -5,7 +5,7 @@ Slip, twist and rolling s are resisted by forces T whose stiffness is in proport
 flat punch as wide as the contact, k_t = eta 2 E* a(h), which without adhesion is the normal
 stiffness k: dT = k_t ds while a rises, and the elastic part T/k_t is kept while a falls. Slip ends
 at Coulomb's limit |T| <= mu f, of the force f of the law, without that of dashpots. It is the law
-of :mod:`granphon.array.friction`. Dashpots add tau k(h) times the rate of an elongation (G.
+of :mod:`granphon.contacts.friction`. Dashpots add tau k(h) times the rate of an elongation (G.
 Kuwabara and K. Kono, Jpn. J. Appl. Phys. 26, 1230, 1987), and tau' k_t(h) times those of other
 deformations.
 

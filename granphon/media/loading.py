@@ -26,9 +26,10 @@ from granphon.array.equilibrium import (
     equilibrate,
     explain_too_small,
 )
-from granphon.array.friction import PressedArray
-from granphon.array.geometry import ExactGeometry, ReducedLoad
+from granphon.array.geometry import ReducedLoad
 from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING, LoadingHistory
+from granphon.array.pressed_array import PressedArray
+from granphon.array.pressed_place import PressedGeometry
 from granphon.array.pressed_sample import SHEAR_RESPONSES, PressedEquilibrium, PressedSample
 from granphon.array.sheared_equilibrium import equilibrate_sheared
 from granphon.array.stencils import Stencils
@@ -446,7 +447,7 @@ class LoadedSample:
     def _begin(self) -> tuple[LoadingHistory, PressedArray]:
         """Return the history of different balls, and their state at its start."""
         stencils = self._stencils(self.packing.mindlin_ratio)
-        geometry = ExactGeometry(stencils, self.deviations, self.ratio) if self.ratio else None
+        geometry = PressedGeometry(stencils, self.deviations, self.ratio)
         start = self.history.reduce_start(self.packing, is_exact=bool(self.ratio))
         mu = self.history.friction_coefficient
         assert mu is not None

@@ -24,6 +24,14 @@ from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 from granphon.contacts.contact_list import ContactList
+from granphon.contacts.grid_product import (
+    GridProduct,
+    add_across,
+    add_alone,
+    invert_blocks,
+    leave,
+    move_alone,
+)
 from granphon.contacts.tangent import Tangent, find_tangent
 
 Values = NDArray[Any]
@@ -40,8 +48,6 @@ _DIGITS = 2
 #: balls of a grid, at most, whose Green's function is kept and whose right sides share transforms:
 #: beyond, memory counts
 _KEPT_BALLS = 2**13
-#: contacts of a kind that are multiplied at a time, so that they stay in the processor's cache
-_CACHED = 256
 
 
 class GridSolution(NamedTuple):
@@ -88,15 +94,16 @@ class GridIteration:
         self._n_motions = len(contacts.axes)
         self._level = float(np.mean(contacts.normal_stiffness)) or 1.0
         self._softness = np.float32(1.0 / self._level)
-        self._product: _GridProduct = _GridProduct.of(
-            tangent, earlier._product if earlier else None
-        )
+        blocks = tangent.blocks
+        self._product: GridProduct = (
+            earlier._product if earlier else GridProduct.of(contacts.i, contacts.j, self._cells)
+        )._replace(diagonal=blocks.diagonal, forward=blocks.forward, backward=blocks.forward)
         self._coarse = self._product.round()
         self._green: NDArray[Any] = (
             earlier._green if earlier else _find_green(contacts, self._level, even, most_kept)
         )
         self._alone = np.empty_like(self._coarse.diagonal)
-        _invert_blocks(self._product.diagonal, _HOLDING * self._level, _DAMPED, self._alone)
+        invert_blocks(self._product.diagonal, _HOLDING * self._level, _DAMPED, self._alone)
 
     def solve(self, forces: Array, reduction: float, most: int, noise: float) -> GridSolution:
         """Return the motions under ``forces`` (n, m, k), by conjugate gradients.
@@ -175,7 +182,7 @@ class GridIteration:
         single = forces.astype(np.float32)
         motions = np.empty_like(single)
         remaining = np.empty_like(single)
-        _move_alone(self._alone, self._coarse, single, motions, remaining)
+        move_alone(self._alone, self._coarse, single, motions, remaining)
         motions += self._apply_green(remaining)
         _move_again(self._alone, self._coarse, single, motions, remaining)
         return motions
@@ -207,42 +214,6 @@ class GridIteration:
         """Return arrays (n, m, k) of balls, of those (f, k, cells)."""
         by_ball = fields.reshape(-1, self._n_motions, *fields.shape[1:])
         return by_ball.transpose(0, 3, 1, 2).reshape(-1, self._n_motions, fields.shape[1])
-
-
-class _GridProduct(NamedTuple):
-    """What loops read to multiply the symmetric tangent of a grid, in double or single precision.
-
-    Attributes
-    ----------
-    diagonal : (m, m, n) blocks of balls.
-    forward : (m, m, n_c) blocks of contacts.
-    ends : (kinds, 2) balls of the cell that each kind of contact joins.
-    steps : (kinds, cells) cell where a contact ends that starts in each cell.
-    """
-
-    diagonal: Values
-    forward: Values
-    ends: NDArray[np.int64]
-    steps: NDArray[np.uint32]
-
-    @classmethod
-    def of(cls, tangent: Tangent, earlier: _GridProduct | None = None) -> _GridProduct:
-        """Return the product with a tangent; ``earlier`` is one on the same grid."""
-        blocks = tangent.blocks
-        if earlier:
-            return earlier._replace(diagonal=blocks.diagonal, forward=blocks.forward)
-        contacts = tangent.contacts
-        cells = math.prod(contacts.grid)
-        # numbers without a sign: a loop need not ask whether an index counts from the end
-        steps = (contacts.j % cells).reshape(-1, cells).astype(np.uint32)
-        ends = np.stack([contacts.i[::cells], contacts.j[::cells]], axis=1) // cells
-        return cls(blocks.diagonal, blocks.forward, ends, steps)
-
-    def round(self) -> _GridProduct:
-        """Return the product in single precision."""
-        return self._replace(
-            diagonal=self.diagonal.astype(np.float32), forward=self.forward.astype(np.float32)
-        )
 
 
 def _find_green(contacts: ContactList, level: float, even: bool, most_kept: int) -> NDArray[Any]:
@@ -377,7 +348,7 @@ def _multiply_columns(one: Array, another: Values) -> Array:
 
 @compiled
 def _turn(
-    product: _GridProduct,
+    product: GridProduct,
     factors: Array,
     better: Values,
     way: Array,
@@ -395,8 +366,8 @@ def _turn(
             for cell in range(len(along)):
                 along[cell] = factor * along[cell] + more[cell]
     change[:] = 0.0
-    _add_alone(product.diagonal, way, change)
-    _add_across(product.ends, product.steps, product.forward, way, change)
+    add_alone(product.diagonal, way, change)
+    add_across(product, way, change)
     curvatures[:] = _multiply_columns(way, change)
 
 
@@ -416,109 +387,14 @@ def _go_on(lengths: Array, way: Array, change: Array, motions: Array, remaining:
 
 
 @compiled
-def _move_alone(
-    alone: Values, product: _GridProduct, forces: Values, motions: Values, remaining: Values
-) -> None:
-    """Set ``motions`` (f, k, cells) to those of each ball under ``forces``, others held, and
-    ``remaining`` to the forces that they leave.
-    """
-    motions[:] = 0.0
-    _add_alone(alone, forces, motions)
-    _leave(product, forces, motions, remaining)
-
-
-@compiled
-def _leave(product: _GridProduct, forces: Values, motions: Values, remaining: Values) -> None:
-    """Set ``remaining`` to the ``forces`` that ``motions`` leave."""
-    remaining[:] = 0.0
-    _add_alone(product.diagonal, motions, remaining)
-    _add_across(product.ends, product.steps, product.forward, motions, remaining)
-    for field in range(len(forces)):
-        for k in range(forces.shape[1]):
-            pull = forces[field, k]
-            left = remaining[field, k]
-            for cell in range(len(pull)):
-                left[cell] = pull[cell] - left[cell]
-
-
-@compiled
 def _move_again(
-    alone: Values, product: _GridProduct, forces: Values, motions: Values, remaining: Values
+    alone: Values, product: GridProduct, forces: Values, motions: Values, remaining: Values
 ) -> None:
     """Add to ``motions`` those of each ball under what they leave of ``forces``; ``remaining`` is
     overwritten.
     """
-    _leave(product, forces, motions, remaining)
-    _add_alone(alone, remaining, motions)
-
-
-@compiled
-def _add_alone(blocks: Values, columns: Values, out: Values) -> None:
-    """Add to ``out`` (f, k, cells) the products of the blocks (m, m, n) of balls with columns (f,
-    k, cells).
-    """
-    m = len(blocks)
-    cells = columns.shape[2]
-    for ball in range(len(columns) // m):
-        for line in range(m):
-            for motion in range(m):
-                block = blocks[line, motion, ball * cells : (ball + 1) * cells]
-                for k in range(columns.shape[1]):
-                    column = columns[ball * m + motion, k]
-                    sums = out[ball * m + line, k]
-                    for cell in range(cells):
-                        sums[cell] += block[cell] * column[cell]
-
-
-@compiled
-def _add_across(
-    ends: NDArray[np.int64],
-    steps: NDArray[np.uint32],
-    blocks: Values,
-    motions: Values,
-    forces: Values,
-) -> None:
-    """Add to ``forces`` (f, k, cells) those of contacts on their two balls against motions of the
-    other ball.
-
-    ``ends`` (kinds, 2) are the balls of the cell that each kind of contact joins, ``steps`` (kinds,
-    cells) the cell where a contact ends that starts in each cell, and ``blocks`` (m, m, n_c).
-    """
-    m = len(blocks)
-    cells = motions.shape[2]
-    far = np.empty((m, _CACHED), motions.dtype)
-    back = np.empty((m, _CACHED), motions.dtype)
-    for kind in range(len(ends)):
-        at_i = m * ends[kind, 0]
-        at_j = m * ends[kind, 1]
-        for start in range(0, cells, _CACHED):
-            stop = min(start + _CACHED, cells)
-            count = stop - start
-            step = steps[kind, start:stop]
-            for k in range(motions.shape[1]):
-                for motion in range(m):
-                    gathered = far[motion]
-                    moved = motions[at_j + motion, k]
-                    for cell in range(count):
-                        gathered[cell] = moved[step[cell]]
-                    back[motion] = 0.0
-                for line in range(m):
-                    near = motions[at_i + line, k, start:stop]
-                    push = forces[at_i + line, k, start:stop]
-                    for motion in range(m):
-                        first = kind * cells
-                        block = blocks[line, motion, first + start : first + stop]
-                        gathered = far[motion]
-                        pull = back[motion]
-                        for cell in range(count):
-                            push[cell] += block[cell] * gathered[cell]
-                        for cell in range(count):
-                            pull[cell] += block[cell] * near[cell]
-                for motion in range(m):
-                    pull = back[motion]
-                    push = forces[at_j + motion, k]
-                    for cell in range(count):
-                        push[step[cell]] += pull[cell]
+    leave(product, forces, motions, remaining)
+    add_alone(alone, remaining, motions)
 
 
 @compiled
@@ -535,33 +411,3 @@ def _multiply_waves(green: Values, scale: np.float32, waves: Values, out: Values
                 sums = out[line, k]
                 for wave in range(len(factor)):
                     sums[wave] += scale * factor[wave] * column[wave]
-
-
-@compiled
-def _invert_blocks(blocks: Values, least: float, part: float, inverses: Values) -> None:
-    """Set ``inverses`` (m, m, n) to those of symmetric blocks with ``least`` added to the diagonal,
-    times a ``part``.
-    """
-    m = len(blocks)
-    work = np.empty((m, m))
-    for ball in range(blocks.shape[2]):
-        for line in range(m):
-            for column in range(m):
-                work[line, column] = blocks[line, column, ball]
-            work[line, line] += least
-        # the elimination of Gauss and Jordan in place; pivots of a positive matrix are on its
-        # diagonal
-        for pivot in range(m):
-            over = 1.0 / work[pivot, pivot]
-            work[pivot, pivot] = 1.0
-            for column in range(m):
-                work[pivot, column] *= over
-            for line in range(m):
-                if line != pivot:
-                    factor = work[line, pivot]
-                    work[line, pivot] = 0.0
-                    for column in range(m):
-                        work[line, column] -= factor * work[pivot, column]
-        for line in range(m):
-            for column in range(m):
-                inverses[line, column, ball] = part * work[line, column]

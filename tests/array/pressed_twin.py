@@ -18,7 +18,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.friction import PressedArray
+from granphon.array.pressed_array import PressedArray
 from granphon.array.stencils import Stencils
 from tests import packings
 

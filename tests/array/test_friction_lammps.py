@@ -12,8 +12,9 @@ import pytest
 
 import granphon as gp
 from granphon.array.equilibrium import equilibrate
-from granphon.array.geometry import ExactGeometry, ReducedLoad
+from granphon.array.geometry import ReducedLoad
 from granphon.array.history import LoadingHistory
+from granphon.array.pressed_place import PressedGeometry
 from granphon.array.stencils import Stencils
 from tests.array.pressed_twin import PressedTwin, apart
 
@@ -32,7 +33,7 @@ def differences(mu, spacings, steps, *width, exact=False):
     stencils = Stencils(SHAPE, ETA)
     start, geometry = (
         equilibrate(x, ReducedLoad(overlap=spacings[0] - 0.5)),
-        ExactGeometry(stencils, x, *width) if exact else None,
+        PressedGeometry(stencils, x, *width) if exact else None,
     )
     history = LoadingHistory(x, stencils, mu, math.inf, start, geometry=geometry)
     ways = [np.linspace(a, b, steps + 1)[1:] - 0.5 for a, b in itertools.pairwise(spacings)]
@@ -125,7 +126,7 @@ def test_the_mean_force_is_that_of_lammps_from_a_start_of_its_own(size):
     found = [twin.press(load)[0].mean() for load in loads]
     twin.close()
     errors = []
-    for geometry in (ExactGeometry(stencils, x, width), None):
+    for geometry in (PressedGeometry(stencils, x, width), None):
         history = LoadingHistory(x, stencils, mu, math.inf, geometry=geometry)
         forces = [
             state.force for state in history.path(ReducedLoad(overlap=load) for load in loads)

@@ -17,15 +17,17 @@ from scipy.integrate import simpson
 
 import granphon as gp
 from granphon.array.equilibrium import equilibrate
-from granphon.array.geometry import ActingForces, ExactGeometry, LatticeGeometry, ReducedLoad
+from granphon.array.geometry import ActingForces, ExactGeometry, ReducedLoad
 from granphon.array.history import LoadingHistory
 from granphon.array.load_step import BALANCE_TOLERANCE
+from granphon.array.pressed_place import PressedGeometry
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium, assemble, equilibrate_exactly
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR
 from granphon.base.errors import InputError
+from granphon.contacts.friction import Tangent
 from granphon.dynamics.elasticity import bulk_and_shear, voigt_pairs
 from granphon.media.left_out import estimate_shear_deficit
 from granphon.media.loading import find_equilibria, find_equilibrium
@@ -203,7 +205,7 @@ def some_place(lattice, shape, ratio, size=0.2):
     stencils = Stencils(shape, ETA, lattice=lattice)
     rng = np.random.default_rng(len(shape))
     motion = size * rng.normal(size=(stencils.n_fields, *shape))
-    geometry = ExactGeometry(stencils, balls(shape, lattice=lattice), ratio)
+    geometry = PressedGeometry(stencils, balls(shape, lattice=lattice), ratio)
     place = geometry.place(motion, 0.3)
     forces = rng.uniform(size=place.overlaps.shape)
     return geometry, place, forces, rng.normal(size=(len(shape) - 1, *forces.shape)), rng
@@ -216,19 +218,26 @@ def some_place(lattice, shape, ratio, size=0.2):
 @pytest.mark.parametrize("ratio", [0.0, 1e-3, 1e-5])
 def test_in_the_limit_of_no_width_the_geometry_is_that_of_the_lattice(lattice, shape, ratio):
     geometry, place, forces, shears, _ = some_place(lattice, shape, ratio)
-    straight = LatticeGeometry(geometry.stencils, balls(shape, lattice=lattice)).place(
-        place.balls, 0.3
-    )
+    stencils = geometry.stencils
+    deviations = balls(shape, lattice=lattice)
+    n = stencils.n_contacts
+    rows = stencils.operator.deform(place.balls)
+    overlaps = 0.3 + stencils.average_pairs(deviations) - rows[:n]
     begun = geometry.place(np.zeros_like(place.balls), 0.3), np.zeros_like(shears)
     allowed = 20.0 * ratio + 1e-14
-    np.testing.assert_allclose(place.overlaps, straight.overlaps, rtol=0.0, atol=allowed)
-    np.testing.assert_allclose(place.slips(*begun), straight.slips(*begun), rtol=0.0, atol=allowed)
+    np.testing.assert_allclose(place.overlaps, overlaps, rtol=0.0, atol=allowed)
     np.testing.assert_allclose(
-        place.pull(forces, shears), straight.pull(forces, shears), rtol=0.0, atol=allowed
+        place.find_slips(*begun), rows[n:].reshape(shears.shape), rtol=0.0, atol=allowed
     )
-    np.testing.assert_allclose(place.differences, place.overlaps - 0.3, rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(
+        place.pull(forces, shears), stencils.forces(forces, *-shears), rtol=0.0, atol=allowed
+    )
     if ratio:  # and no closer than that
-        assert np.max(np.abs(place.overlaps - straight.overlaps)) > 0.1 * ratio
+        assert np.max(np.abs(place.overlaps - overlaps)) > 0.1 * ratio
+    smooth = Stencils(shape, lattice=lattice)
+    moved = smooth.spread(0.2 * np.random.default_rng(0).normal(size=(smooth.n_fields, *shape)))
+    alone = ExactGeometry(smooth, deviations, ratio).place(moved, 0.3)
+    np.testing.assert_allclose(alone.differences, alone.overlaps - 0.3, rtol=0.0, atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -239,50 +248,77 @@ def test_overlaps_and_arms_are_those_of_positions(lattice, shape):
     twin = Positions(geometry.stencils, balls(shape, lattice=lattice), 0.05, 0.3)
     h, n, _, (arm_i, arm_j) = twin.contacts(in_space(geometry.stencils, place.balls), np.eye(3))
     np.testing.assert_allclose(place.overlaps.ravel(), h, rtol=0.0, atol=1e-14)
-    np.testing.assert_allclose(place.normal[0].ravel(), np.sum(n * twin.e, axis=1), rtol=1e-14)
-    np.testing.assert_allclose(place.size.ravel(), arm_i + arm_j, rtol=1e-14)
-    np.testing.assert_allclose(2.0 * geometry.uneven.ravel(), arm_j - arm_i, rtol=0.0, atol=1e-15)
+    here = place.configuration
+    np.testing.assert_allclose(here.normal, n, rtol=0.0, atol=1e-14)
+    np.testing.assert_allclose(here.distance, arm_i + arm_j, rtol=1e-14)
+    uneven = 2.0 * geometry.contacts.uneven
+    np.testing.assert_allclose(uneven, arm_j - arm_i, rtol=0.0, atol=1e-15)
+
+
+def differentiate(change, step=0.01):
+    """The derivative at zero, of sixth order, of which ``change(h)`` is the change from -h to h."""
+    ways = 45.0 * change(step) - 9.0 * change(2.0 * step) + change(3.0 * step)
+    return ways / (60.0 * step)
+
+
+def differentiate_contacts(geometry, place, way):
+    """The loss of overlaps, and the slips, along a way of balls and of the overlap."""
+
+    def go(length):
+        return geometry.place(
+            place.balls + length * way.balls, place.overlap + length * way.compression
+        )
+
+    loss = differentiate(lambda step: go(-step).overlaps - go(step).overlaps)
+    none = np.zeros(geometry.slip_shape)
+    return loss, differentiate(lambda step: go(step).find_slips(go(-step), none)), go
 
 
 @LATTICES
 def test_the_linear_operator_is_the_derivative(lattice, shape):
     geometry, place, forces, shears, rng = some_place(lattice, shape, 0.05)
     way = Motion(rng.normal(size=place.balls.shape), 0.7)
+    stiffness = rng.uniform(size=forces.shape)
+    shear = rng.uniform(size=forces.shape)
+    coupling = rng.normal(size=shears.shape)
+    sliding = rng.normal(size=shears.shape)
+    sliding /= np.sqrt(np.sum(sliding**2, axis=0))
+    tangent = Tangent(stiffness, shear, coupling, sliding, 0.3)
+    loss, slip, go = differentiate_contacts(geometry, place, way)
+    # by the law of friction, and by what turns
+    weakened, change = tangent.apply(loss, slip)
+    found = place.pull(-weakened, change)
+    found += differentiate(
+        lambda step: go(step).pull(forces, shears) - go(-step).pull(forces, shears)
+    )
+    for precision, close in ((np.float64, 1e-12), (np.float32, 1e-6)):
+        product = place.linearise(tangent, forces, shears, precision)
+        pull, push = product(way.balls.astype(precision), way.compression)
+        np.testing.assert_allclose(-pull, found, rtol=0.0, atol=close * np.max(np.abs(found)))
+        assert push == pytest.approx(-np.sum(weakened), abs=close * np.sum(np.abs(weakened)))
+    smooth = Stencils(shape, lattice=lattice)
+    alone = ExactGeometry(smooth, balls(shape, lattice=lattice), 0.05)
+    moved = 0.2 * rng.normal(size=(smooth.n_fields, *shape))
+    way = Motion(rng.normal(size=moved.shape), 0.7)
     step = 1e-5
-    seen = []
-
-    def law(loss, slip):
-        seen.append((loss, slip))
-        return np.zeros_like(loss), np.zeros_like(slip)
-
-    pull, push = place.respond(way, ActingForces(law, forces, shears))
-    ahead, behind = (
-        geometry.place(place.balls + sign * step * way.balls, 0.3 + sign * step * way.compression)
-        for sign in (1.0, -1.0)
+    ahead, here, behind = (
+        alone.place(moved + part * way.balls, 0.3 + part * way.compression)
+        for part in (step, 0.0, -step)
     )
-    found = (ahead.pull(forces, shears) - behind.pull(forces, shears)) / (2.0 * step)
+    loss = -(ahead.overlaps - behind.overlaps) / (2.0 * step)
+    np.testing.assert_allclose(here.losses(way), loss, rtol=0.0, atol=1e-9)
+    acting = ActingForces(np.zeros_like(forces), forces)
+    pull, push = here.respond(way, acting)
+    found = (ahead.pull(forces) - behind.pull(forces)) / (2.0 * step)
     np.testing.assert_allclose(-pull, found, rtol=0.0, atol=1e-9 * np.max(np.abs(found)))
-    ((loss, slip),) = seen
-    np.testing.assert_allclose(
-        -loss, (ahead.overlaps - behind.overlaps) / (2.0 * step), rtol=0.0, atol=1e-9
-    )
-    np.testing.assert_allclose(
-        slip, ahead.slips(behind, np.zeros_like(shears)) / (2.0 * step), rtol=0.0, atol=1e-9
-    )
-    np.testing.assert_allclose(place.losses(way), loss, rtol=0.0, atol=1e-14)
     assert push == 0.0
 
 
 @LATTICES
 def test_forces_do_the_work_of_overlaps_and_slips(lattice, shape):
-    _, place, forces, shears, rng = some_place(lattice, shape, 0.05)
+    geometry, place, forces, shears, rng = some_place(lattice, shape, 0.05)
     motion = Motion(rng.normal(size=place.balls.shape), 0.7)
-    kept = []
-    place.respond(
-        motion,
-        ActingForces(lambda loss, slip: kept.append((loss, slip)) or (loss, slip), forces, shears),
-    )
-    ((loss, slip),) = kept
+    loss, slip, _ = differentiate_contacts(geometry, place, motion)
     work = np.sum(place.pull(forces, shears) * motion.balls) - 0.7 * forces.size * place.press(
         forces, shears
     )
@@ -298,7 +334,7 @@ def test_a_pair_that_turns_as_a_whole_does_not_slip(lattice, order):
     p = lattice.periods
     shape = (3,) * p
     stencils = Stencils(shape, ETA, lattice=lattice)
-    geometry = ExactGeometry(stencils, np.zeros(shape), ratio)
+    geometry = PressedGeometry(stencils, np.zeros(shape), ratio)
     rng = np.random.default_rng(1)
     kind = 0
     first = (1,) * p
@@ -326,7 +362,7 @@ def test_a_pair_that_turns_as_a_whole_does_not_slip(lattice, order):
             start.overlaps[(kind, *first)], rel=1e-12
         )
         none = np.zeros((p - 1, *place.overlaps.shape))
-        slips.append(np.linalg.norm(place.slips(start, none)[(slice(None), kind, *first)]))
+        slips.append(np.linalg.norm(place.find_slips(start, none)[(slice(None), kind, *first)]))
     if order:
         assert slips[0] < 0.01 * 0.2 / ratio
         assert slips[0] / slips[1] > 2.0 ** (order - 0.3)
@@ -416,8 +452,7 @@ def test_stiffness_and_its_slope_are_derivatives_of_the_force(overlap, ratio):
 def test_work_of_the_load_is_the_energy():
     """Simpson's rule over the overlap, of the force whose work on the cell is that of the load."""
     states = [at_rest((5, 5), 2, 0.8 + 0.025 * step, 0.05) for step in range(5)]
-    none = np.zeros((0, *states[0].forces.shape))
-    press = [state.place.press(state.forces, none) for state in states]
+    press = [state.place.press(state.forces) for state in states]
     work = 0.1 / 12.0 * np.dot([1.0, 4.0, 2.0, 4.0, 1.0], press)
     assert work == pytest.approx(states[-1].energy - states[0].energy, rel=1e-7)
     assert max(abs(one - state.force) for one, state in zip(press, states, strict=True)) > 1e-6
@@ -439,15 +474,9 @@ def test_a_ball_between_two_others_in_line_moves_out():
 
 def hessian(state):
     """Second derivatives of the energy by the motions of balls, of the contacts that carry load."""
-    law, none = (
-        (lambda loss, slip: (state.stiffnesses * loss, slip)),
-        np.zeros((0, *state.forces.shape)),
-    )
     carried = np.where(state.stiffnesses > 0.0, state.forces, 0.0)
-    units, acting = (
-        np.eye(state.balls.size).reshape(-1, *state.balls.shape),
-        ActingForces(law, carried, none),
-    )
+    acting = ActingForces(state.stiffnesses, carried)
+    units = np.eye(state.balls.size).reshape(-1, *state.balls.shape)
     return np.array([np.ravel(state.place.respond(Motion(one, 0.0), acting)[0]) for one in units])
 
 
@@ -763,7 +792,7 @@ def test_moduli_under_tangential_forces_are_changes_of_stress(lattice, shape, mu
     overlap = 0.4
     x = balls(shape, 2, lattice)
     stencils = Stencils(shape, ETA, lattice=lattice)
-    geometry = ExactGeometry(stencils, x, ratio)
+    geometry = PressedGeometry(stencils, x, ratio)
     (pressed,) = LoadingHistory(
         x, stencils, mu, math.inf, ReducedLoad(overlap=0.2), geometry=geometry
     ).path([ReducedLoad(overlap=overlap)])

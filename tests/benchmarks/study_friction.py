@@ -32,9 +32,10 @@ from study_simulation import PACKINGS, UNIT, WIDTH, mean_and_error
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, equilibrate
-from granphon.array.friction import PressedArray
-from granphon.array.geometry import ExactGeometry, ReducedLoad
+from granphon.array.geometry import ReducedLoad
 from granphon.array.history import LoadingHistory
+from granphon.array.pressed_array import PressedArray
+from granphon.array.pressed_place import PressedGeometry
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import equilibrate_exactly
@@ -128,7 +129,7 @@ def press(
         mu,
         tolerance,
         start,
-        geometry=ExactGeometry(stencils, x, RATIO) if exact else None,
+        geometry=PressedGeometry(stencils, x, RATIO) if exact else None,
     )
 
 

@@ -1,0 +1,302 @@
+"""Where the contacts of an array of balls that roll and slip are, in the directions of the lattice
+or in the true ones.
+
+Units are those of :mod:`granphon.array.geometry`; what contacts measure and exert are the loops of
+:mod:`granphon.contacts.slips` over their list.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from granphon.array.contact_lists import find_grid
+from granphon.array.geometry import require_small, shrink_boundary
+from granphon.array.stencils import Stencils
+from granphon.balls.contact_table import contact_frames
+from granphon.base.arrays import Array
+from granphon.contacts.friction import Configuration, RollingContacts, Tangent, by_contact
+
+if TYPE_CHECKING:
+    from granphon.contacts.grid_product import GridProduct
+
+
+class PressedGeometry:
+    """Contacts of an array of balls with rotations.
+
+    Parameters
+    ----------
+    stencils : how balls move; contacts resist slip.
+    deviations : x = Delta/W of the balls.
+    ratio : eps = W/d of contacts in their true directions; zero where they keep those of the
+        lattice.
+
+    Raises
+    ------
+    InputError : a ratio that is not from zero to :data:`~granphon.array.geometry.LARGEST_RATIO`.
+    """
+
+    def __init__(self, stencils: Stencils, deviations: Array, ratio: float = 0.0) -> None:
+        require_small(ratio)
+        self.stencils = stencils
+        self.ratio = ratio
+        means = stencils.average_pairs(deviations)
+        first = stencils.by_ball(deviations)
+        ends = np.stack([first[i] for i, _ in stencils.ends])
+        lattice = stencils.lattice
+        grid = find_grid(stencils.shape, lattice)
+        frames = contact_frames(lattice.contacts.normal[:, : lattice.periods])
+        tangents = np.stack(frames[1], axis=1)
+        #: the list of the contacts
+        self.contacts = RollingContacts(
+            # of their own: loops are compiled anew for arrays that cannot be written
+            i=grid.i.copy(),
+            j=grid.j.copy(),
+            normal=grid.normal.copy(),
+            tangent=np.repeat(tangents, math.prod(stencils.shape), axis=0),
+            offset=means.ravel(),
+            uneven=np.ravel(0.5 * ratio * (means - ends)),
+            ratio=float(ratio),
+        )
+        #: (p, p) what takes the coordinates of displacements to the axes of space
+        self.axes = np.ascontiguousarray(np.linalg.inv(stencils.basis), float)
+        self._distance = np.ones(means.size)
+
+    @cached_property
+    def product(self) -> GridProduct:
+        """What multiplies tangents, without blocks."""
+        from granphon.contacts.grid_product import GridProduct  # averages need no Numba
+
+        return GridProduct.of(self.contacts.i, self.contacts.j, math.prod(self.stencils.shape))
+
+    def place(self, balls: Array, overlap: float) -> PressedPlace:
+        """Return the configuration with these motions ``balls`` and the overlap y."""
+        return PressedPlace(self, balls, overlap)
+
+    def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
+        """Return the overlaps of contacts and their slips, with which a history begins: those from
+        the sites, or zeros where contacts turn.
+        """
+        place = self.place(balls, overlap)
+        return place.overlaps, place.find_slips(place, np.zeros(self.slip_shape))
+
+    @property
+    def slip_shape(self) -> tuple[int, ...]:
+        """Shape (n_s, n_c, L1, ..., Lp) of slips."""
+        stencils = self.stencils
+        return (len(stencils.shape) - 1, stencils.n_contacts, *stencils.shape)
+
+    def list_motions(self, balls: Array) -> tuple[Array, Array]:
+        """Return displacements and rotations (n, 3), of motions (fields, L1, ..., Lp)."""
+        from granphon.contacts import slips  # imported here: averages need no Numba
+
+        fields = balls.reshape(self.stencils.n_balls, self.stencils.motions.count, -1)
+        displacement, rotation = np.zeros((2, fields.shape[0] * fields.shape[2], 3))
+        slips.list_motions(fields, self.axes, displacement, rotation)
+        return displacement, rotation
+
+    def collect_forces(self, force: Array, torque: Array) -> Array:
+        """Return forces (fields, L1, ..., Lp) against motions, of forces and torques (n, 3)."""
+        from granphon.contacts import slips  # imported here: averages need no Numba
+
+        stencils = self.stencils
+        fields = np.empty((stencils.n_balls, stencils.motions.count, *stencils.shape))
+        by_ball = fields.reshape(*fields.shape[:2], -1)
+        slips.collect_forces(force, torque, self.axes, by_ball)
+        return fields.reshape(stencils.n_fields, *stencils.shape)
+
+    def measure(self, balls: Array, overlap: float) -> tuple[Configuration, Array, Array | None]:
+        """Return where balls and contacts are, overlaps (n_c,), and slips (n_s, n_c) if they follow
+        from that alone.
+        """
+        from granphon.contacts import slips  # imported here: averages need no Numba
+
+        contacts = self.contacts
+        displacement, rotation = self.list_motions(balls)
+        overlaps = np.empty(contacts.offset.size)
+        count = len(self.stencils.shape) - 1
+        if not self.ratio:
+            here = (contacts.normal, contacts.tangent, self._distance)
+            slid = np.empty((count, overlaps.size))
+            slips.measure_straight(contacts, displacement, rotation, overlap, overlaps, slid)
+            return Configuration(overlap, displacement, rotation, *here), overlaps, slid
+        normal, tangent = np.empty((2, overlaps.size, 3))
+        distance = np.empty(overlaps.size)
+        here = (normal, tangent, distance)
+        motion = (displacement, rotation, overlap)
+        slips.measure_turned(contacts, *motion, count == 1, overlaps, *here)
+        return Configuration(overlap, displacement, rotation, *here), overlaps, None
+
+
+class PressedPlace:
+    """Configuration of an array in its :class:`PressedGeometry`.
+
+    Attributes
+    ----------
+    geometry : the array.
+    balls : (fields, L1, ..., Lp) displacements and rotations.
+    overlap : y.
+    overlaps : (n_c, L1, ..., Lp) overlaps h of the contacts.
+    configuration : what loops over contacts read.
+    """
+
+    def __init__(self, geometry: PressedGeometry, balls: Array, overlap: float) -> None:
+        self.geometry = geometry
+        self.balls = balls
+        self.overlap = overlap
+        self.configuration, overlaps, slips = geometry.measure(balls, float(overlap))
+        self.overlaps = overlaps.reshape(geometry.slip_shape[1:])
+        self._slips = None if slips is None else slips.reshape(geometry.slip_shape)
+
+    def find_slips(self, before: PressedPlace, slips: Array) -> Array:
+        """Return (n_s, n_c, L1, ..., Lp) slips, if they are ``slips`` in the place ``before``: that
+        does not matter where contacts keep their directions.
+        """
+        from granphon.contacts import slips as loops  # imported here: averages need no Numba
+
+        if self._slips is not None:
+            return self._slips
+        slid = slips.copy(order="C")
+        contacts = self.geometry.contacts
+        by_contact = slid.reshape(len(slid), -1)
+        loops.measure_slips(contacts, before.configuration, self.configuration, by_contact)
+        return slid
+
+    def push(self, forces: Array, shears: Array) -> tuple[Array, Array]:
+        """Return forces and torques (n, 3) on balls by normal forces f (n_c, L1, ..., Lp) and
+        tangential forces T (n_s, n_c, L1, ..., Lp).
+        """
+        from granphon.contacts import slips  # imported here: averages need no Numba
+
+        here = self.configuration
+        force, torque = np.zeros((2, *here.displacement.shape))
+        tangential = by_contact(shears, len(shears))
+        slips.add_forces(
+            self.geometry.contacts, here, by_contact(forces), tangential, force, torque
+        )
+        return force, torque
+
+    def pull(self, forces: Array, shears: Array) -> Array:
+        """Return the forces of :meth:`push` against motions, (fields, L1, ..., Lp)."""
+        return self.geometry.collect_forces(*self.push(forces, shears))
+
+    def turn(self, shears: Array) -> Array:
+        """Return the vectors (n_c, 3) of tangential forces, along the axes of space."""
+        t = self.configuration.tangent
+        tangential = by_contact(shears, len(shears))
+        vectors = tangential[0][:, None] * t
+        if len(shears) == 2:
+            vectors += tangential[1][:, None] * np.cross(self.configuration.normal, t)
+        return np.asarray(vectors)
+
+    @property
+    def boundary(self) -> float:
+        """Size of the cell's boundary, over that with y = 0."""
+        return shrink_boundary(self.geometry.ratio, self.overlap, len(self.geometry.stencils.shape))
+
+    def press(self, forces: Array, shears: Array) -> float:
+        """Return the force whose work on dy is that of the load: the mean of (f n - T).e over
+        contacts.
+        """
+        if not self.geometry.ratio:
+            return float(np.mean(forces))
+        push = by_contact(forces)[:, None] * self.configuration.normal - self.turn(shears)
+        return float(np.einsum("ca,ca->", push, self.geometry.contacts.normal)) / len(push)
+
+    def linearise(
+        self,
+        tangent: Tangent,
+        forces: Array,
+        shears: Array,
+        precision: DTypeLike = np.float32,
+        free: bool = True,
+    ) -> PressedTangent:
+        """Return the changes of :meth:`pull` and of the sum of forces by small motions, both times
+        -1, in a given precision.
+
+        They follow from the ``tangent`` of the law of friction, and from the forces that act where
+        contacts turn. The overlap may change if it is ``free``.
+        """
+        from granphon.contacts.rolling_tangent import fill_tangent  # averages need no Numba
+
+        geometry = self.geometry
+        stencils = geometry.stencils
+        balls = len(self.configuration.displacement)
+        m = stencils.motions.count
+        diagonal = np.zeros((balls, m, m))
+        forward, backward = np.empty((2, m, m, len(geometry.contacts.i)), precision)
+        ahead, back = np.zeros((2, balls if free else 0, m))
+        corner = fill_tangent(
+            geometry.contacts,
+            self.configuration,
+            tangent.flatten(),
+            by_contact(forces),
+            by_contact(shears, len(shears)),
+            geometry.axes,
+            diagonal,
+            forward,
+            backward,
+            ahead,
+            back,
+        )
+        blocks = np.ascontiguousarray(np.moveaxis(diagonal, 0, -1), precision)
+        return PressedTangent(
+            geometry.product._replace(diagonal=blocks, forward=forward, backward=backward),
+            diagonal,
+            np.ascontiguousarray(ahead.T, precision),
+            np.ascontiguousarray(back.T, precision),
+            corner,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PressedTangent:
+    """Changes of forces on balls, and of the sum of normal forces, by small motions, both times -1.
+
+    Attributes
+    ----------
+    product : of motions, with the overlap held.
+    diagonal : its blocks (n, m, m) of balls, in double precision.
+    ahead, back : (m, n) forces by a unit of the overlap, and what each motion changes of the sum;
+        (m, 0) if the overlap is held.
+    corner : change of the sum by a unit of the overlap.
+    """
+
+    product: GridProduct
+    diagonal: Array
+    ahead: NDArray[Any]
+    back: NDArray[Any]
+    corner: float
+
+    def __call__(self, balls: NDArray[Any], press: float | None) -> tuple[NDArray[Any], float]:
+        """Return the changes by motions (fields, L1, ..., Lp), and by a change of the overlap, if
+        that is free.
+        """
+        from granphon.contacts.grid_product import multiply_pressed  # averages need no Numba
+
+        forces = np.empty_like(balls)
+        change = multiply_pressed(
+            self.product,
+            self.ahead,
+            self.back,
+            self.corner,
+            balls.reshape(len(balls), 1, -1),
+            balls.dtype.type(press or 0.0),
+            forces.reshape(len(balls), 1, -1),
+        )
+        return forces, change
+
+    def invert_alone(self, least: float) -> NDArray[Any]:
+        """Return the (m, m, n) inverses of the blocks of balls, with ``least`` added to their
+        diagonal.
+        """
+        from granphon.contacts.grid_product import invert_blocks  # averages need no Numba
+
+        inverses = np.empty_like(self.product.diagonal)
+        invert_blocks(np.moveaxis(self.diagonal, 0, -1), least, 1.0, inverses)
+        return inverses

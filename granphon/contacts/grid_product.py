@@ -1,0 +1,235 @@
+"""Loops that multiply the tangent of the contacts of a grid by motions, compiled.
+
+Motions and forces are arrays (f, k, cells), of f motions of the balls of a cell and k right sides:
+loops go through cells that follow each other in memory. The blocks of the tangent are multiplied as
+they are; no sparse matrix is made.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.compiled import compiled
+
+Values = NDArray[Any]
+#: contacts of a kind that are multiplied at a time, so that they stay in the processor's cache
+_CACHED = 256
+#: balls whose blocks are inverted together
+_INVERTED = 64
+
+
+class GridProduct(NamedTuple):
+    """What loops read to multiply the tangent of a grid, in double or single precision.
+
+    Attributes
+    ----------
+    diagonal : (m, m, n) forces on each ball against its own motions.
+    forward : (m, m, n_c) forces on ball i of each contact against motions of ball j.
+    backward : (m, m, n_c) of each motion of ball i the forces on ball j; ``forward`` itself where
+        the tangent is symmetric.
+    ends : (kinds, 2) balls of the cell that each kind of contact joins.
+    steps : (kinds, cells) cell where a contact ends that starts in each cell.
+    """
+
+    diagonal: Values
+    forward: Values
+    backward: Values
+    ends: NDArray[np.int64]
+    steps: NDArray[np.uint32]
+
+    @classmethod
+    def of(cls, i: NDArray[np.int64], j: NDArray[np.int64], cells: int) -> GridProduct:
+        """Return a product without blocks, of contacts between these balls of a grid of
+        ``cells``.
+        """
+        # numbers without a sign: a loop need not ask whether an index counts from the end
+        steps = (j % cells).reshape(-1, cells).astype(np.uint32)
+        ends = np.stack([i[::cells], j[::cells]], axis=1) // cells
+        none = np.empty((0, 0, 0))
+        return cls(none, none, none, ends, steps)
+
+    def round(self) -> GridProduct:
+        """Return the product in single precision."""
+        forward = self.forward.astype(np.float32)
+        is_symmetric = self.backward is self.forward
+        return self._replace(
+            diagonal=self.diagonal.astype(np.float32),
+            forward=forward,
+            backward=forward if is_symmetric else self.backward.astype(np.float32),
+        )
+
+
+@compiled
+def move_alone(
+    alone: Values, product: GridProduct, forces: Values, motions: Values, remaining: Values
+) -> None:
+    """Set ``motions`` (f, k, cells) to those of each ball under ``forces``, others held, and
+    ``remaining`` to the forces that they leave.
+    """
+    motions[:] = 0.0
+    add_alone(alone, forces, motions)
+    leave(product, forces, motions, remaining)
+
+
+@compiled
+def leave(product: GridProduct, forces: Values, motions: Values, remaining: Values) -> None:
+    """Set ``remaining`` to the ``forces`` that ``motions`` leave."""
+    remaining[:] = 0.0
+    add_alone(product.diagonal, motions, remaining)
+    add_across(product, motions, remaining)
+    for field in range(len(forces)):
+        for k in range(forces.shape[1]):
+            pull = forces[field, k]
+            left = remaining[field, k]
+            for cell in range(len(pull)):
+                left[cell] = pull[cell] - left[cell]
+
+
+@compiled
+def add_alone(blocks: Values, columns: Values, out: Values) -> None:
+    """Add to ``out`` (f, k, cells) the products of the blocks (m, m, n) of balls with columns (f,
+    k, cells).
+    """
+    m = len(blocks)
+    cells = columns.shape[2]
+    for ball in range(len(columns) // m):
+        for line in range(m):
+            for motion in range(m):
+                block = blocks[line, motion, ball * cells : (ball + 1) * cells]
+                for k in range(columns.shape[1]):
+                    column = columns[ball * m + motion, k]
+                    sums = out[ball * m + line, k]
+                    for cell in range(cells):
+                        sums[cell] += block[cell] * column[cell]
+
+
+@compiled
+def add_across(product: GridProduct, motions: Values, forces: Values) -> None:
+    """Add to ``forces`` (f, k, cells) those of contacts on their two balls against motions of the
+    other ball.
+    """
+    ends = product.ends
+    steps = product.steps
+    m = len(product.forward)
+    cells = motions.shape[2]
+    far = np.empty((m, _CACHED), motions.dtype)
+    back = np.empty((m, _CACHED), motions.dtype)
+    for kind in range(len(ends)):
+        at_i = m * ends[kind, 0]
+        at_j = m * ends[kind, 1]
+        for start in range(0, cells, _CACHED):
+            stop = min(start + _CACHED, cells)
+            count = stop - start
+            step = steps[kind, start:stop]
+            for k in range(motions.shape[1]):
+                for motion in range(m):
+                    gathered = far[motion]
+                    moved = motions[at_j + motion, k]
+                    for cell in range(count):
+                        gathered[cell] = moved[step[cell]]
+                    back[motion] = 0.0
+                for line in range(m):
+                    near = motions[at_i + line, k, start:stop]
+                    push = forces[at_i + line, k, start:stop]
+                    for motion in range(m):
+                        first = kind * cells
+                        ahead = product.forward[line, motion, first + start : first + stop]
+                        behind = product.backward[line, motion, first + start : first + stop]
+                        gathered = far[motion]
+                        pull = back[motion]
+                        for cell in range(count):
+                            push[cell] += ahead[cell] * gathered[cell]
+                        for cell in range(count):
+                            pull[cell] += behind[cell] * near[cell]
+                for motion in range(m):
+                    pull = back[motion]
+                    push = forces[at_j + motion, k]
+                    for cell in range(count):
+                        push[step[cell]] += pull[cell]
+
+
+@compiled
+def invert_blocks(blocks: Values, least: float, part: float, inverses: Values) -> None:
+    """Set ``inverses`` (m, m, n) to those of blocks with ``least`` added to the diagonal, times a
+    ``part``.
+
+    The blocks, or their parts that are symmetric, are positive.
+    """
+    m = len(blocks)
+    balls = blocks.shape[2]
+    work = np.ones((m, m, _INVERTED))
+    factor = np.empty(_INVERTED)
+    for start in range(0, balls, _INVERTED):
+        stop = min(start + _INVERTED, balls)
+        for ball in range(start, stop):
+            for line in range(m):
+                for column in range(m):
+                    work[line, column, ball - start] = blocks[line, column, ball]
+                work[line, line, ball - start] += least
+        # the elimination of Gauss and Jordan in place; pivots of a positive matrix are on its
+        # diagonal
+        for pivot in range(m):
+            for place in range(_INVERTED):
+                factor[place] = 1.0 / work[pivot, pivot, place]
+            work[pivot, pivot] = 1.0
+            for column in range(m):
+                entries = work[pivot, column]
+                for place in range(_INVERTED):
+                    entries[place] *= factor[place]
+            for line in range(m):
+                if line == pivot:
+                    continue
+                factor[:] = work[line, pivot]
+                work[line, pivot] = 0.0
+                for column in range(m):
+                    entries = work[line, column]
+                    pivots = work[pivot, column]
+                    for place in range(_INVERTED):
+                        entries[place] -= factor[place] * pivots[place]
+        for line in range(m):
+            for column in range(m):
+                entries = work[line, column]
+                inverse = inverses[line, column, start:stop]
+                for place in range(stop - start):
+                    inverse[place] = part * entries[place]
+
+
+@compiled
+def multiply_pressed(
+    product: GridProduct,
+    ahead: Values,
+    back: Values,
+    corner: float,
+    motions: Values,
+    press: float,
+    forces: Values,
+) -> float:
+    """Set ``forces`` (f, k, cells) to those against ``motions`` and a change ``press`` of the
+    overlap; return the change of the sum of the normal forces with the sign turned.
+
+    ``ahead`` and ``back`` (m, n) are the forces by a unit of the overlap, and the changes of that
+    sum by motions; ``corner`` is that by a unit of the overlap. They are empty if the overlap is
+    held.
+    """
+    forces[:] = 0.0
+    add_alone(product.diagonal, motions, forces)
+    add_across(product, motions, forces)
+    if not ahead.size:
+        return 0.0
+    total = corner * press
+    m = len(ahead)
+    cells = motions.shape[2]
+    for field in range(len(motions)):
+        begin = field // m * cells
+        pushed = ahead[field % m, begin : begin + cells]
+        pressed = back[field % m, begin : begin + cells]
+        force = forces[field, 0]
+        moved = motions[field, 0]
+        for cell in range(cells):
+            force[cell] += press * pushed[cell]
+        for cell in range(cells):
+            total += pressed[cell] * moved[cell]
+    return total

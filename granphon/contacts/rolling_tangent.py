@@ -1,0 +1,358 @@
+"""Loops over the contacts of balls that slip and roll, compiled: the tangent of what they exert, as
+blocks of a grid (:class:`~granphon.contacts.grid_product.GridProduct`).
+
+With the words of :mod:`granphon.contacts.slips`, a small motion changes the force f n - T on ball j
+and the torque arm n x T on both balls by what the law of the contact says, and by what turns: with
+
+    e = n.v,    dn = (1 - nn) eps v/|w|,    turn = n x dn + spin n
+
+ball j is resisted by k e n + dT - f dn + turn x T, and both balls by the torques -arm (n x dT +
+turn x (n x T)) - (eps/2) e (n x T). This tangent has no potential, and is not symmetric.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.arrays import Array
+from granphon.base.compiled import compiled
+from granphon.contacts.friction import Configuration, RollingContacts, SlipTangent
+from granphon.contacts.slips import ROUND
+
+#: contacts whose blocks are found before they are written, each entry of all of them at a time
+_CHUNK = 64
+
+
+@compiled
+def _fill_plane(
+    contacts: RollingContacts,
+    at: Configuration,
+    tangent: SlipTangent,
+    normal_force: Array,
+    shears: Array,
+    axes: Array,
+    diagonal: Array,
+    forward: NDArray[Any],
+    backward: NDArray[Any],
+    ahead: Array,
+    back: Array,
+) -> float:
+    """Fill the blocks of :func:`fill_tangent` in a plane."""
+    is_free = len(ahead) > 0
+    eps = contacts.ratio
+    corner = 0.0
+    n = np.empty(2)
+    t = np.empty(2)
+    count = len(normal_force)
+    forward_rows = np.empty((3, 3, _CHUNK))
+    backward_rows = np.empty((3, 3, _CHUNK))
+    for start in range(0, count, _CHUNK):
+        stop = min(start + _CHUNK, count)
+        for c in range(start, stop):
+            place = c - start
+            i = contacts.i[c]
+            j = contacts.j[c]
+            x = at.normal[c, 0]
+            y = at.normal[c, 1]
+            size = at.distance[c]
+            over = eps / size
+            arm_i = 0.5 * size - contacts.uneven[c]
+            arm_j = 0.5 * size + contacts.uneven[c]
+            k = tangent.stiffness[c]
+            q = tangent.sliding[0, c]
+            spring = tangent.shear[c] * (1.0 - q * q) + tangent.drag
+            coupling = tangent.coupling[0, c]
+            held = shears[0, c]
+            aside = spring - over * normal_force[c]
+            turned = over * held
+            lever = 0.5 * eps * held
+            # the axes of displacements along n and t
+            for motion in range(2):
+                n[motion] = x * axes[0, motion] + y * axes[1, motion]
+                t[motion] = x * axes[1, motion] - y * axes[0, motion]
+            if is_free:
+                e_n = x * contacts.normal[c, 0] + y * contacts.normal[c, 1]
+                e_t = x * contacts.normal[c, 1] - y * contacts.normal[c, 0]
+                corner += k * e_n
+                along = k * e_n - turned * e_t
+                across = aside * e_t - coupling * e_n
+                change = spring * e_t - coupling * e_n
+                for motion in range(2):
+                    push = n[motion] * along + t[motion] * across
+                    ahead[i, motion] += push
+                    ahead[j, motion] -= push
+                    back[i, motion] += k * n[motion]
+                    back[j, motion] -= k * n[motion]
+                ahead[i, 2] += arm_i * change + lever * e_n
+                ahead[j, 2] += arm_j * change + lever * e_n
+            for motion in range(2):
+                along = k * n[motion] - turned * t[motion]
+                across = aside * t[motion] - coupling * n[motion]
+                for line in range(2):
+                    push = n[line] * along + t[line] * across
+                    diagonal[i, line, motion] += push
+                    diagonal[j, line, motion] += push
+                    forward_rows[line, motion, place] = -push
+                    backward_rows[motion, line, place] = -push
+                change = spring * t[motion] - coupling * n[motion]
+                on_i = arm_i * change + lever * n[motion]
+                on_j = arm_j * change + lever * n[motion]
+                diagonal[i, 2, motion] += on_i
+                diagonal[j, 2, motion] -= on_j
+                forward_rows[2, motion, place] = -on_i
+                backward_rows[motion, 2, place] = on_j
+                slid = spring * t[motion]
+                diagonal[i, motion, 2] += arm_i * slid
+                diagonal[j, motion, 2] -= arm_j * slid
+                forward_rows[motion, 2, place] = arm_j * slid
+                backward_rows[2, motion, place] = -arm_i * slid
+            diagonal[i, 2, 2] += arm_i * arm_i * spring
+            diagonal[j, 2, 2] += arm_j * arm_j * spring
+            forward_rows[2, 2, place] = arm_i * arm_j * spring
+            backward_rows[2, 2, place] = arm_i * arm_j * spring
+        for line in range(3):
+            for motion in range(3):
+                forward[line, motion, start:stop] = forward_rows[line, motion, : stop - start]
+                backward[line, motion, start:stop] = backward_rows[line, motion, : stop - start]
+    return corner
+
+
+@compiled
+def _resist(
+    law: tuple[float, ...], v_n: float, v_t: float, v_b: float, r_t: float, r_b: float, turn: float
+) -> tuple[float, ...]:
+    """Return the components along n, t, b of what resists a small motion of a contact: of the
+    force on ball j, of the torque over the arm, and along t and b of what both balls bear besides.
+
+    ``v`` are components of the motion of the centres, ``r`` those of arm_i phi_i + arm_j phi_j, and
+    ``turn`` is the part of the spin that follows from rotations alone. The ``law`` is that of
+    :func:`fill_tangent`.
+    """
+    k, c_t, c_b, s_tt, s_tb, s_bb, over, push, lever, held_t, held_b, back_t, back_b = law
+    slip_t = v_t - r_b
+    slip_b = v_b + r_t
+    change_t = s_tt * slip_t + s_tb * slip_b - c_t * v_n
+    change_b = s_tb * slip_t + s_bb * slip_b - c_b * v_n
+    tilt_t = over * v_t
+    tilt_b = over * v_b
+    spin = turn - back_b * tilt_t + back_t * tilt_b
+    return (
+        k * v_n - tilt_t * held_t - tilt_b * held_b,
+        change_t - push * v_t - spin * held_b,
+        change_b - push * v_b + spin * held_t,
+        tilt_t * held_b - tilt_b * held_t,
+        -change_b - spin * held_t,
+        change_t - spin * held_b,
+        -lever * v_n * held_b,
+        lever * v_n * held_t,
+    )
+
+
+@compiled
+def _fill_space(
+    contacts: RollingContacts,
+    at: Configuration,
+    tangent: SlipTangent,
+    normal_force: Array,
+    shears: Array,
+    axes: Array,
+    diagonal: Array,
+    forward: NDArray[Any],
+    backward: NDArray[Any],
+    ahead: Array,
+    back: Array,
+) -> float:
+    """Fill the blocks of :func:`fill_tangent` in space."""
+    is_free = len(ahead) > 0
+    eps = contacts.ratio
+    # along n, t, b: each axis of displacements, and of rotations
+    along = np.empty((3, 3))
+    turning = np.empty((3, 3))
+    push_on = np.empty(3)
+    on_i = np.empty(3)
+    on_j = np.empty(3)
+    corner = 0.0
+    count = len(normal_force)
+    forward_rows = np.empty((6, 6, _CHUNK))
+    backward_rows = np.empty((6, 6, _CHUNK))
+    for start in range(0, count, _CHUNK):
+        stop = min(start + _CHUNK, count)
+        for c in range(start, stop):
+            place = c - start
+            i = contacts.i[c]
+            j = contacts.j[c]
+            nx = at.normal[c, 0]
+            ny = at.normal[c, 1]
+            nz = at.normal[c, 2]
+            tx = at.tangent[c, 0]
+            ty = at.tangent[c, 1]
+            tz = at.tangent[c, 2]
+            bx = ny * tz - nz * ty
+            by = nz * tx - nx * tz
+            bz = nx * ty - ny * tx
+            ex = contacts.normal[c, 0]
+            ey = contacts.normal[c, 1]
+            ez = contacts.normal[c, 2]
+            size = at.distance[c]
+            over = eps / size
+            arm_i = 0.5 * size - contacts.uneven[c]
+            arm_j = 0.5 * size + contacts.uneven[c]
+            k = tangent.stiffness[c]
+            shear = tangent.shear[c]
+            c_t = tangent.coupling[0, c]
+            q_t = tangent.sliding[0, c]
+            held_t = shears[0, c]
+            c_b = tangent.coupling[1, c]
+            q_b = tangent.sliding[1, c]
+            held_b = shears[1, c]
+            e_n = nx * ex + ny * ey + nz * ez
+            e_t = tx * ex + ty * ey + tz * ez
+            e_b = bx * ex + by * ey + bz * ez
+            below = max(1.0 + e_n, ROUND)
+            law = (
+                k,
+                c_t,
+                c_b,
+                shear * (1.0 - q_t * q_t) + tangent.drag,
+                -shear * q_t * q_b,
+                shear * (1.0 - q_b * q_b) + tangent.drag,
+                over,
+                over * normal_force[c],
+                0.5 * eps,
+                held_t,
+                held_b,
+                e_t / below,
+                e_b / below,
+            )
+            for axis in range(3):
+                turning[0, axis] = at.normal[c, axis]
+                turning[1, axis] = at.tangent[c, axis]
+            turning[2, 0] = bx
+            turning[2, 1] = by
+            turning[2, 2] = bz
+            for row in range(3):
+                for axis in range(3):
+                    along[row, axis] = (
+                        turning[row, 0] * axes[0, axis]
+                        + turning[row, 1] * axes[1, axis]
+                        + turning[row, 2] * axes[2, axis]
+                    )
+            for motion in range(4 if is_free else 3):
+                if motion < 3:
+                    v_n = along[0, motion]
+                    v_t = along[1, motion]
+                    v_b = along[2, motion]
+                else:  # a unit of y
+                    v_n = -e_n
+                    v_t = -e_t
+                    v_b = -e_b
+                f_n, f_t, f_b, w_n, w_t, w_b, l_t, l_b = _resist(law, v_n, v_t, v_b, 0.0, 0.0, 0.0)
+                for line in range(3):
+                    push_on[line] = (
+                        along[0, line] * f_n + along[1, line] * f_t + along[2, line] * f_b
+                    )
+                for line in range(3):
+                    wrench = (
+                        turning[0, line] * w_n + turning[1, line] * w_t + turning[2, line] * w_b
+                    )
+                    lever = turning[1, line] * l_t + turning[2, line] * l_b
+                    on_i[line] = -arm_i * wrench - lever
+                    on_j[line] = -arm_j * wrench - lever
+                if motion == 3:
+                    corner -= k * v_n
+                    for line in range(3):
+                        ahead[i, line] -= push_on[line]
+                        ahead[j, line] += push_on[line]
+                    for line in range(3):
+                        ahead[i, 3 + line] += on_i[line]
+                        ahead[j, 3 + line] += on_j[line]
+                    continue
+                if is_free:
+                    back[i, motion] += k * v_n
+                    back[j, motion] -= k * v_n
+                for line in range(3):
+                    diagonal[i, line, motion] += push_on[line]
+                    diagonal[j, line, motion] += push_on[line]
+                    forward_rows[line, motion, place] = -push_on[line]
+                    backward_rows[motion, line, place] = -push_on[line]
+                for line in range(3):
+                    diagonal[i, 3 + line, motion] -= on_i[line]
+                    diagonal[j, 3 + line, motion] += on_j[line]
+                    forward_rows[3 + line, motion, place] = on_i[line]
+                    backward_rows[motion, 3 + line, place] = -on_j[line]
+            for motion in range(3):
+                r_t = turning[1, motion]
+                r_b = turning[2, motion]
+                for end in range(2):
+                    arm = arm_j if end else arm_i
+                    f_n, f_t, f_b, w_n, w_t, w_b, l_t, l_b = _resist(
+                        law,
+                        0.0,
+                        0.0,
+                        0.0,
+                        arm * r_t,
+                        arm * r_b,
+                        0.5 * eps * contacts.normal[c, motion],
+                    )
+                    for line in range(3):
+                        force = along[0, line] * f_n + along[1, line] * f_t + along[2, line] * f_b
+                        if end:
+                            diagonal[j, line, 3 + motion] += force
+                            forward_rows[line, 3 + motion, place] = -force
+                        else:
+                            diagonal[i, line, 3 + motion] -= force
+                            backward_rows[3 + motion, line, place] = force
+                    for line in range(3):
+                        wrench = (
+                            turning[0, line] * w_n + turning[1, line] * w_t + turning[2, line] * w_b
+                        )
+                        if end:
+                            diagonal[j, 3 + line, 3 + motion] -= arm_j * wrench
+                            forward_rows[3 + line, 3 + motion, place] = -arm_i * wrench
+                        else:
+                            diagonal[i, 3 + line, 3 + motion] -= arm_i * wrench
+                            backward_rows[3 + motion, 3 + line, place] = -arm_j * wrench
+        for line in range(6):
+            for motion in range(6):
+                forward[line, motion, start:stop] = forward_rows[line, motion, : stop - start]
+                backward[line, motion, start:stop] = backward_rows[line, motion, : stop - start]
+    return corner
+
+
+@compiled
+def fill_tangent(
+    contacts: RollingContacts,
+    at: Configuration,
+    tangent: SlipTangent,
+    normal_force: Array,
+    shears: Array,
+    axes: Array,
+    diagonal: Array,
+    forward: NDArray[Any],
+    backward: NDArray[Any],
+    ahead: Array,
+    back: Array,
+) -> float:
+    """Add to the blocks of what resists small motions of balls; return the sum of the changes of
+    normal forces by a unit of the overlap y.
+
+    Motions and forces are those of :func:`list_motions` and :func:`collect_forces`. The law has the
+    ``tangent``; the forces that act, ``normal_force`` (n_c,) and ``shears`` (n_s, n_c), turn with
+    contacts that turn.
+
+    Parameters
+    ----------
+    diagonal : (n, m, m) forces on each ball against its own motions.
+    forward, backward : (m, m, n_c) forces on ball i against the motions of ball j; of each motion
+        of ball i the forces on ball j. They are set.
+    ahead : (n, m) forces on balls by a unit of y.
+    back : (n, m) sums of the changes of normal forces by each motion, with the sign turned. It and
+        ``ahead`` have no rows if the overlap is held.
+    """
+    blocks = (diagonal, forward, backward, ahead, back)
+    if len(axes) == 2:
+        return _fill_plane(contacts, at, tangent, normal_force, shears, axes, *blocks)
+    return _fill_space(contacts, at, tangent, normal_force, shears, axes, *blocks)

@@ -1,0 +1,291 @@
+"""Loops over the contacts of the law of friction, compiled; see
+:mod:`granphon.contacts.friction`.
+
+Overlaps are (n_c,), slips and tangential forces (n_s, n_c).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from granphon.balls.hertz import EXPONENT
+from granphon.base.arrays import Array
+from granphon.base.compiled import compiled
+
+#: root of an overlap that stands for none where it divides
+_TINY = 1e-150
+
+
+@compiled
+def _find_spring(eta: float, old: float, new: float, change: float) -> float:
+    """Return the stiffness that slip meets while the root of h goes from ``old`` to ``new``, and h
+    by ``change``.
+
+    That is eta times the mean of k while h rises, and k at the end where it falls. Of a step in
+    which a contact closes only the part after that counts.
+    """
+    if old == 0.0 and new > 0.0:
+        return eta * new * new * new / change
+    less = min(old, new)
+    total = less + new
+    return eta * (total - less * new / max(total, _TINY))
+
+
+@compiled
+def set_springs(eta: float, old_overlaps: Array, overlaps: Array, springs: Array) -> None:
+    """Set the stiffnesses (n_c,) that slip meets in a step."""
+    for c in range(len(overlaps)):
+        old = math.sqrt(max(old_overlaps[c], 0.0))
+        new = math.sqrt(max(overlaps[c], 0.0))
+        springs[c] = _find_spring(eta, old, new, overlaps[c] - old_overlaps[c])
+
+
+@compiled
+def set_shears(
+    eta: float,
+    mu: float,
+    old_overlaps: Array,
+    old_slips: Array,
+    old_shears: Array,
+    overlaps: Array,
+    slips: Array,
+    shears: Array,
+) -> None:
+    """Set tangential forces at the end of a step, with what is above Coulomb's limit lost by
+    sliding.
+
+    ``overlaps`` are those that say how stiff contacts are, and what the limit is.
+    """
+    for c in range(len(overlaps)):
+        old = math.sqrt(max(old_overlaps[c], 0.0))
+        new = math.sqrt(max(overlaps[c], 0.0))
+        less = min(old, new)  # where h falls, as if it had been at its end before
+        spring = _find_spring(eta, old, new, overlaps[c] - old_overlaps[c])
+        size = 0.0
+        for s in range(len(slips)):
+            shear = spring * (slips[s, c] - old_slips[s, c])
+            if old > 0.0:
+                shear += less * (old_shears[s, c] / old)
+            shears[s, c] = shear
+            size = math.hypot(size, shear) if s else abs(shear)
+        limit = mu * (new * new * new)
+        if size > limit:
+            for s in range(len(slips)):
+                shears[s, c] *= limit / size
+
+
+@compiled
+def set_tangent(
+    eta: float,
+    mu: float,
+    old_overlaps: Array,
+    old_slips: Array,
+    old_shears: Array,
+    overlaps: Array,
+    held: Array,
+    couples: bool,
+    slips: Array,
+    stiffness: Array,
+    shear: Array,
+    coupling: Array,
+    sliding: Array,
+) -> None:
+    """Set the derivatives of the forces of contacts at the end of a step; see
+    :class:`~granphon.contacts.friction.Tangent`.
+
+    ``held`` are the overlaps that say how stiff contacts are against slip, and what the limit is.
+    If they are given ones, tangential forces do not depend on ``overlaps``: then ``couples`` is
+    false, and ``coupling`` becomes zero.
+    """
+    n_s = len(slips)
+    trial = np.zeros(n_s)
+    for c in range(len(overlaps)):
+        old = math.sqrt(max(old_overlaps[c], 0.0))
+        new = math.sqrt(max(held[c], 0.0))
+        less = min(old, new)
+        width = held[c] - old_overlaps[c]
+        spring = _find_spring(eta, old, new, width)
+        k = EXPONENT * math.sqrt(max(overlaps[c], 0.0))
+        stiffness[c] = k
+        over = 1.0 / max(less + new, _TINY) if new > 0.0 else 0.0
+        if old == 0.0 and new > 0.0:
+            slope = eta * (EXPONENT * new - new * new * new / width) / width
+        else:
+            slope = 0.5 * eta * (less * over + 1.0) * over
+        size = 0.0
+        for s in range(n_s):
+            change = slips[s, c] - old_slips[s, c]
+            bent = old_shears[s, c] / old if old > 0.0 else 0.0
+            trial[s] = spring * change + less * bent
+            size = math.hypot(size, trial[s]) if s else abs(trial[s])
+            coupled = 0.0
+            if couples:
+                coupled = slope * change
+                # where h falls, the stiffness does as k does at the end, twice as fast, and what T
+                # was before in proportion
+                if new < old:
+                    coupled += coupled + over * bent
+            coupling[s, c] = coupled
+            sliding[s, c] = 0.0
+        limit = mu * (new * new * new)
+        if not size > limit:
+            shear[c] = spring
+            continue
+        share = limit / size
+        shear[c] = share * spring
+        along = 0.0
+        for s in range(n_s):
+            sliding[s, c] = trial[s] / size
+            along += sliding[s, c] * coupling[s, c]
+        if couples:
+            for s in range(n_s):
+                across = coupling[s, c] - along * sliding[s, c]
+                coupling[s, c] = share * across + mu * k * sliding[s, c]
+
+
+@compiled
+def sum_losses(
+    eta: float,
+    mu: float,
+    old_overlaps: Array,
+    old_slips: Array,
+    old_shears: Array,
+    overlaps: Array,
+    slips: Array,
+) -> tuple[float, float]:
+    """Return the energies that contacts lose by sliding and by the law, along the straight line of
+    a step.
+    """
+    slid = 0.0
+    loosened = 0.0
+    for c in range(len(overlaps)):
+        old = math.sqrt(max(old_overlaps[c], 0.0))
+        new = math.sqrt(max(overlaps[c], 0.0))
+        if new <= old and old == 0.0:
+            continue
+        # a contact that closes or opens in the step: only the part of the step in which it is
+        # closed counts
+        part = 1.0
+        if old == 0.0 or new == 0.0:
+            part = (new * new - old * old) / (overlaps[c] - old_overlaps[c])
+        bent_square = 0.0
+        product = 0.0
+        slip_square = 0.0
+        for s in range(len(slips)):
+            bent = old_shears[s, c] / old if old > 0.0 else 0.0
+            slip = part * (slips[s, c] - old_slips[s, c])
+            bent_square += bent * bent
+            product += bent * slip
+            slip_square += slip * slip
+        if new > old:
+            lost = _lose_rising(old, new, bent_square, product, slip_square, eta, mu)
+        else:
+            lost = _lose_falling(old, new, bent_square, product, slip_square, eta, mu)
+        slid += lost[0]
+        loosened += lost[1]
+    return slid, loosened
+
+
+@compiled
+def _lose_rising(
+    old: float,
+    new: float,
+    bent_square: float,
+    product: float,
+    slip_square: float,
+    eta: float,
+    mu: float,
+) -> tuple[float, float]:
+    """Return the energies lost by sliding and by the law while h rises from ``old``^2 to
+    ``new``^2.
+
+    The squares and the ``product`` are those of T/r at first, and of the slip since then.
+    """
+    mean = eta * (old * old + old * new + new * new) / max(old + new, _TINY)
+    cube = old * old * old
+    rise = new * new * new - cube
+    first = old * old * bent_square
+    both = old * mean * product
+    more = mean * mean * slip_square
+    share, over = _meet(first, both, more, mu, cube, rise)
+    # where it begins to slide
+    turn = new if share == 1.0 else min(max(float(np.cbrt(cube + share * rise)), old), new)
+    three = max(old * old + old * turn + turn * turn, _TINY)
+    stuck = old * bent_square + (turn + 2.0 * old) * share * both / three
+    powers = ((turn + 3.0 * old) * turn + 6.0 * old * old) * turn + 5.0 * cube
+    stuck += powers * share * share * more / (5.0 * three * three)
+    stuck *= (turn - old) / (3.0 * eta * max(turn, _TINY))
+    if mu == math.inf:
+        return 0.0, stuck
+    five = _sum_powers(turn, new)
+    three = max(turn * turn + turn * new + new * new, _TINY)
+    slid = 0.4 * (mu / eta) * over * five / three
+    return slid, stuck + mu * mu / (15.0 * eta) * (new - turn) * five
+
+
+@compiled
+def _lose_falling(
+    old: float,
+    new: float,
+    bent_square: float,
+    product: float,
+    slip_square: float,
+    eta: float,
+    mu: float,
+) -> tuple[float, float]:
+    """Return the energies lost by sliding and by the law while h falls, as
+    :func:`_lose_rising` does.
+    """
+    to_slip = EXPONENT * eta
+    fall = new * new - old * old
+    first = bent_square / to_slip / to_slip
+    both = product / to_slip
+    share, over = _meet(first, both, slip_square, mu / to_slip, old * old, fall)
+    turn = new
+    if share != 1.0:
+        turn = min(max(math.sqrt(max(old * old + share * fall, 0.0)), new), old)
+    width = max(old + turn, _TINY)
+    stuck = first + 2.0 * (2.0 * old + turn) * share * both / (3.0 * width)
+    powers = 8.0 * old * old + 9.0 * old * turn + 3.0 * turn * turn
+    stuck += powers * share * share * slip_square / (15.0 * width * width)
+    stuck *= 0.75 * eta * (old - turn)
+    if mu == math.inf:
+        return 0.0, stuck
+    five = _sum_powers(turn, new)
+    slid = 0.4 * mu * over * five / max(turn + new, _TINY)
+    return slid, stuck + mu * mu / (15.0 * eta) * (turn - new) * five
+
+
+@compiled
+def _meet(
+    first: float, both: float, more: float, mu: float, size: float, rise: float
+) -> tuple[float, float]:
+    """Return the part of the way at which ``|a + b|`` comes to mu (size + rise), and what is then
+    above it: nothing if mu is infinite.
+
+    ``first``, ``both`` and ``more`` are a.a, a.b and b.b.
+    """
+    if mu == math.inf:
+        return 1.0, 0.0
+    limit = mu * size
+    rise = mu * rise
+    over = math.sqrt(max(first + 2.0 * both + more, 0.0)) - (limit + rise)
+    if not over > 0.0:
+        return 1.0, 0.0
+    square = more - rise * rise
+    half = both - limit * rise
+    remaining = min(first - limit * limit, 0.0)
+    root = math.sqrt(max(half * half - square * remaining, 0.0))
+    if half <= 0.0:  # T leaves the limit at first
+        share = (root - half) / max(square, _TINY)
+    else:
+        share = -remaining / max(half + root, _TINY)
+    return min(share, 1.0), over
+
+
+@compiled
+def _sum_powers(a: float, b: float) -> float:
+    """Return (a^5 - b^5)/(a - b)."""
+    return (((a + b) * a + b * b) * a + b * b * b) * a + b * b * b * b
