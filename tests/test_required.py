@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import inspect
 import json
 import os
 import sys
-from functools import cache, reduce
+from collections import Counter
+from collections.abc import Callable
+from functools import cache, partial, reduce
 from pathlib import Path
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -315,3 +318,64 @@ def test_a_missed_bound_of_a_benchmark_is_the_exit_code(
     assert results["one"][0]["value"] == value
     assert results["free"][0]["value"] == 3
     assert results["free"][0]["bound"] is None
+
+
+# -- how far it is from a scene to its files -------------------------------------------------------
+
+#: the folder of the package, with which the names of its files begin
+PACKAGE = str(Path(gp.__file__).parent) + os.sep
+BANDS_OF_STEEL = (
+    "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
+    "packing: {diameter: 8 mm}\nload: {force: 18.446 N}\nobserve: [bands]\n"
+)
+
+
+def count_calls(work: Callable[[], object]) -> Counter[str]:
+    """Calls of functions of the package in each of its modules, the second time that the work is
+    done; comprehensions, which new versions of Python do not call, do not count.
+    """
+    work()
+    calls: Counter[str] = Counter()
+
+    def watch(frame: FrameType, event: str, _: Any) -> None:
+        code = frame.f_code
+        is_function = code.co_flags & inspect.CO_OPTIMIZED and not code.co_name.endswith("comp>")
+        if event == "call" and is_function and code.co_filename.startswith(PACKAGE):
+            calls[code.co_filename.removeprefix(PACKAGE)] += 1
+
+    profile = sys.getprofile()
+    sys.setprofile(watch)
+    try:
+        work()
+    finally:
+        sys.setprofile(profile)
+    return calls
+
+
+def test_a_scene_takes_few_calls_to_its_band_yaml(tmp_path):
+    """Both bounds leave a tenth for what packages, versions and machines differ by."""
+    folders = iter((tmp_path / "a", tmp_path / "b"))
+    of_scene = count_calls(
+        lambda: gp.Scene.from_text(BANDS_OF_STEEL).run(next(folders), figures=False)
+    )
+    steel = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
+    path = tmp_path / "band.yaml"
+    of_python = count_calls(
+        lambda: gp.Phonons(gp.AveragedLattice(steel).at_force(18.446)).bands().write(path)
+    )
+    assert sum(of_scene.values()) <= 5000
+    assert len(of_scene) <= 50
+    assert sum(of_python.values()) <= 950
+    assert len(of_python) <= 34
+
+
+def test_writing_bands_takes_as_many_calls_for_many_points_as_for_few(tmp_path):
+    steel = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
+    phonons = gp.Phonons(gp.AveragedLattice(steel).at_force(18.446))
+    path = tmp_path / "band.yaml"
+    few, many = (
+        count_calls(partial(bands.write, path))
+        for bands in (phonons.bands("GK", 3), phonons.bands("GK", 40))
+    )
+    assert few == many
+    assert sum(many.values()) <= 110

@@ -89,7 +89,7 @@ class Packing:
         if not isinstance(self.material, Material):
             raise InputError(f"material is {self.material!r}", mend="Give a granphon.Material")
         object.__setattr__(self, "diameter", positive("diameter", self.diameter, "m"))
-        find_lattice(self.lattice)
+        _ = self.structure  # a name must be that of a lattice
         if self.spread is not None:
             given_spread(self.spread).check_diameter(self.diameter)
         self._require_double_precision()
@@ -146,7 +146,7 @@ class Packing:
         torsion = 1.0 if self.torsion else 0.0  # "mindlin" too: any number above zero
         return select_motions(self.mindlin_ratio, torsion, self.bending, self.named_motions)
 
-    @property
+    @cached_property
     def structure(self) -> Lattice:
         """The lattice as an object, also if it was given by name."""
         return find_lattice(self.lattice)

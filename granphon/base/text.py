@@ -526,11 +526,13 @@ def _write_flow(value: Any) -> str:
         entries = [f"{_write_key(key)}: {_write_flow(entry)}" for key, entry in plain.items()]
         return "{" + ", ".join(entries) + "}"
     if isinstance(plain, list | tuple):
-        return "[" + ", ".join(_write_flow(item) for item in plain) + "]"
+        return "[" + ", ".join(map(_write_flow, plain)) + "]"
     if isinstance(plain, float):
         return write_float(plain)
     # JSON is YAML, but for letters that cannot be printed, which YAML takes as escapes alone
     text = json.dumps(plain, ensure_ascii=False)
+    if text.isprintable():
+        return text
     return "".join(sign if sign.isprintable() else f"\\U{ord(sign):08x}" for sign in text)
 
 

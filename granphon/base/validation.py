@@ -32,6 +32,8 @@ Options = ParamSpec("Options")
 Low = Literal["", "above zero", "zero or above"]
 #: highest frequency, Hz, far above that of any contact: its powers stay within the range of floats
 HIGHEST_FREQUENCY = 1e30
+#: types of plain numbers
+_PLAIN_NUMBERS = frozenset((float, int))
 #: the deepest nesting of lists: NumPy's arrays have no more dimensions
 _DEEPEST = 64
 
@@ -327,6 +329,8 @@ def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
     """
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values
+    if type(values) is float:
+        return np.array(values)
     carried_unit = find_unit_of(values)
     if carried_unit is not None and not is_si(carried_unit, unit):
         mend = "Give plain numbers, as x.to_base_units().magnitude of pint."
@@ -478,6 +482,8 @@ def _is_masked(values: Any, depth: int = 0) -> bool:
     that contains itself is, is refused.
     """
     if isinstance(values, list | tuple):
+        if _PLAIN_NUMBERS.issuperset(map(type, values)):
+            return False
         if depth == _DEEPEST:
             raise Refused(
                 f"a list nested more than {_DEEPEST} levels deep",
@@ -501,7 +507,8 @@ def _named(
         def rule_with_options(argument: Any) -> Value:
             return rule(argument, *options, **named_options)
 
-        checked_value: Value = require(name, rule_with_options, value)
+        has_options = options or named_options
+        checked_value: Value = require(name, rule_with_options if has_options else rule, value)
         return checked_value
 
     return check

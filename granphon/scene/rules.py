@@ -578,7 +578,7 @@ def read_observables(value: Any) -> tuple[str, ...]:
     Registered observables come behind those of the package, and bring the velocities with them if
     they are found from velocities.
     """
-    added = {name: entry.cost for name, entry in CATALOGUE.items() if CATALOGUE.is_added(name)}
+    added = {name: entry.cost for name, entry in CATALOGUE.added.items()}
     observables = (*OBSERVABLES, *added)
     allowed = "a list of one or more of " + ", ".join(observables)
     if not isinstance(value, list | tuple) or not value:
