@@ -158,7 +158,7 @@ class Packing:
         """
         return bool(self.width) and self.structure.periods > 1
 
-    @property
+    @cached_property
     def width(self) -> float:
         """Width W = sqrt(12) Delta_rms of the distribution of diameters, m; 0 for equal balls."""
         return 0.0 if self.spread is None else self.spread.width

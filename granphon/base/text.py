@@ -494,7 +494,7 @@ def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
         head = f"{indent}{_write_key(key)}:"
         if isinstance(plain, Mapping) and plain:
             blocks.append(f"{head}\n{dump_yaml(plain, indent + '  ')}")
-        elif _is_nested(plain):
+        elif isinstance(plain, list | tuple) and _is_nested(plain):
             items = [f"{indent}  - {_write_flow(item)}\n" for item in plain]
             blocks.append(f"{head}\n{''.join(items)}")
         else:
@@ -502,11 +502,9 @@ def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
     return "".join(blocks)
 
 
-def _is_nested(value: Any) -> bool:
-    """Whether a value is a list that holds lists or mappings."""
-    if not isinstance(value, list | tuple):
-        return False
-    return any(isinstance(item, list | tuple | Mapping) for item in value)
+def _is_nested(values: Sequence[Any]) -> bool:
+    """Whether a list holds lists or mappings."""
+    return any(isinstance(value, list | tuple | Mapping) for value in values)
 
 
 def _write_key(key: Any) -> str:
