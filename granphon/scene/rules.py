@@ -1,20 +1,18 @@
-"""How values of a scene file are read and written, one :class:`Kind` for each sort of value.
+"""How values of a scene file are read and written, one
+:class:`~granphon.base.settings.Kind` for each sort of value.
 
-A reader takes a value of the file and the :class:`Context` of the scene, and raises
-:class:`~granphon.base.errors.Refused` for a value that is not allowed, see
-:mod:`granphon.base.validation`. A writer returns plain data that the reader turns into the same
-value, to the last bit.
+A reader takes a value of the file and the :class:`Context` of the scene.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +28,6 @@ from granphon.balls.lattices import (
     find_lattice,
     name_structure,
 )
-from granphon.balls.layers import read_axis, read_edges
 from granphon.balls.material import Material, read_poisson_ratio
 from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import (
@@ -44,7 +41,6 @@ from granphon.balls.packing import (
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
     DENSITY,
-    FREQUENCY,
     INERTIA,
     LENGTH,
     MASS,
@@ -55,6 +51,17 @@ from granphon.base.quantities import (
     load_quantities,
     tensor_quantities,
 )
+from granphon.base.settings import (
+    Kind,
+    ValueContext,
+    listed,
+    read_counts,
+    read_values,
+    whole_from,
+    with_unit,
+    word_of,
+    write_values,
+)
 from granphon.base.text import closest, show
 from granphon.base.validation import (
     Rule,
@@ -63,7 +70,6 @@ from granphon.base.validation import (
     choice,
     each,
     fraction,
-    frequencies,
     grid,
     is_one_of,
     is_whole,
@@ -77,7 +83,7 @@ from granphon.base.validation import (
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
-from granphon.waves.settings import NETWORK_BLOCKS, read_drives, write_drives
+from granphon.waves.settings import NETWORK_BLOCKS
 
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
@@ -92,8 +98,6 @@ OBSERVABLES = (
     "pulse",
     *NETWORK_BLOCKS,
 )
-#: how the points of a range may be spaced; the first is the default
-SCALES = ("log", "linear")
 
 #: greatest number of measured diameters that a scene file lists itself; more are written to a table
 #: beside it
@@ -106,7 +110,7 @@ _POSITIONS = ("on a line", "in a plane", "in space")
 
 
 @dataclass(frozen=True)
-class Context:
+class Context(ValueContext):
     """The parts of a scene on which its values depend.
 
     Attributes
@@ -115,37 +119,12 @@ class Context:
         meshes depend.
     swept : the lattices of a sweep; motions must be allowed on each.
     kinds : names of the kinds of balls of a crystal.
-    folder : in which tables named in the file are sought.
-    written : whether values stand in a file, where quantities have units; in Python plain numbers
-        are in SI.
+    folder, written : see :class:`~granphon.base.settings.ValueContext`.
     """
 
     lattice: Lattice = TRIANGULAR
     swept: tuple[Lattice, ...] = ()
     kinds: tuple[str, ...] = ()
-    folder: Path = field(default_factory=Path)
-    written: bool = True
-
-
-class Kind(NamedTuple):
-    """How values of one sort are read from a file, and written into it."""
-
-    read: Callable[[Any, Context], Any]
-    write: Callable[[Any, Context], Any] = lambda value, _: value
-
-    @classmethod
-    def plain(cls, rule: Rule, write: Callable[[Any], Any] = lambda value: value) -> Kind:
-        """Return the kind of values that do not depend on the scene."""
-        return cls(lambda value, _: rule(value), lambda value, _: write(value))
-
-    def rule(self, context: Context) -> Rule:
-        """Return the rule that reads such a value of a scene."""
-        return lambda value: self.read(value, context)
-
-
-def quantity(kind: Quantity) -> Kind:
-    """Return the kind of a number with its unit."""
-    return Kind.plain(kind.read, kind.write)
 
 
 @contextmanager
@@ -155,77 +134,6 @@ def refusing(value: Any, allowed: str, *path: str) -> Iterator[None]:
         yield
     except InputError as error:
         raise Refused(show(value), allowed, str(error), path) from None
-
-
-# -- lists and ranges ------------------------------------------------------------------------------
-
-
-def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
-    """Return the numbers, in SI units, of a value: one that the ``rule`` reads, a list of such
-    values, or a range {from, to, points, scale}, evenly spaced on that scale, by default "log".
-    """
-    if isinstance(value, list | tuple):
-        return each(value, rule, "values")
-    if not isinstance(value, dict):
-        return (rule(value),)
-    points = partial(whole, low=1, high=200_000)
-    rules: dict[str, Rule] = {
-        "from": rule,
-        "to": rule,
-        "points": points,
-        "scale": partial(choice, options=SCALES),
-    }
-    settings = block(value, rules, ("from", "to", "points"))
-    first = settings["from"]
-    last = settings["to"]
-    n_points = settings["points"]
-    scale = settings.get("scale", SCALES[0])
-    words = f"range from {value['from']} to {value['to']}"
-    is_one_value = first == last
-    if is_one_value != (n_points == 1):
-        allowed = "1 if both ends are the same, 2 or more if they are not"
-        raise Refused(f"{n_points} for the {words}", allowed, path=("points",))
-    if scale == "log" and min(first, last) <= 0.0:
-        raise Refused(f"a log {words}", "values above zero", "Write scale: linear.")
-    return space_evenly(first, last, n_points, scale)
-
-
-def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[float, ...]:
-    """Return ``count`` numbers, evenly spaced on a log or a linear scale, from exactly ``first`` to
-    exactly ``last``.
-    """
-    space = np.geomspace if scale == "log" else np.linspace
-    with np.errstate(all="ignore"):
-        # the ends may be the smallest and the largest numbers of double precision
-        return tuple(space(first, last, count).tolist())
-
-
-def write_values(values: Sequence[float], write: Callable[[float], Any]) -> Any:
-    """Return plain data for ``values``, each of which ``write`` writes: one value, a range if the
-    range gives the same values to the last bit, or else a list.
-    """
-    first = values[0]
-    last = values[-1]
-    count = len(values)
-    if count == 1:
-        return write(first)
-    scales = list[str]()
-    if count > 2 and first != last:
-        scales += [scale for scale in SCALES if scale == "linear" or min(first, last) > 0.0]
-    for scale in scales:
-        if space_evenly(first, last, count, scale) == tuple(values):
-            return {"from": write(first), "to": write(last), "points": count, "scale": scale}
-    return [write(value) for value in values]
-
-
-DRIVE = Kind(
-    lambda value, context: read_drives(value, folder=context.folder),
-    lambda drives, _: write_drives(drives),
-)
-FREQUENCIES = Kind.plain(
-    lambda value: tuple(frequencies(read_values(value, FREQUENCY.read)).tolist()),
-    lambda values: write_values(values, FREQUENCY.write),
-)
 
 
 # -- spreads ---------------------------------------------------------------------------------------
@@ -408,14 +316,14 @@ def _read_torsion(value: Any) -> float | str:
 
 #: the kind of each key of the blocks "material" and "packing", and of each parameter of a sweep
 PARTS: dict[str, Kind] = {
-    "mass": quantity(MASS),
-    "young_modulus": quantity(MODULUS),
+    "mass": with_unit(MASS),
+    "young_modulus": with_unit(MODULUS),
     "poisson_ratio": Kind.plain(read_poisson_ratio, float),
-    "density": quantity(DENSITY),
-    "yield_strength": quantity(MODULUS),
+    "density": with_unit(DENSITY),
+    "yield_strength": with_unit(MODULUS),
     "lattice": Kind.plain(read_lattice, write_lattice),
-    "diameter": quantity(LENGTH),
-    "width": quantity(WIDTH),
+    "diameter": with_unit(LENGTH),
+    "width": with_unit(WIDTH),
     "spread": Kind(_read_spread, _write_spread),
     "friction": Kind.plain(truth, bool),
     "finite_overlap": Kind.plain(truth),
@@ -691,13 +599,9 @@ def _make_number_kind(entry: Any) -> Kind:
     of the quantity of whose values there is a list, or the rule of a number without a unit.
     """
     if isinstance(entry, Quantity):
-        return quantity(entry)
+        return with_unit(entry)
     if isinstance(entry, tuple):
-        (listed,) = entry
-        return Kind.plain(
-            partial(each, rule=listed.read, what="values"),
-            lambda values: [listed.write(value) for value in values],
-        )
+        return listed(with_unit(*entry))
     return Kind.plain(entry, float)
 
 
@@ -810,47 +714,12 @@ def _read_site(value: Any) -> tuple[tuple[float, ...], str]:
     return site["at"], site["kind"]
 
 
-def _read_counts(value: Any, meaning: str, high: int, low: int = 1) -> tuple[int, ...]:
-    counts = value if isinstance(value, list | tuple) else [value]
-    if isinstance(value, str):
-        counts = [int(word) if word.isdecimal() else word for word in value.split()]
-    return each(counts, partial(whole, low=low, high=high), meaning)
-
-
 def _read_removed(value: Any) -> tuple[int, ...]:
-    balls = _read_counts(value, "numbers of balls", 10_000_000, 0)
+    balls = read_counts(value, "numbers of balls", 0, 10_000_000)
     if len(set(balls)) < len(balls):
         repeated = Counter(balls).most_common(1)[0][0]
         raise Refused(f"ball {repeated} more than once", "the number of each ball once")
     return balls
-
-
-def _read_cut(value: Any) -> tuple[Any, int, tuple[str, str]]:
-    """Return the axis, the number of layers, and the two edges of a block of a cut; edges are free
-    by default.
-    """
-    rules: dict[str, Rule] = {
-        "axis": read_axis,
-        "layers": partial(whole, low=1, high=1_000_000),
-        "edges": read_edges,
-    }
-    settings = block(value, rules, ("axis", "layers"))
-    return settings["axis"], settings["layers"], settings.get("edges", ("free", "free"))
-
-
-def _write_cuts(cuts: Any) -> Any:
-    """Return the block of one cut, a list of the blocks of several; None without cuts."""
-    blocks = [
-        {
-            "axis": list(axis) if isinstance(axis, tuple) else axis,
-            "layers": layers,
-            "edges": " ".join(edges),
-        }
-        for axis, layers, edges in cuts
-    ]
-    if not blocks:
-        return None
-    return blocks if len(blocks) > 1 else blocks[0]
 
 
 def _read_replaced(value: Any) -> tuple[tuple[int, str], ...]:
@@ -940,24 +809,14 @@ ORDER = Kind.plain(
 )
 CELL = Kind.plain(_read_vectors, lambda rows: [[WAY.write(x) for x in row] for row in rows] or None)
 SITES = Kind.plain(partial(each, rule=_read_site, what="sites"), _write_sites)
-REPEAT = Kind.plain(
-    lambda value: _read_counts(value, "numbers of cells", 1_000_000),
-    lambda counts: list(counts) or None,
-)
-CUT = Kind.plain(
-    lambda value: (
-        each(value, _read_cut, "cuts") if isinstance(value, list) else (_read_cut(value),)
-    ),
-    _write_cuts,
-)
 REPLACE = Kind.plain(_read_replaced, lambda pairs: dict(pairs) or None)
 REMOVE = Kind.plain(_read_removed, lambda balls: list(balls) or None)
-SEED = Kind.plain(partial(whole, low=0))
+SEED = whole_from(0)
 LAW = Kind.plain(_read_law, _write_law)
 _ALL_MOTIONS = tuple(
     dict.fromkeys(motions for dimension in (1, 2, 3) for motions in allowed_motions(dimension))
 )
-MOTIONS = Kind.plain(partial(choice, options=_ALL_MOTIONS))
+MOTIONS = word_of(*_ALL_MOTIONS)
 
 
 #: axes of the components of a symmetric tensor of 2 and 3 periods in Voigt order
