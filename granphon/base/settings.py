@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Self, dataclass_transform
+from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from granphon.base.validation import (
     zero_or_above,
 )
 
+BlockClass = TypeVar("BlockClass", bound="Block")
 #: the default of a key that has none, in words
 NEEDED = "required"
 #: how the points of a range may be spaced; the first is the default
@@ -245,65 +246,63 @@ class Block:
     """
 
     block: ClassVar[str]
+    _settings: ClassVar[Mapping[str, Setting]]
 
     def __init_subclass__(cls, kw_only: bool = False) -> None:
         super().__init_subclass__()
-        dataclass(frozen=True, kw_only=kw_only)(cls)
+        of_class: Any = dataclass(frozen=True, kw_only=kw_only)(cls)
+        ordered = sorted(fields(of_class), key=lambda field: bool(field.kw_only))
+        cls._settings = {field.name: field.metadata[_DECLARED] for field in ordered}
 
     def __post_init__(self) -> None:
-        for name, rule in self.rules(IN_PYTHON).items():
+        for name, rule in make_rules(type(self), IN_PYTHON).items():
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, require(f"{self.block}.{name}", rule, value))
 
-    @classmethod
-    def settings(cls) -> dict[str, Setting]:
-        """Return the declarations of the settings, by name."""
-        of_class: Any = cls
-        ordered = sorted(fields(of_class), key=lambda field: field.kw_only)
-        return {field.name: field.metadata[_DECLARED] for field in ordered}
 
-    @classmethod
-    def rules(cls, context: ValueContext) -> dict[str, Rule]:
-        """Return the rule that reads each setting, by name."""
-        return {name: declared.kind.rule(context) for name, declared in cls.settings().items()}
-
-    @classmethod
-    def read(cls, value: Any, context: ValueContext) -> Self:
-        """Read the settings from a block of keys, or take the settings themselves."""
-        if isinstance(value, cls):
-            return value
-        settings = cls.settings()
-        needed = [name for name, declared in settings.items() if declared.default == NEEDED]
-        return cls(**block(value, cls.rules(context), needed))
-
-    def write(self, context: ValueContext) -> dict[str, Any]:
-        """Return the settings as a block of keys of a scene file, without those that are None."""
-        entries = {}
-        for name, declared in self.settings().items():
-            value = getattr(self, name)
-            if value is not None:
-                entries[name] = declared.kind.write(value, context)
-        return entries
-
-    def describe(self) -> list[tuple[str, Any, str]]:
-        """Return titles, values and SI units of the settings that have a title."""
-        return [
-            (declared.title, getattr(self, name), declared.kind.unit)
-            for name, declared in self.settings().items()
-            if declared.title
-        ]
+# functions and not methods, as a user of the settings needs none of them
 
 
-def block_kind(settings: type[Block]) -> Kind:
-    """Return the kind of a block of ``settings`` inside another."""
-    return Kind(settings.read, lambda value, context: value.write(context))
+def list_settings(block_class: type[Block]) -> Mapping[str, Setting]:
+    """Return the declarations of the settings of a block, by name."""
+    return block_class._settings
 
 
-def write_entries(
-    kinds: Mapping[str, Kind], values: Mapping[str, Any], context: ValueContext
-) -> dict[str, Any]:
-    """Return ``values`` as a block of keys of a scene file, each as its kind among ``kinds`` writes
-    it.
-    """
-    return {name: kinds[name].write(value, context) for name, value in values.items()}
+def make_rules(block_class: type[Block], context: ValueContext) -> dict[str, Rule]:
+    """Return the rule that reads each setting of a block, by name."""
+    settings = list_settings(block_class)
+    return {name: declared.kind.rule(context) for name, declared in settings.items()}
+
+
+def read_block(block_class: type[BlockClass], value: Any, context: ValueContext) -> BlockClass:
+    """Return the settings that stand in a block of keys, or that are given as such."""
+    if isinstance(value, block_class):
+        return value
+    settings = list_settings(block_class)
+    needed = [name for name, declared in settings.items() if declared.default == NEEDED]
+    return block_class(**block(value, make_rules(block_class, context), needed))
+
+
+def write_block(settings: Block, context: ValueContext) -> dict[str, Any]:
+    """Return settings as a block of keys of a scene file, without those that are None."""
+    entries = {}
+    for name, declared in list_settings(type(settings)).items():
+        value = getattr(settings, name)
+        if value is not None:
+            entries[name] = declared.kind.write(value, context)
+    return entries
+
+
+def block_kind(block_class: type[Block]) -> Kind:
+    """Return the kind of a block of settings inside another."""
+    return Kind(partial(read_block, block_class), write_block)
+
+
+def describe_settings(settings: Block) -> list[tuple[str, Any, str]]:
+    """Return titles, values and SI units of the settings that have a title."""
+    return [
+        (declared.title, getattr(settings, name), declared.kind.unit)
+        for name, declared in list_settings(type(settings)).items()
+        if declared.title
+    ]

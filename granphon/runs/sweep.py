@@ -25,7 +25,7 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Axis, Packing, find_double
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, OutputError
 from granphon.base.progress import Progress, silent
-from granphon.base.settings import IN_PYTHON
+from granphon.base.settings import IN_PYTHON, make_rules, read_block
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.validation import block, require, truth
 from granphon.media.arrangement import Arrangement, given_balls
@@ -305,7 +305,7 @@ def _read_spectrum(
     if isinstance(spectrum, SpectrumSettings):
         return spectrum, default.paths, default.names
     rule_of_path = partial(BandPath.read, structure=lattice)
-    rules = SpectrumSettings.rules(IN_PYTHON) | {"path": rule_of_path}
+    rules = make_rules(SpectrumSettings, IN_PYTHON) | {"path": rule_of_path}
     settings = require("spectrum", partial(block, rules=rules), spectrum)
     path = settings.pop("path", default)
     return SpectrumSettings(**settings), path.paths, path.names
@@ -316,7 +316,7 @@ def _read_pulse(pulse: PulseSettings | Mapping[str, Any] | None) -> PulseSetting
     if pulse is None or isinstance(pulse, PulseSettings):
         return pulse
     settings: PulseSettings = require(
-        "pulse", partial(PulseSettings.read, context=IN_PYTHON), pulse
+        "pulse", partial(read_block, PulseSettings, context=IN_PYTHON), pulse
     )
     return settings
 

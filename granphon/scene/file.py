@@ -27,7 +27,7 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import ConvergenceError, GranphonError, InstabilityError, Refused
 from granphon.base.quantities import ACCELERATION, LENGTH, LOAD_KINDS, NUMBER, TENSORS
 from granphon.base.scales import write_quantity
-from granphon.base.settings import NEEDED, Block, Kind, whole_from, with_unit
+from granphon.base.settings import NEEDED, Block, Kind, list_settings, whole_from, with_unit
 from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.base.validation import block, read_inside, refuse_unknown_key
 from granphon.media.arrangement import Arrangement
@@ -86,7 +86,7 @@ def _load_field(kind: str, words: str) -> Field:
 
 def _list_fields(settings: type[Block]) -> Iterator[Field]:
     """Return the fields of a block about waves, as its ``settings`` declare them."""
-    for name, declared in settings.settings().items():
+    for name, declared in list_settings(settings).items():
         key = f"{settings.block}.{name}"
         # the waves of a scene have no spectrum that is not observed, so that none is written
         attribute = f"waves.{key}" if settings is SpectrumSettings else key

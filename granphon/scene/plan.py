@@ -26,6 +26,7 @@ from granphon.base import memory
 from granphon.base.errors import GranphonError, InputError, MechanismError, Refused
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LENGTH, find_load_unit
+from granphon.base.settings import describe_settings
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, spell
 from granphon.base.validation import read_inside, require
@@ -392,7 +393,7 @@ class Plan:
         for name in WAVE_BLOCKS:
             settings = self.observed_settings(name)
             if settings is not None:
-                rows += settings.describe()
+                rows += describe_settings(settings)
         if "dos" in self.observe:
             rows.append(("mesh", " x ".join(map(str, self.mesh)), ""))
         return rows

@@ -43,6 +43,7 @@ from granphon.base.quantities import (
     DENSITY,
     INERTIA,
     LENGTH,
+    LOADS,
     MASS,
     MODULUS,
     WAY,
@@ -417,7 +418,7 @@ def load_kind(name: str) -> Kind:
         quantity = load_quantities(context.lattice.pressed_axes)[name]
         return write_values(load.values, quantity.write)
 
-    return Kind(read, write)
+    return Kind(read, write, LOADS[name].unit)
 
 
 def _read_load(value: Any, name: str, lattice: Lattice) -> float:

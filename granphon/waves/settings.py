@@ -35,12 +35,14 @@ from granphon.base.settings import (
     block_kind,
     listed,
     one_or_more,
+    read_block,
     read_counts,
     read_values,
     setting,
     whole_from,
     with_unit,
     word_of,
+    write_block,
     write_values,
 )
 from granphon.base.tables import Table
@@ -468,7 +470,7 @@ class ResponseSettings(NetworkSettings):
         "`displacement` or `velocity` over force, or `transmissibility`: that of a wall that is"
         " moved",
         default="displacement",
-        title="response",
+        title="quantity of the response",
     )
     direction: tuple[float, ...] | None = setting(
         DIRECTION,
@@ -629,8 +631,8 @@ class Shaker(Block):
 
     block = "shaker"
 
-    amplitude: float = setting(with_unit(LENGTH), "greatest displacement")
-    frequency: float = setting(with_unit(FREQUENCY), "of the displacement")
+    amplitude: float = setting(with_unit(LENGTH), "greatest displacement of the shaker")
+    frequency: float = setting(with_unit(FREQUENCY), "frequency of the shaker")
     ramp: float = setting(
         Kind.plain(partial(number, low=0.0, high=1e6)),
         "periods over which the amplitude rises",
@@ -672,23 +674,25 @@ class DriveSettings(Block):
     block = "drive"
 
     balls: tuple[int, ...] | str = setting(
-        Kind.plain(_read_balls), "numbers of balls, or `lower` or `upper`, a face"
+        Kind.plain(_read_balls), "their numbers, or `lower` or `upper`: a face of the array"
     )
-    direction: tuple[float, ...] | None = setting(DIRECTION, "Cartesian", default=None, absent="x")
+    direction: tuple[float, ...] | None = setting(
+        DIRECTION, "Cartesian, of the drive", default=None, absent="x"
+    )
     impact: float | None = setting(
-        with_unit(VELOCITY), "velocity at the start", default=None, absent="another drive"
+        with_unit(VELOCITY), "velocity at the start", default=None, absent="none"
     )
     shaker: Shaker | None = setting(
-        block_kind(Shaker), "a displacement to and fro", default=None, absent="another drive"
+        block_kind(Shaker), "a displacement to and fro", default=None, absent="none"
     )
     force: Signal | None = setting(
-        _signal_kind("force", PUSH), "force over time", default=None, absent="another drive"
+        _signal_kind("force", PUSH), "force on each ball over time", default=None, absent="none"
     )
     displacement: Signal | None = setting(
         _signal_kind("displacement", WAY),
         "displacement over time",
         default=None,
-        absent="another drive",
+        absent="none",
     )
 
     @property
@@ -745,7 +749,7 @@ def _read_drive(value: Any, context: ValueContext) -> DriveSettings:
         kinds = [name for name in DRIVES if entries.get(name) is not None]
     if len(kinds) > 1:
         raise Refused(" and ".join(kinds), f"exactly one of {', '.join(DRIVES)}")
-    drive = DriveSettings.read(value, context)
+    drive = read_block(DriveSettings, value, context)
     if not kinds:
         raise Refused("balls alone", f"exactly one of {', '.join(DRIVES)}")
     return drive
@@ -773,7 +777,7 @@ class MotionSettings(NetworkSettings):
         with_unit(TIME), "how long the balls move", title="duration of the motion"
     )
     drive: tuple[DriveSettings, ...] = setting(
-        one_or_more(Kind(_read_drive, lambda drive, context: drive.write(context)), "drives"),
+        one_or_more(Kind(_read_drive, write_block), "drives"),
         "what drives them, or a list: balls, a direction, and an impact, shaker, force or"
         " displacement, see [motion](#motion)",
     )
