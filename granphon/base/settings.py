@@ -78,6 +78,12 @@ class Kind(NamedTuple):
         """Return the kind of values that do not depend on the scene."""
         return cls(lambda value, _: rule(value), lambda value, _: write(value))
 
+    def made(self, make: Callable[[Any], Any]) -> Kind:
+        """Return the kind of the objects that ``make`` makes of such values, and that are written
+        as these are.
+        """
+        return self._replace(read=lambda value, context: make(self.read(value, context)))
+
     def rule(self, context: ValueContext) -> Rule:
         """Return the rule that reads such a value."""
         return lambda value: self.read(value, context)
@@ -127,6 +133,28 @@ def one_or_more(kind: Kind, what: str) -> Kind:
     def write(values: Sequence[Any], context: ValueContext) -> Any:
         entries = several.write(values, context)
         return entries if len(entries) > 1 else entries[0]
+
+    return Kind(read, write)
+
+
+def block_of(kinds: Mapping[str, Kind], needed: Sequence[str] = ()) -> Kind:
+    """Return the kind of a block of keys, each of its own kind, of which some are ``needed``.
+
+    A block is read as a mapping. It is written from a mapping, or from the attributes of an object,
+    under the same names; a key whose value is None is left out.
+    """
+
+    def read(value: Any, context: ValueContext) -> dict[str, Any]:
+        rules = {key: kind.rule(context) for key, kind in kinds.items()}
+        return block(value, rules, needed)
+
+    def write(values: Any, context: ValueContext) -> dict[str, Any]:
+        entries = {}
+        for key, kind in kinds.items():
+            value = values.get(key) if isinstance(values, Mapping) else getattr(values, key)
+            if value is not None:
+                entries[key] = kind.write(value, context)
+        return entries
 
     return Kind(read, write)
 
@@ -279,18 +307,19 @@ def read_block(block_class: type[BlockClass], value: Any, context: ValueContext)
     """Return the settings that stand in a block of keys, or that are given as such."""
     if isinstance(value, block_class):
         return value
+    return block_class(**_keys_of(block_class).read(value, context))
+
+
+def _keys_of(block_class: type[Block]) -> Kind:
+    """Return the kind of the block of keys that the settings are in a file."""
     settings = list_settings(block_class)
     needed = [name for name, declared in settings.items() if declared.default == NEEDED]
-    return block_class(**block(value, make_rules(block_class, context), needed))
+    return block_of({name: declared.kind for name, declared in settings.items()}, needed)
 
 
 def write_block(settings: Block, context: ValueContext) -> dict[str, Any]:
     """Return settings as a block of keys of a scene file, without those that are None."""
-    entries = {}
-    for name, declared in list_settings(type(settings)).items():
-        value = getattr(settings, name)
-        if value is not None:
-            entries[name] = declared.kind.write(value, context)
+    entries: dict[str, Any] = _keys_of(type(settings)).write(settings, context)
     return entries
 
 

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -55,6 +54,7 @@ from granphon.base.quantities import (
 from granphon.base.settings import (
     Kind,
     ValueContext,
+    block_of,
     listed,
     read_counts,
     read_values,
@@ -140,36 +140,31 @@ def refusing(value: Any, allowed: str, *path: str) -> Iterator[None]:
 # -- spreads ---------------------------------------------------------------------------------------
 
 
-#: reads a list of diameters, m
-_read_diameters = partial(each, rule=LENGTH.read, what="diameters")
+_DIAMETERS = listed(with_unit(LENGTH), "diameters")
 
 
-def _read_normal(value: Any) -> Normal:
-    """Read a standard deviation, or a block {std, cutoff}."""
-    if not isinstance(value, dict):
-        return Normal(WIDTH.read(value))
-    rules: dict[str, Rule] = {"std": WIDTH.read, "cutoff": partial(number, low=1e-3, high=10.0)}
-    return Normal(**block(value, rules, ("std",)))
-
-
-def _read_discrete(value: Any) -> Discrete:
-    """Return the spread of a block {diameters, fractions} of two lists of the same length; Refused
-    for fractions that do not add up to 1.
+def _make_discrete(lists: Mapping[str, Any]) -> Discrete:
+    """Return the spread of two lists of the same length; Refused for fractions that do not add up
+    to 1.
     """
-    read_fractions = partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions")
-    rules: dict[str, Rule] = {"diameters": _read_diameters, "fractions": read_fractions}
-    lists = block(value, rules, ("diameters", "fractions"))
     allowed = "one fraction for each diameter, with the sum 1"
     with refusing(lists["fractions"], allowed, "fractions"):
         return Discrete(**lists)
 
 
-def _read_measured(value: Any, folder: Path) -> Measured:
+def _read_normal(value: Any, context: Context) -> Normal:
+    """Read a standard deviation, or a block {std, cutoff}."""
+    if not isinstance(value, dict):
+        return Normal(WIDTH.read(value))
+    return Normal(**_NORMAL.read(value, context))
+
+
+def _read_measured(value: Any, context: Context) -> Measured:
     """Return the spread of measured diameters of a value: the name of a table, a block {file,
-    column}, or a block {diameters}. Tables are sought in ``folder``.
+    column}, or a block {diameters}. Tables are sought in the folder of the scene.
     """
     if isinstance(value, dict) and "diameters" in value:
-        return Measured(block(value, {"diameters": _read_diameters})["diameters"])
+        return Measured(_MEASURED.read(value, context)["diameters"])
     column = None
     if isinstance(value, dict):
         settings = block(value, {"file": text, "column": text}, ("file",))
@@ -178,18 +173,29 @@ def _read_measured(value: Any, folder: Path) -> Measured:
     else:
         name = text(value)
     with refusing(name, "a table with a column of diameters"):
-        return Measured.from_csv(folder / name, column, quoted=False)
+        return Measured.from_csv(context.folder / name, column, quoted=False)
+
+
+_FRACTIONS = listed(Kind.plain(partial(number, low=0.0, high=1.0)), "fractions")
+_NORMAL = block_of(
+    {"std": with_unit(WIDTH), "cutoff": Kind.plain(partial(number, low=1e-3, high=10.0))}, ("std",)
+)
+_DISCRETE = block_of({"diameters": _DIAMETERS, "fractions": _FRACTIONS}, ("diameters", "fractions"))
+_MEASURED = block_of({"diameters": _DIAMETERS})
+#: the distributions of diameters by the key of their block
+_SPREADS = {
+    "uniform": Kind(
+        lambda value, _: Uniform(WIDTH.read(value)), lambda spread, _: WIDTH.write(spread.width)
+    ),
+    "normal": _NORMAL._replace(read=_read_normal),
+    "discrete": _DISCRETE.made(_make_discrete),
+    "measured": _MEASURED._replace(read=_read_measured),
+}
 
 
 def _read_spread(value: Any, context: Context) -> Any:
     """Return the spread of diameters of a block of one key, which names the distribution."""
-    rules: dict[str, Rule] = {
-        "uniform": lambda value: Uniform(WIDTH.read(value)),
-        "normal": _read_normal,
-        "discrete": _read_discrete,
-        "measured": partial(_read_measured, folder=context.folder),
-    }
-    allowed = f"exactly one of {', '.join(rules)}"
+    allowed = f"exactly one of {', '.join(_SPREADS)}"
     if not isinstance(value, dict):
         mend = "Leave spread out for equal balls."
         if isinstance(value, str):
@@ -198,20 +204,15 @@ def _read_spread(value: Any, context: Context) -> Any:
     if len(value) != 1:
         names = " and ".join(map(str, value))
         raise Refused(names or "no spread", allowed)
-    (spread,) = block(value, rules).values()
+    (spread,) = block_of(_SPREADS).read(value, context).values()
     return spread
 
 
 def _write_spread(spread: Any, context: Context) -> dict[str, Any]:
     """Return the block of a spread of diameters, whose key names the distribution."""
-    if isinstance(spread, Uniform):
-        return {"uniform": WIDTH.write(spread.width)}
-    if isinstance(spread, Normal):
-        return {"normal": {"std": WIDTH.write(spread.std), "cutoff": spread.cutoff}}
-    diameters = {"diameters": [LENGTH.write(diameter) for diameter in spread.diameters]}
-    if isinstance(spread, Discrete):
-        return {"discrete": diameters | {"fractions": spread.fractions}}
-    return {"measured": diameters}
+    classes = {"uniform": Uniform, "normal": Normal, "discrete": Discrete, "measured": Measured}
+    name = next(name for name, of_name in classes.items() if isinstance(spread, of_name))
+    return {name: _SPREADS[name].write(spread, context)}
 
 
 def table_named(value: Any) -> str | None:
@@ -614,19 +615,6 @@ def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
     if not isinstance(value, dict) or not value:
         allowed = "a block of kinds of balls by name, each with its material and diameter"
         raise Refused(show(value), allowed)
-    read_material = partial(
-        block,
-        rules={name: PARTS[name].rule(context) for name in MATERIAL_KEYS},
-        needed=MATERIAL_KEYS[:3],
-    )
-    rules: dict[str, Rule] = {
-        "material": read_material,
-        "diameter": LENGTH.read,
-        "mass": MASS.read,
-        "inertia": INERTIA.read,
-        "spread": PARTS["spread"].rule(context),
-    }
-    read_settings = partial(block, rules=rules, needed=("material", "diameter"))
     kinds = list[tuple[str, Ball]]()
     for name, written in value.items():
         kind = label(name)
@@ -634,7 +622,7 @@ def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
         if "." in kind or " " in kind or kind == "floor":
             allowed = "a name without a point or a space, and not 'floor'"
             raise Refused(show(name), allowed, path=(name,))
-        settings = read_inside(name, read_settings, written)
+        settings = read_inside(name, _BALL.rule(context), written)
         kinds.append((kind, _make_ball(name, settings, written)))
     return tuple(kinds)
 
@@ -657,27 +645,21 @@ def _make_ball(name: Any, settings: Mapping[str, Any], written: Mapping[str, Any
         raise Refused(show(written[key]), allowed, str(error), (name, key)) from None
 
 
-def _write_balls(kinds: Any, context: Context) -> dict[str, Any]:
-    """Return the block of kinds of balls by name, in which mass and inertia are written out."""
-    blocks = dict[str, Any]()
-    for name, ball in kinds:
-        material = {}
-        for key in MATERIAL_KEYS:
-            number_of_material = getattr(ball.material, key)
-            if number_of_material is not None:
-                material[key] = PARTS[key].write(number_of_material, context)
-        blocks[name] = {
-            "material": material,
-            "diameter": LENGTH.write(ball.diameter),
-            "mass": MASS.write(ball.mass),
-            "inertia": INERTIA.write(ball.inertia),
-        }
-        if ball.spread:
-            blocks[name]["spread"] = PARTS["spread"].write(ball.spread, context)
-    return blocks
-
-
-BALLS = Kind(_read_balls, _write_balls)
+_BALL = block_of(
+    {
+        "material": block_of({key: PARTS[key] for key in MATERIAL_KEYS}, MATERIAL_KEYS[:3]),
+        "diameter": with_unit(LENGTH),
+        "mass": with_unit(MASS),
+        "inertia": with_unit(INERTIA),
+        "spread": PARTS["spread"],
+    },
+    ("material", "diameter"),
+)
+#: mass and inertia are written out
+BALLS = Kind(
+    _read_balls,
+    lambda kinds, context: {name: _BALL.write(ball, context) for name, ball in kinds},
+)
 
 
 def _read_structure(value: Any) -> Any:
@@ -707,12 +689,6 @@ def _read_vectors(value: Any) -> tuple[tuple[float, ...], ...]:
     if value == []:
         return ()
     return each(value, partial(each, rule=read_length, what="lengths"), "vectors")
-
-
-def _read_site(value: Any) -> tuple[tuple[float, ...], str]:
-    rules: dict[str, Rule] = {"kind": label, "at": lambda vector: _read_vectors([vector])[0]}
-    site = block(value, rules, ("kind", "at"))
-    return site["at"], site["kind"]
 
 
 def _read_removed(value: Any) -> tuple[int, ...]:
@@ -764,8 +740,8 @@ def _read_law(value: Any) -> Any:
 
 def _read_single_law(name: str, numbers: Any) -> Any:
     """Return the law of a name, made of the block of its ``numbers``, which may be empty."""
-    rules = {key: kind.rule(Context()) for key, kind in _law_numbers(name).items()}
-    read_numbers = partial(block, rules=rules, needed=tuple(rules))
+    kinds = _law_numbers(name)
+    read_numbers = block_of(kinds, tuple(kinds)).rule(Context())
     arguments = read_inside(name, read_numbers, numbers or {})
     with refusing(numbers or name, f"numbers of the law {name}", name):
         law = LAWS[name].law
@@ -799,17 +775,22 @@ def _write_structure(structure: Any) -> Any:
     return write_lattice(structure)
 
 
-def _write_sites(sites: Any) -> Any:
-    out = [{"kind": kind, "at": [WAY.write(x) for x in position]} for position, kind in sites]
-    return out or None
-
-
 STRUCTURE = Kind.plain(_read_structure, _write_structure)
 ORDER = Kind.plain(
     partial(each, rule=label, what="names of kinds"), lambda names: list(names) or None
 )
 CELL = Kind.plain(_read_vectors, lambda rows: [[WAY.write(x) for x in row] for row in rows] or None)
-SITES = Kind.plain(partial(each, rule=_read_site, what="sites"), _write_sites)
+_VECTOR = Kind.plain(
+    lambda vector: _read_vectors([vector])[0], lambda vector: [WAY.write(x) for x in vector]
+)
+_SITE = block_of({"kind": Kind.plain(label), "at": _VECTOR}, ("kind", "at"))
+_SITES = listed(_SITE.made(lambda site: (site["at"], site["kind"])), "sites")
+SITES = Kind(
+    _SITES.read,
+    lambda sites, context: (
+        _SITES.write([{"kind": kind, "at": place} for place, kind in sites], context) or None
+    ),
+)
 REPLACE = Kind.plain(_read_replaced, lambda pairs: dict(pairs) or None)
 REMOVE = Kind.plain(_read_removed, lambda balls: list(balls) or None)
 SEED = whole_from(0)

@@ -33,6 +33,7 @@ from granphon.base.settings import (
     Kind,
     ValueContext,
     block_kind,
+    block_of,
     listed,
     one_or_more,
     read_block,
@@ -48,8 +49,6 @@ from granphon.base.settings import (
 from granphon.base.tables import Table
 from granphon.base.text import show
 from granphon.base.validation import (
-    Rule,
-    block,
     choice,
     each,
     finite_list,
@@ -57,7 +56,6 @@ from granphon.base.validation import (
     frequencies,
     number,
     real_number,
-    whole,
     zero_or_above,
 )
 from granphon.dynamics.damping import read_loss
@@ -229,28 +227,29 @@ def _read_repeat(value: Any) -> tuple[int, ...]:
     return () if value == () else read_counts(value, "numbers of cells", 1, 1_000_000)
 
 
-def _read_cut(value: Any) -> tuple[Any, int, tuple[str, str]]:
+def _read_cut(value: Any, context: ValueContext) -> tuple[Any, int, tuple[str, str]]:
     """Return the axis, the number of layers, and the two edges of a block of a cut, or of a tuple
     of them; edges are free by default.
     """
-    entries = dict(zip(_CUT_RULES, value, strict=False)) if isinstance(value, tuple) else value
-    settings = block(entries, _CUT_RULES, ("axis", "layers"))
-    return settings["axis"], settings["layers"], settings.get("edges", ("free", "free"))
+    entries = dict(zip(_CUT_KEYS, value, strict=False)) if isinstance(value, tuple) else value
+    cut = block_of(_CUT_KEYS, ("axis", "layers")).read(entries, context)
+    return cut["axis"], cut["layers"], cut.get("edges", ("free", "free"))
 
 
-def _write_cut(cut: Any) -> dict[str, Any]:
-    """Return the block of a cut."""
-    axis, layers, edges = cut
-    written_axis = list(axis) if isinstance(axis, tuple) else axis
-    return {"axis": written_axis, "layers": layers, "edges": " ".join(edges)}
-
-
-_CUT_RULES: dict[str, Rule] = {
-    "axis": read_axis,
-    "layers": partial(whole, low=1, high=1_000_000),
-    "edges": read_edges,
+_CUT_KEYS = {
+    "axis": Kind.plain(read_axis),
+    "layers": whole_from(1, 1_000_000),
+    "edges": Kind.plain(read_edges, " ".join),
 }
-_CUTS = one_or_more(Kind.plain(_read_cut, _write_cut), "cuts")
+_CUTS = one_or_more(
+    Kind(
+        _read_cut,
+        lambda cut, context: block_of(_CUT_KEYS).write(
+            dict(zip(_CUT_KEYS, cut, strict=True)), context
+        ),
+    ),
+    "cuts",
+)
 #: cells along each period of a supercell or network
 REPEAT = Kind.plain(_read_repeat, lambda counts: list(counts) or None)
 #: the cuts of a crystal or network; none of an empty tuple
@@ -602,20 +601,18 @@ def _signal_kind(name: str, kind: Quantity) -> Kind:
     ``name``, read from the name of a file, from a block of two lists, or from a signal.
     """
     columns = {"time": listed(with_unit(SINCE)), name: listed(with_unit(kind))}
+    lists = block_of(columns, tuple(columns))
 
     def read(value: Any, context: ValueContext) -> Signal:
         if isinstance(value, str) and context.written:
             return _read_table(context.folder, value, name, kind)
-        lists = {"time": value.times, name: value.values} if isinstance(value, Signal) else value
-        rules = {column: of_column.rule(context) for column, of_column in columns.items()}
-        entries = block(lists, rules, ("time", name))
-        return Signal(entries["time"], entries[name])
+        written = split(value) if isinstance(value, Signal) else value
+        return Signal(*lists.read(written, context).values())
 
-    def write(signal: Signal, context: ValueContext) -> dict[str, Any]:
-        lists = {"time": signal.times, name: signal.values}
-        return {column: columns[column].write(lists[column], context) for column in columns}
+    def split(signal: Signal) -> dict[str, Any]:
+        return {"time": signal.times, name: signal.values}
 
-    return Kind(read, write)
+    return Kind(read, lambda signal, context: lists.write(split(signal), context))
 
 
 class Shaker(Block):
