@@ -18,10 +18,11 @@ import os
 import re
 import stat
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import lru_cache
 from numbers import Integral
 from typing import Any
 
@@ -70,6 +71,8 @@ _POINTLESS = re.compile(r"(?<=[ -]\d)e")
 _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 
 
+#: what writes texts and floats, which most entries of plain data are, as :func:`canonical` does
+_CANONICAL: dict[type, Callable[[Any], str]] = {str: json.dumps, float: float.hex}
 #: byte order marks of UTF-16
 _MARKS_OF_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 #: the comment line of a file with the digest of the others
@@ -507,6 +510,7 @@ def _is_nested(values: Sequence[Any]) -> bool:
     return any(isinstance(value, list | tuple | Mapping) for value in values)
 
 
+@lru_cache(1024)  # states of a sweep have the same keys
 def _write_key(key: Any) -> str:
     """A key, in quotes unless it is a word that is a text to every reader."""
     # readers of YAML 1.1 or 1.2 do not take all words for a text
@@ -768,13 +772,17 @@ def canonical(data: Any) -> str:
     :class:`~granphon.base.errors.InputError` for anything else.
     """
     if isinstance(data, Mapping):
-        entries = [f"{json.dumps(str(key))}:{canonical(value)}" for key, value in data.items()]
+        entries = []
+        for key, value in data.items():
+            write = _CANONICAL.get(type(value), canonical)
+            entries.append(f"{json.dumps(str(key))}:{write(value)}")
         return "{" + ",".join(sorted(entries)) + "}"
     if hasattr(data, "tolist"):
         # arrays and numbers of NumPy, which the command's help does without
         return canonical(data.tolist())
     if isinstance(data, list | tuple):
-        return "[" + ",".join(map(canonical, data)) + "]"
+        entries = [_CANONICAL.get(type(value), canonical)(value) for value in data]
+        return "[" + ",".join(entries) + "]"
     if isinstance(data, complex):
         return canonical({"real": data.real, "imag": data.imag})
     if data is None or isinstance(data, bool | str):

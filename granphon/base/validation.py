@@ -195,22 +195,20 @@ def real_number(value: Any) -> float:
         return math.nan
 
 
-def _number_where(value: Any, allowed: str, is_allowed: Callable[[float], bool]) -> float:
-    """Return a real number for which ``is_allowed`` is true; Refused says, in the words
-    ``allowed``, which numbers these are.
+def _refuse_number(value: Any, allowed: str, unit: str = "") -> Refused:
+    """Return the refusal of a value that is none of the numbers, in an SI ``unit``, that the words
+    ``allowed`` say.
     """
-    number = real_number(value)
-    if is_allowed(number):
-        return number
     mend = "Write it without quotes or unit." if isinstance(value, str) else ""
-    raise Refused(show(value), allowed, mend)
+    return Refused(show(value), f"{allowed}, {unit}" if unit else allowed, mend)
 
 
 def number(value: Any, low: float, high: float) -> float:
     """Return a plain number, without a unit, from ``low`` to ``high``."""
-    return _number_where(
-        value, f"a plain number from {low:g} to {high:g}", lambda x: low <= x <= high
-    )
+    plain = real_number(value)
+    if low <= plain <= high:
+        return plain
+    raise _refuse_number(value, f"a plain number from {low:g} to {high:g}")
 
 
 def fraction(value: Any, largest: float) -> float:
@@ -232,18 +230,18 @@ def fraction(value: Any, largest: float) -> float:
 
 def above_zero(value: Any, unit: str = "") -> float:
     """Return a finite number above zero, in an SI ``unit``."""
-    allowed = "a finite number above zero"
-    if unit:
-        allowed += f", {unit}"
-    return _number_where(value, allowed, lambda number: 0.0 < number < math.inf)
+    plain = real_number(value)
+    if 0.0 < plain < math.inf:
+        return plain
+    raise _refuse_number(value, "a finite number above zero", unit)
 
 
 def zero_or_above(value: Any, unit: str = "") -> float:
     """Return a finite number, zero or above, in an SI ``unit``."""
-    allowed = "a finite number, zero or above"
-    if unit:
-        allowed += f", {unit}"
-    return _number_where(value, allowed, lambda number: 0.0 <= number < math.inf)
+    plain = real_number(value)
+    if 0.0 <= plain < math.inf:
+        return plain
+    raise _refuse_number(value, "a finite number, zero or above", unit)
 
 
 def is_whole(value: Any) -> bool:
