@@ -23,6 +23,7 @@ from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.errors import InputError, brief
 from granphon.base.results import write_html
 from granphon.base.scales import WidthUnits
+from granphon.base.settings import NEEDED, describe_settings, list_settings
 from granphon.base.text import closest, counted
 from granphon.base.validation import is_one_of, not_negative, positive, real_list, require, truth
 
@@ -234,7 +235,6 @@ class Packing:
         """Return the rows of the table of the packing in a notebook: name, value and SI unit of
         each quantity.
         """
-        material = self.material
         spread = "none" if self.spread is None else type(self.spread).__name__.lower()
         rows: list[tuple[str, Any, str]] = [
             ("lattice", self.structure.name, ""),
@@ -244,13 +244,7 @@ class Packing:
         if self.spread is not None:
             rows.append(("width of the spread", self.width, "m"))
         rows += [
-            ("Young modulus", material.young_modulus, "Pa"),
-            ("Poisson ratio", material.poisson_ratio, ""),
-            ("density", material.density, "kg/m^3"),
-        ]
-        if material.yield_strength is not None:
-            rows.append(("yield strength", material.yield_strength, "Pa"))
-        rows += [
+            *describe_settings(self.material),
             ("mass of a ball", self.mass, "kg"),
             ("friction", self.friction, ""),
             ("shear over normal stiffness", self.mindlin_ratio, ""),
@@ -387,7 +381,11 @@ def require_shallow(modulus: float, overlap: float, load: str) -> None:
 BallsT = TypeVar("BallsT")
 #: most packings of a sweep; more are taken for a mistake
 MOST_COMBINATIONS = 100_000
-_MATERIAL = {"young_modulus": "Pa", "poisson_ratio": "1", "density": "kg/m^3"}
+_MATERIAL = {
+    name: declared.kind.unit or "1"
+    for name, declared in list_settings(Material).items()
+    if declared.default == NEEDED
+}
 #: where a lattice of one, two or three periods extends
 _EXTENTS = {1: "along a line", 2: "in a plane", 3: "in space"}
 #: the parameters of a packing and their SI units; None for parameters that are not numbers

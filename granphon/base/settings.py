@@ -242,12 +242,14 @@ class Setting(NamedTuple):
     meaning : in words, for the reference.
     default : of a key that is left out, in words; :data:`NEEDED` where it has none.
     title : its name in the lines of ``granphon check``; without one it is not listed.
+    is_optional : whether its value may be None, as its default is.
     """
 
     kind: Kind
     meaning: str
     default: str
     title: str
+    is_optional: bool
 
 
 def setting(
@@ -261,7 +263,7 @@ def setting(
         values = default if isinstance(default, tuple) else (default,)
         texts = [f"{value:g}" if isinstance(value, float) else str(value) for value in values]
         words = f"`{' '.join([', '.join(texts), kind.unit]).rstrip()}`"
-    declared = Setting(kind, meaning, words, title)
+    declared = Setting(kind, meaning, words, title, is_optional=default is None)
     return dataclasses.field(default=default, metadata={_DECLARED: declared})
 
 
@@ -270,10 +272,11 @@ class Block:
     """Settings that stand together in a block of a scene: a frozen dataclass, whose attributes are
     declared by :func:`setting`, and whose values are checked when it is made.
 
-    ``block`` is the name of the block. Settings with ``kw_only`` come behind the others.
+    ``block`` is the name of the block in messages. Settings with ``kw_only`` come behind the
+    others.
     """
 
-    block: ClassVar[str]
+    block: ClassVar[str] = ""
     _settings: ClassVar[Mapping[str, Setting]]
 
     def __init_subclass__(cls, kw_only: bool = False) -> None:
@@ -283,10 +286,12 @@ class Block:
         cls._settings = {field.name: field.metadata[_DECLARED] for field in ordered}
 
     def __post_init__(self) -> None:
-        for name, rule in make_rules(type(self), IN_PYTHON).items():
+        for name, declared in self._settings.items():
             value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, require(f"{self.block}.{name}", rule, value))
+            if value is None and declared.is_optional:
+                continue
+            key = f"{self.block}.{name}" if self.block else name
+            object.__setattr__(self, name, require(key, declared.kind.rule(IN_PYTHON), value))
 
 
 # functions and not methods, as a user of the settings needs none of them
@@ -329,9 +334,10 @@ def block_kind(block_class: type[Block]) -> Kind:
 
 
 def describe_settings(settings: Block) -> list[tuple[str, Any, str]]:
-    """Return titles, values and SI units of the settings that have a title."""
-    return [
-        (declared.title, getattr(settings, name), declared.kind.unit)
-        for name, declared in list_settings(type(settings)).items()
-        if declared.title
-    ]
+    """Return titles, values and SI units of the settings that have a title and a value."""
+    rows = []
+    for name, declared in list_settings(type(settings)).items():
+        value = getattr(settings, name)
+        if declared.title and value is not None:
+            rows.append((declared.title, value, declared.kind.unit))
+    return rows

@@ -34,7 +34,6 @@ from granphon.media.arrangement import Arrangement
 from granphon.phonons.paths import BandPath, read_labels
 from granphon.scene import rules
 from granphon.scene.rules import (
-    MATERIAL_KEYS,
     PARTS,
     SCENE_SCHEMA,
     Context,
@@ -43,7 +42,7 @@ from granphon.scene.rules import (
     table_named,
 )
 from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
-from granphon.waves.settings import CUT, REPEAT, SpectrumSettings, named_tables
+from granphon.waves.settings import CUT, REPEAT, named_tables
 
 #: column at which the words of a key stand in a preset, and the most letters of them in a line
 _WORDS_COLUMN = 38
@@ -84,28 +83,28 @@ def _load_field(kind: str, words: str) -> Field:
     return Field(f"load.{kind}", "load", rules.load_kind(kind), words, "one load is required")
 
 
-def _list_fields(settings: type[Block]) -> Iterator[Field]:
-    """Return the fields of a block about waves, as its ``settings`` declare them."""
+def _list_fields(settings: type[Block], block: str, attribute: str) -> Iterator[Field]:
+    """Return the fields of a ``block``, as the ``settings`` at an ``attribute`` of a scene declare
+    them.
+    """
     for name, declared in list_settings(settings).items():
-        key = f"{settings.block}.{name}"
-        # the waves of a scene have no spectrum that is not observed, so that none is written
-        attribute = f"waves.{key}" if settings is SpectrumSettings else key
-        yield Field(key, attribute, declared.kind, declared.meaning, declared.default)
+        yield Field(
+            f"{block}.{name}",
+            f"{attribute}.{name}",
+            declared.kind,
+            declared.meaning,
+            declared.default,
+        )
 
 
 def _packing_field(
-    name: str, words: str, default: str = "", attribute: str = "", kind: Kind | None = None
+    key: str, words: str, default: str = "", kind: Kind | None = None, attribute: str = ""
 ) -> Field:
-    """Return the field of the key ``name`` of the block "material" if a material has such a key,
-    of "packing" otherwise. By default its attribute has the same name.
+    """Return the field of the ``key`` of a packing, "packing.diameter", or of a crystal. By default
+    its attribute has the same name, and its kind is that of the name.
     """
-    if name in MATERIAL_KEYS:
-        key = f"material.{name}"
-        attribute = attribute or f"packing.material.{name}"
-    else:
-        key = f"packing.{name}"
-        attribute = attribute or f"packing.{name}"
-    return Field(key, attribute, kind or PARTS[name], words, default)
+    name = key.rpartition(".")[2]
+    return Field(key, attribute or f"packing.{name}", kind or PARTS[name], words, default)
 
 
 def _unless_zero(kind: Kind) -> Kind:
@@ -127,54 +126,47 @@ FIELDS: tuple[Field, ...] = (
         "version of this format",
         f"`{SCENE_SCHEMA}`",
     ),
-    _packing_field("young_modulus", "Young modulus of the material", NEEDED),
-    _packing_field("poisson_ratio", "Poisson ratio of the material", NEEDED),
-    _packing_field("density", "density of the material, not of the packing", NEEDED),
+    *_list_fields(Material, "material", "packing.material"),
     _packing_field(
-        "yield_strength",
-        "uniaxial yield stress; you are warned where contacts would flow",
-        "none: not checked",
-    ),
-    _packing_field(
-        "lattice",
+        "packing.lattice",
         "how the balls are arranged, see [lattices](#lattices)",
         attribute="packing.structure",
     ),
-    _packing_field("diameter", "diameter of a ball; the mean, if they differ", NEEDED),
+    _packing_field("packing.diameter", "diameter of a ball; the mean, if they differ", NEEDED),
     _packing_field(
-        "spread",
+        "packing.spread",
         "how diameters differ, see [spread](#spread)",
         "equal balls",
-        kind=rules.OWN_SPREAD,
+        rules.OWN_SPREAD,
     ),
     _packing_field(
-        "friction",
+        "packing.friction",
         "whether contacts resist shear; without friction, torsion and bending balls do not rotate",
     ),
     _packing_field(
-        "finite_overlap",
+        "packing.finite_overlap",
         "keep the [terms of relative order"
         " overlap/diameter](../explanation/model.md#finite-overlap)",
         attribute="finite_overlap",
     ),
     _packing_field(
-        "motions",
+        "packing.motions",
         "how each ball moves, see [lattices](#lattices)",
         "`longitudinal` on a chain, `in_plane` in the plane, `all` in space",
-        kind=Kind(PARTS["motions"].read, _write_motions),
+        Kind(PARTS["motions"].read, _write_motions),
     ),
     _packing_field(
-        "torsion",
+        "packing.torsion",
         "stiffness of a contact against twist, over k d²; `mindlin`: that of Hertz contacts"
         " without slip",
         "`0`",
-        kind=_unless_zero(PARTS["torsion"]),
+        _unless_zero(PARTS["torsion"]),
     ),
     _packing_field(
-        "bending",
+        "packing.bending",
         "stiffness of a contact against rolling, over k d²",
         "`0`",
-        kind=_unless_zero(PARTS["bending"]),
+        _unless_zero(PARTS["bending"]),
     ),
     Field(
         "balls",
@@ -183,90 +175,72 @@ FIELDS: tuple[Field, ...] = (
         "kinds of balls by name, see [crystals](#crystals)",
         NEEDED,
     ),
-    *(
-        Field(f"crystal.{key}", f"packing.{attribute}", kind, words, default)
-        for key, attribute, kind, words, default in (
-            (
-                "lattice",
-                "lattice",
-                rules.STRUCTURE,
-                "a lattice, or `NaCl`, `CsCl`, `zincblende`",
-                "`cell` and `sites`",
-            ),
-            (
-                "kinds",
-                "order",
-                rules.ORDER,
-                "names of kinds that follow each other on its sites",
-                "all kinds in turn",
-            ),
-            (
-                "cell",
-                "cell",
-                rules.CELL,
-                "vectors along which the crystal repeats, each a list of lengths",
-                "`lattice`",
-            ),
-            (
-                "sites",
-                "sites",
-                rules.SITES,
-                "a block `kind`, `at` for each ball: its kind, and its place",
-                "`lattice`",
-            ),
-            (
-                "repeat",
-                "repeat",
-                REPEAT,
-                "cells of the supercell along each period",
-                "one cell",
-            ),
-            (
-                "cut",
-                "cut",
-                CUT,
-                "block `axis`, `layers`, `edges` of a strip, slab or column, or a list",
-                "none",
-            ),
-            (
-                "replace",
-                "replace",
-                rules.REPLACE,
-                "numbers of balls, and the kinds that take their places",
-                "none",
-            ),
-            ("remove", "remove", rules.REMOVE, "numbers of balls that are taken out", "none"),
-            (
-                "seed",
-                "seed",
-                rules.SEED,
-                "of the diameters, where kinds have a spread: `repeat` is then a sample",
-                "`0`",
-            ),
-            (
-                "law",
-                "law",
-                rules.LAW,
-                "the law of contacts, or a block of pairs of kinds with a law for each",
-                "`hertz`",
-            ),
-            ("friction", "friction", PARTS["friction"], "whether contacts resist shear", ""),
-            (
-                "motions",
-                "motions",
-                rules.MOTIONS,
-                "how each ball moves, see [lattices](#lattices)",
-                "as in `packing`",
-            ),
-            ("torsion", "torsion", PARTS["torsion"], "as in `packing`", "`0`"),
-            ("bending", "bending", PARTS["bending"], "as in `packing`", "`0`"),
-        )
+    _packing_field(
+        "crystal.lattice",
+        "a lattice, or `NaCl`, `CsCl`, `zincblende`",
+        "`cell` and `sites`",
+        rules.STRUCTURE,
     ),
-    Field(
+    _packing_field(
+        "crystal.kinds",
+        "names of kinds that follow each other on its sites",
+        "all kinds in turn",
+        rules.ORDER,
+        "packing.order",
+    ),
+    _packing_field(
+        "crystal.cell",
+        "vectors along which the crystal repeats, each a list of lengths",
+        "`lattice`",
+        rules.CELL,
+    ),
+    _packing_field(
+        "crystal.sites",
+        "a block `kind`, `at` for each ball: its kind, and its place",
+        "`lattice`",
+        rules.SITES,
+    ),
+    _packing_field(
+        "crystal.repeat", "cells of the supercell along each period", "one cell", REPEAT
+    ),
+    _packing_field(
+        "crystal.cut",
+        "block `axis`, `layers`, `edges` of a strip, slab or column, or a list",
+        "none",
+        CUT,
+    ),
+    _packing_field(
+        "crystal.replace",
+        "numbers of balls, and the kinds that take their places",
+        "none",
+        rules.REPLACE,
+    ),
+    _packing_field("crystal.remove", "numbers of balls that are taken out", "none", rules.REMOVE),
+    _packing_field(
+        "crystal.seed",
+        "of the diameters, where kinds have a spread: `repeat` is then a sample",
+        "`0`",
+        rules.SEED,
+    ),
+    _packing_field(
+        "crystal.law",
+        "the law of contacts, or a block of pairs of kinds with a law for each",
+        "`hertz`",
+        rules.LAW,
+    ),
+    _packing_field("crystal.friction", "whether contacts resist shear"),
+    _packing_field(
+        "crystal.motions",
+        "how each ball moves, see [lattices](#lattices)",
+        "as in `packing`",
+        rules.MOTIONS,
+    ),
+    _packing_field("crystal.torsion", "as in `packing`", "`0`"),
+    _packing_field("crystal.bending", "as in `packing`", "`0`"),
+    _packing_field(
         "crystal.finite_overlap",
-        "finite_overlap",
-        PARTS["finite_overlap"],
         "the true geometry: contacts turn, the cell deforms, and static forces enter the response",
+        attribute="finite_overlap",
     ),
     _load_field("force", "mean force between touching balls"),
     _load_field(
@@ -345,7 +319,12 @@ FIELDS: tuple[Field, ...] = (
         "direction of sound, Cartesian, or a list of directions, see [direction](#direction)",
         "x",
     ),
-    *(field for settings in WAVE_BLOCKS.values() for field in _list_fields(settings)),
+    *(
+        field
+        for name, settings in WAVE_BLOCKS.items()
+        # the waves of a scene have no spectrum that is not observed, so that none is written
+        for field in _list_fields(settings, name, "waves.spectrum" if name == "spectrum" else name)
+    ),
     Field(
         "phonopy.dim",
         "dim",

@@ -27,7 +27,7 @@ from granphon.balls.lattices import (
     find_lattice,
     name_structure,
 )
-from granphon.balls.material import Material, read_poisson_ratio
+from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import (
     KIND_PARAMETERS,
@@ -39,12 +39,10 @@ from granphon.balls.packing import (
 )
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
-    DENSITY,
     INERTIA,
     LENGTH,
     LOADS,
     MASS,
-    MODULUS,
     WAY,
     WIDTH,
     Quantity,
@@ -55,6 +53,7 @@ from granphon.base.settings import (
     Kind,
     ValueContext,
     block_of,
+    list_settings,
     listed,
     read_counts,
     read_values,
@@ -210,7 +209,12 @@ def _read_spread(value: Any, context: Context) -> Any:
 
 def _write_spread(spread: Any, context: Context) -> dict[str, Any]:
     """Return the block of a spread of diameters, whose key names the distribution."""
-    classes = {"uniform": Uniform, "normal": Normal, "discrete": Discrete, "measured": Measured}
+    classes: dict[str, Any] = {
+        "uniform": Uniform,
+        "normal": Normal,
+        "discrete": Discrete,
+        "measured": Measured,
+    }
     name = next(name for name, of_name in classes.items() if isinstance(spread, of_name))
     return {name: _SPREADS[name].write(spread, context)}
 
@@ -316,13 +320,12 @@ def _read_torsion(value: Any) -> float | str:
         raise Refused(refused.found, allowed, mend) from None
 
 
+#: the keys of a material, of which all but the last are required
+MATERIAL_KEYS = tuple(list_settings(Material))
 #: the kind of each key of the blocks "material" and "packing", and of each parameter of a sweep
 PARTS: dict[str, Kind] = {
+    **{name: declared.kind for name, declared in list_settings(Material).items()},
     "mass": with_unit(MASS),
-    "young_modulus": with_unit(MODULUS),
-    "poisson_ratio": Kind.plain(read_poisson_ratio, float),
-    "density": with_unit(DENSITY),
-    "yield_strength": with_unit(MODULUS),
     "lattice": Kind.plain(read_lattice, write_lattice),
     "diameter": with_unit(LENGTH),
     "width": with_unit(WIDTH),
@@ -587,10 +590,6 @@ def _has_numbers(value: Any) -> bool:
 # -- crystals: balls of several kinds, how they are arranged, and their loads ----------------------
 
 
-#: the keys of a material, of which all but the last are required
-MATERIAL_KEYS = ("young_modulus", "poisson_ratio", "density", "yield_strength")
-
-
 def _law_numbers(name: str) -> dict[str, Kind]:
     """Return the kind of each number of the contact law ``name``, by its key."""
     return {key: _make_number_kind(entry) for key, entry in LAWS[name].numbers.items()}
@@ -648,8 +647,8 @@ def _make_ball(name: Any, settings: Mapping[str, Any], written: Mapping[str, Any
 _BALL = block_of(
     {
         "material": block_of({key: PARTS[key] for key in MATERIAL_KEYS}, MATERIAL_KEYS[:3]),
-        "diameter": with_unit(LENGTH),
-        "mass": with_unit(MASS),
+        "diameter": PARTS["diameter"],
+        "mass": PARTS["mass"],
         "inertia": with_unit(INERTIA),
         "spread": PARTS["spread"],
     },

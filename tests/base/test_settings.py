@@ -68,6 +68,8 @@ def test_attributes_follow_from_the_declaration():
     [
         ({"width": 0.0}, "nozzle.width", "above zero, m"),
         ({"width": "8 mm"}, "nozzle.width", "'8 mm'"),
+        ({"width": None}, "nozzle.width", "nothing"),
+        ({"width": 1.0, "balls": None}, "nozzle.balls", "nothing"),
         ({"width": 1.0, "delay": -1.0}, "nozzle.delay", "zero or above, s"),
         ({"width": 1.0, "balls": 10}, "nozzle.balls", "from 1 to 9"),
         ({"width": 1.0, "side": "rigth"}, "nozzle.side", "'right'"),
