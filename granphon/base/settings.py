@@ -19,6 +19,7 @@ import numpy as np
 
 from granphon.base.errors import Refused
 from granphon.base.quantities import Quantity
+from granphon.base.text import show
 from granphon.base.validation import (
     Rule,
     above_zero,
@@ -122,13 +123,20 @@ def listed(kind: Kind, what: str = "values") -> Kind:
     )
 
 
-def one_or_more(kind: Kind, what: str) -> Kind:
-    """Return the kind of a tuple of values of a ``kind``, written as the one value or as a list."""
+def one_or_more(kind: Kind, what: str, once: str = "") -> Kind:
+    """Return the kind of a tuple of values of a ``kind``, written as the one value or as a list;
+    ``what`` is the plural in messages. A list with a value twice is refused if there are words for
+    what is allowed, ``once``.
+    """
     several = listed(kind, what)
 
     def read(value: Any, context: ValueContext) -> tuple[Any, ...]:
-        is_list = isinstance(value, list | tuple)
-        return several.read(value, context) if is_list else (kind.read(value, context),)
+        if not isinstance(value, list | tuple):
+            return (kind.read(value, context),)
+        values: tuple[Any, ...] = several.read(value, context)
+        if once and len(set(values)) < len(values):
+            raise Refused(show(value), once)
+        return values
 
     def write(values: Sequence[Any], context: ValueContext) -> Any:
         entries = several.write(values, context)

@@ -125,19 +125,6 @@ _DAMPING_OF_BOTH = _of_both_motions(_DAMPING)
 _LOSS_FACTOR = _of_both_motions(Kind.plain(partial(read_loss, "loss_factor", rule=zero_or_above)))
 
 
-def _read_polarisations(value: Any) -> tuple[str, ...]:
-    """Return polarisations, read from one or from a list; raise :class:`Refused` for one that is
-    given twice.
-    """
-    rule = partial(choice, options=POLARISATIONS)
-    if not isinstance(value, list | tuple):
-        return (rule(value),)
-    names: tuple[str, ...] = each(value, rule, "polarisations")
-    if len(set(names)) < len(names):
-        raise Refused(show(value), f"{', '.join(POLARISATIONS)}, each once")
-    return names
-
-
 def _read_frequencies(value: Any, context: ValueContext) -> tuple[float, ...]:
     """Read frequencies, ascending: a list or a range of a file, or an array in Hz."""
     values = read_values(value, FREQUENCY.read) if context.written else value
@@ -147,18 +134,6 @@ def _read_frequencies(value: Any, context: ValueContext) -> tuple[float, ...]:
 _FREQUENCIES = Kind(
     _read_frequencies, lambda values, _: write_values(values, FREQUENCY.write), FREQUENCY.unit
 )
-
-
-def _read_places(value: Any) -> tuple[str, ...]:
-    """Return the places of a source or receiver, read from one or from a list: texts "plane", or a
-    ball and its direction, such as "12 x"; raise :class:`Refused` for one that is given twice.
-    """
-    if not isinstance(value, list | tuple):
-        return (_read_place(value),)
-    places: tuple[str, ...] = each(value, _read_place, "places")
-    if len(set(places)) < len(places):
-        raise Refused(show(value), "each place once")
-    return places
 
 
 def _read_place(value: Any) -> str:
@@ -214,7 +189,11 @@ def read_direction(value: Any) -> tuple[float, ...]:
     return components
 
 
-_PLACES = Kind.plain(_read_places)
+# both are written as lists, also if there is one
+_PLACES = Kind(one_or_more(Kind.plain(_read_place), "places", "each place once").read)
+_POLARISATION = one_or_more(
+    word_of(*POLARISATIONS), "polarisations", f"{', '.join(POLARISATIONS)}, each once"
+)
 DIRECTION = Kind.plain(read_direction)
 _POINTS = whole_from(2, 10_000)
 
@@ -276,7 +255,7 @@ class SpectrumSettings(Block):
     block = "spectrum"
 
     polarisation: tuple[str, ...] = setting(
-        Kind.plain(_read_polarisations),
+        Kind(_POLARISATION.read),
         f"`{'`, `'.join(POLARISATIONS)}`, one or a list",
         default=("longitudinal",),
         title="polarisation",
