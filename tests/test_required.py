@@ -369,13 +369,29 @@ def test_a_scene_takes_few_calls_to_its_band_yaml(tmp_path):
     assert len(of_python) <= 33
 
 
-def test_writing_bands_takes_as_many_calls_for_many_points_as_for_few(tmp_path):
+def make_long_files(rows: int, folder: Path) -> dict[str, Callable[[], object]]:
+    """What writes each of the long files, of so many rows or more, by the name of the file."""
+    from granphon.array.atoms import write_extxyz
+
     steel = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
     phonons = gp.Phonons(gp.AveragedLattice(steel).at_force(18.446))
-    path = tmp_path / "band.yaml"
-    few, many = (
-        count_calls(partial(bands.write, path))
-        for bands in (phonons.bands("GK", 3), phonons.bands("GK", 40))
-    )
-    assert few == many
-    assert sum(many.values()) <= 80
+    spread = gp.Packing(steel.material, steel.diameter, gp.Uniform(2e-6))
+    state = gp.DirectSimulation(spread, shape=(rows, 4), seed=0).at_force(18.446)
+    network = state.sample.network
+    return {
+        "band.yaml": partial(phonons.bands("GK", rows).write, folder / "band.yaml"),
+        "dos.csv": partial(phonons.dos((rows, rows)).write_csv, folder / "dos.csv"),
+        "contacts.csv": partial(
+            network.write_tables, folder / "balls.csv", folder / "contacts.csv"
+        ),
+        "sample.extxyz": partial(write_extxyz, folder / "sample.extxyz", gp.atoms(state)),
+    }
+
+
+def test_long_files_take_as_many_calls_for_many_rows_as_for_few(tmp_path):
+    few = make_long_files(4, tmp_path)
+    many = make_long_files(32, tmp_path)
+    for name, write in many.items():
+        calls = count_calls(write)
+        assert calls == count_calls(few[name]), name
+        assert sum(calls.values()) <= 120, name
