@@ -53,7 +53,7 @@ def list_on_lattice(
     """Return the contacts of an array of ``shape`` (L1, ..., Lp) cells that keep the directions of
     the lattice.
     """
-    grid = _find_grid(shape, lattice)
+    grid = find_grid(shape, lattice)
     normal, shear, torsion, bending = (np.ravel(stiffness) for stiffness in springs)
     return ContactList(
         n_balls=lattice.n_balls * math.prod(shape),
@@ -99,7 +99,7 @@ def list_in_true_directions(
     shape = geometry.stencils.shape
     p = lattice.periods
     cells = math.prod(shape)
-    grid = _find_grid(shape, lattice)
+    grid = find_grid(shape, lattice)
     axes = geometry.axes()
 
     def turn(components: tuple[Any, ...]) -> Array:
@@ -154,7 +154,7 @@ class _Grid(NamedTuple):
     arm_j: Array
 
 
-def _find_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
+def find_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
     """Return the ends of the contacts of an array, and what they have on its lattice; those of
     small arrays are kept.
     """

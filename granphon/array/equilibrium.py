@@ -584,7 +584,7 @@ def equilibrate(
             (here.rest.balls / size).astype(stiffness.dtype), here.rest.compression / size
         )
         mean = float(np.mean(stiffness)) if free else None
-        step, taken, _ = solve_for_motion(product, rest, inverse, reduction, mean)
+        step, taken = solve_for_motion(product, rest, inverse, reduction, mean)
         scale = size / here.level
         step = Motion(step.balls.astype(float) * scale, step.compression * scale)
         inverses.count(taken)

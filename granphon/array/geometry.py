@@ -45,7 +45,7 @@ import numpy as np
 
 from granphon.array.contact_operator import ContactHessian
 from granphon.array.friction import Tangent
-from granphon.array.krylov import MOST_ITERATIONS, Single, solve_for_motion
+from granphon.array.krylov import Single, solve_for_motion
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.contact_table import contact_frames
 from granphon.base.arrays import Array
@@ -127,12 +127,6 @@ class LatticeGeometry:
         """Return the configuration with these motions ``balls`` and the overlap y."""
         return LatticePlace(self, balls, overlap)
 
-    def weigh(self, stiffness: Array, forces: Array) -> Array:
-        """Return (rows, L1, ..., Lp) stiffnesses for a preconditioner, from those of contacts and
-        the forces that act.
-        """
-        return stiffness
-
     def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
         """Return the overlaps of contacts and their slips from the sites, with which a history
         begins.
@@ -157,9 +151,7 @@ class LatticeGeometry:
         Returns the motion and the number of iterations.
         """
         mean = float(np.mean(stiffness)) if free else None
-        return solve_for_motion(self.stencils.hessian(stiffness), right, inverse, reduction, mean)[
-            :2
-        ]
+        return solve_for_motion(self.stencils.hessian(stiffness), right, inverse, reduction, mean)
 
 
 class LatticePlace:
@@ -270,10 +262,6 @@ class ExactGeometry:
                 *(Row("turn", 1.0, turn, sign * turn) for sign in (-1.0, 1.0) for turn in turns),
             ]
         )
-        #: stencils with elongations, and with displacements across contacts, for preconditioners
-        self.held = stencils.observe(
-            [pushes[0], *(row._replace(stiffness=ratio) for row in pushes[1:])]
-        )
 
     def place(self, balls: Array, overlap: float) -> ExactPlace:
         """Return the configuration with these motions ``balls`` and the overlap y."""
@@ -283,46 +271,6 @@ class ExactGeometry:
         """Return the overlaps of contacts, and slips of zero: they are counted from there."""
         overlaps = self.place(balls, overlap).overlaps
         return overlaps, np.zeros((self.dimension - 1, *overlaps.shape))
-
-    def solve(
-        self,
-        place: Any,
-        stiffness: Array,
-        forces: Array,
-        right: Motion,
-        inverse: Inverse,
-        reduction: float,
-        free: bool,
-        truly: bool = False,
-        most: int | None = None,
-    ) -> tuple[Motion, int]:
-        """Solve for a small motion without friction; see :meth:`LatticeGeometry.solve`.
-
-        ``forces`` act here, and turn with their contacts: they push balls aside with the stiffness
-        -f eps/|w|. It is taken with the other sign, with which there is always a solution; balls
-        that are pushed aside then go the same way. If ``truly`` is true, its own sign is tried
-        before. ``most`` is the largest number of iterations.
-        """
-        count = 0
-        limit = most or MOST_ITERATIONS
-        mean = float(np.mean(stiffness)) if free else None
-        for sign in (1.0, -1.0) if truly else (-1.0,):
-            product = place.multiply(stiffness, sign * forces)
-            found, taken, stable = solve_for_motion(
-                product, right, inverse, reduction, mean, limit, of_residual=False
-            )
-            count += taken
-            # with the true sign a system that is hardly stable has no end; a limit that is given is
-            # one of patience
-            if stable and (most is not None or taken < limit):
-                break
-        return found, count
-
-    def weigh(self, stiffness: Array, forces: Array) -> Array:
-        """Return (rows, L1, ..., Lp) stiffnesses of contacts, and of displacements across them by
-        forces, without a sign.
-        """
-        return np.concatenate([stiffness, *[self.ratio * forces] * (self.dimension - 1)])
 
     def deform(self, motion: Motion) -> Array:
         """Return the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
@@ -539,15 +487,6 @@ class ExactPlace:
         """
         tensions, normal = self.resist(self.geometry.deform(motion), acting)
         return self.geometry.frame.forces(*tensions), -float(np.sum(normal))
-
-    def multiply(self, stiffness: Array, forces: Array) -> ContactHessian:
-        """Return the product of :meth:`respond` with motions of balls without rotations, by the
-        ``stiffness`` of contacts.
-
-        It gives the sum of forces along the directions on the lattice, which differs by a part of
-        order eps.
-        """
-        return self.geometry.frame.couple(self.tabulate_stiffness(stiffness, forces))
 
     def tabulate_stiffness(self, stiffness: Array, forces: Array) -> Array:
         """Return (p, p, n_c, L1, ..., Lp) what :meth:`resist` does for a unit of each deformation,

@@ -23,20 +23,17 @@ import math
 
 import numpy as np
 
-from granphon.array.geometry import Geometry
+from granphon.array.geometry import LatticeGeometry
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion
 from granphon.balls import hertz
 from granphon.base.arrays import Array
 
-#: Newton steps on the lattice, at most
+#: Newton steps, at most
 _STEPS = 100
-#: Newton steps in the true geometry, at most: loose balls roll along others there, and the longer
-#: the smaller W/d is
-_STEPS_IN_TRUTH = 800
 #: mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's method goes
 #: on from there
-CLOSE = 1e-9
+_CLOSE = 1e-9
 #: largest force left on a ball, over the mean force, with which it then ends well
 _BALANCED = 0.1
 #: mean force at which the array counts as carrying no load
@@ -49,8 +46,7 @@ _LEAST_FACTOR = 1e-2
 #: largest factor by which mu is lowered in a step
 _LARGEST_FACTOR = 0.2
 #: mu is not lowered while the largest force left on a ball, over the mean force, is more than this
-#: many times the root of mu over the mean force to the power 5/3. In the true geometry it is this
-#: itself instead of the root: forces there push balls aside, whose way to others has to be followed
+#: many times the root of mu over the mean force to the power 5/3
 _TOO_FAR = 10.0
 #: least fraction of its value that a step leaves of an f or s
 _LEFT = 0.01
@@ -73,19 +69,18 @@ _WIDTH_NEAR = 0.03
 
 
 def approach(
-    geometry: Geometry,
+    geometry: LatticeGeometry,
     overlap: float,
     balls: Array,
     force: float | None,
     inverses: Preconditioners,
     fresh: bool,
-    close: float = CLOSE,
 ) -> tuple[float, Array, int, int] | None:
     """Return an overlap y and displacements (fields, L1, ..., Lp) near equilibrium, and the numbers
     of steps and iterations.
 
-    The result is None if no equilibrium is near after 100 steps (in the true geometry 800): it may
-    be at the threshold itself, or there may be none.
+    The result is None if no equilibrium is near after 100 steps: it may be at the threshold itself,
+    or there may be none.
 
     Parameters
     ----------
@@ -95,7 +90,6 @@ def approach(
     inverses : of the array.
     fresh : whether the balls begin on their sites, rather than at an equilibrium under another
         load.
-    close : mean of f s, over the mean force to the power 5/3, at which the method ends.
     """
     y = overlap
     taken = 0
@@ -104,7 +98,7 @@ def approach(
     place = geometry.place(balls, y)
     h = place.overlaps
     f, s = split(h, (_WIDTH if fresh else _WIDTH_NEAR) * float(np.std(h)))
-    for step in range(_STEPS_IN_TRUTH if geometry.ratio else _STEPS):
+    for step in range(_STEPS):
         product = float(np.mean(f * s))
         mean = float(np.mean(f))
         if mean < _LEAST_FORCE:  # too few balls touch to hold each other
@@ -113,14 +107,14 @@ def approach(
         left = (
             math.sqrt(float(np.max(np.sum(stencils.cartesian(place.pull(f)) ** 2, axis=0)))) / mean
         )
-        if relative <= close:
+        if relative <= _CLOSE:
             return (y, balls, step, taken) if left <= _BALANCED else None
         factor = (
             min(_LARGEST_FACTOR, max(_LEAST_FACTOR, (product / before) ** _SPEED))
             if step
             else _LARGEST_FACTOR
         )
-        if step and left > _TOO_FAR * (relative if geometry.ratio else math.sqrt(relative)):
+        if step and left > _TOO_FAR * math.sqrt(relative):
             factor = 1.0
         mu = factor * product
         before = product
@@ -138,7 +132,7 @@ def approach(
             stiffness,
             f,
             Motion(place.pull(tension), push),
-            inverses.choose(geometry.weigh(stiffness, f)),
+            inverses.choose(stiffness),
             max(_LEAST_ERROR, min(_ACCURACY * factor, _LARGEST_ERROR))
             if factor < 1.0
             else _LEAST_ERROR,

@@ -94,27 +94,25 @@ def solve_for_motion(
     precondition: Map,
     reduction: float,
     stiffness: float | None,
-    most: int = MOST_ITERATIONS,
-    of_residual: bool = True,
-) -> tuple[Motion, int, bool]:
-    """Solve C^T K C u = ``force``; see :func:`conjugate_gradients` for the numbers, and for what is
-    returned.
+) -> tuple[Motion, int]:
+    """Solve C^T K C u = ``force`` until the residual has fallen by ``reduction``; return the motion
+    and the number of iterations.
 
-    Where the iteration ends at ``most``, its largest number, Newton's method goes on from there.
+    Where the iteration ends at its largest number, Newton's method goes on from there.
     With a ``stiffness``, the mean of those of all contacts, the compression is an unknown too.
     """
     shape = force.balls.shape
     size = force.balls.size
     if stiffness is None:
-        balls, count, stable = conjugate_gradients(
+        balls, count, _ = conjugate_gradients(
             lambda balls: product(balls)[0],
             precondition,
             force.balls,
             reduction,
-            most,
-            of_residual=of_residual,
+            MOST_ITERATIONS,
+            of_residual=True,
         )
-        return Motion(balls, 0.0), count, stable
+        return Motion(balls, 0.0), count
 
     # over which what the contacts lack in sum is as large as forces on balls
     root = math.sqrt(product.n_contacts)
@@ -132,10 +130,10 @@ def solve_for_motion(
         return join(precondition(vector[:size].reshape(shape)), float(vector[size]) / stiffness)
 
     right = join(force.balls, force.compression / root)
-    found, count, stable = conjugate_gradients(
-        apply, invert, right, reduction, most, of_residual=of_residual
+    found, count, _ = conjugate_gradients(
+        apply, invert, right, reduction, MOST_ITERATIONS, of_residual=True
     )
-    return Motion(found[:size].reshape(shape), float(found[size]) / root), count, stable
+    return Motion(found[:size].reshape(shape), float(found[size]) / root), count
 
 
 def _add(vector: Values, factor: float, other: Values, own: float = 1.0) -> None:

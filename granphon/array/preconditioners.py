@@ -70,15 +70,12 @@ class Preconditioners:
 
     They count iterations: the matrix is factorised, or factorised anew, when those since the last
     factorisation cost more than it would. Numbers of iterations alone decide, never times, so that
-    results are the same on any machine. It is not factorised where more than the part
-    ``most_stiff`` of the contacts is stiff.
+    results are the same on any machine. It is not factorised where most contacts are stiff.
     """
 
-    def __init__(self, stencils: Stencils, most_stiff: float | None = None) -> None:
+    def __init__(self, stencils: Stencils) -> None:
         self._stencils = stencils
-        self._most_stiff = (
-            _MOST_STIFF[len(stencils.shape) - 1] if most_stiff is None else most_stiff
-        )
+        self._most_stiff = _MOST_STIFF[len(stencils.shape) - 1]
         self._factors: Inverse | None = None
         self._spent = 0
         self._first: int | None = None  # iterations of the first system with the factors
@@ -113,15 +110,6 @@ class Preconditioners:
             if iterations - self._first >= _STALE:
                 self._changing |= _SOLUTION * (iterations - self._first) >= _PATIENCE
                 self._spent = max(self._spent, _PATIENCE)
-
-    def find_patience(self, stiffness: Array) -> int | None:
-        """Return the iterations with the preconditioner chosen last that cost as much as factors.
-
-        It is None if these cannot be made, or have just been.
-        """
-        if self._fresh or not self._may_factorise(stiffness):
-            return None
-        return _PATIENCE // (_SOLUTION if self._factors else 1)
 
     @property
     def are_small(self) -> bool:

@@ -6,14 +6,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.array.stencils import Stencils, number_cells
-from granphon.base.arrays import Array, Index
+from granphon.base.arrays import Array
 from granphon.dynamics.factors import factorise
 
 if TYPE_CHECKING:
@@ -22,9 +21,6 @@ if TYPE_CHECKING:
 #: stiffness, over the mean, from which a contact is stiff; softer ones enter the matrix by their
 #: part of the diagonal only
 STIFF = 1e-3
-#: balls of an array, at most, for which the places of the entries of its matrix are kept: finding
-#: them takes as long as to factorise
-_KEPT_PLACES = 2**12
 #: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: they take
 #: 5 GB at most
 LARGEST_FACTORS = {1: 1_000_000, 2: 300_000, 3: 12_000}
@@ -56,53 +52,6 @@ def compose(
     matrix: csr_array[Any] = coo_array((entries, where), shape=shape).tocsr()
     matrix.eliminate_zeros()
     return matrix
-
-
-def compose_hessian(frame: Stencils, table: Array) -> Any:
-    """Return C^T D C of an array as a sparse matrix, in columns; fields are one after the other.
-
-    ``table`` (m, m, n_c, L1, ..., Lp) has for a unit of each of the m deformations of the ``frame``
-    the forces against all.
-    """
-    from scipy.sparse import csc_array  # imported here: most simulations do not need it
-
-    n = frame.n_contacts
-    balls = frame.n_balls
-    count = frame.motions.count
-    cells = math.prod(frame.shape)
-    head, tail = (one.reshape(-1, n, balls, count) for one in frame.coefficients)
-    parts = np.empty((n, 2 * count, 2 * count, cells))
-    for kind, (i, j) in enumerate(frame.ends):
-        rows = np.concatenate([-tail[:, kind, i], head[:, kind, j]], axis=1)
-        forces = np.einsum("ma,nmc->nac", rows, table[:, :, kind].reshape(*table.shape[:2], cells))
-        np.einsum("nb,nac->abc", rows, forces, out=parts[kind])
-    small = cells * balls <= _KEPT_PLACES
-    find = _find_places if small else _find_places.__wrapped__
-    slots, indices, starts = find(frame.shape, tuple(frame.shifts), tuple(frame.ends), count)
-    entries = np.bincount(slots, parts.ravel(), indices.size)
-    matrix: Any = csc_array((entries, indices, starts), shape=(starts.size - 1,) * 2, copy=small)
-    matrix.eliminate_zeros()  # open contacts would fill the factors
-    return matrix
-
-
-@lru_cache(maxsize=8)
-def _find_places(
-    shape: Any, shifts: Any, ends: Any, count: int
-) -> tuple[Index, NDArray[np.int32], NDArray[np.int32]]:
-    """Return where each part of C^T D C stands among the entries of the matrix; rows of entries,
-    and starts of columns.
-    """
-    cells = math.prod(shape)
-    size = (1 + max(map(max, ends))) * count * math.prod(shape)
-    ball_i, ball_j = (count * ball[:, None, None] for ball in np.transpose(ends))
-    fields = np.arange(count)[:, None]
-    far = number_cells(shape, shifts)[:, None]
-    own = np.concatenate(
-        [(ball_i + fields) * cells + np.arange(cells), (ball_j + fields) * cells + far], axis=1
-    )
-    place, slots = np.unique(own[:, None] * size + own[:, :, None], return_inverse=True)
-    starts = np.searchsorted(place, np.arange(size + 1) * size).astype(np.int32)
-    return slots.ravel(), (place % size).astype(np.int32), starts
 
 
 def share_places(matrices: Iterable[Any]) -> list[Any]:

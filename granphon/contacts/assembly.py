@@ -45,6 +45,8 @@ class Assembly:
     dimension : number d of axes along which balls move.
     directions : (k, d) unit vectors along which the walls move.
     wall_balls : (k,) numbers of balls that lean on each wall, or ride with it.
+    grid : numbers of cells of a list that is a grid, and has no walls; see
+        :class:`~granphon.contacts.contact_list.ContactList`.
     """
 
     n_balls: int
@@ -58,6 +60,7 @@ class Assembly:
     dimension: int
     directions: Array
     wall_balls: Array
+    grid: tuple[int, ...] = ()
 
     @property
     def n_contacts(self) -> int:

@@ -46,6 +46,9 @@ class AppliedLoad:
     strain : (p, p) the given strain; zeros if the strain is free.
     pressure_force : (n d + k,) the part of ``force`` that grows with the area of the cell.
     lift : why gravity lifts balls off what they stand on, and what mends that; None if it does not.
+    mean_force : mean force of all contacts, N, to which a cell that keeps its shape is pressed;
+        None if a stress or a strain is given instead.
+    cell_tolerance : force that may be left on a strain of the cell, over that on a ball.
     """
 
     force: Array
@@ -54,11 +57,14 @@ class AppliedLoad:
     strain: Array
     pressure_force: Array
     lift: tuple[str, str] | None = None
+    mean_force: float | None = None
+    cell_tolerance: float = 1.0
 
     @property
     def acts(self) -> bool:
         """Whether there is a force on anything."""
-        return bool(np.any(self.force)) or (self.stress is not None and bool(np.any(self.stress)))
+        is_stressed = self.stress is not None and bool(np.any(self.stress))
+        return bool(np.any(self.force)) or is_stressed or bool(self.mean_force)
 
     @property
     def is_given(self) -> bool:
@@ -84,7 +90,7 @@ class Problem:
         self.n_displacements = self.n_ball_unknowns + assembly.n_walls
         pairs = list(itertools.combinations_with_replacement(range(p), 2))
         shapes = np.zeros((0, p, p))
-        if load.stress is not None and boundary == "isotropic":
+        if load.mean_force is not None or (load.stress is not None and boundary == "isotropic"):
             shapes = np.eye(p)[None] if p else shapes
         elif load.stress is not None:
             shapes = np.zeros((len(pairs), p, p))
@@ -105,14 +111,15 @@ class Problem:
         """(size,) what makes the force left on an unknown a force on a ball."""
         weights = np.ones(self.size)
         weights[self.n_ball_unknowns : self.n_displacements] = 1.0 / self.assembly.wall_balls
-        weights[self.n_displacements :] = 1.0 / math.sqrt(self.assembly.n_contacts)
+        of_cell = self.load.cell_tolerance * math.sqrt(self.assembly.n_contacts)
+        weights[self.n_displacements :] = 1.0 / of_cell
         return weights
 
     @cached_property
     def force(self) -> Array:
         """(size,) forces of the load on the unknowns, on the cell as it is at touch."""
         stress = self.load.stress
-        work = np.zeros(0) if stress is None else self.find_work(stress)
+        work = np.zeros(len(self.unit_strains)) if stress is None else self.find_work(stress)
         return np.concatenate([self.load.force, work])
 
     def find_work(self, stress: Array) -> Array:
@@ -283,7 +290,7 @@ class Configuration:
         if not problem.turns or not len(self.strain):
             return problem.force
         force = load.force + (self.growth - 1.0) * load.pressure_force
-        work = np.zeros(0)
+        work = np.zeros(len(problem.unit_strains))
         if load.stress is not None and self.growth > 0.0:
             stress = load.stress @ np.linalg.inv(self.deformed) * self.growth
             work = problem.find_work(stress)
@@ -291,8 +298,15 @@ class Configuration:
 
     @cached_property
     def pull(self) -> Array:
-        """(size,) the forces left on the unknowns."""
-        return self.load_force + self.problem.collect_forces(self.normal, self.force)
+        """(size,) the forces left on the unknowns; on the strain of a cell whose contacts are given
+        a mean force, what they have more than it.
+        """
+        pull = self.load_force + self.problem.collect_forces(self.normal, self.force)
+        wanted = self.problem.load.mean_force
+        if wanted is not None:
+            count = self.problem.assembly.n_contacts
+            pull[-1] = math.sqrt(count) * (float(np.mean(self.force)) - wanted)
+        return pull
 
     @cached_property
     def residual(self) -> float:

@@ -15,10 +15,10 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
@@ -40,8 +40,29 @@ _DIGITS = 2
 #: balls of a grid, at most, whose Green's function is kept and whose right sides share transforms:
 #: beyond, memory counts
 _KEPT_BALLS = 2**13
+#: the same for equal contacts, which all samples share
+_KEPT_EVEN_BALLS = 2**17
 #: contacts of a kind that are multiplied at a time, so that they stay in the processor's cache
 _CACHED = 256
+
+
+class GridSolution(NamedTuple):
+    """What conjugate gradients have found.
+
+    Attributes
+    ----------
+    motions, remaining : (n, m, k) motions, and the forces that they leave.
+    has_arrived : whether the error has fallen as far as it should.
+    way_down : (n, m) a motion along which the curvature of the energy is below zero; None if none
+        was met.
+    iterations : their number.
+    """
+
+    motions: Array
+    remaining: Array
+    has_arrived: bool
+    way_down: Array | None
+    iterations: int
 
 
 class GridIteration:
@@ -50,87 +71,111 @@ class GridIteration:
     Parameters
     ----------
     tangent : of the list. Of a tangent that is not symmetric only :meth:`precondition` serves.
+    even : whether Green's function is that of contacts that are all alike, which is the same for
+        all loads and steps, and not that of contacts of each kind that have their mean stiffness.
+    earlier : an even iteration on the same grid, whose Green's function serves.
     """
 
-    def __init__(self, tangent: Tangent) -> None:
+    def __init__(
+        self, tangent: Tangent, even: bool = False, earlier: GridIteration | None = None
+    ) -> None:
         contacts = tangent.contacts
         self._shape = contacts.grid
         self._cells = math.prod(contacts.grid)
         self._n_motions = len(contacts.axes)
         self._level = float(np.mean(contacts.normal_stiffness)) or 1.0
-        self._product = _GridProduct(tangent, np.float64)
-        self._coarse = _GridProduct(tangent, np.float32)
-        self._green = _find_green(contacts, self._level)
+        self._softness = np.float32(1.0 / self._level)
+        self._product: _GridProduct = _GridProduct.of(
+            tangent, earlier._product if earlier else None
+        )
+        self._coarse = self._product.round()
+        self._green: NDArray[Any] = (
+            earlier._green if earlier else _find_green(contacts, self._level, even)
+        )
         self._alone = np.empty_like(self._coarse.diagonal)
         _invert_blocks(self._product.diagonal, _HOLDING * self._level, _DAMPED, self._alone)
 
-    def solve(
-        self, forces: Array, reduction: float, most: int, noise: float
-    ) -> tuple[Array, Array, bool, bool]:
-        """Return the motions (n, m, k) under ``forces`` (n, m, k), and the forces that they leave,
-        by conjugate gradients.
+    def solve(self, forces: Array, reduction: float, most: int, noise: float) -> GridSolution:
+        """Return the motions under ``forces`` (n, m, k), by conjugate gradients.
 
-        The first truth value says whether the error of motions in the norm of the energy has fallen
-        by ``reduction`` within ``most`` iterations, or to ``noise``, the second whether no
-        curvature met was below zero. Forces below ``noise``, over the mean stiffness, are rounding.
-        Right sides of a large grid are solved one after the other, for the sake of memory.
+        The error of motions in the norm of the energy is to fall by ``reduction`` within ``most``
+        iterations. Forces below ``noise``, over the mean stiffness, are rounding. Right sides of a
+        large grid are solved one after the other, for the sake of memory.
         """
         together = forces.shape[-1] if len(forces) <= _KEPT_BALLS else 1
         solutions = [
             self._solve_together(forces[..., first : first + together], reduction, most, noise)
             for first in range(0, forces.shape[-1], together)
         ]
-        motions, remaining, arrived, stable = zip(*solutions, strict=True)
-        parts = (np.concatenate(motions, axis=-1), np.concatenate(remaining, axis=-1))
-        return *parts, all(arrived), all(stable)
+        ways = [solution.way_down for solution in solutions if solution.way_down is not None]
+        return GridSolution(
+            motions=np.concatenate([solution.motions for solution in solutions], axis=-1),
+            remaining=np.concatenate([solution.remaining for solution in solutions], axis=-1),
+            has_arrived=all(solution.has_arrived for solution in solutions),
+            way_down=ways[0] if ways else None,
+            iterations=sum(solution.iterations for solution in solutions),
+        )
 
     def _solve_together(
         self, forces: Array, reduction: float, most: int, noise: float
-    ) -> tuple[Array, Array, bool, bool]:
+    ) -> GridSolution:
         """Return what :meth:`solve` does, of right sides that share each transform."""
         remaining = self._lay(forces)
         motions = np.zeros_like(remaining)
         way = np.zeros_like(remaining)
         products = np.zeros(remaining.shape[1])
+        curvatures = np.empty_like(products)
         least = noise**2 * self._level * remaining.size
         aim = math.inf
         arrived = False
-        stable = True
+        way_down = None
         for count in range(most + 1):
             better = self._approach(remaining)
             last = products
             products = _multiply_columns(remaining, better)
+            if np.any(products < 0.0):
+                # blocks of single balls are not positive: some ball falls by itself
+                way_down = self._find_falling_ball()
+                break
             total = float(np.sum(products))
             aim = reduction**2 * total if count == 0 else aim
             arrived = total <= max(aim, least)
             if arrived or count == most:
                 break
-            way *= _divide(products, last)
-            way += better
-            change = self._product(way)
-            curvatures = _multiply_columns(way, change)
-            stable = not np.any(curvatures < 0.0)
-            if not stable:
+            change = np.empty_like(way)
+            _turn(self._product, _divide(products, last), better, way, change, curvatures)
+            if np.any(curvatures < 0.0):
+                lowest = int(np.argmin(curvatures))
+                way_down = self._list(way)[..., lowest]
                 break
-            lengths = _divide(products, curvatures)
-            motions += lengths * way
-            remaining -= lengths * change
-        return self._list(motions), self._list(remaining), arrived, stable
+            _go_on(_divide(products, curvatures), way, change, motions, remaining)
+            del change  # the preconditioner needs the memory
+        solution = (self._list(motions), self._list(remaining), arrived)
+        return GridSolution(*solution, way_down, count)
+
+    def _find_falling_ball(self) -> Array:
+        """Return the motion (n, m) of the ball alone along which the curvature is lowest."""
+        values, vectors = np.linalg.eigh(np.moveaxis(self._product.diagonal, -1, 0))
+        ball = int(np.argmin(values[:, 0]))
+        motion = np.zeros(values.shape)
+        motion[ball] = vectors[ball, :, 0]
+        return motion
 
     def precondition(self, forces: Array) -> Array:
         """Return about the motions (n, m, k) under ``forces`` (n, m, k), in single precision."""
-        return self._list(self._approach(self._lay(forces)))
+        return self._list(self._approach(self._lay(forces)).astype(float))
 
-    def _approach(self, forces: Array) -> Array:
+    def _approach(self, forces: Array) -> Values:
         """Return about the motions under forces: each ball moves as if its neighbours were held,
         then all by Green's function under what that leaves, then each ball again.
         """
         single = forces.astype(np.float32)
-        motions = np.zeros_like(single)
-        _add_alone(self._alone, single, motions)
-        motions += self._apply_green(single - self._coarse(motions))
-        _add_alone(self._alone, single - self._coarse(motions), motions)
-        return motions.astype(float)
+        motions = np.empty_like(single)
+        remaining = np.empty_like(single)
+        _move_alone(self._alone, self._coarse, single, motions, remaining)
+        motions += self._apply_green(remaining)
+        _move_again(self._alone, self._coarse, single, motions, remaining)
+        return motions
 
     def _apply_green(self, forces: Values) -> Values:
         """Return the motions (f, k, cells) that Green's function makes of forces (f, k, cells)."""
@@ -138,14 +183,14 @@ class GridIteration:
 
         axes = tuple(range(2, 2 + len(self._shape)))
         waves = fft.rfftn(forces.reshape(*forces.shape[:2], *self._shape), axes=axes)
-        moved = np.zeros_like(waves)
+        moved = np.empty_like(waves)
         count = self._green.shape[-1]
-        _add_waves(
+        _multiply_waves(
             self._green,
+            self._softness,
             waves.reshape(*forces.shape[:2], count),
             moved.reshape(*forces.shape[:2], count),
         )
-        moved /= self._level
         motions = fft.irfftn(moved, self._shape, axes=axes, overwrite_x=True)
         return np.asarray(motions.reshape(forces.shape))
 
@@ -161,29 +206,48 @@ class GridIteration:
         return by_ball.transpose(0, 3, 1, 2).reshape(-1, self._n_motions, fields.shape[1])
 
 
-class _GridProduct:
-    """Product of the symmetric tangent of a grid with motions, in double or single precision."""
+class _GridProduct(NamedTuple):
+    """What loops read to multiply the symmetric tangent of a grid, in double or single precision.
 
-    def __init__(self, tangent: Tangent, precision: DTypeLike) -> None:
+    Attributes
+    ----------
+    diagonal : (m, m, n) blocks of balls.
+    forward : (m, m, n_c) blocks of contacts.
+    ends : (kinds, 2) balls of the cell that each kind of contact joins.
+    steps : (kinds, cells) cell where a contact ends that starts in each cell.
+    """
+
+    diagonal: Values
+    forward: Values
+    ends: NDArray[np.int64]
+    steps: NDArray[np.uint32]
+
+    @classmethod
+    def of(cls, tangent: Tangent, earlier: _GridProduct | None = None) -> _GridProduct:
+        """Return the product with a tangent; ``earlier`` is one on the same grid."""
+        blocks = tangent.blocks
+        if earlier:
+            return earlier._replace(diagonal=blocks.diagonal, forward=blocks.forward)
         contacts = tangent.contacts
         cells = math.prod(contacts.grid)
-        self.diagonal = tangent.blocks.diagonal.astype(precision, copy=False)
-        self._forward = tangent.blocks.forward.astype(precision, copy=False)
-        self._ends = np.stack([contacts.i[::cells], contacts.j[::cells]], axis=1) // cells
         # numbers without a sign: a loop need not ask whether an index counts from the end
-        self._steps = (contacts.j % cells).reshape(-1, cells).astype(np.uint32)
+        steps = (contacts.j % cells).reshape(-1, cells).astype(np.uint32)
+        ends = np.stack([contacts.i[::cells], contacts.j[::cells]], axis=1) // cells
+        return cls(blocks.diagonal, blocks.forward, ends, steps)
 
-    def __call__(self, motions: Values) -> Values:
-        """Return forces (f, k, cells)."""
-        forces = np.zeros_like(motions)
-        _add_alone(self.diagonal, motions, forces)
-        _add_across(self._ends, self._steps, self._forward, motions, forces)
-        return forces
+    def round(self) -> _GridProduct:
+        """Return the product in single precision."""
+        return self._replace(
+            diagonal=self.diagonal.astype(np.float32), forward=self.forward.astype(np.float32)
+        )
 
 
-def _find_green(contacts: ContactList, level: float) -> NDArray[Any]:
+def _find_green(contacts: ContactList, level: float, even: bool) -> NDArray[Any]:
     """Return (f, f, waves) inverses in Fourier space for equal contacts of each kind, of stiffness
     over ``level``; f are the motions of the balls of a cell.
+
+    If ``even`` is true all kinds have the same stiffness along the directions of their first
+    contacts, and no other.
     """
     shape = contacts.grid
     cells = math.prod(shape)
@@ -196,20 +260,30 @@ def _find_green(contacts: ContactList, level: float) -> NDArray[Any]:
         means = np.mean(values.reshape(kinds, cells, -1), axis=1) / scale
         return tuple(np.round(means, _DIGITS).ravel().tolist())
 
-    find = _find_equal_green if contacts.n_balls <= _KEPT_BALLS else _find_equal_green.__wrapped__
+    if even:
+        directions = contacts.normal.reshape(kinds, cells, 3)[:, 0]
+        none = (0.0,) * kinds
+        springs = (none, none, (1.0,) * kinds, none, none, none)
+        most = _KEPT_EVEN_BALLS
+    else:
+        directions = np.array(average(contacts.normal))
+        springs = (
+            average(contacts.arm_i),
+            average(contacts.arm_j),
+            average(contacts.normal_stiffness, level),
+            average(contacts.shear_stiffness, level),
+            average(contacts.torsion_stiffness, level),
+            average(contacts.bending_stiffness, level),
+        )
+        most = _KEPT_BALLS
+    find = _find_equal_green if contacts.n_balls <= most else _find_equal_green.__wrapped__
     return find(
         shape,
         contacts.motions,
         tuple(divmod(ball, cells) for ball in contacts.i[::cells].tolist()),
         tuple(divmod(ball, cells) for ball in contacts.j[::cells].tolist()),
-        average(contacts.vector),
-        average(contacts.normal),
-        average(contacts.arm_i),
-        average(contacts.arm_j),
-        average(contacts.normal_stiffness, level),
-        average(contacts.shear_stiffness, level),
-        average(contacts.torsion_stiffness, level),
-        average(contacts.bending_stiffness, level),
+        tuple(directions.ravel().tolist()),
+        *springs,
     )
 
 
@@ -219,7 +293,6 @@ def _find_equal_green(
     motions: Motions,
     ends_i: tuple[tuple[int, int], ...],
     ends_j: tuple[tuple[int, int], ...],
-    vector: tuple[float, ...],
     normal: tuple[float, ...],
     *each: tuple[float, ...],
 ) -> NDArray[Any]:
@@ -239,7 +312,7 @@ def _find_equal_green(
         motions=motions,
         i=balls,
         j=balls + 1,
-        vector=np.array(vector).reshape(kinds, 3),
+        vector=directions,
         normal=directions / np.linalg.norm(directions, axis=1)[:, None],
         arm_i=arm_i,
         arm_j=arm_j,
@@ -281,14 +354,101 @@ def _find_equal_green(
     return np.ascontiguousarray(np.moveaxis(inverses, 0, -1).astype(np.complex64))
 
 
-def _multiply_columns(one: Array, another: Array) -> Array:
-    """Return the sums (k,) of products of the entries of each right side."""
-    return np.asarray(np.einsum("fkc,fkc->k", one, another))
-
-
 def _divide(above: Array, below: Array) -> Array:
-    """Return quotients (k, 1), zero where the divisor is."""
-    return np.divide(above, below, out=np.zeros_like(above), where=below > 0.0)[:, None]
+    """Return quotients (k,), zero where the divisor is."""
+    return np.divide(above, below, out=np.zeros_like(above), where=below > 0.0)
+
+
+@compiled
+def _multiply_columns(one: Array, another: Values) -> Array:
+    """Return the sums (k,) of products of the entries of each right side."""
+    sums = np.zeros(one.shape[1])
+    for field in range(len(one)):
+        for k in range(one.shape[1]):
+            first = one[field, k]
+            second = another[field, k]
+            total = 0.0
+            for cell in range(len(first)):
+                total += first[cell] * second[cell]
+            sums[k] += total
+    return sums
+
+
+@compiled
+def _turn(
+    product: _GridProduct,
+    factors: Array,
+    better: Values,
+    way: Array,
+    change: Array,
+    curvatures: Array,
+) -> None:
+    """Set the ``way`` (f, k, cells) to its ``factors`` (k,) times itself and what is ``better``,
+    ``change`` to the forces against it, and ``curvatures`` (k,) to their work.
+    """
+    for field in range(len(way)):
+        for k in range(way.shape[1]):
+            factor = factors[k]
+            along = way[field, k]
+            more = better[field, k]
+            for cell in range(len(along)):
+                along[cell] = factor * along[cell] + more[cell]
+    change[:] = 0.0
+    _add_alone(product.diagonal, way, change)
+    _add_across(product.ends, product.steps, product.forward, way, change)
+    curvatures[:] = _multiply_columns(way, change)
+
+
+@compiled
+def _go_on(lengths: Array, way: Array, change: Array, motions: Array, remaining: Array) -> None:
+    """Go ``lengths`` (k,) along the ``way`` (f, k, cells)."""
+    for field in range(len(way)):
+        for k in range(way.shape[1]):
+            length = lengths[k]
+            along = way[field, k]
+            pushing = change[field, k]
+            moved = motions[field, k]
+            pull = remaining[field, k]
+            for cell in range(len(along)):
+                moved[cell] += length * along[cell]
+                pull[cell] -= length * pushing[cell]
+
+
+@compiled
+def _move_alone(
+    alone: Values, product: _GridProduct, forces: Values, motions: Values, remaining: Values
+) -> None:
+    """Set ``motions`` (f, k, cells) to those of each ball under ``forces``, others held, and
+    ``remaining`` to the forces that they leave.
+    """
+    motions[:] = 0.0
+    _add_alone(alone, forces, motions)
+    _leave(product, forces, motions, remaining)
+
+
+@compiled
+def _leave(product: _GridProduct, forces: Values, motions: Values, remaining: Values) -> None:
+    """Set ``remaining`` to the ``forces`` that ``motions`` leave."""
+    remaining[:] = 0.0
+    _add_alone(product.diagonal, motions, remaining)
+    _add_across(product.ends, product.steps, product.forward, motions, remaining)
+    for field in range(len(forces)):
+        for k in range(forces.shape[1]):
+            pull = forces[field, k]
+            left = remaining[field, k]
+            for cell in range(len(pull)):
+                left[cell] = pull[cell] - left[cell]
+
+
+@compiled
+def _move_again(
+    alone: Values, product: _GridProduct, forces: Values, motions: Values, remaining: Values
+) -> None:
+    """Add to ``motions`` those of each ball under what they leave of ``forces``; ``remaining`` is
+    overwritten.
+    """
+    _leave(product, forces, motions, remaining)
+    _add_alone(alone, remaining, motions)
 
 
 @compiled
@@ -361,8 +521,11 @@ def _add_across(
 
 
 @compiled
-def _add_waves(green: Values, waves: Values, out: Values) -> None:
-    """Add to ``out`` (f, k, waves) products of matrices (f, f, waves) and columns (f, k, waves)."""
+def _multiply_waves(green: Values, scale: np.float32, waves: Values, out: Values) -> None:
+    """Set ``out`` (f, k, waves) to the ``scale`` times products of matrices (f, f, waves) and
+    columns (f, k, waves).
+    """
+    out[:] = 0.0
     for line in range(len(green)):
         for field in range(len(green)):
             factor = green[line, field]
@@ -370,7 +533,7 @@ def _add_waves(green: Values, waves: Values, out: Values) -> None:
                 column = waves[field, k]
                 sums = out[line, k]
                 for wave in range(len(factor)):
-                    sums[wave] += factor[wave] * column[wave]
+                    sums[wave] += scale * factor[wave] * column[wave]
 
 
 @compiled

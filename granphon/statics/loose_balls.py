@@ -14,16 +14,18 @@ motion.
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from granphon.base.arrays import Array, Flags, Index
+from granphon.balls import hertz
+from granphon.base.arrays import Array, Flags
 from granphon.contacts.assembly import Assembly
 from granphon.dynamics.factors import factorise
 from granphon.dynamics.linalg import find_nearest
-from granphon.statics.configuration import AppliedLoad, Configuration, Problem
-from granphon.statics.newton import Equations
+from granphon.statics.configuration import Configuration
+from granphon.statics.newton import Equations, find_strongest_push
 from granphon.statics.options import RestOptions
 
 
@@ -31,8 +33,26 @@ def lead_loose_balls(
     configuration: Configuration, loose: Flags, least: float, options: RestOptions
 ) -> Configuration:
     """Bring ``loose`` balls (n,) to rest, while the others are held, until no more force than
-    ``least`` of the mean is left on any, or for as many steps as ``options`` allow.
+    ``least`` of the mean is left on any.
+
+    Clusters that do not come to rest are left where the last step has taken them.
     """
+    moving = loose & bool(np.max(configuration.force_on_balls[loose]) > least * configuration.mean)
+    for _ in range(options.steps):
+        if not np.any(moving):
+            break
+        configuration, moving = _lead_clusters(configuration, moving, least, options)
+    return configuration
+
+
+def _lead_clusters(
+    configuration: Configuration, loose: Flags, least: float, options: RestOptions
+) -> tuple[Configuration, Flags]:
+    """Return what :func:`lead_loose_balls` does, until three quarters of the balls are at rest or
+    the steps are over, and the balls (n,) that are not.
+    """
+    from granphon.contacts.clusters import join_balls  # averages need no Numba
+
     problem = configuration.problem
     assembly = problem.assembly
     d = assembly.dimension
@@ -41,93 +61,133 @@ def lead_loose_balls(
     held = assembly.cut_out(loose, vector, configuration.overlap)
     unknowns = np.repeat(loose, d)
     of_loose = np.concatenate([unknowns, np.zeros(problem.size - len(unknowns), bool)])
-    load = AppliedLoad(
-        force=configuration.load_force[of_loose],
-        words=problem.load.words,
-        stress=None,
-        strain=np.zeros((0, 0)),
-        pressure_force=np.zeros(d * held.n_balls),
-    )
-    own_problem = Problem(held, load, "exact", "stress")
-    equations = Equations(own_problem, options)
-    place = own_problem.start_at(np.zeros(own_problem.size))
-    level = float(np.mean(configuration.stiffness))
+    cluster = np.empty(held.n_balls, np.int64)
+    count = join_balls(held.i, held.j, np.ones(held.n_contacts, bool), cluster)
+    place = _Cages(held, configuration.load_force[of_loose].reshape(-1, d), np.zeros(0))
     most = least * configuration.mean
-    for _ in range(options.steps):
-        left = place.force_on_balls
-        if np.max(left) <= most:
+    level = float(np.mean(configuration.stiffness))
+    moves = np.ones(held.n_balls, bool)
+    for _ in range(options.loose_steps):
+        size = place.size_of_pull
+        left = np.zeros(count)
+        np.maximum.at(left, cluster, size)
+        moves = (left > most)[cluster]
+        if 4 * int(np.count_nonzero(moves)) < held.n_balls:
             break
-        springs = options.hold + options.added * np.minimum(1.0, left / configuration.mean)
-        linear = equations.linearise(place, place.stiffness, -1.0)
-        motion = linear.factorise(np.repeat(level * springs, d)).solve(place.pull)
-        closed = (place.force > 0.0) | (place.move(place.x + motion).force > 0.0)
-        place = _move_clusters(place, motion, _find_clusters(held, closed), most, options)
+        springs = options.hold_loose + options.added * np.minimum(
+            1.0, left[cluster] / configuration.mean
+        )
+        place = place.advance(level * springs, moves, most, options)
+    else:
+        moves = np.zeros(held.n_balls, bool)
     x = configuration.x.copy()
-    x[of_loose] += place.x
-    return configuration.move(x)
+    x[of_loose] += place.displacement[:-1, :d].ravel()
+    moving = loose.copy()
+    moving[loose] = moves
+    return configuration.move(x), moving
 
 
-def _find_clusters(assembly: Assembly, closed: Flags) -> Index:
-    """Return the number (n,) of the cluster of each ball: balls are joined by contacts that are
-    ``closed`` (n_c,).
+class _Cages:
+    """Loose balls between others, which are held, at displacements (bodies, 3).
+
+    ``load`` (n, d) are forces on the balls that do not change.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
 
-    joined = closed & assembly.is_between_balls
-    ends = (assembly.i[joined], assembly.j[joined])
-    shape = (assembly.n_balls, assembly.n_balls)
-    graph = coo_array((np.ones(len(ends[0])), ends), shape=shape)
-    _, clusters = connected_components(graph, directed=False)
-    return np.asarray(clusters, np.intp)
+    def __init__(self, assembly: Assembly, load: Array, displacement: Array) -> None:
+        from granphon.contacts.deformation import measure_turned  # averages need no Numba
 
+        self.assembly = assembly
+        self.load = load
+        if not displacement.size:
+            displacement = np.zeros((assembly.n_bodies, 3))
+        self.displacement = displacement
+        loss = np.empty(assembly.n_contacts)
+        self.current = np.empty((assembly.n_contacts, 3))
+        self.distance = np.empty(assembly.n_contacts)
+        ends = (assembly.i, assembly.j, assembly.vector, assembly.is_flat)
+        measure_turned(*ends, displacement, np.zeros((3, 3)), loss, self.current, self.distance)
+        overlap = assembly.offset - loss
+        self.force = assembly.laws.force(overlap)
+        self.stiffness = assembly.laws.stiffness(overlap)
 
-def _move_clusters(
-    place: Configuration, motion: Array, cluster: Index, most: float, options: RestOptions
-) -> Configuration:
-    """Return the configuration after a step along a ``motion``, of a length for each cluster at
-    which the slope of its energy is small; clusters with no more force than ``most`` on any ball
-    stay.
-    """
-    d = place.problem.assembly.dimension
-    count = int(np.max(cluster)) + 1
-    left = np.zeros(count)
-    np.maximum.at(left, cluster, place.force_on_balls)
-    of_unknown = np.repeat(cluster, d)
-    first = np.bincount(of_unknown, place.pull * motion, count)
-    low = np.zeros(count)
-    high = np.full(count, np.inf)
-    is_done = left <= most
-    length = np.where(is_done, 0.0, 1.0)
-    ahead = place
-    for _ in range(options.slopes):
-        ahead = place.move(place.x + length[of_unknown] * motion)
-        slope = np.bincount(of_unknown, ahead.pull * motion, count)
-        low = np.where(slope > 0.0, length, low)
-        high = np.where(slope < 0.0, length, high)
-        is_small = np.abs(slope) <= options.slope * first
-        # a whole step after which the energy still falls is kept
-        is_done |= is_small | ((slope >= 0.0) & (high == np.inf))
-        if np.all(is_done):
-            break
-        middle = 0.5 * (low + np.where(is_done, low, high))
-        length = np.where(is_done, length, middle)
-    return ahead
+    @cached_property
+    def normal(self) -> Array:
+        """(n_c, 3) unit vectors."""
+        return np.asarray(self.current / self.distance[:, None])
+
+    @cached_property
+    def pull(self) -> Array:
+        """(n, d) the forces left on the balls."""
+        from granphon.contacts.deformation import add_forces  # averages need no Numba
+
+        assembly = self.assembly
+        on_bodies = np.zeros((assembly.n_bodies, 3))
+        ends = (assembly.i, assembly.j, assembly.vector, self.normal)
+        add_forces(*ends, self.force, on_bodies, np.zeros((3, 3)))
+        return np.asarray(self.load + on_bodies[:-1, : assembly.dimension])
+
+    @property
+    def size_of_pull(self) -> Array:
+        """(n,) the force left on each ball."""
+        return np.asarray(np.sqrt(np.einsum("na,na->n", self.pull, self.pull)))
+
+    def advance(self, springs: Array, moves: Flags, most: float, options: RestOptions) -> _Cages:
+        """Return the cages after a step of the balls that ``moves`` (n,) names.
+
+        Balls that touch, or would at the end of the step, go the same part of it, to where their
+        energy is least; where the energy still falls at the end they go all of it. Groups with no
+        more force than ``most`` on any ball stay. ``springs`` (n,) hold the balls to the ground.
+        """
+        from granphon.contacts.clusters import (
+            choose_lengths,
+            find_cluster_steps,
+            join_balls,
+            measure_slopes,
+        )
+
+        assembly = self.assembly
+        n = assembly.n_balls
+        d = assembly.dimension
+        across = np.where(assembly.is_flat, 0.0, np.abs(self.force) / self.distance)
+        steps = np.empty((n, d))
+        ends = (assembly.i, assembly.j)
+        of_contacts = (self.normal, self.stiffness, across)
+        find_cluster_steps(*ends, *of_contacts, springs, moves, self.pull, steps)
+        whole = np.zeros_like(self.displacement)
+        whole[:n, :d] = steps
+        ahead = _Cages(assembly, self.load, self.displacement + whole)
+        group = np.empty(n, np.int64)
+        touches = (self.stiffness > 0.0) | (ahead.stiffness > 0.0)
+        count = join_balls(*ends, touches, group)
+        works = [np.einsum("na,na->n", forces, steps) for forces in (self.pull, self.load)]
+        first, of_load = (np.asarray(np.bincount(group, work, count), float) for work in works)
+        left = np.zeros(count)
+        np.maximum.at(left, group, self.size_of_pull)
+        is_done = (left <= most) | (first <= 0.0)
+        length = np.where(is_done, 0.0, 1.0)
+        low = np.zeros(count)
+        high = np.full(count, np.inf)
+        for trial in range(options.loose_slopes):
+            if trial or np.any(is_done):
+                part = self.displacement.copy()
+                part[:n] += length[group, None] * whole[:n]
+                ahead = _Cages(assembly, self.load, part)
+            work = of_load.copy()
+            rise = np.zeros(count)
+            contacts = (ahead.current, ahead.distance, ahead.force, ahead.stiffness)
+            measure_slopes(*ends, *contacts, steps, group, work, rise)
+            slopes = (work, rise, first, hertz.EXPONENT, options.loose_slope)
+            if choose_lengths(*slopes, length, low, high, is_done):
+                break
+        return ahead
 
 
 def find_way_down(configuration: Configuration, equations: Equations) -> Configuration | None:
     """Return where to go on from a saddle of the energy; None at a minimum."""
     options = equations.options
     problem = configuration.problem
-    assembly = problem.assembly
     linear = equations.linearise(configuration, configuration.stiffness)
-    # forces push no ball aside more than twice all that act on one
-    aside = np.where(assembly.is_flat, 0.0, configuration.force / configuration.distance)
-    parts = np.abs(configuration.normal[:, : assembly.dimension]) * aside[:, None]
-    sums = np.zeros((assembly.n_bodies, assembly.dimension))
-    np.add.at(sums, assembly.i, parts)
-    np.add.at(sums, assembly.j, parts)
-    strongest = 4.0 * float(np.max(sums[: assembly.n_balls], initial=0.0))
+    strongest = find_strongest_push(configuration)
     if linear.factorise(options.curvature * strongest).n_below == 0:
         return None
     n = problem.n_ball_unknowns
@@ -144,8 +204,16 @@ def find_way_down(configuration: Configuration, equations: Equations) -> Configu
     if value[0] > -options.curvature * most:
         return None
     way = np.zeros(problem.size)
-    largest = float(np.max(np.abs(assembly.offset)))
-    way[:n] = vector[:, 0] * options.descent * largest / float(np.max(np.abs(vector)))
+    way[:n] = vector[:, 0]
+    return go_down(configuration, way, options)
+
+
+def go_down(configuration: Configuration, way: Array, options: RestOptions) -> Configuration:
+    """Return a configuration along a ``way`` (size,) on which the energy has a curvature below
+    zero.
+    """
+    largest = float(np.max(np.abs(configuration.problem.assembly.offset)))
+    way = way * (options.descent * largest / float(np.max(np.abs(way))))
     way *= math.copysign(1.0, float(configuration.pull @ way))
     below = configuration
     # as far as the energy falls, but not much farther than radii differ

@@ -16,19 +16,25 @@ A weak spring to the ground at each motion holds what nothing else holds.
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
-from granphon.contacts.tangent import Blocks, fill_blocks, find_pattern
+from granphon.contacts.contact_list import ContactList
+from granphon.contacts.tangent import Blocks, Tangent, fill_blocks, find_pattern
 from granphon.dynamics.factors import Elimination, Factors
 from granphon.statics.configuration import Configuration, Problem
 from granphon.statics.krylov import Map, conjugate_gradients
 from granphon.statics.options import RestOptions
+
+if TYPE_CHECKING:
+    from granphon.statics.grid_iteration import GridIteration
 
 
 class Equations:
@@ -112,8 +118,9 @@ class Equations:
         """Return the step (size,) that takes the forces ``pull`` (size,) away; see
         :meth:`linearise` and :meth:`Linearisation.invert`.
         """
-        inverse = self.linearise(configuration, stiffness, turning).invert(load_slope)
-        return self.problem.remove_drift(inverse(pull))
+        linear = self.linearise(configuration, stiffness, turning)
+        row = find_mean_row(configuration, stiffness)
+        return self.problem.remove_drift(linear.invert(load_slope, row)(pull))
 
 
 class Linearisation:
@@ -177,10 +184,11 @@ class Linearisation:
             what = f"the equations of balls that come to rest under {words} are singular"
             raise ConvergenceError(what) from None
 
-    def invert(self, load_slope: Array | None = None) -> Map:
+    def invert(self, load_slope: Array | None = None, mean_row: Array | None = None) -> Map:
         """Return the inverse: the step (size,) that takes forces (size,) away.
 
-        ``load_slope`` (size, m) are the forces of the load that grow with walls and strains.
+        ``load_slope`` (size, m) are the forces of the load that grow with walls and strains, and
+        ``mean_row`` (size,) is that of :func:`find_mean_row`.
         """
         n = len(self.border)
         solve_balls = self._invert_balls()
@@ -191,12 +199,16 @@ class Linearisation:
             corner = corner - load_slope[n:]
         if not len(corner):
             return solve_balls
+        rows = self.border.T
+        if mean_row is not None:
+            rows = mean_row[None, :n]
+            corner = mean_row[None, n:]
         motions = solve_balls(columns)
-        remaining = np.linalg.inv(corner - self.border.T @ motions)
+        remaining = np.linalg.inv(corner - rows @ motions)
 
         def solve(pull: Array) -> Array:
             of_balls = solve_balls(pull[:n])
-            of_few = remaining @ (pull[n:] - self.border.T @ of_balls)
+            of_few = remaining @ (pull[n:] - rows @ of_balls)
             return np.concatenate([of_balls - motions @ of_few, of_few])
 
         return solve
@@ -225,6 +237,194 @@ class Linearisation:
         band[lines - columns, columns] = self.entries[equations.is_lower]
         band[0] += self._hold + self.level * equations.anchor
         return band
+
+
+def find_mean_row(configuration: Configuration, stiffness: Array) -> Array | None:
+    """Return the row (size,) of the equations of a cell whose contacts are given a mean force: how
+    what they have more than it falls with the unknowns; None of other cells.
+    """
+    problem = configuration.problem
+    if problem.load.mean_force is None:
+        return None
+    row = problem.collect_forces(configuration.normal, stiffness)
+    return row / math.sqrt(problem.assembly.n_contacts)
+
+
+class GridStep(NamedTuple):
+    """A step of Newton's method that iterations on a grid have found.
+
+    Attributes
+    ----------
+    step : (size,) of the unknowns.
+    has_arrived : whether the error has fallen as far as it should.
+    way_down : (size,) a motion of balls along which the curvature of the energy is below zero; None
+        if none was met.
+    iterations : their number.
+    """
+
+    step: Array
+    has_arrived: bool
+    way_down: Array | None
+    iterations: int
+
+
+class GridEquations:
+    """Newton's equations of balls whose contacts are a grid, by conjugate gradients with Green's
+    function (:mod:`granphon.statics.grid_iteration`).
+    """
+
+    def __init__(self, problem: Problem, options: RestOptions) -> None:
+        self.problem = problem
+        self.options = options
+        axes = tuple(range(problem.assembly.dimension))
+        self.motions = Motions("", axes)
+        #: the stiffnesses (n_c,) of contacts before the last step, and its iteration, where that is
+        #: a step near rest with the true sign
+        self._last: tuple[Array, GridIteration] | None = None
+        #: an iteration on the same grid
+        self._earlier: GridIteration | None = None
+
+    def solve(
+        self,
+        configuration: Configuration,
+        stiffness: Array,
+        pull: Array,
+        turning: float,
+        reduction: float,
+        most: int,
+        load_slope: Array | None = None,
+    ) -> GridStep:
+        """Return the step that takes the forces ``pull`` (size,) away but for ``reduction``, as far
+        as ``most`` iterations do; see :meth:`Equations.solve`.
+        """
+        problem = self.problem
+        n = problem.n_ball_unknowns
+        blocks = self._fill_blocks(configuration, stiffness, turning)
+        iteration = self._iterate(configuration, stiffness, blocks)
+        is_near = turning == 1.0 and configuration.residual <= self.options.last
+        self._last = (configuration.stiffness, iteration) if is_near else None
+        border = blocks.ahead.reshape(n, -1)
+        columns_of_cell = border if load_slope is None else border - load_slope[:n]
+        right = np.column_stack([pull[:n], columns_of_cell])
+        right = right.reshape(problem.assembly.n_balls, len(self.motions.translations), -1)
+        solution = iteration.solve(right, reduction, most, 0.0)
+        motions = solution.motions.reshape(n, -1)
+        step = motions[:, 0]
+        if len(problem.unit_strains):
+            mean_row = find_mean_row(configuration, stiffness)
+            corner = blocks.corner if load_slope is None else blocks.corner - load_slope[n:]
+            rows = border.T
+            if mean_row is not None:
+                rows = mean_row[None, :n]
+                corner = mean_row[None, n:]
+            of_cell = np.linalg.solve(corner - rows @ motions[:, 1:], pull[n:] - rows @ step)
+            step = np.concatenate([step - motions[:, 1:] @ of_cell, of_cell])
+        step = problem.remove_drift(step)
+        return GridStep(
+            step, solution.has_arrived, self._extend(solution.way_down), solution.iterations
+        )
+
+    def probe(self, configuration: Configuration, most: int) -> GridStep:
+        """Return the response to random forces, whose search meets ways along which the curvature
+        of the energy is below zero, if there are such ways.
+
+        The tangent of the last step serves if stiffnesses have hardly changed. Where it has such a
+        way, and else, weak springs hold each ball against what may be rounding.
+        """
+        options = self.options
+        assembly = self.problem.assembly
+        forces = _shake_contacts(configuration)
+        right = forces.reshape(assembly.n_balls, assembly.dimension, 1)
+        count = 0
+        solution = None
+        if self._last is not None:
+            stiffness, iteration = self._last
+            change = np.abs(configuration.stiffness - stiffness)
+            if np.all(change <= options.unchanged * stiffness):
+                solution = iteration.solve(right, options.probed, most, 0.0)
+                count = solution.iterations
+        if solution is None or solution.way_down is not None:
+            blocks = self._fill_blocks(configuration, configuration.stiffness, 1.0)
+            axes = np.arange(assembly.dimension)
+            blocks.diagonal[axes, axes] += options.curvature * find_strongest_push(configuration)
+            iteration = self._iterate(configuration, configuration.stiffness, blocks)
+            solution = iteration.solve(right, options.probed, most, 0.0)
+            count += solution.iterations
+        return GridStep(forces, solution.has_arrived, self._extend(solution.way_down), count)
+
+    def _extend(self, way_down: Array | None) -> Array | None:
+        """Return the unknowns (size,) of a motion of balls (n, d)."""
+        if way_down is None:
+            return None
+        rest = self.problem.size - self.problem.n_ball_unknowns
+        return np.concatenate([way_down.ravel(), np.zeros(rest)])
+
+    def _fill_blocks(
+        self, configuration: Configuration, stiffness: Array, turning: float
+    ) -> Blocks:
+        """Return the tangent, with the ``turning`` of :meth:`Equations.linearise`."""
+        problem = self.problem
+        assembly = problem.assembly
+        side = -turning * configuration.force / configuration.distance
+        columns = configuration.list_columns(stiffness, side)
+        axes = np.arange(assembly.dimension)
+        return fill_blocks(columns, axes, problem.unit_strains, assembly.n_balls)
+
+    def _iterate(
+        self, configuration: Configuration, stiffness: Array, blocks: Blocks
+    ) -> GridIteration:
+        """Return the iteration with a tangent."""
+        from granphon.statics.grid_iteration import GridIteration  # averages need no Numba
+
+        assembly = self.problem.assembly
+        nothing = np.zeros(assembly.n_contacts)
+        contacts = ContactList(
+            n_balls=assembly.n_balls,
+            motions=self.motions,
+            i=assembly.i,
+            j=assembly.j,
+            vector=assembly.vector,
+            normal=assembly.normal,
+            arm_i=nothing,
+            arm_j=nothing,
+            normal_stiffness=stiffness,
+            shear_stiffness=nothing,
+            torsion_stiffness=nothing,
+            bending_stiffness=nothing,
+            normal_force=configuration.force,
+            measure=assembly.measure,
+            dimension=assembly.dimension,
+            grid=assembly.grid,
+        )
+        self._earlier = GridIteration(Tangent(contacts, blocks), even=True, earlier=self._earlier)
+        return self._earlier
+
+
+def find_strongest_push(configuration: Configuration) -> float:
+    """Return a stiffness, N/m, with which forces push no ball aside more: twice all that act on
+    one.
+    """
+    assembly = configuration.problem.assembly
+    aside = np.where(assembly.is_flat, 0.0, configuration.force / configuration.distance)
+    parts = np.abs(configuration.normal[:, : assembly.dimension]) * aside[:, None]
+    ends = np.concatenate([assembly.i, assembly.j])
+    sums = [np.bincount(ends, np.tile(part, 2), assembly.n_bodies) for part in parts.T]
+    return 4.0 * float(np.max(np.array(sums)[:, : assembly.n_balls], initial=0.0))
+
+
+def _shake_contacts(configuration: Configuration) -> Array:
+    """Return random forces (n d,) on balls, of which each contact bears as much energy along its
+    direction as across.
+    """
+    problem = configuration.problem
+    assembly = problem.assembly
+    d = assembly.dimension
+    draw = np.random.default_rng(0).random((assembly.n_contacts, d), np.float32) - np.float32(0.5)
+    side = np.sqrt(np.abs(configuration.force) / configuration.distance)
+    push = (np.sqrt(configuration.stiffness) * draw[:, 0])[:, None] * configuration.normal
+    push[:, :d] += side[:, None] * draw
+    forces = problem.collect_forces(push, np.ones(assembly.n_contacts))
+    return forces[: problem.n_ball_unknowns]
 
 
 class IteratedEquations:

@@ -44,6 +44,20 @@ class RestOptions:
     patience_of_factors : iterations with the factors of an earlier step, after which new ones are
         found: a solution takes a tenth of the time of factors, and near rest 2 do.
     most_iterations : iterations in a step, at most, where matrices are not factorised.
+    patience_of_grid : iterations with Green's function of an array, after which factors are found.
+    inexact : relative error of a step of an array, at most: with more of it soft motions are hardly
+        solved for, and come to rest over many steps more.
+    margin : part of the tolerance that an accurate step of an array is to leave: the largest force
+        left falls less than the error of motions.
+    probed : part of the error of a response to random forces that is left when the curvature has
+        been probed: less than the part of one ball among 10^6.
+    last : residual of an array from which the tangent of a step may be that at rest.
+    unchanged : change of the stiffness of each contact, over it, up to which the curvature is
+        probed with the tangent of the last step.
+    longest : length of a step away from a saddle, in steps of Newton's method with the other sign,
+        at most.
+    too_far : force left on a ball after a step, over the mean, from which an array does not take
+        the step. Loose balls that the step pushes into others are left with up to some forty.
     carried : force, over the residual, up to which a contact carries nothing: its stiffness would
         hold a ball.
     patience : steps in exact directions without half of the residual, after which loose balls and
@@ -54,6 +68,18 @@ class RestOptions:
         loose balls.
     failed : force left on a ball after a step, over the most before it, from which the ball counts
         as loose too.
+    worst : the same over the most after the step: a step that throws a few balls shakes many, and
+        all those would make clusters as large as the array.
+    loose_steps : steps of Newton's method for loose balls while the others are held, at most; they
+        go on after the others have moved.
+    loose_slopes : slopes in a line search of these steps, at most.
+    loose_slope : slope of the energy of a group of loose balls along a step, over that at its
+        start, at which its line search ends: loose balls are many, and each need not be exact.
+    hold_loose : stiffness of the springs that hold loose balls which nothing else holds, over the
+        mean of contacts: far less than light forces resist with.
+    finer : force that may be left on loose balls, over the tolerance, so that they do not keep the
+        others from rest.
+    rounding : the same over the mean force, at least.
     descent : displacement with which the way down from a saddle begins, over the largest difference
         of radii.
     curvature : curvature of the energy below zero, over what forces could make, that is rounding.
@@ -76,10 +102,25 @@ class RestOptions:
     patience_of_iterations: Mapping[int, int] = _by_axes(0, 50, 150)
     patience_of_factors: int = 8
     most_iterations: int = 4000
+    patience_of_grid: int = 200
+    inexact: float = 1e-2
+    margin: float = 0.1
+    probed: float = 1e-4
+    last: float = 1e-5
+    unchanged: float = 1e-3
+    longest: float = 2.0**10
+    too_far: float = 1e2
     carried: float = 10.0
     patience: int = 20
     light: float = 1e-3
     failed: float = 0.3
+    worst: float = 1e-2
+    loose_steps: int = 100
+    loose_slopes: int = 12
+    loose_slope: float = 0.3
+    hold_loose: float = 1e-14
+    finer: float = 1e-2
+    rounding: float = 5e-13
     descent: float = 1e-2
     curvature: float = 1e-6
     soft: float = 1e-9

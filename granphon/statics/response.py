@@ -158,11 +158,11 @@ class LinearResponse:
         fine = for_motions or not self._may_factorise
         reduction = _REDUCTION_OF_MOTIONS if fine else _REDUCTION
         most = _PATIENCE if self._may_factorise else _MOST_ITERATIONS
-        motions, remaining, arrived, stable = self._iteration.solve(forces, reduction, most, _NOISE)
-        if arrived:
-            return motions, remaining
+        solution = self._iteration.solve(forces, reduction, most, _NOISE)
+        if solution.has_arrived:
+            return solution.motions, solution.remaining
         if not self._may_factorise:
-            raise explain_failure(stable)
+            raise explain_failure(solution.way_down is None)
         return None
 
     # -- factors -----------------------------------------------------------------------------------

@@ -15,7 +15,9 @@ on others. These loose balls are brought to rest first, while the others are hel
 (:mod:`granphon.statics.loose_balls`). Newton's method for all follows, and so on in turn. A step
 that would raise the energy is replaced by one downhill, and where neither the loose balls nor the
 others let each other come to rest, all move together. The inertia of the factors then proves that
-rest is a minimum; from a saddle the balls go downhill along the softest motion.
+rest is a minimum; from a saddle the balls go downhill along the softest motion. Of a list that is a
+grid, iterations with Green's function find the steps, and where most contacts are closed conjugate
+gradients under random forces take the place of the inertia.
 """
 
 from __future__ import annotations
@@ -46,9 +48,15 @@ from granphon.statics.configuration import (
 )
 from granphon.statics.explanation import explain, find_typical_force
 from granphon.statics.krylov import Map
-from granphon.statics.loose_balls import find_way_down, has_soft_motions, lead_loose_balls
-from granphon.statics.newton import Equations, IteratedEquations
+from granphon.statics.loose_balls import (
+    find_way_down,
+    go_down,
+    has_soft_motions,
+    lead_loose_balls,
+)
+from granphon.statics.newton import Equations, GridEquations, IteratedEquations
 from granphon.statics.options import RestOptions
+from granphon.statics.response import WELL_HELD
 
 #: what mends a crystal of differing balls that falls
 _STAY = "Leave finite_overlap out: contacts then keep the directions of the sites"
@@ -66,6 +74,7 @@ class Rest:
     overlap : (n_c,) of the contacts, m.
     normal : (n_c, d) unit vectors of the contacts.
     residual : the largest force left, as on a ball, over the mean force of contacts.
+    steps, iterations : numbers of steps of Newton's method for all, and of iterations in them.
     """
 
     displacement: Array
@@ -74,6 +83,8 @@ class Rest:
     overlap: Array
     normal: Array
     residual: float = 0.0
+    steps: int = 0
+    iterations: int = 0
 
     @classmethod
     def of(cls, configuration: Configuration) -> Self:
@@ -140,8 +151,24 @@ def find_rest(
         return on_lattice.run(on_lattice.begin(start))
     if start is None:
         start = find_rest(assembly, load, "lattice", boundary, None, numbers)
-    exact = _ExactSearch(problem, numbers)
-    return exact.run(exact.begin(start))
+    return find_rest_nearby(assembly, load, boundary, start, numbers)
+
+
+def find_rest_nearby(
+    assembly: Assembly,
+    load: AppliedLoad,
+    boundary: Boundary,
+    start: Rest,
+    options: RestOptions,
+) -> Rest:
+    """Find balls, walls and a cell at rest in exact directions, from rest on the lattice, whatever
+    the load: under none balls may be pressed by their cell.
+
+    Parameters and errors are those of :func:`find_rest`. ``reached`` of a
+    :class:`~granphon.base.errors.ConvergenceError` is the :class:`Rest` that came nearest.
+    """
+    search = _ExactSearch(Problem(assembly, load, "exact", boundary), options)
+    return search.run(search.begin(start))
 
 
 def _rest_without_load(problem: Problem) -> Rest:
@@ -189,11 +216,18 @@ class _Search(ABC):
         assembly = problem.assembly
         self.is_factored = assembly.n_balls <= options.most_factorised[assembly.dimension]
         self.tolerance = options.tolerance
+        self.steps = 0
+        self.iterations = 0
 
     @cached_property
     def equations(self) -> Equations:
         """Newton's equations, by factors."""
         return Equations(self.problem, self.options)
+
+    @cached_property
+    def grid_equations(self) -> GridEquations:
+        """Newton's equations of a grid, by iteration."""
+        return GridEquations(self.problem, self.options)
 
     @cached_property
     def iterated_equations(self) -> IteratedEquations:
@@ -252,6 +286,7 @@ class _Search(ABC):
         laws = assembly.laws
         assert self.trail.nearest is not None
         rest = Rest.of(self.trail.nearest)
+        rest = replace(rest, steps=self.steps, iterations=self.iterations)
         if not assembly.differs or laws.adhere:
             return rest
         force = laws.force(rest.overlap)
@@ -457,7 +492,7 @@ class _ExactSearch(_Search):
         configuration = self.problem.start_at(_find_unknowns(self.problem, start))
         if not assembly.differs:
             return configuration
-        if self.is_factored and has_soft_motions(self.equations):
+        if self.is_factored and not assembly.grid and has_soft_motions(self.equations):
             words = self.problem.load.words
             what = f"balls that differ do not come to rest in the true geometry under {words}"
             why = (
@@ -490,21 +525,47 @@ class _ExactSearch(_Search):
         spread = float(np.max(np.abs(assembly.offset)) / np.mean(assembly.distance))
         on_others = configuration.force_on_balls[~loose]
         left = float(np.max(on_others, initial=0.0)) / configuration.mean
-        least = max(options.tolerance, options.light * min(spread, left))
+        finest = min(options.tolerance, max(options.finer * options.tolerance, options.rounding))
+        least = max(finest, options.light * min(spread, left))
         return lead_loose_balls(configuration, loose, least, options)
 
     def _leave_saddle(self) -> Configuration | None:
         """Return where to go on from a saddle of the energy of balls that differ; None at a
         minimum.
         """
-        if not (self.is_factored and self.problem.assembly.differs):
+        if not self.problem.assembly.differs:
             return None
         assert self.trail.nearest is not None
-        return find_way_down(self.trail.nearest, self.equations)
+        configuration = self.trail.nearest
+        if self.problem.assembly.grid and self._is_well_held(configuration):
+            solution = self.grid_equations.probe(configuration, self._patience_of_grid)
+            self.iterations += solution.iterations
+            if solution.way_down is not None:
+                return go_down(configuration, solution.way_down, self.options)
+            if solution.has_arrived or not self.is_factored:
+                return None
+        if not self.is_factored:
+            return None
+        return find_way_down(configuration, self.equations)
 
     def _advance(self, configuration: Configuration) -> Configuration:
         """Return the configuration after a step; of balls that differ, those that are far from rest
         then become loose.
+        """
+        self.steps += 1
+        if self.problem.assembly.grid:
+            ahead = self._advance_on_grid(configuration)
+        else:
+            ahead = self._advance_by_energy(configuration)
+        if self.problem.assembly.differs:
+            size = self.options.failed * configuration.residual * ahead.mean
+            size = max(size, self.options.worst * float(np.max(ahead.force_on_balls)))
+            self.loose = self.loose | (ahead.force_on_balls > size)
+        return ahead
+
+    def _advance_by_energy(self, configuration: Configuration) -> Configuration:
+        """Return the configuration after a step along which the energy of balls that differ
+        falls.
         """
         pull = configuration.pull
         step = self._find_step(configuration)
@@ -516,9 +577,80 @@ class _ExactSearch(_Search):
         falls = ahead.is_sound and pull @ step > 0.0 and (pull + ahead.pull) @ step >= 0.0
         if not falls:
             ahead = self._search(configuration, self._find_leaning_step(configuration))
-        size = self.options.failed * configuration.residual * ahead.mean
-        self.loose = self.loose | (ahead.force_on_balls > size)
         return ahead
+
+    def _advance_on_grid(self, configuration: Configuration) -> Configuration:
+        """Return the configuration after a step of an array, which may push loose balls into
+        others: these come to rest sooner by themselves than by shorter steps.
+        """
+        options = self.options
+        step = self._find_grid_step(configuration, (1.0, -1.0))
+        ahead = configuration.move(configuration.x + step)
+        work = float(configuration.pull @ step)
+        length = 1.0
+        # away from a saddle a step with the other sign is as long as the way so far: go on while
+        # the energy falls faster
+        while ahead.is_sound and float(ahead.pull @ step) > work and length < options.longest:
+            work = float(ahead.pull @ step)
+            length *= 2.0
+            farther = configuration.move(configuration.x + length * step)
+            is_too_far = not farther.is_sound or farther.residual > options.too_far
+            if is_too_far or float(farther.pull @ step) < work:
+                break
+            ahead = farther
+        if ahead.is_sound and ahead.residual <= options.too_far:
+            return ahead
+        # with the true sign, a step along which there is hardly any curvature has no end
+        return self._search(configuration, self._find_grid_step(configuration, (-1.0,)))
+
+    def _is_well_held(self, configuration: Configuration) -> bool:
+        """Return whether so many contacts are closed that iterations take less time than factors,
+        or factors take too much.
+        """
+        assembly = self.problem.assembly
+        closed = int(np.count_nonzero(configuration.stiffness))
+        motions = assembly.n_balls * assembly.dimension
+        return closed >= WELL_HELD * motions or not self.is_factored
+
+    @property
+    def _patience_of_grid(self) -> int:
+        """Iterations after which a grid that can be factorised is."""
+        options = self.options
+        if not self.is_factored:
+            return options.most_iterations
+        return options.patience_of_grid
+
+    def _find_grid_step(self, configuration: Configuration, turnings: tuple[float, ...]) -> Array:
+        """Return a step (size,) of an array, by the first of the signs ``turnings`` of -f/r with
+        which the energy has no curvature below zero.
+        """
+        options = self.options
+        residual = configuration.residual
+        stiffness = configuration.stiffness
+        added = options.added * min(1.0, residual) * float(np.mean(stiffness))
+        load_slope = self._find_load_slope(configuration)
+        least = options.margin * self.tolerance / residual
+        # where hardly a contact opens or closes, two accurate steps take less time than three
+        shy = residual if self._is_well_held(configuration) else math.sqrt(residual)
+        reduction = min(options.inexact, max(shy, least))
+        for turning in turnings:
+            solution = self.grid_equations.solve(
+                configuration,
+                stiffness + added,
+                configuration.pull,
+                turning,
+                reduction,
+                self._patience_of_grid,
+                load_slope,
+            )
+            self.iterations += solution.iterations
+            if solution.way_down is not None:
+                continue
+            if solution.has_arrived or not self.is_factored:
+                return solution.step
+        return self.equations.solve(
+            configuration, stiffness + added, configuration.pull, -1.0, load_slope
+        )
 
     def _find_step(self, configuration: Configuration) -> Array:
         """Return the step (size,) of Newton's method."""
@@ -598,7 +730,9 @@ class _ExactSearch(_Search):
         if self.problem.assembly.differs:
             what = f"balls that differ have not come to rest in the true geometry under {words}"
             left = f"A force of {self.trail.best:.2g} of the mean is left on a ball"
-            return ConvergenceError(what, left, f"{_STAY}; or press loose balls more")
+            error = ConvergenceError(what, left, f"{_STAY}; or press loose balls more")
+            error.reached = None if self.trail.nearest is None else self._finish()
+            return error
         why = "Its contacts turn away under the load, and nothing holds it"
         mend = "Lower the load, or add contacts"
         return InstabilityError(f"the crystal collapses under {words}", why, mend)
