@@ -291,7 +291,12 @@ class Block:
         super().__init_subclass__()
         of_class: Any = dataclass(frozen=True, kw_only=kw_only)(cls)
         ordered = sorted(fields(of_class), key=lambda field: bool(field.kw_only))
-        cls._settings = {field.name: field.metadata[_DECLARED] for field in ordered}
+        # a subclass of a user may have fields that are declared nowhere
+        cls._settings = {
+            field.name: field.metadata[_DECLARED]
+            for field in ordered
+            if _DECLARED in field.metadata
+        }
 
     def __post_init__(self) -> None:
         for name, declared in self._settings.items():

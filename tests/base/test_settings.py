@@ -63,6 +63,21 @@ def test_attributes_follow_from_the_declaration():
         Nozzle()
 
 
+def test_a_class_of_a_user_may_have_attributes_and_a_constructor_of_its_own():
+    class Wide(Nozzle):
+        colour: str = "red"
+
+    class Narrow(Nozzle):
+        def __init__(self) -> None:
+            super().__init__(width=1e-3)
+
+    assert (Wide(1.0).colour, Wide(1.0, colour="blue").colour) == ("red", "blue")
+    assert set(list_settings(Wide)) == set(list_settings(Nozzle))
+    assert Narrow().width == 1e-3
+    with pytest.raises(InputError, match=r"nozzle\.width"):
+        Wide(-1.0)
+
+
 @pytest.mark.parametrize(
     ("values", "place", "word"),
     [
