@@ -54,6 +54,7 @@ from granphon.balls.packing import PARAMETERS, Packing
 from granphon.base.errors import Refused
 from granphon.base.quantities import DENSITY, FREQUENCY, LENGTH, LOADS, MODULUS, TIME, WIDTH
 from granphon.base.results import Result
+from granphon.base.settings import SCALES, list_settings, read_values
 from granphon.base.tables import Table
 from granphon.base.text import plain_yaml
 from granphon.cli.commands import app
@@ -69,6 +70,7 @@ from granphon.scene.file import FIELDS as SCENE_FIELDS
 from granphon.scene.rules import PARTS, Context
 from granphon.scene.scene import RESULT_FILES, Scene
 from granphon.tradeoffs.measure import TRADEOFF_FILES, TradeOff
+from granphon.waves.settings import DriveSettings, Shaker
 
 HERE = Path(__file__).parent
 PAGES = [
@@ -279,10 +281,26 @@ def scene_keys() -> str:
             else ""
         )
         default = field.default or _plain_default(field.key, made[name])
-        rows.append(
-            [f"`{field.key}`", field.words, allowed + several, _UNITS.get(allowed, ""), default]
-        )
+        rows.append([f"`{field.key}`", field.words, allowed + several, field.kind.unit, default])
     return table(("key", "what it is", "allowed", "SI unit", "default"), rows)
+
+
+def drives() -> str:
+    """The keys of a drive of a motion, and of its shaker."""
+    rows = []
+    for prefix, settings in (("", DriveSettings), ("shaker.", Shaker)):
+        for name, declared in list_settings(settings).items():
+            allowed = told(partial(declared.kind.rule(Context(folder=HERE)), object()))
+            rows.append(
+                [
+                    f"`{prefix}{name}`",
+                    declared.meaning,
+                    allowed,
+                    declared.kind.unit,
+                    declared.default,
+                ]
+            )
+    return table(("key of a drive", "what it is", "allowed", "SI unit", "default"), rows)
 
 
 def _plain_default(key: str, value: Any) -> str:
@@ -379,20 +397,18 @@ def ranges() -> str:
     """The keys of a range."""
     full = {"from": "1 N", "to": "2 N", "points": 2}
     rows = []
-    for key in known(lambda: rules.read_values({"?": 0}, LOADS["force"].read)):
+    for key in known(lambda: read_values({"?": 0}, LOADS["force"].read)):
         allowed = (
             "as a single value"
             if key in ("from", "to")
-            else told(
-                lambda key=key: rules.read_values({**full, key: object()}, LOADS["force"].read)
-            )
+            else told(lambda key=key: read_values({**full, key: object()}, LOADS["force"].read))
         )
         rows.append(
             [
                 f"`{key}`",
                 meaning(RANGE, key),
                 allowed,
-                literal(rules.SCALES[0]) if key == "scale" else "required",
+                literal(SCALES[0]) if key == "scale" else "required",
             ]
         )
     return table(("key of a range", "what it is", "allowed", "default"), rows)
@@ -823,6 +839,7 @@ PLAIN = (
     interface,
     result_units,
     scene_keys,
+    drives,
     spreads,
     media,
     medium_options,

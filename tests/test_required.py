@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import inspect
 import json
 import os
 import sys
-from functools import cache, reduce
+from collections import Counter
+from collections.abc import Callable
+from functools import cache, partial, reduce
 from pathlib import Path
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -315,3 +318,80 @@ def test_a_missed_bound_of_a_benchmark_is_the_exit_code(
     assert results["one"][0]["value"] == value
     assert results["free"][0]["value"] == 3
     assert results["free"][0]["bound"] is None
+
+
+# -- how far it is from a scene to its files -------------------------------------------------------
+
+#: the folder of the package, with which the names of its files begin
+PACKAGE = str(Path(gp.__file__).parent) + os.sep
+BANDS_OF_STEEL = (
+    "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
+    "packing: {diameter: 8 mm}\nload: {force: 18.446 N}\nobserve: [bands]\n"
+)
+
+
+def count_calls(work: Callable[[], object]) -> Counter[str]:
+    """Calls of functions of the package in each of its modules, the second time that the work is
+    done; comprehensions, which new versions of Python do not call, do not count.
+    """
+    work()
+    calls: Counter[str] = Counter()
+
+    def watch(frame: FrameType, event: str, _: Any) -> None:
+        code = frame.f_code
+        is_function = code.co_flags & inspect.CO_OPTIMIZED and not code.co_name.endswith("comp>")
+        if event == "call" and is_function and code.co_filename.startswith(PACKAGE):
+            calls[code.co_filename.removeprefix(PACKAGE)] += 1
+
+    profile = sys.getprofile()
+    sys.setprofile(watch)
+    try:
+        work()
+    finally:
+        sys.setprofile(profile)
+    return calls
+
+
+def test_a_scene_takes_few_calls_to_its_band_yaml(tmp_path):
+    """The bounds leave little room for what packages, versions and machines differ by."""
+    folders = iter((tmp_path / "a", tmp_path / "b"))
+    of_scene = count_calls(
+        lambda: gp.Scene.from_text(BANDS_OF_STEEL).run(next(folders), figures=False)
+    )
+    steel = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
+    path = tmp_path / "band.yaml"
+    of_python = count_calls(
+        lambda: gp.Phonons(gp.AveragedLattice(steel).at_force(18.446)).bands().write(path)
+    )
+    assert sum(of_scene.values()) <= 4000
+    assert len(of_scene) <= 48
+    assert sum(of_python.values()) <= 650
+    assert len(of_python) <= 33
+
+
+def make_long_files(rows: int, folder: Path) -> dict[str, Callable[[], object]]:
+    """What writes each of the long files, of so many rows or more, by the name of the file."""
+    from granphon.array.atoms import write_extxyz
+
+    steel = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
+    phonons = gp.Phonons(gp.AveragedLattice(steel).at_force(18.446))
+    spread = gp.Packing(steel.material, steel.diameter, gp.Uniform(2e-6))
+    state = gp.DirectSimulation(spread, shape=(rows, 4), seed=0).at_force(18.446)
+    network = state.sample.network
+    return {
+        "band.yaml": partial(phonons.bands("GK", rows).write, folder / "band.yaml"),
+        "dos.csv": partial(phonons.dos((rows, rows)).write_csv, folder / "dos.csv"),
+        "contacts.csv": partial(
+            network.write_tables, folder / "balls.csv", folder / "contacts.csv"
+        ),
+        "sample.extxyz": partial(write_extxyz, folder / "sample.extxyz", gp.atoms(state)),
+    }
+
+
+def test_long_files_take_as_many_calls_for_many_rows_as_for_few(tmp_path):
+    few = make_long_files(4, tmp_path)
+    many = make_long_files(32, tmp_path)
+    for name, write in many.items():
+        calls = count_calls(write)
+        assert calls == count_calls(few[name]), name
+        assert sum(calls.values()) <= 120, name

@@ -274,5 +274,6 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     header, _, _, row = output_column_format(atoms, list(arrays), arrays)
     row = row.replace("%16.8f", "%.17g")
     columns = [column for a in arrays.values() for column in (a.T if a.ndim > 1 else a[None])]
-    rows = (row % numbers for numbers in zip(*(column.tolist() for column in columns), strict=True))
-    write_text(path, f"{len(atoms)}\n{header}\n" + "".join(rows))
+    numbers_of_balls = zip(*(column.tolist() for column in columns), strict=True)
+    rows = "".join(map(row.__mod__, numbers_of_balls))
+    write_text(path, f"{len(atoms)}\n{header}\n{rows}")

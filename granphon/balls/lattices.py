@@ -175,7 +175,7 @@ class Lattice:
         """Number of balls in the cell."""
         return len(self.sites)
 
-    @property
+    @cached_property
     def periods(self) -> int:
         """Number p of lattice vectors."""
         return len(self.cell)

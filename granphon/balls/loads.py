@@ -129,7 +129,7 @@ class Load:
         """Shape of the array of values; () for a single one."""
         return np.shape(self.array)
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of values."""
         return int(np.size(self.array))

@@ -8,12 +8,13 @@ sigma^2).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 from granphon.base.errors import Refused
+from granphon.base.quantities import DENSITY, MODULUS
+from granphon.base.settings import Block, Kind, setting, with_unit
 from granphon.base.text import show
-from granphon.base.validation import positive, real_number, require
+from granphon.base.validation import positive, real_number
 
 #: Young's modulus, Pa, below that of any solid that keeps its shape; a smaller one was probably
 #: given in a wrong unit
@@ -45,8 +46,7 @@ def read_poisson_ratio(value: Any) -> float:
     raise Refused(show(value), allowed, mend)
 
 
-@dataclass(frozen=True)
-class Material:
+class Material(Block):
     """An elastic, isotropic material.
 
     Parameters
@@ -62,21 +62,24 @@ class Material:
     InputError : a value that is not finite or out of range.
     """
 
-    young_modulus: float
-    poisson_ratio: float
-    density: float
-    yield_strength: float | None = None
-
-    def __post_init__(self) -> None:
-        young_modulus = positive("young_modulus", self.young_modulus, "Pa")
-        density = positive("density", self.density, "kg/m^3")
-        poisson_ratio = require("poisson_ratio", read_poisson_ratio, self.poisson_ratio)
-        object.__setattr__(self, "young_modulus", young_modulus)
-        object.__setattr__(self, "density", density)
-        object.__setattr__(self, "poisson_ratio", poisson_ratio)
-        if self.yield_strength is not None:
-            yield_strength = positive("yield_strength", self.yield_strength, "Pa")
-            object.__setattr__(self, "yield_strength", yield_strength)
+    young_modulus: float = setting(
+        with_unit(MODULUS), "Young modulus of the material", title="Young modulus"
+    )
+    poisson_ratio: float = setting(
+        Kind.plain(read_poisson_ratio, float),
+        "Poisson ratio of the material",
+        title="Poisson ratio",
+    )
+    density: float = setting(
+        with_unit(DENSITY), "density of the material, not of the packing", title="density"
+    )
+    yield_strength: float | None = setting(
+        with_unit(MODULUS),
+        "uniaxial yield stress; you are warned where contacts would flow",
+        default=None,
+        absent="none: not checked",
+        title="yield strength",
+    )
 
     @property
     def contact_modulus(self) -> float:

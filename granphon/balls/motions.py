@@ -32,7 +32,7 @@ class Motions:
     translations: tuple[int, ...]
     rotations: tuple[int, ...] = ()
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Number of motions of a ball."""
         return len(self.translations) + len(self.rotations)
@@ -81,7 +81,7 @@ class Motions:
             return (*displacements, "w")
         return displacements + tuple(f"w_{'xyz'[axis]}" for axis in self.rotations)
 
-    @property
+    @cached_property
     def atoms_per_ball(self) -> int:
         """Number of atoms, of three coordinates each, that hold the motions of a ball.
 

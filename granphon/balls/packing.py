@@ -23,6 +23,7 @@ from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.errors import InputError, brief
 from granphon.base.results import write_html
 from granphon.base.scales import WidthUnits
+from granphon.base.settings import NEEDED, describe_settings, list_settings
 from granphon.base.text import closest, counted
 from granphon.base.validation import is_one_of, not_negative, positive, real_list, require, truth
 
@@ -89,7 +90,7 @@ class Packing:
         if not isinstance(self.material, Material):
             raise InputError(f"material is {self.material!r}", mend="Give a granphon.Material")
         object.__setattr__(self, "diameter", positive("diameter", self.diameter, "m"))
-        find_lattice(self.lattice)
+        _ = self.structure  # a name must be that of a lattice
         if self.spread is not None:
             given_spread(self.spread).check_diameter(self.diameter)
         self._require_double_precision()
@@ -151,7 +152,7 @@ class Packing:
         torsion = 1.0 if self.torsion else 0.0  # "mindlin" too: any number above zero
         return select_motions(self.mindlin_ratio, torsion, self.bending, self.named_motions)
 
-    @property
+    @cached_property
     def structure(self) -> Lattice:
         """The lattice as an object, also if it was given by name."""
         return find_lattice(self.lattice)
@@ -163,7 +164,7 @@ class Packing:
         """
         return bool(self.width) and self.structure.periods > 1
 
-    @property
+    @cached_property
     def width(self) -> float:
         """Width W = sqrt(12) Delta_rms of the distribution of diameters, m; 0 for equal balls."""
         return 0.0 if self.spread is None else self.spread.width
@@ -239,7 +240,6 @@ class Packing:
         """Return the rows of the table of the packing in a notebook: name, value and SI unit of
         each quantity.
         """
-        material = self.material
         spread = "none" if self.spread is None else type(self.spread).__name__.lower()
         rows: list[tuple[str, Any, str]] = [
             ("lattice", self.structure.name, ""),
@@ -249,13 +249,7 @@ class Packing:
         if self.spread is not None:
             rows.append(("width of the spread", self.width, "m"))
         rows += [
-            ("Young modulus", material.young_modulus, "Pa"),
-            ("Poisson ratio", material.poisson_ratio, ""),
-            ("density", material.density, "kg/m^3"),
-        ]
-        if material.yield_strength is not None:
-            rows.append(("yield strength", material.yield_strength, "Pa"))
-        rows += [
+            *describe_settings(self.material),
             ("mass of a ball", self.mass, "kg"),
             ("friction", self.friction, ""),
             ("shear over normal stiffness", self.mindlin_ratio, ""),
@@ -392,7 +386,11 @@ def require_shallow(modulus: float, overlap: float, load: str) -> None:
 BallsT = TypeVar("BallsT")
 #: most packings of a sweep; more are taken for a mistake
 MOST_COMBINATIONS = 100_000
-_MATERIAL = {"young_modulus": "Pa", "poisson_ratio": "1", "density": "kg/m^3"}
+_MATERIAL = {
+    name: declared.kind.unit or "1"
+    for name, declared in list_settings(Material).items()
+    if declared.default == NEEDED
+}
 #: where a lattice of one, two or three periods extends
 _EXTENTS = {1: "along a line", 2: "in a plane", 3: "in space"}
 #: the parameters of a packing and their SI units; None for parameters that are not numbers

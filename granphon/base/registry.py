@@ -96,6 +96,12 @@ class Registry(Mapping[str, T]):
         """Whether an entry is there that is not granphon's own."""
         return name in self._sources
 
+    @property
+    def added(self) -> dict[str, T]:
+        """The entries that are not granphon's own, by name, as they are now."""
+        load_plugins()
+        return {name: self._entries[name] for name in self._sources}
+
     def describe(self, name: str) -> str:
         """Return an entry in words, with the plug-in that has added it: "the observable 'impedance'
         of the plug-in x".

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from html import escape
 from inspect import get_annotations
 from types import NoneType, UnionType
@@ -461,6 +462,12 @@ def _list_remarks(hint: Any) -> tuple[Any, ...]:
     return get_args(hint)[1:] if get_origin(hint) is Annotated else ()
 
 
+@cache
+def _find_types(kind: Any) -> dict[str, Any]:
+    """Return the type of each field of a dataclass, by name, with its remarks."""
+    return get_type_hints(kind, include_extras=True)
+
+
 def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     """Build an object of the type ``hint`` from plain data.
 
@@ -543,7 +550,7 @@ def _restore_object(data: Mapping[str, Any], kind: Any) -> Any:
         return kind.from_dict(data)  # these data were written by to_dict of the field itself
     names = [f.name for f in fields(kind)]
     subject = f"the {kind.__name__} data"
-    hints = get_type_hints(kind, include_extras=True)
+    hints = _find_types(kind)
     missing = [name for name in names if name not in data]
     if missing:
         raise InputError(f"{subject} lack {', '.join(missing)}")

@@ -18,10 +18,11 @@ import os
 import re
 import stat
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import lru_cache
 from numbers import Integral
 from typing import Any
 
@@ -65,9 +66,13 @@ _NULL = re.compile(r"(?:|~|null|Null|NULL)")
 _TRUTH = re.compile(r"true|True|TRUE|false|False|FALSE")
 _WHOLE = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
+#: the exponent of a float without a point, as Python writes 1e-06, after a space
+_POINTLESS = re.compile(r"(?<=[ -]\d)e")
 _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 
 
+#: what writes texts and floats, which most entries of plain data are, as :func:`canonical` does
+_CANONICAL: dict[type, Callable[[Any], str]] = {str: json.dumps, float: float.hex}
 #: byte order marks of UTF-16
 _MARKS_OF_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 #: the comment line of a file with the digest of the others
@@ -492,7 +497,7 @@ def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
         head = f"{indent}{_write_key(key)}:"
         if isinstance(plain, Mapping) and plain:
             blocks.append(f"{head}\n{dump_yaml(plain, indent + '  ')}")
-        elif _is_nested(plain):
+        elif isinstance(plain, list | tuple) and _is_nested(plain):
             items = [f"{indent}  - {_write_flow(item)}\n" for item in plain]
             blocks.append(f"{head}\n{''.join(items)}")
         else:
@@ -500,13 +505,12 @@ def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
     return "".join(blocks)
 
 
-def _is_nested(value: Any) -> bool:
-    """Whether a value is a list that holds lists or mappings."""
-    if not isinstance(value, list | tuple):
-        return False
-    return any(isinstance(item, list | tuple | Mapping) for item in value)
+def _is_nested(values: Sequence[Any]) -> bool:
+    """Whether a list holds lists or mappings."""
+    return any(isinstance(value, list | tuple | Mapping) for value in values)
 
 
+@lru_cache(1024)  # states of a sweep have the same keys
 def _write_key(key: Any) -> str:
     """A key, in quotes unless it is a word that is a text to every reader."""
     # readers of YAML 1.1 or 1.2 do not take all words for a text
@@ -524,11 +528,13 @@ def _write_flow(value: Any) -> str:
         entries = [f"{_write_key(key)}: {_write_flow(entry)}" for key, entry in plain.items()]
         return "{" + ", ".join(entries) + "}"
     if isinstance(plain, list | tuple):
-        return "[" + ", ".join(_write_flow(item) for item in plain) + "]"
+        return "[" + ", ".join(map(_write_flow, plain)) + "]"
     if isinstance(plain, float):
         return write_float(plain)
     # JSON is YAML, but for letters that cannot be printed, which YAML takes as escapes alone
     text = json.dumps(plain, ensure_ascii=False)
+    if text.isprintable():
+        return text
     return "".join(sign if sign.isprintable() else f"\\U{ord(sign):08x}" for sign in text)
 
 
@@ -542,6 +548,15 @@ def write_float(value: float) -> str:
         return text.replace("inf", ".inf").replace("nan", ".nan")
     needs_point = "e" in text and "." not in text
     return text.replace("e", ".0e") if needs_point else text
+
+
+def fill_floats(template: str, rows: Iterable[list[float]]) -> list[str]:
+    """Return the ``template`` filled with each of the ``rows``, of finite floats, as
+    :func:`write_float` writes them; each place of the template is %r after a space.
+
+    No function is called for each number: files of bands hold millions.
+    """
+    return [_POINTLESS.sub(".0e", template % tuple(row)) for row in rows]
 
 
 def versions(*packages: str) -> dict[str, str]:
@@ -757,13 +772,17 @@ def canonical(data: Any) -> str:
     :class:`~granphon.base.errors.InputError` for anything else.
     """
     if isinstance(data, Mapping):
-        entries = [f"{json.dumps(str(key))}:{canonical(value)}" for key, value in data.items()]
+        entries = []
+        for key, value in data.items():
+            write = _CANONICAL.get(type(value), canonical)
+            entries.append(f"{json.dumps(str(key))}:{write(value)}")
         return "{" + ",".join(sorted(entries)) + "}"
     if hasattr(data, "tolist"):
         # arrays and numbers of NumPy, which the command's help does without
         return canonical(data.tolist())
     if isinstance(data, list | tuple):
-        return "[" + ",".join(map(canonical, data)) + "]"
+        entries = [_CANONICAL.get(type(value), canonical)(value) for value in data]
+        return "[" + ",".join(entries) + "]"
     if isinstance(data, complex):
         return canonical({"real": data.real, "imag": data.imag})
     if data is None or isinstance(data, bool | str):

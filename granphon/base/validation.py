@@ -32,6 +32,8 @@ Options = ParamSpec("Options")
 Low = Literal["", "above zero", "zero or above"]
 #: highest frequency, Hz, far above that of any contact: its powers stay within the range of floats
 HIGHEST_FREQUENCY = 1e30
+#: types of plain numbers
+_PLAIN_NUMBERS = frozenset((float, int))
 #: the deepest nesting of lists: NumPy's arrays have no more dimensions
 _DEEPEST = 64
 
@@ -193,22 +195,20 @@ def real_number(value: Any) -> float:
         return math.nan
 
 
-def _number_where(value: Any, allowed: str, is_allowed: Callable[[float], bool]) -> float:
-    """Return a real number for which ``is_allowed`` is true; Refused says, in the words
-    ``allowed``, which numbers these are.
+def _refuse_number(value: Any, allowed: str, unit: str = "") -> Refused:
+    """Return the refusal of a value that is none of the numbers, in an SI ``unit``, that the words
+    ``allowed`` say.
     """
-    number = real_number(value)
-    if is_allowed(number):
-        return number
     mend = "Write it without quotes or unit." if isinstance(value, str) else ""
-    raise Refused(show(value), allowed, mend)
+    return Refused(show(value), f"{allowed}, {unit}" if unit else allowed, mend)
 
 
 def number(value: Any, low: float, high: float) -> float:
     """Return a plain number, without a unit, from ``low`` to ``high``."""
-    return _number_where(
-        value, f"a plain number from {low:g} to {high:g}", lambda x: low <= x <= high
-    )
+    plain = real_number(value)
+    if low <= plain <= high:
+        return plain
+    raise _refuse_number(value, f"a plain number from {low:g} to {high:g}")
 
 
 def fraction(value: Any, largest: float) -> float:
@@ -230,18 +230,18 @@ def fraction(value: Any, largest: float) -> float:
 
 def above_zero(value: Any, unit: str = "") -> float:
     """Return a finite number above zero, in an SI ``unit``."""
-    allowed = "a finite number above zero"
-    if unit:
-        allowed += f", {unit}"
-    return _number_where(value, allowed, lambda number: 0.0 < number < math.inf)
+    plain = real_number(value)
+    if 0.0 < plain < math.inf:
+        return plain
+    raise _refuse_number(value, "a finite number above zero", unit)
 
 
 def zero_or_above(value: Any, unit: str = "") -> float:
     """Return a finite number, zero or above, in an SI ``unit``."""
-    allowed = "a finite number, zero or above"
-    if unit:
-        allowed += f", {unit}"
-    return _number_where(value, allowed, lambda number: 0.0 <= number < math.inf)
+    plain = real_number(value)
+    if 0.0 <= plain < math.inf:
+        return plain
+    raise _refuse_number(value, "a finite number, zero or above", unit)
 
 
 def is_whole(value: Any) -> bool:
@@ -327,6 +327,8 @@ def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
     """
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values
+    if type(values) is float:
+        return np.array(values)
     carried_unit = find_unit_of(values)
     if carried_unit is not None and not is_si(carried_unit, unit):
         mend = "Give plain numbers, as x.to_base_units().magnitude of pint."
@@ -478,6 +480,8 @@ def _is_masked(values: Any, depth: int = 0) -> bool:
     that contains itself is, is refused.
     """
     if isinstance(values, list | tuple):
+        if _PLAIN_NUMBERS.issuperset(map(type, values)):
+            return False
         if depth == _DEEPEST:
             raise Refused(
                 f"a list nested more than {_DEEPEST} levels deep",
@@ -501,7 +505,8 @@ def _named(
         def rule_with_options(argument: Any) -> Value:
             return rule(argument, *options, **named_options)
 
-        checked_value: Value = require(name, rule_with_options, value)
+        has_options = options or named_options
+        checked_value: Value = require(name, rule_with_options if has_options else rule, value)
         return checked_value
 
     return check

@@ -172,12 +172,12 @@ class Compatibility:
 
     # -- sizes -------------------------------------------------------------------------------------
 
-    @property
+    @cached_property
     def n_balls(self) -> int:
         """Number of balls in the cell."""
         return len(self.positions)
 
-    @property
+    @cached_property
     def n_branches(self) -> int:
         """Number of branches: the degrees of freedom in the cell."""
         return self.motions.count * self.n_balls
@@ -187,7 +187,7 @@ class Compatibility:
         """Dimension d of the space in which the balls lie."""
         return int(self.positions.shape[1])
 
-    @property
+    @cached_property
     def periods(self) -> int:
         """Number p of lattice vectors."""
         return len(self.cell)

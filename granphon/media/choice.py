@@ -329,7 +329,7 @@ class MediumChoice:
             settings["start"] = {start.kind: quantity.write(float(start.array))}
         return {name: value for name, value in settings.items() if value is not None}
 
-    @property
+    @cached_property
     def label(self) -> str:
         """The name of the medium, with the options that are not at their default in brackets."""
 
@@ -702,9 +702,9 @@ _REPLACEMENTS = {
 
 def _read_name(value: Any) -> str:
     """Read the name of a medium: a rule of :mod:`granphon.base.validation`."""
-    if is_one_of(value, (CrystalMedium.name,)):
+    if is_one_of(value, MEDIA) or is_one_of(value, (CrystalMedium.name,)):
         return str(value)
-    if is_one_of(value, _REPLACEMENTS) and value not in MEDIA:
+    if is_one_of(value, _REPLACEMENTS):
         raise Refused(show(value), ", ".join(MEDIA), _REPLACEMENTS[value])
     return choice(value, MEDIA)
 

@@ -343,7 +343,7 @@ _FREQUENCY_BYTES = 50.0
 #: bytes that are kept of bands with eigenvectors, for each wave vector; and over the square of the
 #: number of branches, with and without the lines of a file
 _BAND_BYTES = 2000.0
-_WRITTEN_VECTOR_BYTES = 295.0
+_WRITTEN_VECTOR_BYTES = 205.0
 _KEPT_VECTOR_BYTES = 32.0
 #: numbers of text that take as long as a wave vector of bands; and those over the square of the
 #: number of branches: frequencies alone, with eigenvectors, and with the lines of a file

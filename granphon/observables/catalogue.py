@@ -834,12 +834,13 @@ def find_all(
     ``failed`` of the analysis says why; the failure of an ``observed`` one is an error.
     """
     values = {}
+    added = CATALOGUE.added
     for cost in costs:
         for name, entry in CATALOGUE.items():
             is_requested = entry.cost == cost and (entry.swept or not swept)
             if not is_requested or entry.find is None:
                 continue
-            if CATALOGUE.is_added(name):
+            if name in added:
                 value = _find_added(analysis, entry, observed)
             else:
                 value = entry.find(analysis)

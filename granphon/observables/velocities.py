@@ -147,8 +147,7 @@ class SoundVelocities(Result):
         across the plane.
         """
         n_waves = int(np.shape(self.velocities)[-1])
-        named_waves = (self.longitudinal, self.out_of_plane)
-        n_named = sum(wave is not None for wave in named_waves)
+        n_named = (self.longitudinal is not None) + (self.out_of_plane is not None)
         return n_waves - n_named
 
     def _take_transverse(self, number: int, velocities: Any) -> Any:

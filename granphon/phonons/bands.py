@@ -24,12 +24,12 @@ from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
 from granphon.base.text import (
     counted,
+    fill_floats,
     plain_yaml,
     read_sealed,
     require_own_file,
     seal,
     warn_unverified,
-    write_float,
 )
 from granphon.base.validation import require, whole
 from granphon.dynamics.branches import connect_branches
@@ -327,7 +327,8 @@ class Bands(Result):
             lines.append(f"  pbc: {json.dumps(self.pbc)}")
         lines += write_kinds(self.kinds)
         if np.any(self.gyration != GYRATION):
-            lines.append(f"  gyration: {_write_row(self.gyration.tolist())}")
+            entries = ", ".join(["%r"] * len(self.gyration))
+            lines += fill_floats(f"  gyration: [ {entries} ]", [self.gyration.tolist()])
         lines += [
             f"  warnings: {json.dumps(self.warnings)}",
             f"frequency_unit: {unit.name}",
@@ -340,10 +341,10 @@ class Bands(Result):
         lines.append("labels:")
         lines += [f"- {json.dumps(ends)}" for ends in self._segment_ends]
         lines.append("reciprocal_lattice:")
-        lines += [f"- {_write_row(row)}" for row in np.linalg.inv(self.cell).T.tolist()]
+        lines += fill_floats("- [ %r, %r, %r ]", np.linalg.inv(self.cell).T.tolist())
         lines.append(f"natom: {len(self.masses) * self.motions.atoms_per_ball}")
         lines.append("lattice:")
-        lines += [f"- {_write_row(row)}" for row in self.cell.tolist()]
+        lines += fill_floats("- [ %r, %r, %r ]", self.cell.tolist())
         return lines
 
     @property
@@ -360,69 +361,57 @@ class Bands(Result):
         offset = OFFSET @ np.linalg.inv(self.cell)
         positions = place_atoms(self.positions, self.motions, offset)
         masses = np.repeat(self.masses, self.motions.atoms_per_ball)
-        lines = []
-        for name, position, mass in zip(names, positions.tolist(), masses.tolist(), strict=True):
-            lines += [
-                f"- symbol: {name}",
-                f"  coordinates: {_write_row(position)}",
-                f"  mass: {write_float(mass)}",
-            ]
-        return lines
+        rows = np.column_stack([positions, masses]).tolist()
+        places = fill_floats("  coordinates: [ %r, %r, %r ]\n  mass: %r", rows)
+        return [f"- symbol: {name}\n{place}" for name, place in zip(names, places, strict=True)]
 
     def _write_modes(self, unit: HertzPrefix, still: int) -> list[str]:
-        """Return the lines of a band.yaml on its wave vectors and modes, with frequencies in a
-        ``unit`` and ``still`` branches of coordinates that hold no motion below the others.
+        """Return the text of a band.yaml on its wave vectors and modes, one item for each wave
+        vector, with frequencies in a ``unit`` and ``still`` branches of coordinates that hold no
+        motion below the others.
         """
         s, p, b = self.frequencies.shape
+        template = "    frequency: %r\n"
         frequencies = np.pad(self.frequencies, ((0, 0), (0, 0), (still, 0))) / unit.hertz
-        velocities = None
+        columns = [frequencies[..., None]]  # each (s, p, still + b, numbers of a mode)
         if self.group_velocities is not None:
+            template += "    group_velocity: [ %r, %r, %r ]\n"
             widths = ((0, 0), (0, 0), (still, 0), (0, 3 - self.periods))
             velocities = np.pad(self.group_velocities, widths)
-            velocities /= self.scales.length * unit.hertz
-        components = None
+            columns.append(velocities / (self.scales.length * unit.hertz))
         if self.eigenvectors is not None:
+            template += "    eigenvector:\n"
             components = self._list_components(still)
-        segment_ends = self._segment_ends
-        lines = []
-        for i, j in np.ndindex(s, p):
-            lines.append(f"- q-position: {_write_row(self.qpoints[i, j].tolist())}")
-            lines.append(f"  distance: {write_float(float(self.distances[i, j]))}")
-            first_name, last_name = segment_ends[i]
-            if j == 0:
-                lines.append(f"  label: {json.dumps(first_name)}")
-            elif j == p - 1:
-                lines.append(f"  label: {json.dumps(last_name)}")
-            lines.append("  band:")
-            for k in range(still + b):
-                lines.append(f"  - # {k + 1}")
-                lines.append(f"    frequency: {write_float(float(frequencies[i, j, k]))}")
-                if velocities is not None:
-                    lines.append(f"    group_velocity: {_write_row(velocities[i, j, k].tolist())}")
-                if components is not None:
-                    lines.append("    eigenvector:")
-                    for atom in components[i, j, :, :, k].tolist():
-                        lines.append("    -")
-                        lines += [f"      - {_write_row(pair)}" for pair in atom]
-        return lines
+            template += ("    -\n" + "      - [ %r, %r ]\n" * 3) * components.shape[3]
+            columns.append(components.reshape(s, p, still + b, -1))
+        modes = "".join(f"  - # {number}\n{template}" for number in range(1, still + b + 1))
+        corners = np.column_stack([self.qpoints.reshape(-1, 3), self.distances.ravel()])
+        places = fill_floats("- q-position: [ %r, %r, %r ]\n  distance: %r\n", corners.tolist())
+        labels = list[str]()
+        for ends in self._segment_ends:
+            first, last = (f"  label: {json.dumps(name)}\n" for name in ends)
+            labels += [first, *[""] * (p - 2), last][:p]
+        numbers = np.concatenate(columns, axis=3).reshape(s * p, -1)
+        bands = fill_floats(modes.removesuffix("\n"), map(np.ndarray.tolist, numbers))
+        points = zip(places, labels, bands, strict=True)
+        return [f"{place}{label}  band:\n{branches}" for place, label, branches in points]
 
     def _list_components(self, still: int) -> Array:
-        """Return real and imaginary parts of the eigenvectors, (s, p, atoms, 3, still + b, 2), as
+        """Return real and imaginary parts of the eigenvectors, (s, p, still + b, atoms, 3, 2), as
         phonopy has them; each of the first ``still`` branches moves a coordinate without a motion.
         """
         s, p, b = self.frequencies.shape
         n = len(self.masses)
         per_ball = self.motions.atoms_per_ball
-        motion = np.zeros((s, p, n, 3 * per_ball, still + b), complex)
-        motion[:, :, :, list(self.motions.slots), still:] = self.motion
+        motion = np.zeros((s, p, still + b, n, 3 * per_ball), complex)
+        motion[:, :, still:, :, list(self.motions.slots)] = np.moveaxis(self.motion, 4, 2)
         if still:
-            units = np.eye(still).reshape(n, -1, still)
-            motion[:, :, :, list(self.motions.still_slots), :still] = units
+            units = np.eye(still).reshape(still, n, -1)
+            motion[:, :, :still, :, list(self.motions.still_slots)] = units
         # an atom aside of its ball has the phase at its own place
         phases = find_offset_phases(self.qpoints, self.cell).conj()
-        motion[:, :, :, 3:] *= phases[:, :, None, None, None]
-        by_atom = motion.reshape(s, p, n * per_ball, 3, still + b)
-        return np.stack([by_atom.real, by_atom.imag], axis=-1)
+        motion[..., 3:] *= phases[:, :, None, None, None]
+        return motion.view(float).reshape(s, p, still + b, n * per_ball, 3, 2)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Bands:
@@ -631,10 +620,3 @@ def _join_labels(listed: list[Any]) -> tuple[str, ...]:
         labels.append(f"{segment[1]}|{following[0]}" if is_jump else segment[1])
     labels.append(ends[-1][1])
     return tuple(labels)
-
-
-def _write_row(values: list[float]) -> str:
-    """Write numbers with all their digits as a list of YAML."""
-    # by hand, as PyYAML takes ten times the time for a file, and json writes 1e-06, a text to
-    # phonopy and Euphonic
-    return f"[ {', '.join(map(write_float, values))} ]"

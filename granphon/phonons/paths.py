@@ -242,7 +242,7 @@ def _read_corners(path: Any, periods: int) -> list[Array]:
 
 def _name_corner(corner: Array) -> str:
     """Return the coordinates of a corner (p,) as its label."""
-    return "(" + " ".join(f"{x:.3g}" for x in corner) + ")"
+    return "(" + " ".join([f"{x:.3g}" for x in corner]) + ")"
 
 
 def _check_piece(piece: Array, periods: int) -> None:

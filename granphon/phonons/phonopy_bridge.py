@@ -26,6 +26,7 @@ from granphon.base.errors import InputError, UnsupportedError
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
 from granphon.base.text import (
+    fill_floats,
     plain_yaml,
     read_sealed,
     require_own_file,
@@ -207,7 +208,7 @@ def write_phonopy(
         f"  zero_bands: {zero_bands}",
         *write_kinds(kinds),
         "  masses:",
-        *(f"  - {write_float(m)}" for m in unit_cell.masses.tolist()),
+        *fill_floats("  - %r", unit_cell.masses[:, None].tolist()),
         "",
     ]
     body = str(export.to_phonopy_yaml(settings={"force_constants": True}))

@@ -25,6 +25,7 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Axis, Packing, find_double
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, OutputError
 from granphon.base.progress import Progress, silent
+from granphon.base.settings import IN_PYTHON, make_rules, read_block
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.validation import block, require, truth
 from granphon.media.arrangement import Arrangement, given_balls
@@ -41,7 +42,7 @@ from granphon.runs.dataset import (
 )
 from granphon.runs.store import Store, open_store
 from granphon.runs.tasks import INCOMPLETE, Grid, Request, require_arrays, to_json
-from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings, wave_rules
+from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings
 
 Array = NDArray[Any]
 
@@ -308,7 +309,7 @@ def _read_spectrum(
     if isinstance(spectrum, SpectrumSettings):
         return spectrum, default.paths, default.names
     rule_of_path = partial(BandPath.read, structure=lattice)
-    rules = wave_rules("spectrum", read=False) | {"path": rule_of_path}
+    rules = make_rules(SpectrumSettings, IN_PYTHON) | {"path": rule_of_path}
     settings = require("spectrum", partial(block, rules=rules), spectrum)
     path = settings.pop("path", default)
     return SpectrumSettings(**settings), path.paths, path.names
@@ -318,8 +319,10 @@ def _read_pulse(pulse: PulseSettings | Mapping[str, Any] | None) -> PulseSetting
     """Read the settings of a pulse; None without a pulse."""
     if pulse is None or isinstance(pulse, PulseSettings):
         return pulse
-    rule = partial(block, rules=wave_rules("pulse", read=False), needed=("frequency",))
-    return PulseSettings(**require("pulse", rule, pulse))
+    settings: PulseSettings = require(
+        "pulse", partial(read_block, PulseSettings, context=IN_PYTHON), pulse
+    )
+    return settings
 
 
 def sweep_grid(

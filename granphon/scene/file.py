@@ -27,33 +27,22 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import ConvergenceError, GranphonError, InstabilityError, Refused
 from granphon.base.quantities import ACCELERATION, LENGTH, LOAD_KINDS, NUMBER, TENSORS
 from granphon.base.scales import write_quantity
+from granphon.base.settings import NEEDED, Block, Kind, list_settings, whole_from, with_unit
 from granphon.base.text import Document, parse_yaml, read_text, show
-from granphon.base.validation import block, read_inside, refuse_unknown_key, whole
+from granphon.base.validation import block, read_inside, refuse_unknown_key
 from granphon.media.arrangement import Arrangement
 from granphon.phonons.paths import BandPath, read_labels
 from granphon.scene import rules
 from granphon.scene.rules import (
-    MATERIAL_KEYS,
     PARTS,
     SCENE_SCHEMA,
     Context,
-    Kind,
     choose_lattice,
     split_tensor,
     table_named,
 )
-from granphon.waves.settings import (
-    FRAMES,
-    NETWORK_BLOCKS,
-    POLARISATIONS,
-    BandsSettings,
-    PulseSettings,
-    SpectrumSettings,
-    SurfaceSettings,
-    named_tables,
-    wave_rules,
-    write_setting,
-)
+from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
+from granphon.waves.settings import CUT, REPEAT, named_tables
 
 #: column at which the words of a key stand in a preset, and the most letters of them in a line
 _WORDS_COLUMN = 38
@@ -67,8 +56,6 @@ _REMARK_OF_PRESETS = (
     '# A quantity is a number and its unit, as in "8 mm". What is commented out shows other'
     " choices.",
 )
-#: the default of a key that has none
-NEEDED = "required"
 
 
 class Field(NamedTuple):
@@ -96,45 +83,28 @@ def _load_field(kind: str, words: str) -> Field:
     return Field(f"load.{kind}", "load", rules.load_kind(kind), words, "one load is required")
 
 
-def _wave_field(key: str, words: str, default: str, kind: Kind | None = None) -> Field:
-    """Return the field of the ``key`` of a block about waves, "block.setting"; by default its kind
-    is that of the setting.
+def _list_fields(settings: type[Block], block: str, attribute: str) -> Iterator[Field]:
+    """Return the fields of a ``block``, as the ``settings`` at an ``attribute`` of a scene declare
+    them.
     """
-    block_name, setting = key.split(".")
-    if kind is None:
-        kind = Kind.plain(wave_rules(block_name)[setting], partial(write_setting, setting))
-    # the waves of a scene have no spectrum that is not observed, so that none is written
-    attribute = f"waves.{key}" if block_name == "spectrum" else key
-    return Field(key, attribute, kind, words, default)
-
-
-def _network_fields(name: str) -> tuple[Field, Field]:
-    """Return the fields ``repeat`` and ``cut`` of the block ``name``, which say how the network of
-    a state is repeated and cut.
-    """
-    repeat_words = "cells of the network along each period"
-    cut_words = (
-        "block `axis`, `layers`, `edges` of a strip, slab or column of the network, or a list"
-    )
-    return (
-        _wave_field(f"{name}.repeat", repeat_words, "one cell", rules.REPEAT),
-        _wave_field(f"{name}.cut", cut_words, "none", rules.CUT),
-    )
+    for name, declared in list_settings(settings).items():
+        yield Field(
+            f"{block}.{name}",
+            f"{attribute}.{name}",
+            declared.kind,
+            declared.meaning,
+            declared.default,
+        )
 
 
 def _packing_field(
-    name: str, words: str, default: str = "", attribute: str = "", kind: Kind | None = None
+    key: str, words: str, default: str = "", kind: Kind | None = None, attribute: str = ""
 ) -> Field:
-    """Return the field of the key ``name`` of the block "material" if a material has such a key,
-    of "packing" otherwise. By default its attribute has the same name.
+    """Return the field of the ``key`` of a packing, "packing.diameter", or of a crystal. By default
+    its attribute has the same name, and its kind is that of the name.
     """
-    if name in MATERIAL_KEYS:
-        key = f"material.{name}"
-        attribute = attribute or f"packing.material.{name}"
-    else:
-        key = f"packing.{name}"
-        attribute = attribute or f"packing.{name}"
-    return Field(key, attribute, kind or PARTS[name], words, default)
+    name = key.rpartition(".")[2]
+    return Field(key, attribute or f"packing.{name}", kind or PARTS[name], words, default)
 
 
 def _unless_zero(kind: Kind) -> Kind:
@@ -156,54 +126,47 @@ FIELDS: tuple[Field, ...] = (
         "version of this format",
         f"`{SCENE_SCHEMA}`",
     ),
-    _packing_field("young_modulus", "Young modulus of the material", NEEDED),
-    _packing_field("poisson_ratio", "Poisson ratio of the material", NEEDED),
-    _packing_field("density", "density of the material, not of the packing", NEEDED),
+    *_list_fields(Material, "material", "packing.material"),
     _packing_field(
-        "yield_strength",
-        "uniaxial yield stress; you are warned where contacts would flow",
-        "none: not checked",
-    ),
-    _packing_field(
-        "lattice",
+        "packing.lattice",
         "how the balls are arranged, see [lattices](#lattices)",
         attribute="packing.structure",
     ),
-    _packing_field("diameter", "diameter of a ball; the mean, if they differ", NEEDED),
+    _packing_field("packing.diameter", "diameter of a ball; the mean, if they differ", NEEDED),
     _packing_field(
-        "spread",
+        "packing.spread",
         "how diameters differ, see [spread](#spread)",
         "equal balls",
-        kind=rules.OWN_SPREAD,
+        rules.OWN_SPREAD,
     ),
     _packing_field(
-        "friction",
+        "packing.friction",
         "whether contacts resist shear; without friction, torsion and bending balls do not rotate",
     ),
     _packing_field(
-        "finite_overlap",
+        "packing.finite_overlap",
         "keep the [terms of relative order"
         " overlap/diameter](../explanation/model.md#finite-overlap)",
         attribute="finite_overlap",
     ),
     _packing_field(
-        "motions",
+        "packing.motions",
         "how each ball moves, see [lattices](#lattices)",
         "`longitudinal` on a chain, `in_plane` in the plane, `all` in space",
-        kind=Kind(PARTS["motions"].read, _write_motions),
+        Kind(PARTS["motions"].read, _write_motions),
     ),
     _packing_field(
-        "torsion",
+        "packing.torsion",
         "stiffness of a contact against twist, over k d²; `mindlin`: that of Hertz contacts"
         " without slip",
         "`0`",
-        kind=_unless_zero(PARTS["torsion"]),
+        _unless_zero(PARTS["torsion"]),
     ),
     _packing_field(
-        "bending",
+        "packing.bending",
         "stiffness of a contact against rolling, over k d²",
         "`0`",
-        kind=_unless_zero(PARTS["bending"]),
+        _unless_zero(PARTS["bending"]),
     ),
     Field(
         "balls",
@@ -212,90 +175,72 @@ FIELDS: tuple[Field, ...] = (
         "kinds of balls by name, see [crystals](#crystals)",
         NEEDED,
     ),
-    *(
-        Field(f"crystal.{key}", f"packing.{attribute}", kind, words, default)
-        for key, attribute, kind, words, default in (
-            (
-                "lattice",
-                "lattice",
-                rules.STRUCTURE,
-                "a lattice, or `NaCl`, `CsCl`, `zincblende`",
-                "`cell` and `sites`",
-            ),
-            (
-                "kinds",
-                "order",
-                rules.ORDER,
-                "names of kinds that follow each other on its sites",
-                "all kinds in turn",
-            ),
-            (
-                "cell",
-                "cell",
-                rules.CELL,
-                "vectors along which the crystal repeats, each a list of lengths",
-                "`lattice`",
-            ),
-            (
-                "sites",
-                "sites",
-                rules.SITES,
-                "a block `kind`, `at` for each ball: its kind, and its place",
-                "`lattice`",
-            ),
-            (
-                "repeat",
-                "repeat",
-                rules.REPEAT,
-                "cells of the supercell along each period",
-                "one cell",
-            ),
-            (
-                "cut",
-                "cut",
-                rules.CUT,
-                "block `axis`, `layers`, `edges` of a strip, slab or column, or a list",
-                "none",
-            ),
-            (
-                "replace",
-                "replace",
-                rules.REPLACE,
-                "numbers of balls, and the kinds that take their places",
-                "none",
-            ),
-            ("remove", "remove", rules.REMOVE, "numbers of balls that are taken out", "none"),
-            (
-                "seed",
-                "seed",
-                rules.SEED,
-                "of the diameters, where kinds have a spread: `repeat` is then a sample",
-                "`0`",
-            ),
-            (
-                "law",
-                "law",
-                rules.LAW,
-                "the law of contacts, or a block of pairs of kinds with a law for each",
-                "`hertz`",
-            ),
-            ("friction", "friction", PARTS["friction"], "whether contacts resist shear", ""),
-            (
-                "motions",
-                "motions",
-                rules.MOTIONS,
-                "how each ball moves, see [lattices](#lattices)",
-                "as in `packing`",
-            ),
-            ("torsion", "torsion", PARTS["torsion"], "as in `packing`", "`0`"),
-            ("bending", "bending", PARTS["bending"], "as in `packing`", "`0`"),
-        )
+    _packing_field(
+        "crystal.lattice",
+        "a lattice, or `NaCl`, `CsCl`, `zincblende`",
+        "`cell` and `sites`",
+        rules.STRUCTURE,
     ),
-    Field(
+    _packing_field(
+        "crystal.kinds",
+        "names of kinds that follow each other on its sites",
+        "all kinds in turn",
+        rules.ORDER,
+        "packing.order",
+    ),
+    _packing_field(
+        "crystal.cell",
+        "vectors along which the crystal repeats, each a list of lengths",
+        "`lattice`",
+        rules.CELL,
+    ),
+    _packing_field(
+        "crystal.sites",
+        "a block `kind`, `at` for each ball: its kind, and its place",
+        "`lattice`",
+        rules.SITES,
+    ),
+    _packing_field(
+        "crystal.repeat", "cells of the supercell along each period", "one cell", REPEAT
+    ),
+    _packing_field(
+        "crystal.cut",
+        "block `axis`, `layers`, `edges` of a strip, slab or column, or a list",
+        "none",
+        CUT,
+    ),
+    _packing_field(
+        "crystal.replace",
+        "numbers of balls, and the kinds that take their places",
+        "none",
+        rules.REPLACE,
+    ),
+    _packing_field("crystal.remove", "numbers of balls that are taken out", "none", rules.REMOVE),
+    _packing_field(
+        "crystal.seed",
+        "of the diameters, where kinds have a spread: `repeat` is then a sample",
+        "`0`",
+        rules.SEED,
+    ),
+    _packing_field(
+        "crystal.law",
+        "the law of contacts, or a block of pairs of kinds with a law for each",
+        "`hertz`",
+        rules.LAW,
+    ),
+    _packing_field("crystal.friction", "whether contacts resist shear"),
+    _packing_field(
+        "crystal.motions",
+        "how each ball moves, see [lattices](#lattices)",
+        "as in `packing`",
+        rules.MOTIONS,
+    ),
+    _packing_field("crystal.torsion", "as in `packing`", "`0`"),
+    _packing_field("crystal.bending", "as in `packing`", "`0`"),
+    _packing_field(
         "crystal.finite_overlap",
-        "finite_overlap",
-        PARTS["finite_overlap"],
         "the true geometry: contacts turn, the cell deforms, and static forces enter the response",
+        attribute="finite_overlap",
     ),
     _load_field("force", "mean force between touching balls"),
     _load_field(
@@ -341,7 +286,7 @@ FIELDS: tuple[Field, ...] = (
     Field(
         "load.gravity",
         "load.gravity",
-        rules.quantity(ACCELERATION),
+        with_unit(ACCELERATION),
         "of a crystal with a floor or clamp: the acceleration towards it, with another load"
         " or alone",
         "none",
@@ -374,129 +319,12 @@ FIELDS: tuple[Field, ...] = (
         "direction of sound, Cartesian, or a list of directions, see [direction](#direction)",
         "x",
     ),
-    _wave_field(
-        "spectrum.polarisation", f"`{'`, `'.join(POLARISATIONS)}`, one or a list", "`longitudinal`"
+    *(
+        field
+        for name, settings in WAVE_BLOCKS.items()
+        # the waves of a scene have no spectrum that is not observed, so that none is written
+        for field in _list_fields(settings, name, "waves.spectrum" if name == "spectrum" else name)
     ),
-    _wave_field(
-        "spectrum.resolution",
-        "standard deviation of the kernel at frequency zero",
-        "1/256 of a bound of the frequencies, about",
-    ),
-    _wave_field(
-        "spectrum.points",
-        "wave vectors between two corners of `phonopy.band`; each becomes the nearest one"
-        " that the array has",
-        "`21`",
-    ),
-    _wave_field("pulse.frequency", "frequency of the burst that is sent", NEEDED),
-    _wave_field(
-        "pulse.distance",
-        "of the receiving plane from the source, along `direction`",
-        "half the length of the array along the direction; a quarter with `ends: periodic`",
-    ),
-    _wave_field("pulse.cycles", "periods of the burst", "`5`"),
-    _wave_field("pulse.polarisation", "the way in which the source pushes", "`longitudinal`"),
-    _wave_field(
-        "pulse.source", "`plane`, the first plane of balls; `ball`, one of them", "`plane`"
-    ),
-    _wave_field(
-        "pulse.ends",
-        "`free`, `walls` (balls there are held), or `periodic`, where the pulse runs both ways",
-        "`free`",
-    ),
-    _wave_field("pulse.damping", "viscosity of a contact over its stiffness", "`0 s`"),
-    _wave_field(
-        "surface.axis",
-        "across the edge: the number of a vector of the cell, or Miller indices, as `1 1 0`",
-        NEEDED,
-    ),
-    _wave_field(
-        "surface.edge",
-        "`free`, `clamped` (the outer layer does not move) or `floor` (a plane touches it)",
-        "`free`",
-    ),
-    _wave_field(
-        "surface.points", "wave vectors between two corners of the path along the edge", "`31`"
-    ),
-    _wave_field("response.frequencies", "a list, or a range, ascending", NEEDED, rules.FREQUENCIES),
-    _wave_field(
-        "response.source",
-        "what is driven: `plane`, or a ball and its direction, as `12 x`, or a list",
-        NEEDED,
-    ),
-    _wave_field(
-        "response.receiver",
-        "what is heard, likewise; of `plane`, the last one, the mean over its balls",
-        NEEDED,
-    ),
-    _wave_field(
-        "response.damping",
-        "viscosity of a contact over its stiffness; of normal and of other motion in a list",
-        "`0 s`",
-    ),
-    _wave_field(
-        "response.loss_factor",
-        "loss factor of a contact; of normal and of other motion in a list",
-        "`0`",
-    ),
-    _wave_field(
-        "response.quantity",
-        "`displacement` or `velocity` over force, or `transmissibility`: that of a wall that"
-        " is moved",
-        "`displacement`",
-    ),
-    _wave_field(
-        "response.direction",
-        "across the planes, Cartesian",
-        "the first axis along which nothing repeats, or x",
-    ),
-    _wave_field(
-        "response.polarisation", "the way in which a plane is driven and heard", "`longitudinal`"
-    ),
-    _wave_field("response.distance", "of the receiving plane from the first one", "the last plane"),
-    *_network_fields("response"),
-    _wave_field("motion.duration", "how long the balls move", NEEDED),
-    _wave_field(
-        "motion.drive",
-        "what drives them, or a list: balls, a direction, and an impact, shaker, force or"
-        " displacement, see [motion](#motion)",
-        NEEDED,
-        rules.DRIVE,
-    ),
-    _wave_field("motion.friction_coefficient", "Coulomb's limit of slip", "contacts do not slide"),
-    _wave_field(
-        "motion.damping",
-        "viscosity of a contact over its stiffness; of normal and of other motion in a list",
-        "`0 s`",
-    ),
-    _wave_field(
-        "motion.frames",
-        "number of times that are kept, the start and the end among them",
-        f"`{FRAMES}`",
-    ),
-    _wave_field(
-        "motion.step",
-        "step of time, of which a frame has a whole number",
-        "as the stiffest contact allows",
-    ),
-    _wave_field(
-        "motion.geometry",
-        "`lattice`: contacts keep their directions; `exact`: balls may go anywhere, and meet"
-        " others",
-        "`lattice`",
-    ),
-    _wave_field(
-        "motion.scheme",
-        "steps: `verlet`, explicit; `midpoint`, implicit, which keep the sum of energies",
-        "`verlet`",
-    ),
-    *_network_fields("motion"),
-    _wave_field(
-        "bands.damping",
-        "viscosity of a contact over its stiffness, of damped bands; as of `response`",
-        "`0 s`",
-    ),
-    _wave_field("bands.loss_factor", "loss factor of a contact; as of `response`", "`0`"),
     Field(
         "phonopy.dim",
         "dim",
@@ -524,7 +352,7 @@ FIELDS: tuple[Field, ...] = (
     Field(
         "phonopy.band_points",
         "band_points",
-        Kind.plain(partial(whole, low=2, high=100_000)),
+        whole_from(2, 100_000),
         "points on each segment, both ends counted",
     ),
     Field(
@@ -898,14 +726,6 @@ _ARGUMENTS = {
     "observe": "observe",
     "direction": "direction",
 }
-#: the blocks of a scene file about waves, with their classes
-_WAVES: dict[str, Any] = {
-    "bands": BandsSettings,
-    "surface": SurfaceSettings,
-    "spectrum": SpectrumSettings,
-    "pulse": PulseSettings,
-    **NETWORK_BLOCKS,
-}
 
 
 def _find_strangest(quantities: Mapping[str, float]) -> str:
@@ -1120,7 +940,7 @@ class SceneSource:
         for key, argument in _ARGUMENTS.items():
             if key in blocks:
                 arguments[argument] = blocks[key]
-        for key, settings in _WAVES.items():
+        for key, settings in WAVE_BLOCKS.items():
             if key in blocks:
                 arguments[key] = settings(**blocks[key])
         for key in ("band_points", "mesh", "dim"):

@@ -26,6 +26,7 @@ from granphon.base import memory
 from granphon.base.errors import GranphonError, InputError, MechanismError, Refused
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LENGTH, find_load_unit
+from granphon.base.settings import describe_settings
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, spell
 from granphon.base.validation import read_inside, require
@@ -47,6 +48,7 @@ from granphon.runs.tasks import Case, Grid, Request, require_arrays
 from granphon.scene import rules
 from granphon.scene.file import SceneSource, scene_rule, write_blocks
 from granphon.scene.rules import Context
+from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
 from granphon.waves.settings import (
     MOMENTS,
     NETWORK_BLOCKS,
@@ -380,7 +382,7 @@ class Plan:
 
     def _describe_observed(self) -> list[tuple[str, Any, str]]:
         """Return names, values and SI units of the settings of the observables that the scene
-        observes; motions and damped bands are not described.
+        observes.
         """
         rows: list[tuple[str, Any, str]] = []
         if {"bands", "spectrum"} & set(self.observe):
@@ -388,35 +390,10 @@ class Plan:
             rows.append(("path", path, ""))
         if "bands" in self.observe:
             rows.append(("points of a segment", self.band_points, ""))
-        spectrum = self.observed_settings("spectrum")
-        if spectrum is not None:
-            rows += [
-                ("polarisation", spectrum.polarisation, ""),
-                ("points of a leg", spectrum.points, ""),
-            ]
-        pulse = self.observed_settings("pulse")
-        if pulse is not None:
-            rows += [
-                ("frequency of the pulse", pulse.frequency, "Hz"),
-                ("cycles of the pulse", pulse.cycles, ""),
-                ("polarisation of the pulse", pulse.polarisation, ""),
-            ]
-        surface = self.observed_settings("surface")
-        if surface is not None:
-            axis = surface.axis
-            if not isinstance(axis, int):
-                axis = " ".join(map(str, axis))
-            rows.append(("surface", f"axis {axis}, {surface.edge}", ""))
-        response = self.observed_settings("response")
-        if response is not None:
-            rows += [
-                ("response", response.quantity, ""),
-                ("frequencies of the response", response.frequencies, "Hz"),
-                ("source", ", ".join(response.source), ""),
-                ("receiver", ", ".join(response.receiver), ""),
-                ("damping of contacts", response.damping, "s"),
-                ("loss factor of contacts", response.loss_factor, ""),
-            ]
+        for name in WAVE_BLOCKS:
+            settings = self.observed_settings(name)
+            if settings is not None:
+                rows += describe_settings(settings)
         if "dos" in self.observe:
             rows.append(("mesh", " x ".join(map(str, self.mesh)), ""))
         return rows

@@ -1,20 +1,17 @@
-"""How values of a scene file are read and written, one :class:`Kind` for each sort of value.
+"""How values of a scene file are read and written, one
+:class:`~granphon.base.settings.Kind` for each sort of value.
 
-A reader takes a value of the file and the :class:`Context` of the scene, and raises
-:class:`~granphon.base.errors.Refused` for a value that is not allowed, see
-:mod:`granphon.base.validation`. A writer returns plain data that the reader turns into the same
-value, to the last bit.
+A reader takes a value of the file and the :class:`Context` of the scene.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -30,8 +27,7 @@ from granphon.balls.lattices import (
     find_lattice,
     name_structure,
 )
-from granphon.balls.layers import read_axis, read_edges
-from granphon.balls.material import Material, read_poisson_ratio
+from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import (
     KIND_PARAMETERS,
@@ -43,17 +39,28 @@ from granphon.balls.packing import (
 )
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
-    DENSITY,
-    FREQUENCY,
     INERTIA,
     LENGTH,
+    LOADS,
     MASS,
-    MODULUS,
     WAY,
     WIDTH,
     Quantity,
     load_quantities,
     tensor_quantities,
+)
+from granphon.base.settings import (
+    Kind,
+    ValueContext,
+    block_of,
+    list_settings,
+    listed,
+    read_counts,
+    read_values,
+    whole_from,
+    with_unit,
+    word_of,
+    write_values,
 )
 from granphon.base.text import closest, show
 from granphon.base.validation import (
@@ -63,7 +70,6 @@ from granphon.base.validation import (
     choice,
     each,
     fraction,
-    frequencies,
     grid,
     is_one_of,
     is_whole,
@@ -77,7 +83,7 @@ from granphon.base.validation import (
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
-from granphon.waves.settings import NETWORK_BLOCKS, read_drives, write_drives
+from granphon.waves.settings import NETWORK_BLOCKS
 
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
@@ -92,8 +98,6 @@ OBSERVABLES = (
     "pulse",
     *NETWORK_BLOCKS,
 )
-#: how the points of a range may be spaced; the first is the default
-SCALES = ("log", "linear")
 
 #: greatest number of measured diameters that a scene file lists itself; more are written to a table
 #: beside it
@@ -106,7 +110,7 @@ _POSITIONS = ("on a line", "in a plane", "in space")
 
 
 @dataclass(frozen=True)
-class Context:
+class Context(ValueContext):
     """The parts of a scene on which its values depend.
 
     Attributes
@@ -115,37 +119,12 @@ class Context:
         meshes depend.
     swept : the lattices of a sweep; motions must be allowed on each.
     kinds : names of the kinds of balls of a crystal.
-    folder : in which tables named in the file are sought.
-    written : whether values stand in a file, where quantities have units; in Python plain numbers
-        are in SI.
+    folder, written : see :class:`~granphon.base.settings.ValueContext`.
     """
 
     lattice: Lattice = TRIANGULAR
     swept: tuple[Lattice, ...] = ()
     kinds: tuple[str, ...] = ()
-    folder: Path = field(default_factory=Path)
-    written: bool = True
-
-
-class Kind(NamedTuple):
-    """How values of one sort are read from a file, and written into it."""
-
-    read: Callable[[Any, Context], Any]
-    write: Callable[[Any, Context], Any] = lambda value, _: value
-
-    @classmethod
-    def plain(cls, rule: Rule, write: Callable[[Any], Any] = lambda value: value) -> Kind:
-        """Return the kind of values that do not depend on the scene."""
-        return cls(lambda value, _: rule(value), lambda value, _: write(value))
-
-    def rule(self, context: Context) -> Rule:
-        """Return the rule that reads such a value of a scene."""
-        return lambda value: self.read(value, context)
-
-
-def quantity(kind: Quantity) -> Kind:
-    """Return the kind of a number with its unit."""
-    return Kind.plain(kind.read, kind.write)
 
 
 @contextmanager
@@ -157,110 +136,34 @@ def refusing(value: Any, allowed: str, *path: str) -> Iterator[None]:
         raise Refused(show(value), allowed, str(error), path) from None
 
 
-# -- lists and ranges ------------------------------------------------------------------------------
-
-
-def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
-    """Return the numbers, in SI units, of a value: one that the ``rule`` reads, a list of such
-    values, or a range {from, to, points, scale}, evenly spaced on that scale, by default "log".
-    """
-    if isinstance(value, list | tuple):
-        return each(value, rule, "values")
-    if not isinstance(value, dict):
-        return (rule(value),)
-    points = partial(whole, low=1, high=200_000)
-    rules: dict[str, Rule] = {
-        "from": rule,
-        "to": rule,
-        "points": points,
-        "scale": partial(choice, options=SCALES),
-    }
-    settings = block(value, rules, ("from", "to", "points"))
-    first = settings["from"]
-    last = settings["to"]
-    n_points = settings["points"]
-    scale = settings.get("scale", SCALES[0])
-    words = f"range from {value['from']} to {value['to']}"
-    is_one_value = first == last
-    if is_one_value != (n_points == 1):
-        allowed = "1 if both ends are the same, 2 or more if they are not"
-        raise Refused(f"{n_points} for the {words}", allowed, path=("points",))
-    if scale == "log" and min(first, last) <= 0.0:
-        raise Refused(f"a log {words}", "values above zero", "Write scale: linear.")
-    return space_evenly(first, last, n_points, scale)
-
-
-def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[float, ...]:
-    """Return ``count`` numbers, evenly spaced on a log or a linear scale, from exactly ``first`` to
-    exactly ``last``.
-    """
-    space = np.geomspace if scale == "log" else np.linspace
-    with np.errstate(all="ignore"):
-        # the ends may be the smallest and the largest numbers of double precision
-        return tuple(space(first, last, count).tolist())
-
-
-def write_values(values: Sequence[float], write: Callable[[float], Any]) -> Any:
-    """Return plain data for ``values``, each of which ``write`` writes: one value, a range if the
-    range gives the same values to the last bit, or else a list.
-    """
-    first = values[0]
-    last = values[-1]
-    count = len(values)
-    if count == 1:
-        return write(first)
-    scales = list[str]()
-    if count > 2 and first != last:
-        scales += [scale for scale in SCALES if scale == "linear" or min(first, last) > 0.0]
-    for scale in scales:
-        if space_evenly(first, last, count, scale) == tuple(values):
-            return {"from": write(first), "to": write(last), "points": count, "scale": scale}
-    return [write(value) for value in values]
-
-
-DRIVE = Kind(
-    lambda value, context: read_drives(value, folder=context.folder),
-    lambda drives, _: write_drives(drives),
-)
-FREQUENCIES = Kind.plain(
-    lambda value: tuple(frequencies(read_values(value, FREQUENCY.read)).tolist()),
-    lambda values: write_values(values, FREQUENCY.write),
-)
-
-
 # -- spreads ---------------------------------------------------------------------------------------
 
 
-#: reads a list of diameters, m
-_read_diameters = partial(each, rule=LENGTH.read, what="diameters")
+_DIAMETERS = listed(with_unit(LENGTH), "diameters")
 
 
-def _read_normal(value: Any) -> Normal:
-    """Read a standard deviation, or a block {std, cutoff}."""
-    if not isinstance(value, dict):
-        return Normal(WIDTH.read(value))
-    rules: dict[str, Rule] = {"std": WIDTH.read, "cutoff": partial(number, low=1e-3, high=10.0)}
-    return Normal(**block(value, rules, ("std",)))
-
-
-def _read_discrete(value: Any) -> Discrete:
-    """Return the spread of a block {diameters, fractions} of two lists of the same length; Refused
-    for fractions that do not add up to 1.
+def _make_discrete(lists: Mapping[str, Any]) -> Discrete:
+    """Return the spread of two lists of the same length; Refused for fractions that do not add up
+    to 1.
     """
-    read_fractions = partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions")
-    rules: dict[str, Rule] = {"diameters": _read_diameters, "fractions": read_fractions}
-    lists = block(value, rules, ("diameters", "fractions"))
     allowed = "one fraction for each diameter, with the sum 1"
     with refusing(lists["fractions"], allowed, "fractions"):
         return Discrete(**lists)
 
 
-def _read_measured(value: Any, folder: Path) -> Measured:
+def _read_normal(value: Any, context: Context) -> Normal:
+    """Read a standard deviation, or a block {std, cutoff}."""
+    if not isinstance(value, dict):
+        return Normal(WIDTH.read(value))
+    return Normal(**_NORMAL.read(value, context))
+
+
+def _read_measured(value: Any, context: Context) -> Measured:
     """Return the spread of measured diameters of a value: the name of a table, a block {file,
-    column}, or a block {diameters}. Tables are sought in ``folder``.
+    column}, or a block {diameters}. Tables are sought in the folder of the scene.
     """
     if isinstance(value, dict) and "diameters" in value:
-        return Measured(block(value, {"diameters": _read_diameters})["diameters"])
+        return Measured(_MEASURED.read(value, context)["diameters"])
     column = None
     if isinstance(value, dict):
         settings = block(value, {"file": text, "column": text}, ("file",))
@@ -269,18 +172,29 @@ def _read_measured(value: Any, folder: Path) -> Measured:
     else:
         name = text(value)
     with refusing(name, "a table with a column of diameters"):
-        return Measured.from_csv(folder / name, column, quoted=False)
+        return Measured.from_csv(context.folder / name, column, quoted=False)
+
+
+_FRACTIONS = listed(Kind.plain(partial(number, low=0.0, high=1.0)), "fractions")
+_NORMAL = block_of(
+    {"std": with_unit(WIDTH), "cutoff": Kind.plain(partial(number, low=1e-3, high=10.0))}, ("std",)
+)
+_DISCRETE = block_of({"diameters": _DIAMETERS, "fractions": _FRACTIONS}, ("diameters", "fractions"))
+_MEASURED = block_of({"diameters": _DIAMETERS})
+#: the distributions of diameters by the key of their block
+_SPREADS = {
+    "uniform": Kind(
+        lambda value, _: Uniform(WIDTH.read(value)), lambda spread, _: WIDTH.write(spread.width)
+    ),
+    "normal": _NORMAL._replace(read=_read_normal),
+    "discrete": _DISCRETE.made(_make_discrete),
+    "measured": _MEASURED._replace(read=_read_measured),
+}
 
 
 def _read_spread(value: Any, context: Context) -> Any:
     """Return the spread of diameters of a block of one key, which names the distribution."""
-    rules: dict[str, Rule] = {
-        "uniform": lambda value: Uniform(WIDTH.read(value)),
-        "normal": _read_normal,
-        "discrete": _read_discrete,
-        "measured": partial(_read_measured, folder=context.folder),
-    }
-    allowed = f"exactly one of {', '.join(rules)}"
+    allowed = f"exactly one of {', '.join(_SPREADS)}"
     if not isinstance(value, dict):
         mend = "Leave spread out for equal balls."
         if isinstance(value, str):
@@ -289,20 +203,20 @@ def _read_spread(value: Any, context: Context) -> Any:
     if len(value) != 1:
         names = " and ".join(map(str, value))
         raise Refused(names or "no spread", allowed)
-    (spread,) = block(value, rules).values()
+    (spread,) = block_of(_SPREADS).read(value, context).values()
     return spread
 
 
 def _write_spread(spread: Any, context: Context) -> dict[str, Any]:
     """Return the block of a spread of diameters, whose key names the distribution."""
-    if isinstance(spread, Uniform):
-        return {"uniform": WIDTH.write(spread.width)}
-    if isinstance(spread, Normal):
-        return {"normal": {"std": WIDTH.write(spread.std), "cutoff": spread.cutoff}}
-    diameters = {"diameters": [LENGTH.write(diameter) for diameter in spread.diameters]}
-    if isinstance(spread, Discrete):
-        return {"discrete": diameters | {"fractions": spread.fractions}}
-    return {"measured": diameters}
+    classes: dict[str, Any] = {
+        "uniform": Uniform,
+        "normal": Normal,
+        "discrete": Discrete,
+        "measured": Measured,
+    }
+    name = next(name for name, of_name in classes.items() if isinstance(spread, of_name))
+    return {name: _SPREADS[name].write(spread, context)}
 
 
 def table_named(value: Any) -> str | None:
@@ -406,16 +320,15 @@ def _read_torsion(value: Any) -> float | str:
         raise Refused(refused.found, allowed, mend) from None
 
 
+#: the keys of a material, of which all but the last are required
+MATERIAL_KEYS = tuple(list_settings(Material))
 #: the kind of each key of the blocks "material" and "packing", and of each parameter of a sweep
 PARTS: dict[str, Kind] = {
-    "mass": quantity(MASS),
-    "young_modulus": quantity(MODULUS),
-    "poisson_ratio": Kind.plain(read_poisson_ratio, float),
-    "density": quantity(DENSITY),
-    "yield_strength": quantity(MODULUS),
+    **{name: declared.kind for name, declared in list_settings(Material).items()},
+    "mass": with_unit(MASS),
     "lattice": Kind.plain(read_lattice, write_lattice),
-    "diameter": quantity(LENGTH),
-    "width": quantity(WIDTH),
+    "diameter": with_unit(LENGTH),
+    "width": with_unit(WIDTH),
     "spread": Kind(_read_spread, _write_spread),
     "friction": Kind.plain(truth, bool),
     "finite_overlap": Kind.plain(truth),
@@ -509,7 +422,7 @@ def load_kind(name: str) -> Kind:
         quantity = load_quantities(context.lattice.pressed_axes)[name]
         return write_values(load.values, quantity.write)
 
-    return Kind(read, write)
+    return Kind(read, write, LOADS[name].unit)
 
 
 def _read_load(value: Any, name: str, lattice: Lattice) -> float:
@@ -578,7 +491,7 @@ def read_observables(value: Any) -> tuple[str, ...]:
     Registered observables come behind those of the package, and bring the velocities with them if
     they are found from velocities.
     """
-    added = {name: entry.cost for name, entry in CATALOGUE.items() if CATALOGUE.is_added(name)}
+    added = {name: entry.cost for name, entry in CATALOGUE.added.items()}
     observables = (*OBSERVABLES, *added)
     allowed = "a list of one or more of " + ", ".join(observables)
     if not isinstance(value, list | tuple) or not value:
@@ -677,10 +590,6 @@ def _has_numbers(value: Any) -> bool:
 # -- crystals: balls of several kinds, how they are arranged, and their loads ----------------------
 
 
-#: the keys of a material, of which all but the last are required
-MATERIAL_KEYS = ("young_modulus", "poisson_ratio", "density", "yield_strength")
-
-
 def _law_numbers(name: str) -> dict[str, Kind]:
     """Return the kind of each number of the contact law ``name``, by its key."""
     return {key: _make_number_kind(entry) for key, entry in LAWS[name].numbers.items()}
@@ -691,13 +600,9 @@ def _make_number_kind(entry: Any) -> Kind:
     of the quantity of whose values there is a list, or the rule of a number without a unit.
     """
     if isinstance(entry, Quantity):
-        return quantity(entry)
+        return with_unit(entry)
     if isinstance(entry, tuple):
-        (listed,) = entry
-        return Kind.plain(
-            partial(each, rule=listed.read, what="values"),
-            lambda values: [listed.write(value) for value in values],
-        )
+        return listed(with_unit(*entry))
     return Kind.plain(entry, float)
 
 
@@ -709,19 +614,6 @@ def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
     if not isinstance(value, dict) or not value:
         allowed = "a block of kinds of balls by name, each with its material and diameter"
         raise Refused(show(value), allowed)
-    read_material = partial(
-        block,
-        rules={name: PARTS[name].rule(context) for name in MATERIAL_KEYS},
-        needed=MATERIAL_KEYS[:3],
-    )
-    rules: dict[str, Rule] = {
-        "material": read_material,
-        "diameter": LENGTH.read,
-        "mass": MASS.read,
-        "inertia": INERTIA.read,
-        "spread": PARTS["spread"].rule(context),
-    }
-    read_settings = partial(block, rules=rules, needed=("material", "diameter"))
     kinds = list[tuple[str, Ball]]()
     for name, written in value.items():
         kind = label(name)
@@ -729,7 +621,7 @@ def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
         if "." in kind or " " in kind or kind == "floor":
             allowed = "a name without a point or a space, and not 'floor'"
             raise Refused(show(name), allowed, path=(name,))
-        settings = read_inside(name, read_settings, written)
+        settings = read_inside(name, _BALL.rule(context), written)
         kinds.append((kind, _make_ball(name, settings, written)))
     return tuple(kinds)
 
@@ -752,27 +644,21 @@ def _make_ball(name: Any, settings: Mapping[str, Any], written: Mapping[str, Any
         raise Refused(show(written[key]), allowed, str(error), (name, key)) from None
 
 
-def _write_balls(kinds: Any, context: Context) -> dict[str, Any]:
-    """Return the block of kinds of balls by name, in which mass and inertia are written out."""
-    blocks = dict[str, Any]()
-    for name, ball in kinds:
-        material = {}
-        for key in MATERIAL_KEYS:
-            number_of_material = getattr(ball.material, key)
-            if number_of_material is not None:
-                material[key] = PARTS[key].write(number_of_material, context)
-        blocks[name] = {
-            "material": material,
-            "diameter": LENGTH.write(ball.diameter),
-            "mass": MASS.write(ball.mass),
-            "inertia": INERTIA.write(ball.inertia),
-        }
-        if ball.spread:
-            blocks[name]["spread"] = PARTS["spread"].write(ball.spread, context)
-    return blocks
-
-
-BALLS = Kind(_read_balls, _write_balls)
+_BALL = block_of(
+    {
+        "material": block_of({key: PARTS[key] for key in MATERIAL_KEYS}, MATERIAL_KEYS[:3]),
+        "diameter": PARTS["diameter"],
+        "mass": PARTS["mass"],
+        "inertia": with_unit(INERTIA),
+        "spread": PARTS["spread"],
+    },
+    ("material", "diameter"),
+)
+#: mass and inertia are written out
+BALLS = Kind(
+    _read_balls,
+    lambda kinds, context: {name: _BALL.write(ball, context) for name, ball in kinds},
+)
 
 
 def _read_structure(value: Any) -> Any:
@@ -804,53 +690,12 @@ def _read_vectors(value: Any) -> tuple[tuple[float, ...], ...]:
     return each(value, partial(each, rule=read_length, what="lengths"), "vectors")
 
 
-def _read_site(value: Any) -> tuple[tuple[float, ...], str]:
-    rules: dict[str, Rule] = {"kind": label, "at": lambda vector: _read_vectors([vector])[0]}
-    site = block(value, rules, ("kind", "at"))
-    return site["at"], site["kind"]
-
-
-def _read_counts(value: Any, meaning: str, high: int, low: int = 1) -> tuple[int, ...]:
-    counts = value if isinstance(value, list | tuple) else [value]
-    if isinstance(value, str):
-        counts = [int(word) if word.isdecimal() else word for word in value.split()]
-    return each(counts, partial(whole, low=low, high=high), meaning)
-
-
 def _read_removed(value: Any) -> tuple[int, ...]:
-    balls = _read_counts(value, "numbers of balls", 10_000_000, 0)
+    balls = read_counts(value, "numbers of balls", 0, 10_000_000)
     if len(set(balls)) < len(balls):
         repeated = Counter(balls).most_common(1)[0][0]
         raise Refused(f"ball {repeated} more than once", "the number of each ball once")
     return balls
-
-
-def _read_cut(value: Any) -> tuple[Any, int, tuple[str, str]]:
-    """Return the axis, the number of layers, and the two edges of a block of a cut; edges are free
-    by default.
-    """
-    rules: dict[str, Rule] = {
-        "axis": read_axis,
-        "layers": partial(whole, low=1, high=1_000_000),
-        "edges": read_edges,
-    }
-    settings = block(value, rules, ("axis", "layers"))
-    return settings["axis"], settings["layers"], settings.get("edges", ("free", "free"))
-
-
-def _write_cuts(cuts: Any) -> Any:
-    """Return the block of one cut, a list of the blocks of several; None without cuts."""
-    blocks = [
-        {
-            "axis": list(axis) if isinstance(axis, tuple) else axis,
-            "layers": layers,
-            "edges": " ".join(edges),
-        }
-        for axis, layers, edges in cuts
-    ]
-    if not blocks:
-        return None
-    return blocks if len(blocks) > 1 else blocks[0]
 
 
 def _read_replaced(value: Any) -> tuple[tuple[int, str], ...]:
@@ -894,8 +739,8 @@ def _read_law(value: Any) -> Any:
 
 def _read_single_law(name: str, numbers: Any) -> Any:
     """Return the law of a name, made of the block of its ``numbers``, which may be empty."""
-    rules = {key: kind.rule(Context()) for key, kind in _law_numbers(name).items()}
-    read_numbers = partial(block, rules=rules, needed=tuple(rules))
+    kinds = _law_numbers(name)
+    read_numbers = block_of(kinds, tuple(kinds)).rule(Context())
     arguments = read_inside(name, read_numbers, numbers or {})
     with refusing(numbers or name, f"numbers of the law {name}", name):
         law = LAWS[name].law
@@ -929,35 +774,30 @@ def _write_structure(structure: Any) -> Any:
     return write_lattice(structure)
 
 
-def _write_sites(sites: Any) -> Any:
-    out = [{"kind": kind, "at": [WAY.write(x) for x in position]} for position, kind in sites]
-    return out or None
-
-
 STRUCTURE = Kind.plain(_read_structure, _write_structure)
 ORDER = Kind.plain(
     partial(each, rule=label, what="names of kinds"), lambda names: list(names) or None
 )
 CELL = Kind.plain(_read_vectors, lambda rows: [[WAY.write(x) for x in row] for row in rows] or None)
-SITES = Kind.plain(partial(each, rule=_read_site, what="sites"), _write_sites)
-REPEAT = Kind.plain(
-    lambda value: _read_counts(value, "numbers of cells", 1_000_000),
-    lambda counts: list(counts) or None,
+_VECTOR = Kind.plain(
+    lambda vector: _read_vectors([vector])[0], lambda vector: [WAY.write(x) for x in vector]
 )
-CUT = Kind.plain(
-    lambda value: (
-        each(value, _read_cut, "cuts") if isinstance(value, list) else (_read_cut(value),)
+_SITE = block_of({"kind": Kind.plain(label), "at": _VECTOR}, ("kind", "at"))
+_SITES = listed(_SITE.made(lambda site: (site["at"], site["kind"])), "sites")
+SITES = Kind(
+    _SITES.read,
+    lambda sites, context: (
+        _SITES.write([{"kind": kind, "at": place} for place, kind in sites], context) or None
     ),
-    _write_cuts,
 )
 REPLACE = Kind.plain(_read_replaced, lambda pairs: dict(pairs) or None)
 REMOVE = Kind.plain(_read_removed, lambda balls: list(balls) or None)
-SEED = Kind.plain(partial(whole, low=0))
+SEED = whole_from(0)
 LAW = Kind.plain(_read_law, _write_law)
 _ALL_MOTIONS = tuple(
     dict.fromkeys(motions for dimension in (1, 2, 3) for motions in allowed_motions(dimension))
 )
-MOTIONS = Kind.plain(partial(choice, options=_ALL_MOTIONS))
+MOTIONS = word_of(*_ALL_MOTIONS)
 
 
 #: axes of the components of a symmetric tensor of 2 and 3 periods in Voigt order

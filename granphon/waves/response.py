@@ -139,7 +139,7 @@ _SAME_LINE = 1e-2
 #: not told from rounding
 _NARROWEST = 1e-9
 #: a function that returns values (n, n_r) at ascending frequencies (n,), Hz
-Solve = Callable[[Array], NDArray[np.complex128]]
+Solve = Callable[[Array], Complex]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from granphon.balls.layers import EDGES, read_axis
+from granphon.balls.layers import EDGES, read_axis, read_edges
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
@@ -29,12 +28,27 @@ from granphon.base.quantities import (
     WAY,
     Quantity,
 )
+from granphon.base.settings import (
+    Block,
+    Kind,
+    ValueContext,
+    block_kind,
+    block_of,
+    listed,
+    one_or_more,
+    read_block,
+    read_counts,
+    read_values,
+    setting,
+    whole_from,
+    with_unit,
+    word_of,
+    write_block,
+    write_values,
+)
 from granphon.base.tables import Table
 from granphon.base.text import show
 from granphon.base.validation import (
-    Rule,
-    above_zero,
-    block,
     choice,
     each,
     finite_list,
@@ -42,8 +56,6 @@ from granphon.base.validation import (
     frequencies,
     number,
     real_number,
-    require,
-    whole,
     zero_or_above,
 )
 from granphon.dynamics.damping import read_loss
@@ -72,34 +84,164 @@ RESPONSES = {
     "velocity": "mobility",
     "transmissibility": "transmissibility",
 }
-_QUANTITIES: dict[str, Quantity] = {
-    "resolution": FREQUENCY,
-    "frequency": FREQUENCY,
-    "distance": LENGTH,
-    "damping": TIME,
-    "duration": TIME,
-    "step": TIME,
-}
 #: the faces of an array
 FACES = ("lower", "upper")
 #: kinds of drives of balls
 DRIVES = ("impact", "shaker", "force", "displacement")
 
 
-class _Block:
-    """A block of a scene, whose values are checked when it is made."""
-
-    block: ClassVar[str]
-
-    def __post_init__(self) -> None:
-        for name, rule in wave_rules(self.block, read=False).items():
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, require(f"{self.block}.{name}", rule, value))
+# -- kinds of values -------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class SpectrumSettings(_Block):
+def _read_damping(value: Any, context: ValueContext) -> Any:
+    """Read a viscosity over a stiffness: a time, zero or above; zero may be without a unit."""
+    is_zero = isinstance(value, int | float) and not isinstance(value, bool) and value == 0
+    rule = with_unit(SINCE).rule(context)
+    return read_loss("damping", value, (lambda _: 0.0) if is_zero else rule)
+
+
+def _of_both_motions(kind: Kind) -> Kind:
+    """Return the kind of a value of all motions of a contact, or, as a list of two, of normal
+    motion and of all other.
+    """
+    pair = listed(kind)
+
+    def read(value: Any, context: ValueContext) -> Any:
+        if not isinstance(value, list | tuple):
+            return kind.read(value, context)
+        if len(value) != 2:
+            raise Refused(show(value), "one value, or two: of normal motion, and of all other")
+        return pair.read(value, context)
+
+    def write(value: Any, context: ValueContext) -> Any:
+        return (pair if isinstance(value, tuple) else kind).write(value, context)
+
+    return Kind(read, write, kind.unit)
+
+
+#: zero is written without its unit
+_DAMPING = Kind(_read_damping, lambda value, _: TIME.write(value) if value else value, TIME.unit)
+_DAMPING_OF_BOTH = _of_both_motions(_DAMPING)
+_LOSS_FACTOR = _of_both_motions(Kind.plain(partial(read_loss, "loss_factor", rule=zero_or_above)))
+
+
+def _read_frequencies(value: Any, context: ValueContext) -> tuple[float, ...]:
+    """Read frequencies, ascending: a list or a range of a file, or an array in Hz."""
+    values = read_values(value, FREQUENCY.read) if context.written else value
+    return tuple(frequencies(values).tolist())
+
+
+_FREQUENCIES = Kind(
+    _read_frequencies, lambda values, _: write_values(values, FREQUENCY.write), FREQUENCY.unit
+)
+
+
+def _read_place(value: Any) -> str:
+    """Return one place of a source or receiver, with single spaces between its words."""
+    words = value.split() if isinstance(value, str) else []
+    if words == ["plane"]:
+        return "plane"
+    if len(words) > 1 and words[0].isdecimal():
+        direction = words[1:]
+        is_axis = len(direction) == 1 and direction[0] in ("x", "y", "z")
+        if is_axis or _is_vector(direction):
+            return " ".join(words)
+    raise Refused(
+        show(value),
+        "plane, or the number of a ball and its direction, such as 12 x or 12 0.6 0.8, or a"
+        " list of these",
+    )
+
+
+def find_place(text: str) -> Any:
+    """Return the place of a source or receiver that a ``text`` of a scene names, as an argument of
+    ``Waves.response``: "plane", or (ball, direction).
+    """
+    ball, *direction = text.split()
+    if not direction:
+        return text
+    if direction[0] in "xyz":
+        return int(ball), direction[0]
+    return int(ball), [float(component) for component in direction]
+
+
+def _is_vector(words: list[Any]) -> bool:
+    """Return whether ``words`` are one to three finite numbers, not all zero."""
+    components: list[Any] = []
+    for word in words:
+        is_number = isinstance(word, str) and re.fullmatch(NUMBER, word)
+        components.append(float(word) if is_number else word)
+    if not 1 <= len(components) <= 3 or not any(components):
+        return False
+    return all(math.isfinite(real_number(component)) for component in components)
+
+
+def read_direction(value: Any) -> tuple[float, ...]:
+    """Return the one to three components of a Cartesian vector, read from a list of numbers or
+    fractions, or from a text of these.
+    """
+    words: Any = value.split() if isinstance(value, str) else value
+    if not isinstance(words, list | tuple):
+        words = [words]
+    components = each(words, partial(fraction, largest=1e3), "numbers")
+    if len(components) > 3 or not any(components):
+        raise Refused(show(value), "one to three numbers, not all zero, such as 0 1")
+    return components
+
+
+# both are written as lists, also if there is one
+_PLACES = Kind(one_or_more(Kind.plain(_read_place), "places", "each place once").read)
+_POLARISATION = one_or_more(
+    word_of(*POLARISATIONS), "polarisations", f"{', '.join(POLARISATIONS)}, each once"
+)
+DIRECTION = Kind.plain(read_direction)
+_POINTS = whole_from(2, 10_000)
+
+
+# -- how a network is repeated and cut -------------------------------------------------------------
+
+
+def _read_repeat(value: Any) -> tuple[int, ...]:
+    """Return the numbers of cells along each period; none of an empty tuple."""
+    return () if value == () else read_counts(value, "numbers of cells", 1, 1_000_000)
+
+
+def _read_cut(value: Any, context: ValueContext) -> tuple[Any, int, tuple[str, str]]:
+    """Return the axis, the number of layers, and the two edges of a block of a cut, or of a tuple
+    of them; edges are free by default.
+    """
+    entries = dict(zip(_CUT_KEYS, value, strict=False)) if isinstance(value, tuple) else value
+    cut = block_of(_CUT_KEYS, ("axis", "layers")).read(entries, context)
+    return cut["axis"], cut["layers"], cut.get("edges", ("free", "free"))
+
+
+_CUT_KEYS = {
+    "axis": Kind.plain(read_axis),
+    "layers": whole_from(1, 1_000_000),
+    "edges": Kind.plain(read_edges, " ".join),
+}
+_CUTS = one_or_more(
+    Kind(
+        _read_cut,
+        lambda cut, context: block_of(_CUT_KEYS).write(
+            dict(zip(_CUT_KEYS, cut, strict=True)), context
+        ),
+    ),
+    "cuts",
+)
+#: cells along each period of a supercell or network
+REPEAT = Kind.plain(_read_repeat, lambda counts: list(counts) or None)
+#: the cuts of a crystal or network; none of an empty tuple
+CUT = Kind(
+    lambda value, context: () if value == () else _CUTS.read(value, context),
+    lambda cuts, context: _CUTS.write(cuts, context) if cuts else None,
+)
+
+
+# -- blocks ----------------------------------------------------------------------------------------
+
+
+class SpectrumSettings(Block):
     """Spectral functions along the path of the bands.
 
     Attributes
@@ -112,13 +254,28 @@ class SpectrumSettings(_Block):
 
     block = "spectrum"
 
-    polarisation: tuple[str, ...] = ("longitudinal",)
-    resolution: float | None = None
-    points: int = 21
+    polarisation: tuple[str, ...] = setting(
+        Kind(_POLARISATION.read),
+        f"`{'`, `'.join(POLARISATIONS)}`, one or a list",
+        default=("longitudinal",),
+        title="polarisation",
+    )
+    resolution: float | None = setting(
+        with_unit(FREQUENCY),
+        "standard deviation of the kernel at frequency zero",
+        default=None,
+        absent="1/256 of a bound of the frequencies, about",
+    )
+    points: int = setting(
+        _POINTS,
+        "wave vectors between two corners of `phonopy.band`; each becomes the nearest one that the"
+        " array has",
+        default=21,
+        title="points of a leg",
+    )
 
 
-@dataclass(frozen=True)
-class PulseSettings(_Block):
+class PulseSettings(Block):
     """A pulse through the array; see :meth:`granphon.waves.waves.Waves.transmit`.
 
     Attributes
@@ -135,17 +292,41 @@ class PulseSettings(_Block):
 
     block = "pulse"
 
-    frequency: float
-    distance: float | None = None
-    cycles: float = 5.0
-    polarisation: str = "longitudinal"
-    source: str = "plane"
-    ends: str = "free"
-    damping: float = 0.0
+    frequency: float = setting(
+        with_unit(FREQUENCY), "frequency of the burst that is sent", title="frequency of the pulse"
+    )
+    distance: float | None = setting(
+        with_unit(LENGTH),
+        "of the receiving plane from the source, along `direction`",
+        default=None,
+        absent="half the length of the array along the direction; a quarter with `ends: periodic`",
+    )
+    cycles: float = setting(
+        Kind.plain(partial(number, low=1.0, high=1e4)),
+        "periods of the burst",
+        default=5.0,
+        title="cycles of the pulse",
+    )
+    polarisation: str = setting(
+        word_of(*_PUSHES),
+        "the way in which the source pushes",
+        default="longitudinal",
+        title="polarisation of the pulse",
+    )
+    source: str = setting(
+        word_of(*_SOURCES),
+        "`plane`, the first plane of balls; `ball`, one of them",
+        default="plane",
+    )
+    ends: str = setting(
+        word_of(*ENDS),
+        "`free`, `walls` (balls there are held), or `periodic`, where the pulse runs both ways",
+        default="free",
+    )
+    damping: float = setting(_DAMPING, "viscosity of a contact over its stiffness", default=0.0)
 
 
-@dataclass(frozen=True)
-class SurfaceSettings(_Block):
+class SurfaceSettings(Block):
     """Waves of an edge, along the path of its own zone; see :class:`granphon.Surface`.
 
     Attributes
@@ -157,29 +338,23 @@ class SurfaceSettings(_Block):
 
     block = "surface"
 
-    axis: Any
-    edge: str = "free"
-    points: int = 31
+    axis: Any = setting(
+        Kind.plain(read_axis),
+        "across the edge: the number of a vector of the cell, or Miller indices, as `1 1 0`",
+        title="axis across the edge",
+    )
+    edge: str = setting(
+        word_of(*EDGES),
+        "`free`, `clamped` (the outer layer does not move) or `floor` (a plane touches it)",
+        default="free",
+        title="edge",
+    )
+    points: int = setting(
+        _POINTS, "wave vectors between two corners of the path along the edge", default=31
+    )
 
 
-@dataclass(frozen=True)
-class BandsSettings(_Block):
-    """How contacts damp the branches of bands; see :meth:`granphon.Phonons.damped`.
-
-    Attributes
-    ----------
-    damping : s, of all motions of a contact, or of normal and of other motion.
-    loss_factor : likewise.
-    """
-
-    block = "bands"
-
-    damping: float | tuple[float, float] = 0.0
-    loss_factor: float | tuple[float, float] = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class NetworkSettings(_Block):
+class NetworkSettings(Block, kw_only=True):
     """Settings of a result for the network of each state, or of each sample of a simulation.
 
     Attributes
@@ -191,8 +366,15 @@ class NetworkSettings(_Block):
     #: keys whose values a network may not have
     of_network: ClassVar[tuple[str, ...]] = ("repeat", "cut")
 
-    repeat: tuple[int, ...] = ()
-    cut: tuple[tuple[Any, int, tuple[str, str]], ...] = ()
+    repeat: tuple[int, ...] = setting(
+        REPEAT, "cells of the network along each period", default=(), absent="one cell"
+    )
+    cut: tuple[tuple[Any, int, tuple[str, str]], ...] = setting(
+        CUT,
+        "block `axis`, `layers`, `edges` of a strip, slab or column of the network, or a list",
+        default=(),
+        absent="none",
+    )
 
     def count(self, number: int) -> int:
         """Return the number of balls, or of cells, of a network once it is repeated and cut;
@@ -216,7 +398,6 @@ class NetworkSettings(_Block):
         raise NotImplementedError
 
 
-@dataclass(frozen=True)
 class ResponseSettings(NetworkSettings):
     """The response at given frequencies; see :meth:`granphon.waves.waves.Waves.response`.
 
@@ -237,15 +418,55 @@ class ResponseSettings(NetworkSettings):
     block = "response"
     of_network = ("repeat", "cut", "source", "receiver")
 
-    frequencies: tuple[float, ...]
-    source: tuple[str, ...]
-    receiver: tuple[str, ...]
-    damping: float | tuple[float, float] = 0.0
-    loss_factor: float | tuple[float, float] = 0.0
-    quantity: str = "displacement"
-    direction: tuple[float, ...] | None = None
-    polarisation: str = "longitudinal"
-    distance: float | None = None
+    frequencies: tuple[float, ...] = setting(
+        _FREQUENCIES, "a list, or a range, ascending", title="frequencies of the response"
+    )
+    source: tuple[str, ...] = setting(
+        _PLACES,
+        "what is driven: `plane`, or a ball and its direction, as `12 x`, or a list",
+        title="source",
+    )
+    receiver: tuple[str, ...] = setting(
+        _PLACES,
+        "what is heard, likewise; of `plane`, the last one, the mean over its balls",
+        title="receiver",
+    )
+    damping: float | tuple[float, float] = setting(
+        _DAMPING_OF_BOTH,
+        "viscosity of a contact over its stiffness; of normal and of other motion in a list",
+        default=0.0,
+        title="damping of contacts",
+    )
+    loss_factor: float | tuple[float, float] = setting(
+        _LOSS_FACTOR,
+        "loss factor of a contact; of normal and of other motion in a list",
+        default=0.0,
+        title="loss factor of contacts",
+    )
+    quantity: str = setting(
+        word_of(*RESPONSES),
+        "`displacement` or `velocity` over force, or `transmissibility`: that of a wall that is"
+        " moved",
+        default="displacement",
+        title="quantity of the response",
+    )
+    direction: tuple[float, ...] | None = setting(
+        DIRECTION,
+        "across the planes, Cartesian",
+        default=None,
+        absent="the first axis along which nothing repeats, or x",
+    )
+    polarisation: str = setting(
+        word_of(*_PUSHES),
+        "the way in which a plane is driven and heard",
+        default="longitudinal",
+    )
+    distance: float | None = setting(
+        with_unit(LENGTH),
+        "of the receiving plane from the first one",
+        default=None,
+        absent="the last plane",
+    )
 
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
@@ -254,6 +475,34 @@ class ResponseSettings(NetworkSettings):
             "response_frequency": (self.frequencies, FREQUENCY.unit),
             "receiver": (self.receiver, ""),
         }
+
+
+class BandsSettings(Block):
+    """How contacts damp the branches of bands; see :meth:`granphon.Phonons.damped`.
+
+    Attributes
+    ----------
+    damping : s, of all motions of a contact, or of normal and of other motion.
+    loss_factor : likewise.
+    """
+
+    block = "bands"
+
+    damping: float | tuple[float, float] = setting(
+        _DAMPING_OF_BOTH,
+        "viscosity of a contact over its stiffness, of damped bands; as of `response`",
+        default=0.0,
+        title="damping of the bands",
+    )
+    loss_factor: float | tuple[float, float] = setting(
+        _LOSS_FACTOR,
+        "loss factor of a contact; as of `response`",
+        default=0.0,
+        title="loss factor of the bands",
+    )
+
+
+# -- what drives balls -----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -310,8 +559,42 @@ class Signal:
         return difference_area / signal_area if signal_area else 0.0
 
 
-@dataclass(frozen=True)
-class Shaker:
+def _read_table(folder: Path, file: str, name: str, kind: Quantity) -> Signal:
+    """Return the signal of the columns time and ``name``, a quantity of this ``kind``, of a table,
+    a ``file`` of a ``folder``.
+    """
+    try:
+        table = Table.read(folder / file, quoted=False)
+        times = table.column("time", SINCE)
+        values = table.column(name, kind)
+    except Refused:  # of a value: its message names the row
+        raise
+    except InputError as error:  # of the file
+        allowed = f"a table with the columns time and {name}"
+        raise Refused(show(file), allowed, str(error)) from None
+    return Signal(tuple(times.tolist()), tuple(values.tolist()))
+
+
+def _signal_kind(name: str, kind: Quantity) -> Kind:
+    """Return the kind of a signal of a quantity called ``name``: a table of the columns time and
+    ``name``, read from the name of a file, from a block of two lists, or from a signal.
+    """
+    columns = {"time": listed(with_unit(SINCE)), name: listed(with_unit(kind))}
+    lists = block_of(columns, tuple(columns))
+
+    def read(value: Any, context: ValueContext) -> Signal:
+        if isinstance(value, str) and context.written:
+            return _read_table(context.folder, value, name, kind)
+        written = split(value) if isinstance(value, Signal) else value
+        return Signal(*lists.read(written, context).values())
+
+    def split(signal: Signal) -> dict[str, Any]:
+        return {"time": signal.times, name: signal.values}
+
+    return Kind(read, lambda signal, context: lists.write(split(signal), context))
+
+
+class Shaker(Block):
     """A displacement A r(t) sin(2 pi f t), whose factor r rises from 0 to 1 as half a cosine over
     the first periods.
 
@@ -322,9 +605,15 @@ class Shaker:
     ramp : number of periods over which r rises.
     """
 
-    amplitude: float
-    frequency: float
-    ramp: float = 5.0
+    block = "shaker"
+
+    amplitude: float = setting(with_unit(LENGTH), "greatest displacement of the shaker")
+    frequency: float = setting(with_unit(FREQUENCY), "frequency of the shaker")
+    ramp: float = setting(
+        Kind.plain(partial(number, low=0.0, high=1e6)),
+        "periods over which the amplitude rises",
+        default=5.0,
+    )
 
     def __call__(self, time: float) -> float:
         """Return the displacement at a time, s; m."""
@@ -333,8 +622,19 @@ class Shaker:
         return float(self.amplitude * rise * np.sin(2.0 * np.pi * turns))
 
 
-@dataclass(frozen=True)
-class DriveSettings:
+def _read_balls(value: Any) -> tuple[int, ...] | str:
+    """Return the word of a face, or numbers of balls; raise :class:`Refused` for a ball that is
+    given twice.
+    """
+    if isinstance(value, str) and not value[:1].isdecimal():
+        return choice(value, FACES)
+    balls = read_counts(value, "numbers of balls", 0, 100_000_000)
+    if len(set(balls)) < len(balls):
+        raise Refused(show(value), "each ball once")
+    return balls
+
+
+class DriveSettings(Block):
     """A drive of some balls along a direction, of one of four kinds.
 
     Attributes
@@ -347,12 +647,29 @@ class DriveSettings:
     force, displacement : :class:`Signal` of the force on each ball, N, or of the displacement, m.
     """
 
-    balls: tuple[int, ...] | str
-    direction: tuple[float, ...] | None = None
-    impact: float | None = None
-    shaker: Shaker | None = None
-    force: Signal | None = None
-    displacement: Signal | None = None
+    block = "drive"
+
+    balls: tuple[int, ...] | str = setting(
+        Kind.plain(_read_balls), "their numbers, or `lower` or `upper`: a face of the array"
+    )
+    direction: tuple[float, ...] | None = setting(
+        DIRECTION, "Cartesian, of the drive", default=None, absent="x"
+    )
+    impact: float | None = setting(
+        with_unit(VELOCITY), "velocity at the start", default=None, absent="none"
+    )
+    shaker: Shaker | None = setting(
+        block_kind(Shaker), "a displacement to and fro", default=None, absent="none"
+    )
+    force: Signal | None = setting(
+        _signal_kind("force", PUSH), "force on each ball over time", default=None, absent="none"
+    )
+    displacement: Signal | None = setting(
+        _signal_kind("displacement", WAY),
+        "displacement over time",
+        default=None,
+        absent="none",
+    )
 
     @property
     def kind(self) -> str:
@@ -398,7 +715,22 @@ def _find_face(network: ContactNetwork, heights: Array) -> Index:
     return np.flatnonzero(is_clamped)
 
 
-@dataclass(frozen=True)
+def _read_drive(value: Any, context: ValueContext) -> DriveSettings:
+    """Return a drive, read from one or from a block; Refused unless it is of one kind."""
+    entries = value
+    if isinstance(value, DriveSettings):
+        entries = {field.name: getattr(value, field.name) for field in fields(value)}
+    kinds = []
+    if isinstance(entries, dict):
+        kinds = [name for name in DRIVES if entries.get(name) is not None]
+    if len(kinds) > 1:
+        raise Refused(" and ".join(kinds), f"exactly one of {', '.join(DRIVES)}")
+    drive = read_block(DriveSettings, value, context)
+    if not kinds:
+        raise Refused("balls alone", f"exactly one of {', '.join(DRIVES)}")
+    return drive
+
+
 class MotionSettings(NetworkSettings):
     """Balls that move by the whole of their contact law; see :class:`granphon.NonlinearWaves`.
 
@@ -417,14 +749,51 @@ class MotionSettings(NetworkSettings):
     block = "motion"
     of_network = ("repeat", "cut", "drive")
 
-    duration: float
-    drive: tuple[DriveSettings, ...]
-    friction_coefficient: float | None = None
-    damping: float | tuple[float, float] = 0.0
-    frames: int = FRAMES
-    step: float | None = None
-    geometry: Any = "lattice"
-    scheme: Any = "verlet"
+    duration: float = setting(
+        with_unit(TIME), "how long the balls move", title="duration of the motion"
+    )
+    drive: tuple[DriveSettings, ...] = setting(
+        one_or_more(Kind(_read_drive, write_block), "drives"),
+        "what drives them, or a list: balls, a direction, and an impact, shaker, force or"
+        " displacement, see [motion](#motion)",
+    )
+    friction_coefficient: float | None = setting(
+        Kind.plain(zero_or_above),
+        "Coulomb's limit of slip",
+        default=None,
+        absent="contacts do not slide",
+        title="friction coefficient of the motion",
+    )
+    damping: float | tuple[float, float] = setting(
+        _DAMPING_OF_BOTH,
+        "viscosity of a contact over its stiffness; of normal and of other motion in a list",
+        default=0.0,
+        title="damping of the motion",
+    )
+    frames: int = setting(
+        whole_from(2, 1_000_000),
+        "number of times that are kept, the start and the end among them",
+        default=FRAMES,
+        title="times of the motion",
+    )
+    step: float | None = setting(
+        with_unit(TIME),
+        "step of time, of which a frame has a whole number",
+        default=None,
+        absent="as the stiffest contact allows",
+    )
+    geometry: Any = setting(
+        word_of(*GEOMETRIES),
+        "`lattice`: contacts keep their directions; `exact`: balls may go anywhere, and meet"
+        " others",
+        default="lattice",
+        title="geometry of the motion",
+    )
+    scheme: Any = setting(
+        word_of(*SCHEMES),
+        "steps: `verlet`, explicit; `midpoint`, implicit, which keep the sum of energies",
+        default="verlet",
+    )
 
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
@@ -433,6 +802,18 @@ class MotionSettings(NetworkSettings):
         return {"motion_time": (tuple(times.tolist()), TIME.unit)}
 
 
+#: the blocks of a scene about waves, in the order in which a scene file has them
+BLOCKS: dict[str, type[Block]] = {
+    settings.block: settings
+    for settings in (
+        SpectrumSettings,
+        PulseSettings,
+        SurfaceSettings,
+        ResponseSettings,
+        MotionSettings,
+        BandsSettings,
+    )
+}
 #: the blocks about the network of a state, by the word with which a scene observes them
 NETWORK_BLOCKS: dict[str, type[NetworkSettings]] = {
     "response": ResponseSettings,
@@ -468,319 +849,6 @@ class WaveSettings:
     def names(self) -> tuple[str, ...]:
         """Those of "dos", "spectrum" and "pulse" that are requested."""
         return tuple(name for name in WAVES if getattr(self, name) not in (None, False))
-
-
-def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
-    """Return the rules of a ``block`` about waves, by key: of texts with units as in a file
-    (``read``), or of numbers in SI units.
-    """
-    quantity = partial(_find_rule, read=read)
-    loss_factor = partial(read_loss, "loss_factor", rule=zero_or_above)
-    losses: dict[str, Rule] = {
-        "damping": partial(_read_for_motions, rule=quantity("damping")),
-        "loss_factor": partial(_read_for_motions, rule=loss_factor),
-    }
-    rules: dict[str, dict[str, Rule]] = {
-        "surface": {
-            "axis": read_axis,
-            "edge": partial(choice, options=EDGES),
-            "points": partial(whole, low=2, high=10_000),
-        },
-        "spectrum": {
-            "polarisation": _read_polarisations,
-            "resolution": quantity("resolution"),
-            "points": partial(whole, low=2, high=10_000),
-        },
-        "bands": losses,
-        "response": {
-            **losses,
-            "frequencies": lambda value: tuple(frequencies(value).tolist()),
-            "source": _read_places,
-            "receiver": _read_places,
-            "quantity": partial(choice, options=tuple(RESPONSES)),
-            "direction": read_direction,
-            "polarisation": partial(choice, options=_PUSHES),
-            "distance": quantity("distance"),
-        },
-        "motion": {
-            "duration": quantity("duration"),
-            "drive": partial(read_drives, read=read),
-            "friction_coefficient": zero_or_above,
-            "damping": losses["damping"],
-            "frames": partial(whole, low=2, high=1_000_000),
-            "step": quantity("step"),
-            "geometry": partial(choice, options=GEOMETRIES),
-            "scheme": partial(choice, options=SCHEMES),
-        },
-        "pulse": {
-            "frequency": quantity("frequency"),
-            "distance": quantity("distance"),
-            "cycles": partial(number, low=1.0, high=1e4),
-            "polarisation": partial(choice, options=_PUSHES),
-            "source": partial(choice, options=_SOURCES),
-            "ends": partial(choice, options=ENDS),
-            "damping": quantity("damping"),
-        },
-    }
-    return rules[block]
-
-
-def _find_rule(name: str, read: bool) -> Rule:
-    """Return the rule of the quantity of this ``name``, in a file (``read``) or in SI."""
-    kind = _QUANTITIES[name]
-    if name != "damping":
-        return _make_rule(kind, read)
-    # a damping is a time, or zero without a unit
-    rule = _read_time if read else partial(zero_or_above, unit=kind.unit)
-    return partial(read_loss, name, rule=rule)
-
-
-def _read_time(value: Any) -> float:
-    """Read a time, zero or above; zero may be without a unit."""
-    is_zero = value == 0 and not isinstance(value, bool)
-    return 0.0 if is_zero else SINCE.read(value)
-
-
-def _read_polarisations(value: Any) -> tuple[str, ...]:
-    """Return polarisations, read from one or from a list; raise :class:`Refused` for one that is
-    given twice.
-    """
-    rule = partial(choice, options=POLARISATIONS)
-    if not isinstance(value, list | tuple):
-        return (rule(value),)
-    names: tuple[str, ...] = each(value, rule, "polarisations")
-    if len(set(names)) < len(names):
-        raise Refused(show(value), f"{', '.join(POLARISATIONS)}, each once")
-    return names
-
-
-def _read_places(value: Any) -> tuple[str, ...]:
-    """Return the places of a source or receiver, read from one or from a list: texts "plane", or a
-    ball and its direction, such as "12 x"; raise :class:`Refused` for one that is given twice.
-    """
-    if not isinstance(value, list | tuple):
-        return (_read_place(value),)
-    places: tuple[str, ...] = each(value, _read_place, "places")
-    if len(set(places)) < len(places):
-        raise Refused(show(value), "each place once")
-    return places
-
-
-def _read_place(value: Any) -> str:
-    """Return one place of a source or receiver, with single spaces between its words."""
-    words = value.split() if isinstance(value, str) else []
-    if words == ["plane"]:
-        return "plane"
-    if len(words) > 1 and words[0].isdecimal():
-        direction = words[1:]
-        is_axis = len(direction) == 1 and direction[0] in ("x", "y", "z")
-        if is_axis or _is_vector(direction):
-            return " ".join(words)
-    raise Refused(
-        show(value),
-        "plane, or the number of a ball and its direction, such as 12 x or 12 0.6 0.8, or a"
-        " list of these",
-    )
-
-
-def find_place(text: str) -> Any:
-    """Return the place of a source or receiver that a ``text`` of a scene names, as an argument of
-    ``Waves.response``: "plane", or (ball, direction).
-    """
-    ball, *direction = text.split()
-    if not direction:
-        return text
-    if direction[0] in "xyz":
-        return int(ball), direction[0]
-    return int(ball), [float(component) for component in direction]
-
-
-def _is_vector(words: list[Any]) -> bool:
-    """Return whether ``words`` are one to three finite numbers, not all zero."""
-    components: list[Any] = []
-    for word in words:
-        is_number = isinstance(word, str) and re.fullmatch(NUMBER, word)
-        components.append(float(word) if is_number else word)
-    if not 1 <= len(components) <= 3 or not any(components):
-        return False
-    return all(math.isfinite(real_number(component)) for component in components)
-
-
-def _read_for_motions(value: Any, rule: Rule) -> Any:
-    """Return what the ``rule`` reads for all motions of a contact, or, from a list of two, for
-    normal motion and for all other.
-    """
-    if isinstance(value, list | tuple):
-        if len(value) != 2:
-            raise Refused(show(value), "one value, or two: of normal motion, and of all other")
-        return each(value, rule, "values")
-    return rule(value)
-
-
-def write_setting(name: str, value: Any) -> Any:
-    """Return a value of one of the blocks as a scene file holds it, in SI units."""
-    if isinstance(value, tuple):
-        return [write_setting(name, entry) for entry in value]
-    if name in _QUANTITIES and value:
-        return _QUANTITIES[name].write(value)
-    return value
-
-
-# -- drives, as they are read and written ----------------------------------------------------------
-
-
-def _make_rule(kind: Quantity, read: bool) -> Rule:
-    """Return the rule of a quantity in a file (``read``), or in SI."""
-    if read:
-        return kind.read
-    if kind.least == "any":
-        return partial(number, low=-1e300, high=1e300)  # any finite number
-    rule = above_zero if kind.least == "above zero" else zero_or_above
-    return partial(rule, unit=kind.unit)
-
-
-def read_drives(value: Any, read: bool = True, folder: Path = Path()) -> tuple[DriveSettings, ...]:
-    """Read a drive or a list of them: of a file (``read``), whose tables lie in ``folder``, or in
-    numbers in SI.
-    """
-    rule = partial(_read_drive, read=read, folder=folder)
-    return each(value, rule, "drives") if isinstance(value, list | tuple) else (rule(value),)
-
-
-def _read_drive(value: Any, read: bool, folder: Path) -> DriveSettings:
-    """Return one drive, read from settings or from a block of a scene; see :func:`read_drives`."""
-    if isinstance(value, DriveSettings):
-        drive_block: Any = {name: field for name, field in vars(value).items() if field is not None}
-    else:
-        drive_block = value
-    read_signal = partial(_read_signal, read=read, folder=folder)
-    rules: dict[str, Rule] = {
-        "balls": _read_balls,
-        "direction": read_direction,
-        "impact": _make_rule(VELOCITY, read),
-        "shaker": partial(_read_shaker, read=read),
-        "force": partial(read_signal, name="force", kind=PUSH),
-        "displacement": partial(read_signal, name="displacement", kind=WAY),
-    }
-    kinds = []
-    if isinstance(drive_block, dict):
-        kinds = [name for name in DRIVES if name in drive_block]
-    if len(kinds) > 1:
-        raise Refused(" and ".join(kinds), f"exactly one of {', '.join(DRIVES)}")
-    fields = block(drive_block, rules, ("balls",))
-    if not kinds:
-        raise Refused("balls alone", f"exactly one of {', '.join(DRIVES)}")
-    return DriveSettings(**fields)
-
-
-def read_direction(value: Any) -> tuple[float, ...]:
-    """Return the one to three components of a Cartesian vector, read from a list of numbers or
-    fractions, or from a text of these.
-    """
-    words: Any = value.split() if isinstance(value, str) else value
-    if not isinstance(words, list | tuple):
-        words = [words]
-    components = each(words, partial(fraction, largest=1e3), "numbers")
-    if len(components) > 3 or not any(components):
-        raise Refused(show(value), "one to three numbers, not all zero, such as 0 1")
-    return components
-
-
-def _list_words(value: Any) -> Any:
-    """Return the entries of a text, with whole numbers as such, or of a list; else one entry."""
-    if isinstance(value, str):
-        return [int(word) if word.isdecimal() else word for word in value.split()]
-    return value if isinstance(value, list | tuple) else [value]
-
-
-def _read_balls(value: Any) -> tuple[int, ...] | str:
-    """Return the word of a face, or numbers of balls; raise :class:`Refused` for a ball that is
-    given twice.
-    """
-    if isinstance(value, str) and not value[:1].isdecimal():
-        return choice(value, FACES)
-    rule = partial(whole, low=0, high=100_000_000)
-    balls = each(_list_words(value), rule, "numbers of balls")
-    if len(set(balls)) < len(balls):
-        raise Refused(show(value), "each ball once")
-    return balls
-
-
-def _read_shaker(value: Any, read: bool) -> Shaker:
-    """Return a shaker, read from one or from a block of a file (``read``) or of numbers in SI."""
-    shaker_block = vars(value) if isinstance(value, Shaker) else value
-    rules: dict[str, Rule] = {
-        "amplitude": _make_rule(LENGTH, read),
-        "frequency": _make_rule(FREQUENCY, read),
-        "ramp": partial(number, low=0.0, high=1e6),
-    }
-    fields = block(shaker_block, rules, ("amplitude", "frequency"))
-    return Shaker(**fields)
-
-
-def _read_signal(value: Any, name: str, kind: Quantity, read: bool, folder: Path) -> Signal:
-    """Return the signal of a table with the columns time and ``name``, a quantity of this ``kind``:
-    read from the name of a file in the ``folder``, from a block of two lists, or from a signal.
-    """
-    if isinstance(value, str) and read:
-        return _read_table(folder, value, name, kind)
-    lists = {"time": value.times, name: value.values} if isinstance(value, Signal) else value
-    rules: dict[str, Rule] = {
-        "time": partial(each, rule=_make_rule(SINCE, read), what="values"),
-        name: partial(each, rule=_make_rule(kind, read), what="values"),
-    }
-    columns = block(lists, rules, ("time", name))
-    return Signal(columns["time"], columns[name])
-
-
-def _read_table(folder: Path, file: str, name: str, kind: Quantity) -> Signal:
-    """Return the signal of the columns time and ``name``, a quantity of this ``kind``, of a table,
-    a ``file`` of a ``folder``.
-    """
-    try:
-        table = Table.read(folder / file, quoted=False)
-        times = table.column("time", SINCE)
-        values = table.column(name, kind)
-    except Refused:  # of a value: its message names the row
-        raise
-    except InputError as error:  # of the file
-        allowed = f"a table with the columns time and {name}"
-        raise Refused(show(file), allowed, str(error)) from None
-    return Signal(tuple(times.tolist()), tuple(values.tolist()))
-
-
-def write_drives(drives: Sequence[DriveSettings]) -> Any:
-    """Return drives as a scene file holds them, in SI units."""
-    rows = [_write_drive(drive) for drive in drives]
-    return rows if len(rows) > 1 else rows[0]
-
-
-def _write_drive(drive: DriveSettings) -> dict[str, Any]:
-    """Return the block of a drive as a scene file holds it, in SI units."""
-    balls = drive.balls
-    drive_block: dict[str, Any] = {"balls": balls if isinstance(balls, str) else list(balls)}
-    if drive.direction is not None:
-        drive_block["direction"] = list(drive.direction)
-    if drive.impact is not None:
-        drive_block["impact"] = VELOCITY.write(drive.impact)
-    shaker = drive.shaker
-    if shaker is not None:
-        drive_block["shaker"] = {
-            "amplitude": LENGTH.write(shaker.amplitude),
-            "frequency": FREQUENCY.write(shaker.frequency),
-            "ramp": shaker.ramp,
-        }
-    if drive.force is not None:
-        drive_block["force"] = _write_signal(drive.force, "force", PUSH)
-    if drive.displacement is not None:
-        drive_block["displacement"] = _write_signal(drive.displacement, "displacement", WAY)
-    return drive_block
-
-
-def _write_signal(signal: Signal, name: str, kind: Quantity) -> dict[str, Any]:
-    """Return a signal as a block of two lists, time and ``name``."""
-    times = [SINCE.write(time) for time in signal.times]
-    return {"time": times, name: [kind.write(value) for value in signal.values]}
 
 
 def named_tables(drives: Any) -> list[str]:

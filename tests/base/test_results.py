@@ -11,6 +11,7 @@ import pickle
 import pkgutil
 import random
 from functools import cache
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
@@ -407,6 +408,27 @@ def test_every_class_of_results_is_made(made):
         Fitted,
     }
     assert ours == {cls for group in GROUPS for cls in made(group)}
+
+
+def list_types(hint):
+    """The types of which an annotation is made, none of which is made of others."""
+    if get_origin(hint) is Annotated and isinstance(get_args(hint)[1], np.dtype):
+        return {get_args(hint)[0]}
+    # the arguments of a function are a list
+    parts = hint if isinstance(hint, list) else get_args(hint)
+    inner = [part for part in parts if not isinstance(part, str)]
+    return set().union(*map(list_types, inner)) if inner else {hint}
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_a_field_is_restored_by_plain_types_and_not_by_those_of_numpys_typing(made, group):
+    """What NumPy's types of arrays look like at run time changes from version to version."""
+    for cls in made(group):
+        types = set().union(*map(list_types, get_type_hints(cls, include_extras=True).values()))
+        assert all(kind in (..., Any) or isinstance(kind, type) for kind in types), types
+        of_numpy = {kind for kind in types if getattr(kind, "__module__", "").startswith("numpy")}
+        assert of_numpy <= {np.ndarray}
+        assert not any(get_args(kind) for kind in types)
 
 
 @pytest.mark.parametrize("group", GROUPS)

@@ -15,11 +15,11 @@ import granphon as gp
 from granphon.balls.loads import Load, force_of_frame
 from granphon.base.errors import InputError, OutputError, PrecisionError, Refused, SceneError
 from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Quantity
+from granphon.base.settings import SCALES, space_evenly
 from granphon.media.choice import MediumChoice
 from granphon.media.cost import estimate
 from granphon.phonons.paths import BandPath
 from granphon.scene.file import write_preset
-from granphon.scene.rules import SCALES, space_evenly
 from granphon.scene.scene import Scene
 from tests import conftest
 

@@ -1,0 +1,356 @@
+"""Settings of a scene, each declared once.
+
+A class of settings is a :class:`Block` whose attributes are made by :func:`setting`. From the
+declaration follow the attribute and its default, the check of a value that Python gives, how the
+key of a scene file is read, with its unit, and written, the line that ``granphon check`` prints,
+and the row of the page of the reference.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
+
+import numpy as np
+
+from granphon.base.errors import Refused
+from granphon.base.quantities import Quantity
+from granphon.base.text import show
+from granphon.base.validation import (
+    Rule,
+    above_zero,
+    block,
+    choice,
+    each,
+    number,
+    require,
+    whole,
+    zero_or_above,
+)
+
+BlockClass = TypeVar("BlockClass", bound="Block")
+#: the default of a key that has none, in words
+NEEDED = "required"
+#: how the points of a range may be spaced; the first is the default
+SCALES = ("log", "linear")
+#: key of the metadata of an attribute under which its declaration stands
+_DECLARED = "setting"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValueContext:
+    """On what the reading of a value depends.
+
+    Attributes
+    ----------
+    folder : in which tables named in the file are sought.
+    written : whether values stand in a file, where quantities have units; in Python plain numbers
+        are in SI.
+    """
+
+    folder: Path = dataclasses.field(default_factory=Path)
+    written: bool = True
+
+
+#: of values that Python gives
+IN_PYTHON = ValueContext(written=False)
+
+
+class Kind(NamedTuple):
+    """How values of one sort are read, from a file or from Python, and written into a file; and
+    their SI unit, if all have one.
+
+    A reader takes a value and a :class:`ValueContext`, and raises
+    :class:`~granphon.base.errors.Refused` for a value that is not allowed, see
+    :mod:`granphon.base.validation`. A writer returns plain data that the reader turns into the same
+    value, to the last bit; None for a value that is not written.
+    """
+
+    read: Callable[[Any, Any], Any]
+    write: Callable[[Any, Any], Any] = lambda value, _: value
+    unit: str = ""
+
+    @classmethod
+    def plain(cls, rule: Rule, write: Callable[[Any], Any] = lambda value: value) -> Kind:
+        """Return the kind of values that do not depend on the scene."""
+        return cls(lambda value, _: rule(value), lambda value, _: write(value))
+
+    def made(self, make: Callable[[Any], Any]) -> Kind:
+        """Return the kind of the objects that ``make`` makes of such values, and that are written
+        as these are.
+        """
+        return self._replace(read=lambda value, context: make(self.read(value, context)))
+
+    def rule(self, context: ValueContext) -> Rule:
+        """Return the rule that reads such a value."""
+        return lambda value: self.read(value, context)
+
+
+def with_unit(kind: Quantity) -> Kind:
+    """Return the kind of a number: with its unit in a file, in SI in Python."""
+    rule: Rule
+    if kind.least == "any":
+        rule = partial(number, low=-1e300, high=1e300)  # any finite number
+    else:
+        sign = above_zero if kind.least == "above zero" else zero_or_above
+        rule = partial(sign, unit=kind.unit)
+    return Kind(
+        lambda value, context: kind.read(value) if context.written else rule(value),
+        lambda value, _: kind.write(value),
+        kind.unit,
+    )
+
+
+def word_of(*options: str) -> Kind:
+    """Return the kind of a word that is one of the ``options``."""
+    return Kind.plain(partial(choice, options=options))
+
+
+def whole_from(low: int, high: int | None = None) -> Kind:
+    """Return the kind of a whole number from ``low`` to ``high``."""
+    return Kind.plain(partial(whole, low=low, high=high))
+
+
+def listed(kind: Kind, what: str = "values") -> Kind:
+    """Return the kind of a list of values of a ``kind``; ``what`` is the plural in messages."""
+    return Kind(
+        lambda values, context: each(values, kind.rule(context), what),
+        lambda values, context: [kind.write(value, context) for value in values],
+    )
+
+
+def one_or_more(kind: Kind, what: str, once: str = "") -> Kind:
+    """Return the kind of a tuple of values of a ``kind``, written as the one value or as a list;
+    ``what`` is the plural in messages. A list with a value twice is refused if there are words for
+    what is allowed, ``once``.
+    """
+    several = listed(kind, what)
+
+    def read(value: Any, context: ValueContext) -> tuple[Any, ...]:
+        if not isinstance(value, list | tuple):
+            return (kind.read(value, context),)
+        values: tuple[Any, ...] = several.read(value, context)
+        if once and len(set(values)) < len(values):
+            raise Refused(show(value), once)
+        return values
+
+    def write(values: Sequence[Any], context: ValueContext) -> Any:
+        entries = several.write(values, context)
+        return entries if len(entries) > 1 else entries[0]
+
+    return Kind(read, write)
+
+
+def block_of(kinds: Mapping[str, Kind], needed: Sequence[str] = ()) -> Kind:
+    """Return the kind of a block of keys, each of its own kind, of which some are ``needed``.
+
+    A block is read as a mapping. It is written from a mapping, or from the attributes of an object,
+    under the same names; a key whose value is None is left out.
+    """
+
+    def read(value: Any, context: ValueContext) -> dict[str, Any]:
+        rules = {key: kind.rule(context) for key, kind in kinds.items()}
+        return block(value, rules, needed)
+
+    def write(values: Any, context: ValueContext) -> dict[str, Any]:
+        entries = {}
+        for key, kind in kinds.items():
+            value = values.get(key) if isinstance(values, Mapping) else getattr(values, key)
+            if value is not None:
+                entries[key] = kind.write(value, context)
+        return entries
+
+    return Kind(read, write)
+
+
+def read_counts(value: Any, what: str, low: int, high: int) -> tuple[int, ...]:
+    """Return whole numbers from ``low`` to ``high`` of one, of a list, or of a text of them;
+    ``what`` is the plural in messages.
+    """
+    counts = value if isinstance(value, list | tuple) else [value]
+    if isinstance(value, str):
+        counts = [int(word) if word.isdecimal() else word for word in value.split()]
+    return each(counts, partial(whole, low=low, high=high), what)
+
+
+# -- lists and ranges ------------------------------------------------------------------------------
+
+
+def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
+    """Return the numbers, in SI units, of a value: one that the ``rule`` reads, a list of such
+    values, or a range {from, to, points, scale}, evenly spaced on that scale, by default "log".
+    """
+    if isinstance(value, list | tuple):
+        return each(value, rule, "values")
+    if not isinstance(value, dict):
+        return (rule(value),)
+    points = partial(whole, low=1, high=200_000)
+    rules: dict[str, Rule] = {
+        "from": rule,
+        "to": rule,
+        "points": points,
+        "scale": partial(choice, options=SCALES),
+    }
+    entries = block(value, rules, ("from", "to", "points"))
+    first = entries["from"]
+    last = entries["to"]
+    n_points = entries["points"]
+    scale = entries.get("scale", SCALES[0])
+    words = f"range from {value['from']} to {value['to']}"
+    is_one_value = first == last
+    if is_one_value != (n_points == 1):
+        allowed = "1 if both ends are the same, 2 or more if they are not"
+        raise Refused(f"{n_points} for the {words}", allowed, path=("points",))
+    if scale == "log" and min(first, last) <= 0.0:
+        raise Refused(f"a log {words}", "values above zero", "Write scale: linear.")
+    return space_evenly(first, last, n_points, scale)
+
+
+def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[float, ...]:
+    """Return ``count`` numbers, evenly spaced on a log or a linear scale, from exactly ``first`` to
+    exactly ``last``.
+    """
+    space = np.geomspace if scale == "log" else np.linspace
+    with np.errstate(all="ignore"):
+        # the ends may be the smallest and the largest numbers of double precision
+        return tuple(space(first, last, count).tolist())
+
+
+def write_values(values: Sequence[float], write: Callable[[float], Any]) -> Any:
+    """Return plain data for ``values``, each of which ``write`` writes: one value, a range if the
+    range gives the same values to the last bit, or else a list.
+    """
+    first = values[0]
+    last = values[-1]
+    count = len(values)
+    if count == 1:
+        return write(first)
+    scales = list[str]()
+    if count > 2 and first != last:
+        scales += [scale for scale in SCALES if scale == "linear" or min(first, last) > 0.0]
+    for scale in scales:
+        if space_evenly(first, last, count, scale) == tuple(values):
+            return {"from": write(first), "to": write(last), "points": count, "scale": scale}
+    return [write(value) for value in values]
+
+
+# -- blocks ----------------------------------------------------------------------------------------
+
+
+class Setting(NamedTuple):
+    """The declaration of an attribute of a :class:`Block`.
+
+    Attributes
+    ----------
+    kind : how its value is read and written.
+    meaning : in words, for the reference.
+    default : of a key that is left out, in words; :data:`NEEDED` where it has none.
+    title : its name in the lines of ``granphon check``; without one it is not listed.
+    is_optional : whether its value may be None, as its default is.
+    """
+
+    kind: Kind
+    meaning: str
+    default: str
+    title: str
+    is_optional: bool
+
+
+def setting(
+    kind: Kind, meaning: str, *, default: Any = MISSING, absent: str = "", title: str = ""
+) -> Any:
+    """Declare an attribute of a :class:`Block`, see :class:`Setting`; ``absent`` says in words what
+    holds by ``default``, where the default itself does not.
+    """
+    words = absent or NEEDED
+    if default is not MISSING and not absent:
+        values = default if isinstance(default, tuple) else (default,)
+        texts = [f"{value:g}" if isinstance(value, float) else str(value) for value in values]
+        words = f"`{' '.join([', '.join(texts), kind.unit]).rstrip()}`"
+    declared = Setting(kind, meaning, words, title, is_optional=default is None)
+    return dataclasses.field(default=default, metadata={_DECLARED: declared})
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(setting,))
+class Block:
+    """Settings that stand together in a block of a scene: a frozen dataclass, whose attributes are
+    declared by :func:`setting`, and whose values are checked when it is made.
+
+    ``block`` is the name of the block in messages. Settings with ``kw_only`` come behind the
+    others.
+    """
+
+    block: ClassVar[str] = ""
+    _settings: ClassVar[Mapping[str, Setting]]
+
+    def __init_subclass__(cls, kw_only: bool = False) -> None:
+        super().__init_subclass__()
+        of_class: Any = dataclass(frozen=True, kw_only=kw_only)(cls)
+        ordered = sorted(fields(of_class), key=lambda field: bool(field.kw_only))
+        # a subclass of a user may have fields that are declared nowhere
+        cls._settings = {
+            field.name: field.metadata[_DECLARED]
+            for field in ordered
+            if _DECLARED in field.metadata
+        }
+
+    def __post_init__(self) -> None:
+        for name, declared in self._settings.items():
+            value = getattr(self, name)
+            if value is None and declared.is_optional:
+                continue
+            key = f"{self.block}.{name}" if self.block else name
+            object.__setattr__(self, name, require(key, declared.kind.rule(IN_PYTHON), value))
+
+
+# functions and not methods, as a user of the settings needs none of them
+
+
+def list_settings(block_class: type[Block]) -> Mapping[str, Setting]:
+    """Return the declarations of the settings of a block, by name."""
+    return block_class._settings
+
+
+def make_rules(block_class: type[Block], context: ValueContext) -> dict[str, Rule]:
+    """Return the rule that reads each setting of a block, by name."""
+    settings = list_settings(block_class)
+    return {name: declared.kind.rule(context) for name, declared in settings.items()}
+
+
+def read_block(block_class: type[BlockClass], value: Any, context: ValueContext) -> BlockClass:
+    """Return the settings that stand in a block of keys, or that are given as such."""
+    if isinstance(value, block_class):
+        return value
+    return block_class(**_keys_of(block_class).read(value, context))
+
+
+def _keys_of(block_class: type[Block]) -> Kind:
+    """Return the kind of the block of keys that the settings are in a file."""
+    settings = list_settings(block_class)
+    needed = [name for name, declared in settings.items() if declared.default == NEEDED]
+    return block_of({name: declared.kind for name, declared in settings.items()}, needed)
+
+
+def write_block(settings: Block, context: ValueContext) -> dict[str, Any]:
+    """Return settings as a block of keys of a scene file, without those that are None."""
+    entries: dict[str, Any] = _keys_of(type(settings)).write(settings, context)
+    return entries
+
+
+def block_kind(block_class: type[Block]) -> Kind:
+    """Return the kind of a block of settings inside another."""
+    return Kind(partial(read_block, block_class), write_block)
+
+
+def describe_settings(settings: Block) -> list[tuple[str, Any, str]]:
+    """Return titles, values and SI units of the settings that have a title and a value."""
+    rows = []
+    for name, declared in list_settings(type(settings)).items():
+        value = getattr(settings, name)
+        if declared.title and value is not None:
+            rows.append((declared.title, value, declared.kind.unit))
+    return rows
