@@ -884,10 +884,18 @@ def read_summary(folder: Path) -> dict[str, Any]:
 # -- figures ---------------------------------------------------------------------------------------
 
 
-def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
+def draw_sweep(
+    dataset: Any,
+    name: str,
+    variable: str | None = None,
+    rows: str | None = None,
+    columns: str | None = None,
+    tell: Callable[[str], object] | None = None,
+) -> Any:
     """Return the matplotlib figure of one ``variable`` of a data set. Without a variable the
     ``name`` of the figure's file chooses: a block about networks, or one of ``SWEEP_FIGURES``; any
-    other name means the curves of :func:`~granphon.figures.curves.sweep_figure`.
+    other name means the curves of :func:`~granphon.figures.curves.sweep_figure`, which takes the
+    other arguments.
     """
     stem = Path(name).stem
     if variable is None and stem in NETWORK_BLOCKS:
@@ -902,4 +910,4 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
         return sweep_spectra_figure(dataset)
     from granphon.figures.curves import sweep_figure
 
-    return sweep_figure(dataset, variable=variable)
+    return sweep_figure(dataset, variable=variable, rows=rows, columns=columns, tell=tell)
