@@ -19,6 +19,7 @@ from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
 from granphon.base.errors import Refused
+from granphon.base.scales import write_quantity
 from granphon.base.text import closest, show
 
 if TYPE_CHECKING:
@@ -96,6 +97,9 @@ _MOST_SIGNS = 100
 #: numbers between this and its inverse stay far from the ends of the floating range when any unit
 #: is applied to them
 _TINY = 1e-200
+#: numbers in a unit of the user that are written in this unit
+_LEAST_SHORT = 1e-3
+_MOST_SHORT = 1e4
 _QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
 _FACTOR = r"(?:%|[A-Za-zµμÅ_]+)(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
 #: one factor of a unit: what stands before it, its name, and its power
@@ -360,6 +364,30 @@ def _measure(unit: str) -> tuple[Fraction, Counter[str]]:
             powers[base] += count * exponent
     # powers of zero stay: counters that differ by zeros alone are equal
     return factor, powers
+
+
+def find_written_unit(text: Any) -> str:
+    """Return the unit of a text such as "8 mm"; empty for another value."""
+    match = _QUANTITY.fullmatch(text.strip()) if isinstance(text, str) else None
+    return match.group(3).strip() if match else ""
+
+
+def write_in(value: float, unit: str, written: str = "", digits: int = 5) -> str:
+    """Return the text of a value in the SI ``unit``, with ``digits`` significant digits, in the
+    unit ``written`` that a user has chosen, such as "0.5 mm"; with a decimal prefix without such a
+    unit, with one of another dimension, and where the number would be long.
+    """
+    try:
+        factor, powers = _measure(written)
+        si_factor, si_powers = _measure(unit)
+    except KeyError:
+        written = ""
+    if not written or powers != si_powers:
+        return write_quantity(value, unit, digits)
+    number = value * float(si_factor / factor)
+    if number and not _LEAST_SHORT <= abs(number) < _MOST_SHORT:
+        return write_quantity(value, unit, digits)
+    return f"{number:.{digits}g} {written}"
 
 
 def is_si(unit: str, wanted: str = "") -> bool:

@@ -98,21 +98,15 @@ def check_scene(scene: SceneFile) -> None:
     Example:
       granphon check scene.yaml
     """
-    from granphon.observables.validity import validity
-    from granphon.runs.tasks import label_warnings
+    from granphon.runs.notes import tell_notes
     from granphon.scene.scene import Scene, expected_files
 
     plan = Scene.from_yaml(scene)
     rows = describe_scene(plan)  # first, because it raises if there is too little memory
-    states, left_out = plan.survey()
-    labelled = list[tuple[str, str]]()  # labels of cases, and warnings
+    entries, left_out = plan.survey()
     with plan.origin.where_it_buckles():
-        for label, state in states:
-            labelled += [(label, warning) for warning in validity(state).warnings]
-    labelled += plan.expect_warnings()
-    # a single state needs no label
-    only_warnings = [warning for _label, warning in labelled]
-    warnings = only_warnings if plan.is_single else label_warnings(labelled)
+        notes = list(entries)
+    warnings = tell_notes([*notes, *plan.expect_notes()])
     plan.to_yaml()  # raises now if a run could not write the scene
     if left_out:
         rows.append(("not checked yet", left_out))

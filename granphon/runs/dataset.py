@@ -54,6 +54,7 @@ from granphon.media.arrangement import Balls
 from granphon.media.choice import is_exact_label
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
 from granphon.runs.execution import solve_all
+from granphon.runs.notes import CaseNotes, tell_notes
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import (
     INCOMPLETE,
@@ -64,9 +65,8 @@ from granphon.runs.tasks import (
     drop_marks,
     explain_end,
     find_reached,
-    label_warnings,
     pad_alike,
-    tell_warnings,
+    read_notes,
     to_json,
 )
 from granphon.runs.workers import packages
@@ -530,17 +530,14 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     result holds arrays whose first axis is the loads.
     """
     packing = grid.cases[0].packing
-    labels = [case.label for case in grid.cases]
-    warnings = list[tuple[str, str]]()  # labels of cases, and texts
-    for label, result in zip(labels, results, strict=True):
-        warnings += [(label, text) for text in tell_warnings(result)]
+    notes = [read_notes(result) for result in results]
     _fill_errors(grid, results)
     _pad_uneven(results)
     results, sentences = _fill_gaps(results, packing.structure.periods)
-    warnings += [(label, text) for label, text in zip(labels, sentences, strict=True) if text]
-    texts = label_warnings(warnings)
-    if grid.request.alone:  # a single state needs no name
-        texts = list(dict.fromkeys(text for _, text in warnings))
+    entries = []
+    for case, of_case, sentence in zip(grid.cases, notes, sentences, strict=True):
+        entries.append(CaseNotes.of(case, [*of_case, *filter(None, [sentence])]))
+    texts = tell_notes(entries)
     _fill_choices(grid, results)
     # the array of a variable has room for no case without the variable
     shared_names = set(results[0]).intersection(*results) - {grid.load.kind, "warnings"}

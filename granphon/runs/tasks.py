@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from itertools import islice
 from types import SimpleNamespace
@@ -33,7 +33,7 @@ from granphon.array.sample import Sample
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
-from granphon.balls.packing import Axis, combine
+from granphon.balls.packing import Axis, combine, describe_combination
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError
 from granphon.base.registry import list_added
 from granphon.base.results import plain, read_only
@@ -155,18 +155,39 @@ class Request:
 
 
 @dataclass(frozen=True, eq=False)
+class Written:
+    """How a user wrote the values of a sweep, for messages.
+
+    Attributes
+    ----------
+    units : the unit of the load and of each parameter, by name; SI units with decimal prefixes
+        where there is none.
+    load : the load as it was given, such as a side force; None if that is the load of contacts.
+    """
+
+    units: Mapping[str, str] = field(default_factory=dict)
+    load: Load | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Case:
     """One medium on one packing, at all values of an applied load, and the request of its states.
 
-    ``where`` names the swept parameters of the packing with their values, in words; empty if none
-    is swept.
+    ``values`` holds the names of the swept parameters of the packing and their values as texts;
+    empty if none is swept.
     """
 
-    where: str
+    values: tuple[tuple[str, str], ...]
     packing: Balls
     medium: MediumChoice
     load: Load
     request: Request = Request()
+    written: Written = Written()
+
+    @property
+    def where(self) -> str:
+        """The swept parameters with their values, in words; empty if none is swept."""
+        return describe_combination(self.values)
 
     @property
     def label(self) -> str:
@@ -279,6 +300,7 @@ class Grid:
     media: Sequence[MediumChoice]
     load: Load
     request: Request = Request()
+    written: Written = Written()
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:
@@ -286,8 +308,8 @@ class Grid:
         impossible packing.
         """
         return tuple(
-            Case(where, packing, medium, self.load, self.request)
-            for where, packing in combine(self.packing, self.axes)
+            Case(values, packing, medium, self.load, self.request, self.written)
+            for values, packing in combine(self.packing, self.axes, self.written.units)
             for medium in self.media
         )
 
@@ -333,26 +355,6 @@ def pad_alike(arrays: Sequence[Array]) -> list[Array]:
         else:
             padded.append(array)
     return padded
-
-
-def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:
-    """Return the warnings of a sweep, each after the label of its case, from pairs of the label of
-    a case and a text; a text of several cases appears once.
-
-    A text that begins with the label, as one about a medium, stands alone.
-    """
-    labels_of_texts: dict[str, list[str]] = {}
-    for label, text in labelled:
-        labels_of_texts.setdefault(text, []).append(label)
-    sentences = []
-    for text, labels in labels_of_texts.items():
-        if len(labels) > 1:
-            sentences.append(f"{labels[0]} and {len(labels) - 1} more: {text}")
-        elif text.startswith(f"{labels[0]} "):
-            sentences.append(text)
-        else:
-            sentences.append(f"{labels[0]}: {text}")
-    return sentences
 
 
 # -- of a medium -----------------------------------------------------------------------------------
@@ -444,7 +446,7 @@ class MediumTask(Task):
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Return every variable (loads, ...) by name, and the "warnings" that
-        :func:`tell_warnings` reads; nothing is ``begun``, as the task has one step.
+        :func:`read_notes` reads; nothing is ``begun``, as the task has one step.
 
         An error names its task and, if it is known, its load.
         """
@@ -996,7 +998,7 @@ def _join_notes(results: Iterable[TaskResult]) -> NDArray[Any]:
     """
     notes: dict[Any, Check | str] = {}
     for result in results:
-        for note in map(_read_note, result["warnings"].tolist()):
+        for note in read_notes(result):
             if isinstance(note, str):
                 notes[note] = note
                 continue
@@ -1013,13 +1015,6 @@ def _read_note(text: bytes) -> Check | str:
     return note if isinstance(note, str) else Check(*note)
 
 
-def tell_warnings(result: TaskResult) -> list[str]:
-    """Return the warnings of a ``result``: a sentence for each condition that fails, and each note
-    that is a sentence.
-    """
-    sentences = list[str]()
-    for note in map(_read_note, result["warnings"].tolist()):
-        sentence = note if isinstance(note, str) else note.warning
-        if sentence is not None:
-            sentences.append(sentence)
-    return sentences
+def read_notes(result: TaskResult) -> list[Check | str]:
+    """Return the notes on a ``result``: conditions over its loads, and sentences."""
+    return [_read_note(text) for text in result["warnings"].tolist()]

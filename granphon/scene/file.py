@@ -25,7 +25,14 @@ from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import Packing
 from granphon.base.errors import ConvergenceError, GranphonError, InstabilityError, Refused
-from granphon.base.quantities import ACCELERATION, LENGTH, LOAD_KINDS, NUMBER, TENSORS
+from granphon.base.quantities import (
+    ACCELERATION,
+    LENGTH,
+    LOAD_KINDS,
+    NUMBER,
+    TENSORS,
+    find_written_unit,
+)
 from granphon.base.scales import write_quantity
 from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.base.validation import block, read_inside, refuse_unknown_key, whole
@@ -993,6 +1000,24 @@ class SceneSource:
         if self.path is not None:
             paths.insert(0, self.path)
         return tuple(paths)
+
+    @property
+    def written_units(self) -> dict[str, str]:
+        """The units in which the document gives loads and swept parameters, by name: that of the
+        first value of each.
+        """
+        if self.document is None:
+            return {}
+        data = self.document.data
+        units = {}
+        for name, values in (data.get("load", {}) | data.get("sweep", {})).items():
+            first = values
+            if isinstance(values, Mapping):
+                first = values.get("from")
+            elif isinstance(values, list):
+                first = values[0]
+            units[name] = find_written_unit(first)
+        return units
 
     # -- places in the file ------------------------------------------------------------------------
 

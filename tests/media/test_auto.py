@@ -721,18 +721,11 @@ def test_a_warning_of_loads_that_different_media_serve_is_one():
     packing = gp.Packing(gp.Material(70e6, 0.22, 2500.0), 1e-3, gp.Uniform(3e-5))
     ds = sweep(packing, force=[0.1, 0.5, 1.0, 4.0], media=({"auto": {"tolerance": 3e-3}}, "ala"))
     assert len(set(ds.choice.values[:, 0].tolist())) > 1
-    told = [text.partition(": ")[::2] for text in json.loads(ds.attrs["warnings"])]
-    auto = [text for where, text in told if where.startswith("auto")]
-    assert len(
-        {
-            re.sub(r"^At (\d of |all )4 loads ", "", text).partition(" is ")[0].lower()
-            for text in auto
-        }
-    ) == len(auto)
-    # both media say these, in one warning
-    of_force = [
-        where for where, text in told if "the radius of a contact" in text or "(f/E" in text
-    ]
-    assert len(of_force) == 2
-    assert all(where.startswith("auto") and where.endswith(" and 1 more") for where in of_force)
-    assert all(re.match(r"At (all|\d of) 4 loads ", text) for text in auto)
+    told = json.loads(ds.attrs["warnings"])
+    # both media are beyond these, which depend on the force alone: one warning of all states
+    for words in ("the radius of a contact", "(f/E"):
+        (text,) = [text for text in told if words in text]
+        assert "8 states" in text
+    # limits of a medium stand for the loads that it serves
+    sentences = [re.sub(r"^At (\d|all \d)", "", text).partition(" is ")[0] for text in told]
+    assert len(set(sentences)) == len(told)

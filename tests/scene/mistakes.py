@@ -499,7 +499,7 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "11: load.overlap",
         "'-0.4 um'",
         "balls",
-        "2e-06",
+        "2 um",
     ),
     "density of states of a sweep": (
         edit(
