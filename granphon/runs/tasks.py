@@ -42,6 +42,7 @@ from granphon.media.arrangement import Balls
 from granphon.media.choice import MediumChoice, ServingMedium
 from granphon.media.limits import Check
 from granphon.media.loading import sort_by_load
+from granphon.media.newtons import write_newtons
 from granphon.media.simulation import HISTORY_UNITS, DirectSimulation, SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
@@ -538,14 +539,16 @@ class MediumTask(Task):
                 raise error.restate(f"{self.where}, {load}: {error}") from None
         return records
 
-    def _locate(self, error: GranphonError) -> GranphonError:
-        """Return an error whose message begins with the task and the load.
+    def _locate(self, reduced_error: GranphonError) -> GranphonError:
+        """Return an error whose message begins with the task and the load, and has forces in
+        newton.
 
         If the load of ``error`` is not known, the error of the first load that fails alone is
         returned instead. The ``load_index`` is the index of the load in the sweep. If no load fails
         alone, or if ``error`` is about an option, ``error`` is returned with the task only; and the
         error of a single state with its own message.
         """
+        error = write_newtons(reduced_error, self.serving.packing)
         if self.request.alone:
             error.load_index = 0 if error.option is None else None
             return error
