@@ -1622,7 +1622,7 @@ def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y
     """
     states = [curve for curve in curves if not curve.measured]
     models = _name_runs(_join_states(states))
-    points = [curve for curve in curves if curve.measured] + measured
+    points = _drop_doubles([curve for curve in curves if curve.measured] + measured)
     if len(models) > MOST_LOOKS:
         problem = f"{len(models)} curves are too many to be told apart"
         why = f"Colours and dashes tell {MOST_LOOKS} apart"
@@ -1645,6 +1645,20 @@ def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y
         handles += group
     label_axes(ax, [*models, *points], x, y)
     return handles, common
+
+
+def _drop_doubles(curves: Sequence[Curve]) -> list[Curve]:
+    """Return the curves of measured points without those whose points are those of an earlier
+    curve, as of several fits of one table.
+    """
+    distinct = list[Curve]()
+    tables = list[Array]()
+    for curve in curves:
+        table = np.array([curve.x, curve.y, curve.error])
+        if not any(np.array_equal(table, earlier, equal_nan=True) for earlier in tables):
+            distinct.append(curve)
+            tables.append(table)
+    return distinct
 
 
 def _draw_measured(ax: Axes, curve: Curve, number: int, is_alone: bool) -> Line2D:

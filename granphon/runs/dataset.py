@@ -277,7 +277,9 @@ def make_frame(grid: Grid) -> Dataset:
     if request.bands is not None:
         attrs["damping"] = to_json(request.bands)
     if request.finite_overlap and not all(medium.is_exact for medium in grid.media):
-        attrs["exponent"] = "left out: it is defined in the limit of small overlap"
+        attrs["exponent"] = (
+            "left out: it is defined for overlaps that are small beside the diameter"
+        )
     attrs["packing"] = to_json(grid.packing)
     return Dataset(variables, coordinates, attrs)
 
