@@ -98,15 +98,11 @@ def check_scene(scene: SceneFile) -> None:
     Example:
       granphon check scene.yaml
     """
-    from granphon.runs.notes import tell_notes
     from granphon.scene.scene import Scene, expected_files
 
     plan = Scene.from_yaml(scene)
     rows = describe_scene(plan)  # first, because it raises if there is too little memory
-    entries, left_out = plan.survey()
-    with plan.origin.where_it_buckles():
-        notes = list(entries)
-    warnings = tell_notes([*notes, *plan.expect_notes()])
+    warnings, left_out = plan.foresee_warnings()
     plan.to_yaml()  # raises now if a run could not write the scene
     if left_out:
         rows.append(("not checked yet", left_out))

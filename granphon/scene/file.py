@@ -176,7 +176,12 @@ FIELDS: tuple[Field, ...] = (
         "how the balls are arranged, see [lattices](#lattices)",
         attribute="packing.structure",
     ),
-    _packing_field("diameter", "diameter of a ball; the mean, if they differ", NEEDED),
+    _packing_field(
+        "diameter",
+        "diameter of a ball; the mean, if they differ; of `spread.measured` by default that of the"
+        " list",
+        NEEDED,
+    ),
     _packing_field(
         "spread",
         "how diameters differ, see [spread](#spread)",
@@ -799,7 +804,18 @@ def _read_block(name: str, value: Any, context: Context) -> Any:
         _require_one_load(value, of_crystal=bool(context.kinds))
     readers = {key: field.kind.rule(context) for key, field in fields.items()}
     needed_keys = [key for key, field in fields.items() if field.default == NEEDED]
-    return block(value, readers, needed_keys)
+    if name != "packing" or not _has_measured_spread(value):
+        return block(value, readers, needed_keys)
+    # the list of diameters says the mean
+    needed_keys.remove("diameter")
+    values = block(value, readers, needed_keys)
+    return {"diameter": values["spread"].mean, **values}
+
+
+def _has_measured_spread(packing: Any) -> bool:
+    """Whether a plain block "packing" has a spread of measured diameters."""
+    spread = packing.get("spread") if isinstance(packing, Mapping) else None
+    return isinstance(spread, Mapping) and "measured" in spread
 
 
 def _require_one_load(value: Mapping[str, Any], of_crystal: bool) -> None:
@@ -1182,7 +1198,7 @@ class SceneSource:
         quantities = {**blocks["material"], "diameter": values["diameter"]}
         key = _find_strangest(quantities)
         block_name = "packing" if key == "diameter" else "material"
-        written = show(data[block_name][key])
+        written = show(data[block_name].get(key, "the mean of the measured diameters"))
         refusal = f"found {written}; allowed: a ball that double precision can hold; "
         with self.at(block_name, key, prefix=refusal):
             names = [name for name in ("diameter", "lattice", "friction") if name in values]

@@ -44,7 +44,7 @@ from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.validity import expect_checks, validity
 from granphon.phonons.paths import MESHES, BandPath, read_paths
-from granphon.runs.notes import CaseNotes
+from granphon.runs.notes import CaseNotes, tell_notes
 from granphon.runs.tasks import Case, Grid, Request, Written, require_arrays
 from granphon.scene import rules
 from granphon.scene.file import SceneSource, scene_rule, write_blocks
@@ -750,7 +750,16 @@ class Plan:
         entries = filter(lambda entry: entry.loads.size, map(_note_limits, cases))
         return entries, " and ".join(left_out)
 
-    def expect_notes(self) -> list[CaseNotes]:
+    def foresee_warnings(self) -> tuple[list[str], str]:
+        """Return the warnings that are known before a run, those of states that are quick to find
+        and those of simulations, and words for the states that are left out, as :meth:`survey`.
+        """
+        entries, left_out = self.survey()
+        with self.origin.where_it_buckles():
+            notes = list(entries)
+        return tell_notes([*notes, *self._expect_notes()]), left_out
+
+    def _expect_notes(self) -> list[CaseNotes]:
         """Return the notes on cases that are known before simulations are run; none on simulations
         that were chosen automatically.
         """

@@ -69,10 +69,19 @@ import numpy as np
 from granphon.array.atoms import write_extxyz
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, silent
+from granphon.base.quantities import find_load_unit
 from granphon.base.results import write_html
+from granphon.base.scales import write_quantity
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.tables import Heading, table_text
-from granphon.base.text import dump_yaml, parse_yaml, read_yaml, require_schema, versions
+from granphon.base.text import (
+    counted,
+    dump_yaml,
+    parse_yaml,
+    read_yaml,
+    require_schema,
+    versions,
+)
 from granphon.dynamics.local_field import LocalField
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
@@ -244,6 +253,33 @@ class Scene(Plan):
         object.__setattr__(scene, "origin", origin)
         scene.require()
         return scene
+
+    def __str__(self) -> str:
+        """Return what the scene says, in three short lines; no state is computed."""
+        packing = self.packing
+        structure = packing.structure
+        if packing.kind_names:
+            balls = f"crystal of {', '.join(packing.kind_names)}"
+        else:
+            balls = f"{structure.name} lattice of balls of {write_quantity(packing.diameter, 'm')}"
+            if packing.width:
+                balls += f" that differ by {write_quantity(packing.width, 'm')}"
+        unit = find_load_unit(self.load.kind, structure.periods, structure.pressed_axes)
+        ends = dict.fromkeys([min(self.load.values), max(self.load.values)])
+        loads = f"{self.load.kind.replace('_', ' ')} "
+        loads += " to ".join(write_quantity(end, unit) for end in ends)
+        if len(self.load.values) > 1:
+            loads += f" ({len(self.load.values)} loads)"
+        swept = [
+            counted(len(values), f"value of {name}", f"values of {name}")
+            for name, values in self.parameters
+        ]
+        media = [choice.label for choice in self.media]
+        name = "" if self.source is None else f" {self.source.name}"
+        return (
+            f"Scene{name}: {balls}\n  {'; '.join([loads, ', '.join(media), *swept])}\n"
+            f"  observes {', '.join(self.observe)}"
+        )
 
     def _repr_html_(self) -> str:
         """Return a table of what the scene says, in SI units; no state is computed."""

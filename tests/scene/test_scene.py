@@ -1160,3 +1160,30 @@ def test_long_lists_are_left_to_the_run(tmp_path):
         states, left = Scene.from_yaml(tmp_path / "scene.yaml").survey()
         assert len(list(states)) == few
         assert left == "the effective medium of long lists of diameters"
+
+
+def test_measured_diameters_say_the_diameter_of_the_packing(tmp_path):
+    (tmp_path / "lot.csv").write_text("diameter (mm)\n8.001\n7.999\n8.006\n", encoding="utf-8")
+    text = BALLS.replace("diameter: 8 mm, ", "").replace("uniform: 2 um", "measured: lot.csv")
+    (tmp_path / "scene.yaml").write_text(text, encoding="utf-8")
+    scene = Scene.from_yaml(tmp_path / "scene.yaml")
+    assert scene.packing.diameter == scene.packing.spread.mean
+    assert scene.packing.diameter == pytest.approx(8.002e-3, rel=1e-15)
+    assert Scene.from_text(scene.to_yaml()) == replace(scene)
+    # any other spread does not know the mean
+    with pytest.raises(SceneError, match=r"packing\.diameter.* no default"):
+        Scene.from_text(BALLS.replace("diameter: 8 mm, ", ""))
+
+
+def test_a_scene_prints_itself_in_three_short_lines():
+    scene = Scene.from_text(
+        BALLS + "sweep: {width: [1 um, 2 um], poisson_ratio: [0.1, 0.2, 0.3]}\n"
+    )
+    lines = str(scene).splitlines()
+    assert len(lines) == 3
+    assert max(map(len, lines)) < 100
+    for words in ("triangular", "8 mm", "5 N", "2 values of width", "3 values of poisson_ratio"):
+        assert words in str(scene)
+    frame = "{side_force: {from: 10 N, to: 1 kN, points: 4}, balls_per_side: 31}"
+    text = str(Scene.from_text(BALLS.replace("{force: 5 N}", frame)))
+    assert "side force 10 N to 1 kN (4 loads)" in text
