@@ -98,7 +98,7 @@ FILES = {
         "[every state](#sweepnc-and-sweepcsv), also a single one: netCDF for xarray, and a table",
     ),
     "sweep.png": (
-        "a sweep of at most one parameter",
+        "a sweep",
         "velocities and exponents over the load",
     ),
     "sweep_dos": ("`dos`, a sweep", "densities of states of the arrays"),
@@ -159,6 +159,7 @@ FILES = {
         "the loads that all media reached, as `sweep`",
     ),
     "diameters.csv": ("a measured spread of more than 1000 balls", "`diameter (m)`"),
+    "report": ("`granphon report`", "[one page](../how-to/report.md) about the folder"),
     "fit": ("`granphon fit`", "[the fit](#fityaml-and-fitcsv)"),
     "tradeoff": ("`granphon tradeoff`", "[errors and costs](#tradeoffcsv); error over time"),
 }

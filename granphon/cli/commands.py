@@ -22,7 +22,7 @@ from granphon.base.errors import (
     MissingPackageError,
     UnverifiedFileWarning,
 )
-from granphon.cli import doctor, pictures, scenes, studies  # noqa: F401  importing them adds their commands to app
+from granphon.cli import doctor, pictures, report, scenes, studies  # noqa: F401  importing them adds their commands to app
 from granphon.cli.app import GROUPS, app
 from granphon.cli.terminal import NOTHING_WRITTEN, Interrupted, fail, warn
 

@@ -121,14 +121,15 @@ def _name_all(panels: Sequence[Axes], which: str, label: str) -> None:
     """
     middle = panels[(len(panels) - 1) // 2]
     is_between = len(panels) % 2 == 0
-    position = {which: 1.06 if is_between else 0.5}
-    getattr(middle, f"set_{which}label")(label, **position)
+    axis = find_axis(middle, which)
+    axis.set_label_text(label)
+    axis.label.set(**{which: 1.06 if is_between else 0.5})
     if len(panels) > 1:
         # the label may be longer than its panel, which it must not push from the others; the empty
         # label of another panel keeps the room
-        find_axis(middle, which).label.set_in_layout(False)
+        axis.label.set_in_layout(False)
         spare = panels[0] if middle is not panels[0] else panels[-1]
-        getattr(spare, f"set_{which}label")(" ")
+        find_axis(spare, which).set_label_text(" ")
 
 
 def _name_panels(

@@ -140,7 +140,9 @@ _COLUMNS = {
         ("speckle", "m/s", "speckle_amplitude"),
     ],
 }
-#: names of all files that a run may write
+#: names of the files of a report about a folder, which a later run in the folder makes outdated
+REPORT_FILES = ("report.html", "report.md")
+#: names of all files that a run may write, or a report about it
 RESULT_FILES = (
     "scene.yaml",
     "summary.yaml",
@@ -167,6 +169,7 @@ RESULT_FILES = (
     "sweep_incomplete.nc",
     "sweep_incomplete.csv",
     DIAMETERS_FILE,
+    *REPORT_FILES,
 )
 #: variables of which the summary of several states lists the least and the greatest value
 _EXTENTS = (
