@@ -103,6 +103,14 @@ FILES = {
     ),
     "sweep_dos": ("`dos`, a sweep", "densities of states of the arrays"),
     "sweep_spectra": ("`spectrum`, a sweep", "[lines of plane waves](#waves-in-arrays)"),
+    "sweep_gaps": (
+        "`gaps`, a sweep",
+        "edges of each gap, by the number of branches below; gaps and top frequency over the load",
+    ),
+    "sweep_surface": (
+        "`surface`, a sweep",
+        "waves of the edge along the path; those at its end over the load",
+    ),
     "band.yaml": ("`bands`, one state", "[bands](#bandyaml) in phonopy's format"),
     "phonopy_params.yaml": (
         "`bands`, one state",

@@ -653,13 +653,13 @@ def _draw_sweep(
     dataset: Dataset, ax: Axes, variable: str, x: str | None
 ) -> tuple[list[Curve], list[Line2D]]:
     """Draw the curves of :func:`plot_sweep`; return the curves and the entries of the legend."""
-    x_name = _choose_x(dataset, x)
+    x_name = choose_x(dataset, x)
     curves, handles = _draw_lines(dataset, ax, variable, x_name)
     label_axes(ax, curves, x_name, variable)
     return curves, handles
 
 
-def _choose_x(dataset: Dataset, x: str | None) -> str:
+def choose_x(dataset: Dataset, x: str | None) -> str:
     """Return the name of the quantity on the axis of x: ``x`` itself, or else the load, but at a
     single load the parameter in numbers that has the most values.
     """
@@ -837,7 +837,7 @@ def sweep_figure(
     InputError for ``rows`` and ``columns`` that are not swept, or take too many panels.
     """
     velocities, shown = _choose_shown(dataset, variable)
-    x_name = _choose_x(dataset, x)
+    x_name = choose_x(dataset, x)
     main = _choose_main(velocities, shown)
     read_values(turn_over(dataset, x_name), main)  # refuses a variable that cannot be drawn
     layout = arrange(dataset, main, x_name, rows, columns)
@@ -905,7 +905,7 @@ def describe_panels(dataset: Dataset) -> str:
     of too many curves; else an empty text.
     """
     main = _choose_main(*_choose_shown(dataset, None))
-    layout = arrange(dataset, main, _choose_x(dataset, None))
+    layout = arrange(dataset, main, choose_x(dataset, None))
     return f"{main} has {layout.describe(dataset)}" if layout.is_chosen else ""
 
 

@@ -151,8 +151,10 @@ def write_markdown(title: str, sections: Iterable[Section], folder: str = "") ->
     for section in sections:
         parts.append(f"## {_mark(section.title)}")
         for block in section.blocks:
-            is_picture = isinstance(block, Picture)
-            parts.append(block.write_markdown(folder) if is_picture else block.write_markdown())
+            if isinstance(block, Picture):
+                parts.append(block.write_markdown(folder))
+            else:
+                parts.append(block.write_markdown())
     return "\n\n".join(parts) + "\n"
 
 

@@ -81,20 +81,22 @@ else:
 
 
 Array = NDArray[Any]
-#: costs of the observables of the waves in simulated arrays, at edges, and in networks
-_WAVE_COSTS = ("pulse", "spectrum", "dos", "surface", "network")
+#: costs of the observables of the waves in simulated arrays, at edges, beside gaps, and in networks
+_WAVE_COSTS = ("pulse", "spectrum", "dos", "surface", "gaps", "network")
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
 #: dimensions of tables of waves besides the dimensions of states, by the stem of the file
 _TABLE_DIMS = {
     "sweep_dos": ("node",),
     "sweep_spectra": ("polarisation", "wavevector"),
+    "sweep_gaps": ("gap",),
+    "sweep_surface": ("surface_point", "surface_wave"),
     "response": ("response_frequency", "receiver"),
     "motion": ("motion_time",),
     "damped_bands": ("segment", "point", "branch"),
 }
 #: last dimensions of variables of which some states have fewer values than others
-_UNEVEN = (("surface_wave",), ("response_peak",))
+_UNEVEN = (("surface_wave",), ("gap",), ("response_peak",))
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
 #: longest time that opening a file without a digest may take, s
@@ -839,13 +841,14 @@ def write_waves(dataset: Dataset, path: Path) -> None:
     stem of its name says which.
 
     Each table has rows for every state. Of a state, sweep_dos.csv has a row for each frequency,
-    sweep_spectra.csv for each polarisation and wave vector, response.csv for each frequency and
-    receiver, motion.csv for each time, and damped_bands.csv for each segment, point and branch.
+    sweep_spectra.csv for each polarisation and wave vector, sweep_gaps.csv for each number of
+    branches below a gap, sweep_surface.csv for each point and wave, response.csv for each frequency
+    and receiver, motion.csv for each time, and damped_bands.csv for each segment, point and branch.
     """
     wave_dims = _TABLE_DIMS[path.stem]
     dims = (*dataset["valid"].dims, *wave_dims)
-    if path.stem == "damped_bands":
-        # The dimensions of bands have no coordinates: their numbers, from zero, tell rows apart.
+    if path.stem in ("damped_bands", "sweep_gaps", "sweep_surface"):
+        # These dimensions have no coordinates: their numbers, from zero, tell rows apart.
         numbers = {name: np.arange(dataset.sizes[name]) for name in wave_dims}
         dataset = dataset.assign_coords(numbers)
     coordinates = [name for name in wave_dims if name in dataset.coords]

@@ -122,6 +122,7 @@ class Request:
     direction : direction of sound, Cartesian, one or many; None for x.
     waves : settings of the waves in each sample of a simulation; None without waves.
     surface : the edge whose waves are requested; None for none.
+    gaps : whether the edges of the gaps, and the top frequency, are requested.
     bands : how contacts damp the bands; None for bands without loss alone.
     exponents : whether the exponents of the velocities are requested, for which a simulation solves
         two more equilibria at each load.
@@ -138,6 +139,7 @@ class Request:
     direction: tuple[Any, ...] | None = None
     waves: WaveSettings | None = None
     surface: SurfaceSettings | None = None
+    gaps: bool = False
     bands: BandsSettings | None = None
     exponents: bool = True
     sound: bool = True
@@ -480,6 +482,10 @@ class MediumTask(Task):
             notes.append("waves of an edge are left out: those of a simulated array are not known")
         elif request.surface is not None:
             variables |= _observe_edge(state, request.surface)
+        if request.gaps:
+            variables |= _observe_gaps(state)
+            if state.n_samples:
+                notes.append(LATTICE_BANDS)
         path = request.find_path(self.serving.packing.structure)
         if path is not None:
             qpoints, _labels = path
@@ -599,6 +605,31 @@ def _observe_edge(state: ContactState, settings: SurfaceSettings) -> TaskResult:
     states = _split_loads(state)
     distinct_states = _find_distinct(state, states)
     return observe_surface(states, distinct_states, settings.axis, settings.edge, settings.points)
+
+
+def _observe_gaps(state: ContactState) -> TaskResult:
+    """Return the variables of the gaps at each load: the lower and the upper edges (loads, b), Hz,
+    by the number of branches below the gap, of b branches, nan where there is no gap; and the top
+    frequency (loads,), Hz.
+    """
+    # imported here: other runs do not need phonons
+    from granphon.phonons.phonons import Phonons
+
+    states = _split_loads(state)
+    distinct_states = _find_distinct(state, states)
+    n_branches = distinct_states[0].contact_lattice().n_branches
+    edges = np.full((2, len(distinct_states), n_branches), np.nan)
+    tops = np.zeros(len(distinct_states))
+    for index, distinct in enumerate(distinct_states):
+        phonons = Phonons(distinct)
+        branches, gaps = phonons.find_gaps()
+        edges[:, index, branches] = gaps.T
+        tops[index] = phonons.lattice.top_frequency * phonons.scales.frequency
+    # from the frequencies of the distinct states to those of all states
+    scales = np.array([single.scales.frequency for single in states])
+    ratios = scales / [distinct.scales.frequency for distinct in distinct_states]
+    lower, upper = ratios[:, None] * edges
+    return {"gap_lower": lower, "gap_upper": upper, "top_frequency": ratios * tops}
 
 
 def _observe_bands(

@@ -502,7 +502,7 @@ class Plan:
         """The cases without their places in the file, which a sweep carries out."""
         has_velocities = "velocities" in self.observe
         # a mechanism has other observables, but no velocities
-        of_mechanisms = {"bands", "dos", "surface", *NETWORK_BLOCKS}
+        of_mechanisms = {"bands", "gaps", "dos", "surface", *NETWORK_BLOCKS}
         path = None
         if "bands" in self.observe:
             path = (self.path.arrays, self.band_points, self.path.labels)
@@ -513,6 +513,8 @@ class Plan:
             waves=self.waves,
             exponents=has_velocities,
             surface=self.observed_settings("surface"),
+            # those of a single state are found with its phonons
+            gaps="gaps" in self.observe and not self.is_single,
             bands=self.observed_settings("bands"),
             observe=self.observe,
             sound=has_velocities or of_mechanisms.isdisjoint(self.observe),
@@ -971,9 +973,6 @@ class Plan:
             )
             for name in ("velocities", "bands", "gaps", "dos", "surface")
         ]
-        gaps = Conflict(
-            "gaps", not self.is_single, "of several states", "gaps of one state", "Observe bands."
-        )
         pulse = Conflict(
             "pulse",
             self.pulse is None,
@@ -984,7 +983,6 @@ class Plan:
         return [
             held,
             *without_period,
-            gaps,
             *self._list_conflicts_of_surface(),
             pulse,
             *self._list_conflicts_of_networks(),

@@ -36,6 +36,8 @@ FIGURES = {
     "pulse": "A pulse through the simulated arrays",
     "sweep_dos": "Densities of states of the simulated arrays",
     "sweep_spectra": "Spectral functions of the simulated arrays",
+    "sweep_gaps": "Gaps between the branches, and the top frequency",
+    "sweep_surface": "Waves of the edge at the end of the path",
     "response": "Response of the network",
     "motion": "Motion of the balls",
     "fit": "Measured values, the fit, and the residuals",

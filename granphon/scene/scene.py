@@ -120,7 +120,14 @@ SUMMARY_SCHEMA = 1
 #: written
 WORK_FILE = ".granphon-sweep"
 #: figures of the waves in simulated arrays of a sweep, each with its observable
-SWEEP_FIGURES = {"sweep_dos.png": "dos", "sweep_spectra.png": "spectrum"}
+SWEEP_FIGURES = {
+    "sweep_dos.png": "dos",
+    "sweep_spectra.png": "spectrum",
+    "sweep_gaps.png": "gaps",
+    "sweep_surface.png": "surface",
+}
+#: stems of these files
+_SWEEP_STEMS = tuple(name.removesuffix(".png") for name in SWEEP_FIGURES)
 #: observables of the waves in the samples of one state, by the stems of their files
 SAMPLE_WAVES = {"sample_dos": "dos", "spectrum": "spectrum", "pulse": "pulse"}
 #: results that are kept in a file .json and drawn in a figure, with their observables
@@ -150,6 +157,8 @@ RESULT_FILES = (
     "sweep.csv",
     "sweep_dos.csv",
     "sweep_spectra.csv",
+    "sweep_gaps.csv",
+    "sweep_surface.csv",
     "band.yaml",
     "damped_bands.csv",
     "phonopy_params.yaml",
@@ -189,6 +198,7 @@ _EXTENTS = (
     "peak_velocity",
     "greatest_force",
     "energy_lost",
+    "top_frequency",
     *(f"ioffe_regel_{name}" for name in POLARISATIONS),
 )
 
@@ -824,7 +834,7 @@ def write_numbers(result: Any, folder: Path, advance: Callable[[int], None]) -> 
                 from granphon.runs.wave_records import write_contacts
 
                 write_contacts(result.waves.motion, path, result.scene.motion)
-            case _ if stem in ("sweep_dos", "sweep_spectra", "damped_bands", *NETWORK_BLOCKS):
+            case _ if stem in ("damped_bands", *_SWEEP_STEMS, *NETWORK_BLOCKS):
                 write_waves(result.dataset, path)
             case "band.yaml":
                 result.bands.write(path)
@@ -942,11 +952,9 @@ def draw_sweep(
 
         return draw_states(dataset, stem)
     if variable is None and f"{stem}.png" in SWEEP_FIGURES:
-        from granphon.figures.waves import sweep_dos_figure, sweep_spectra_figure
+        from granphon.figures.plot import draw_waves_of_sweep
 
-        if stem == "sweep_dos":
-            return sweep_dos_figure(dataset)
-        return sweep_spectra_figure(dataset)
+        return draw_waves_of_sweep(dataset, stem)
     from granphon.figures.curves import sweep_figure
 
     return sweep_figure(dataset, variable=variable, rows=rows, columns=columns, tell=tell)
