@@ -19,7 +19,6 @@ from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
 from granphon.base.errors import Refused
-from granphon.base.scales import write_quantity
 from granphon.base.text import closest, show
 
 if TYPE_CHECKING:
@@ -97,9 +96,6 @@ _MOST_SIGNS = 100
 #: numbers between this and its inverse stay far from the ends of the floating range when any unit
 #: is applied to them
 _TINY = 1e-200
-#: numbers in a unit of the user that are written in this unit
-_LEAST_SHORT = 1e-3
-_MOST_SHORT = 1e4
 _QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
 _FACTOR = r"(?:%|[A-Za-zµμÅ_]+)(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
 #: one factor of a unit: what stands before it, its name, and its power
@@ -372,22 +368,16 @@ def find_written_unit(text: Any) -> str:
     return match.group(3).strip() if match else ""
 
 
-def write_in(value: float, unit: str, written: str = "", digits: int = 5) -> str:
-    """Return the text of a value in the SI ``unit``, with ``digits`` significant digits, in the
-    unit ``written`` that a user has chosen, such as "0.5 mm"; with a decimal prefix without such a
-    unit, with one of another dimension, and where the number would be long.
+def find_factor(unit: str, wanted: str) -> float | None:
+    """Return the factor from a ``unit`` to another, ``wanted``; None where a unit is not known, or
+    if their dimensions differ.
     """
     try:
-        factor, powers = _measure(written)
-        si_factor, si_powers = _measure(unit)
+        factor, powers = _measure(unit)
+        wanted_factor, wanted_powers = _measure(wanted)
     except KeyError:
-        written = ""
-    if not written or powers != si_powers:
-        return write_quantity(value, unit, digits)
-    number = value * float(si_factor / factor)
-    if number and not _LEAST_SHORT <= abs(number) < _MOST_SHORT:
-        return write_quantity(value, unit, digits)
-    return f"{number:.{digits}g} {written}"
+        return None
+    return float(factor / wanted_factor) if powers == wanted_powers else None
 
 
 def is_si(unit: str, wanted: str = "") -> bool:
