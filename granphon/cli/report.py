@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -58,7 +58,7 @@ def write_report(
     # Markdown names the pictures by their paths from its own folder
     to_pictures = os.path.relpath(folder, targets[0].parent)
     pictures = "" if to_pictures == os.curdir else Path(to_pictures).as_posix()
-    writers = {".html": write_html, ".md": partial(write_markdown, folder=pictures)}
+    writers: dict[str, Any] = {".html": write_html, ".md": partial(write_markdown, folder=pictures)}
     names = [target.name for target in targets]
     with (
         ResultFiles(targets[0].parent, names, force).open() as locked,

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from granphon.base.arrays import Array
+from granphon.base.arrays import Flags
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import LOADS, Quantity
 from granphon.base.scales import write_quantity
@@ -144,7 +144,7 @@ def choose_states(dataset: Dataset, wishes: Mapping[str, Sequence[str]], run: st
     return dataset
 
 
-def _match(dataset: Dataset, name: str, text: str, run: str) -> Array:
+def _match(dataset: Dataset, name: str, text: str, run: str) -> Flags:
     """Return where the values (n,) of the coordinate ``name`` are those that a ``text`` of a user
     names; InputError if none is.
     """
@@ -159,7 +159,7 @@ def _match(dataset: Dataset, name: str, text: str, run: str) -> Array:
     if not np.any(is_match):
         known = list_names(_write_value(dataset, name, number) for number in range(values.size))
         raise InputError(f"{run} has no {name} {text}", f"It has {known}", "Choose one of these")
-    return is_match
+    return np.asarray(is_match)
 
 
 def _find_name(label: str) -> str:
@@ -172,7 +172,7 @@ def _read_truth(text: str) -> Any:
     return {"yes": True, "true": True, "no": False, "false": False}.get(text.lower(), text)
 
 
-def _match_numbers(dataset: Dataset, name: str, text: str) -> Array:
+def _match_numbers(dataset: Dataset, name: str, text: str) -> Flags:
     """Return where the numbers (n,) of the coordinate ``name`` lie in the range that a ``text``
     names, or are nearest to its number; nowhere if the nearest is not near.
     """
@@ -180,12 +180,13 @@ def _match_numbers(dataset: Dataset, name: str, text: str) -> Array:
     ends = [_read_number(dataset, name, part.strip()) for part in text.split(" to ")]
     if len(ends) == 2:
         low, high = sorted(ends)
-        return (values >= low - _NEAR * abs(low)) & (values <= high + _NEAR * abs(high))
+        is_above = values >= low - _NEAR * abs(low)
+        return np.asarray(is_above & (values <= high + _NEAR * abs(high)))
     if len(ends) > 2:
         raise InputError(f"--where has {name}={text}", mend="Give one number, or 'A to B'")
     distances = np.abs(values - ends[0])
     is_nearest = distances == distances.min()
-    return is_nearest & (distances <= _NEAR * np.abs(values))
+    return np.asarray(is_nearest & (distances <= _NEAR * np.abs(values)))
 
 
 def _read_number(dataset: Dataset, name: str, text: str) -> float:
@@ -257,9 +258,9 @@ class Layout:
         for name, numbers in self.shown.items():
             if name not in panel:
                 chosen[find_dimension(dataset, name)] = numbers
-        for name, number in panel.items():
-            if name is not None and number is not None:
-                chosen[find_dimension(dataset, name)] = [number]
+        for dimension, number in panel.items():
+            if dimension is not None and number is not None:
+                chosen[find_dimension(dataset, dimension)] = [number]
         return dataset.isel(chosen)
 
     def describe(self, dataset: Dataset) -> str:

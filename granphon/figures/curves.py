@@ -1109,10 +1109,11 @@ def _draw_run_in_panels(
     curves that each has a colour.
     """
     dataset: Any = run.dataset
-    turned = replace(run, dataset=turn_over(dataset, x and x.strip()))
+    turned_dataset = turn_over(dataset, x and x.strip())
+    turned = replace(run, dataset=turned_dataset)
     x_name, y_name = choose_axes([turned], x, y)
     layout = arrange(dataset, y_name, x_name, rows, columns)
-    n_curves = len(describe_lines(turned.dataset, y_name))
+    n_curves = len(describe_lines(turned_dataset, y_name))
     is_plain = not layout.has_panels and not layout.shown
     if is_plain and n_curves <= len(COLOURS):
         return None

@@ -50,6 +50,7 @@ CostClass = Literal[
     "dos",
     "bands",
     "surface",
+    "gaps",
     "network",
 ]
 

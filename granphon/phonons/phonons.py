@@ -805,7 +805,7 @@ class Phonons:
         """
         return self.find_gaps(mesh)[1]
 
-    def find_gaps(self, mesh: Sequence[int] | None = None) -> tuple[Array, Array]:
+    def find_gaps(self, mesh: Sequence[int] | None = None) -> tuple[Index, Array]:
         """Return the number of branches below each of the :meth:`gaps`, (n,), which tells a gap
         from the others under every load, and the gaps, (n, 2) Hz; ``mesh`` is as there.
         """

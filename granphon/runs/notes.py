@@ -42,6 +42,11 @@ class CaseNotes:
         return cls(case, notes, np.concatenate([medium.serving.loads for medium in case.media]))
 
     @property
+    def has_states(self) -> bool:
+        """Whether the notes are about any state."""
+        return self.loads is None or self.loads.size > 0
+
+    @property
     def n_loads(self) -> int:
         """Number of loads of the case."""
         return self.case.load.size

@@ -749,7 +749,7 @@ class Plan:
         for name, medium in MEDIA.items():
             if name in slow_names and medium.slow_part:
                 left_out.append(medium.slow_part)
-        entries = filter(lambda entry: entry.loads.size, map(_note_limits, cases))
+        entries = (entry for entry in map(_note_limits, cases) if entry.has_states)
         return entries, " and ".join(left_out)
 
     def foresee_warnings(self) -> tuple[list[str], str]:
