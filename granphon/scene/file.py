@@ -176,12 +176,7 @@ FIELDS: tuple[Field, ...] = (
         "how the balls are arranged, see [lattices](#lattices)",
         attribute="packing.structure",
     ),
-    _packing_field(
-        "diameter",
-        "diameter of a ball; the mean, if they differ; of `spread.measured` by default that of the"
-        " list",
-        NEEDED,
-    ),
+    _packing_field("diameter", "diameter of a ball; the mean, if they differ", NEEDED),
     _packing_field(
         "spread",
         "how diameters differ, see [spread](#spread)",

@@ -867,11 +867,6 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "7: observe",
         "gp.Waves",
     ),
-    "gaps of several": (
-        kinds("crystal: {lattice: chain}\nload: {force: [1 N, 2 N]}\nobserve: [gaps]"),
-        "7: observe",
-        "one state",
-    ),
     "sound of what is held": (
         kinds(
             "crystal: {lattice: square, kinds: [A], cut: {axis: 1, layers: 3, edges: floor free}}\nload: {gravity: 9.81 m/s^2}"
