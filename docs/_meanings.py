@@ -101,11 +101,19 @@ FILES = {
         "[every state](#sweepnc-and-sweepcsv), also a single one: netCDF for xarray, and a table",
     ),
     "sweep.png": (
-        "a sweep of at most one parameter",
+        "a sweep",
         "velocities and exponents over the load",
     ),
     "sweep_dos": ("`dos`, a sweep", "densities of states of the arrays"),
     "sweep_spectra": ("`spectrum`, a sweep", "[lines of plane waves](#waves-in-arrays)"),
+    "sweep_gaps": (
+        "`gaps`, a sweep",
+        "edges of each gap, by the number of branches below; gaps and top frequency over the load",
+    ),
+    "sweep_surface": (
+        "`surface`, a sweep",
+        "waves of the edge along the path; those at its end over the load",
+    ),
     "band.yaml": ("`bands`, one state", "[bands](#bandyaml) in phonopy's format"),
     "phonopy_params.yaml": (
         "`bands`, one state",
@@ -162,6 +170,7 @@ FILES = {
         "the loads that all media reached, as `sweep`",
     ),
     "diameters.csv": ("a measured spread of more than 1000 balls", "`diameter (m)`"),
+    "report": ("`granphon report`", "[one page](../how-to/report.md) about the folder"),
     "fit": ("`granphon fit`", "[the fit](#fityaml-and-fitcsv)"),
     "tradeoff": ("`granphon tradeoff`", "[errors and costs](#tradeoffcsv); error over time"),
 }

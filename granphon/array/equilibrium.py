@@ -665,7 +665,7 @@ def begins_inside(
 def explain_too_small(force: float) -> InputError:
     """Return the error for a reduced force below :data:`THRESHOLD_FORCE`."""
     return InputError(
-        f"a mean contact force of f* = {force:.3g} is below {THRESHOLD_FORCE:g}",
+        f"a mean contact force of f* = {force:.3g} is below f* = {THRESHOLD_FORCE:g}",
         "Such a sample is at its rigidity threshold, where its equilibrium cannot be found",
         "Raise the load",
     )

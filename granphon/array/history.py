@@ -203,8 +203,9 @@ class LoadingHistory:
                     kept + change * falls,
                 )
             elif halvings == MOST_HALVINGS:
+                percent = 100.0 * change
                 raise self.stepper.explain(
-                    load, f"halving the step still changes f* by {change:.2g}"
+                    load, f"halving the step still changes the contact force by {percent:.2g} %"
                 )
             elif taken + len(ahead) > _MOST_STEPS:
                 raise self.stepper.explain(load, f"it takes more than {_MOST_STEPS} steps")

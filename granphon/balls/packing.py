@@ -26,12 +26,17 @@ from granphon.base.scales import WidthUnits
 from granphon.base.settings import NEEDED, describe_settings, list_settings
 from granphon.base.text import closest, counted
 from granphon.base.validation import is_one_of, not_negative, positive, real_list, require, truth
+from granphon.base.written import write_in
 
 #: the word for the torsional stiffness of a Hertz contact that does not slip
 MINDLIN = "mindlin"
 #: greatest torsion and bending, over k d^2: bands lose the digits of all other motions beside
 #: stiffer ones
 _MOST_ROLLING = 1e6
+#: digits of the values of parameters in words
+_DIGITS = 6
+#: no units of such values besides SI units with decimal prefixes
+_NO_UNITS: Mapping[str, str] = {}
 #: the scales of a packing, SI, must lie between this and its inverse: what is computed from them
 #: stays in the floating range
 _LEAST_SCALE = 1e-280
@@ -441,7 +446,8 @@ class Axis:
             axis = cls(name, real_list(name, given))
         double_index = find_double(axis.values)
         if double_index is not None:
-            double = axis.describe(brief(axis.values[double_index]))
+            value = axis.values[double_index]
+            double = axis.describe(value if isinstance(value, float) else brief(value))
             raise InputError(
                 f"the sweep has {double} twice",
                 "Both would be the same states",
@@ -515,9 +521,14 @@ class Axis:
         return Axis(self.name, (least,) if least == greatest else (least, greatest))
 
     def describe(self, label: Any) -> str:
-        """A label with the name of the parameter and its unit, such as "width = 2e-06 m"."""
-        unit = "" if self.unit in (None, "1") else f" {self.unit}"
-        return f"{self.name} = {label}{unit}"
+        """A label with the name of the parameter and its unit, such as "width = 2 um"."""
+        return f"{self.name} = {self.write(label)}"
+
+    def write(self, label: Any, written: str = "") -> str:
+        """A label with its unit, such as "2 um"; in the unit ``written`` if there is one."""
+        if self.unit in (None, "1") or not isinstance(label, float):
+            return str(label)
+        return write_in(label, str(self.unit), written, _DIGITS)
 
 
 def _require_parameter(name: str) -> None:
@@ -658,9 +669,17 @@ def count_combinations(axes: Sequence[Axis]) -> int:
     return count
 
 
-def combine(packing: BallsT, axes: Sequence[Axis]) -> list[tuple[str, BallsT]]:
-    """Make a packing for each combination of values; return pairs of the combination in words and
-    its packing.
+def describe_combination(values: Sequence[tuple[str, str]]) -> str:
+    """Return the values of parameters in words, from pairs of a name and a text."""
+    return ", ".join(f"{name} = {text}" for name, text in values)
+
+
+def combine(
+    packing: BallsT, axes: Sequence[Axis], units: Mapping[str, str] = _NO_UNITS
+) -> list[tuple[tuple[tuple[str, str], ...], BallsT]]:
+    """Make a packing for each combination of values; return pairs of the combination, names of
+    parameters with their values as texts, and its packing. ``units`` are those of the texts, by
+    name; by default SI units with decimal prefixes.
 
     The last axis runs fastest. :class:`InputError` names a combination that makes no packing, or
     says that there are too many.
@@ -671,12 +690,15 @@ def combine(packing: BallsT, axes: Sequence[Axis]) -> list[tuple[str, BallsT]]:
     all_labels = itertools.product(*(axis.labels for axis in axes))
     combinations = []
     for values, labels in zip(all_values, all_labels, strict=True):
-        words = [axis.describe(label) for axis, label in zip(axes, labels, strict=True)]
-        combination = ", ".join(words)
+        words = [
+            axis.write(label, units.get(axis.name, ""))
+            for axis, label in zip(axes, labels, strict=True)
+        ]
+        combination = tuple(zip(names, words, strict=True))
         changes = dict(zip(names, values, strict=True))
         try:
             changed_packing = change_packing(packing, changes)
         except InputError as error:
-            raise InputError(f"{combination}: {error}") from error
+            raise InputError(f"{describe_combination(combination)}: {error}") from error
         combinations.append((combination, changed_packing))
     return combinations

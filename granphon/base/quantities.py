@@ -362,6 +362,24 @@ def _measure(unit: str) -> tuple[Fraction, Counter[str]]:
     return factor, powers
 
 
+def find_written_unit(text: Any) -> str:
+    """Return the unit of a text such as "8 mm"; empty for another value."""
+    match = _QUANTITY.fullmatch(text.strip()) if isinstance(text, str) else None
+    return match.group(3).strip() if match else ""
+
+
+def find_factor(unit: str, wanted: str) -> float | None:
+    """Return the factor from a ``unit`` to another, ``wanted``; None where a unit is not known, or
+    if their dimensions differ.
+    """
+    try:
+        factor, powers = _measure(unit)
+        wanted_factor, wanted_powers = _measure(wanted)
+    except KeyError:
+        return None
+    return float(factor / wanted_factor) if powers == wanted_powers else None
+
+
 def is_si(unit: str, wanted: str = "") -> bool:
     """Whether a text is a unit without a factor to SI, as "m/(N s)" or "1", not "kN", and has the
     dimension of the unit ``wanted``; empty: of any dimension.

@@ -22,7 +22,14 @@ from granphon.base.errors import (
     MissingPackageError,
     UnverifiedFileWarning,
 )
-from granphon.cli import doctor, pictures, scenes, studies, traces  # noqa: F401  importing them adds their commands to app
+from granphon.cli import (  # noqa: F401  importing them adds their commands to app
+    doctor,
+    pictures,
+    report,
+    scenes,
+    studies,
+    traces,
+)
 from granphon.cli.app import GROUPS, app
 from granphon.cli.terminal import NOTHING_WRITTEN, Interrupted, fail, warn
 

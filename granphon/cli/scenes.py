@@ -98,21 +98,11 @@ def check_scene(scene: SceneFile) -> None:
     Example:
       granphon check scene.yaml
     """
-    from granphon.observables.validity import validity
-    from granphon.runs.tasks import label_warnings
     from granphon.scene.scene import Scene, expected_files
 
     plan = Scene.from_yaml(scene)
     rows = describe_scene(plan)  # first, because it raises if there is too little memory
-    states, left_out = plan.survey()
-    labelled = list[tuple[str, str]]()  # labels of cases, and warnings
-    with plan.origin.where_it_buckles():
-        for label, state in states:
-            labelled += [(label, warning) for warning in validity(state).warnings]
-    labelled += plan.expect_warnings()
-    # a single state needs no label
-    only_warnings = [warning for _label, warning in labelled]
-    warnings = only_warnings if plan.is_single else label_warnings(labelled)
+    warnings, left_out = plan.foresee_warnings()
     plan.to_yaml()  # raises now if a run could not write the scene
     if left_out:
         rows.append(("not checked yet", left_out))
@@ -210,7 +200,14 @@ def run_scene(
         warn(result.warnings)
         if not quiet:
             say_table(describe_result(result))
-            say(f"Wrote {', '.join(path.name for path in result.files)} into {out}")
+            names = [path.name for path in result.files]
+            say(f"Wrote {', '.join(names)} into {out}")
+            if "sweep.png" in names:
+                from granphon.figures.curves import describe_panels
+
+                remark = describe_panels(result.dataset)
+                if remark:
+                    say(f"sweep.png: {remark.replace('(', '(granphon plot: ', 1)}")
 
 
 @command("plot", rich_help_panel=PICTURES)
@@ -233,7 +230,7 @@ def draw_results(
     x: Annotated[
         str | None,
         typer.Option(
-            "--x", metavar="LOAD", help="force, pressure, overlap, reduced_force, or a parameter."
+            "--x", metavar="NAME", help="force, pressure, overlap, reduced_force, or a parameter."
         ),
     ] = None,
     y: Annotated[
@@ -245,12 +242,35 @@ def draw_results(
             help="What to draw over the load, such as bulk; any observable.",
         ),
     ] = None,
+    where: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE",
+            help="Draw these states of a sweep alone, as 'width=2 um, medium=ema'; a name that"
+            " comes twice has both values, and 'force=1 N to 5 N' is a range.",
+        ),
+    ] = None,
+    rows: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Parameter, or medium, whose values have rows of panels."
+        ),
+    ] = None,
+    columns: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The same for columns of panels.")
+    ] = None,
     data: Annotated[
         list[str] | None,
         typer.Option(
             "--data",
             metavar="FILE.csv",
             help="Measured velocities, as for 'granphon fit'. May be repeated.",
+        ),
+    ] = None,
+    distance: Annotated[
+        str | None,
+        typer.Option(
+            metavar="M", help="Distance of the times of flight in the data, such as '0.4 m'."
         ),
     ] = None,
     asymptotes: Annotated[
@@ -273,26 +293,55 @@ def draw_results(
     the load, with measured points (comparison.png in the working folder, or the file given). If all
     runs hold bands, it shows their bands, one over the other.
 
+    A sweep over parameters has a curve for each medium and combination of values. --where chooses
+    some of them; --rows and --columns share them out among small panels. Where they are too many
+    for one panel, and no option says otherwise, the parameters with the fewest values have panels,
+    and a line says which.
+
     \b
     Examples:
       granphon plot out --force
       granphon plot out --asymptotes -o figure.pdf
       granphon plot out --y contact_fraction -o contacts.pdf
+      granphon plot out --where "width=2 um, medium=ema" --columns diameter -o some.pdf
       granphon plot steel glass --x pressure --data steel.csv -o both.pdf
     """
-    from granphon.scene.redraw import draw_together, redraw
+    from granphon.base.quantities import LENGTH
+    from granphon.base.validation import require
+    from granphon.figures.choices import read_wishes
+    from granphon.scene.redraw import View, draw_together, redraw
 
     require_name("--out", out)
+    if distance is not None and not data:
+        raise InputError("--distance is for times of flight", mend="Give them by --data")
+    distance_of_data = None if distance is None else require("--distance", LENGTH.read, distance)
+    view = View(read_wishes(", ".join(where or ())), rows, columns)
     is_one_folder = len(runs) == 1 and not os.path.isfile(runs[0])
     if is_one_folder and x is None and not data:
         figure_file = redraw(
-            runs[0], out, force=force, asymptotes=asymptotes, variable=y, backend=backend
+            runs[0],
+            out,
+            force=force,
+            asymptotes=asymptotes,
+            variable=y,
+            backend=backend,
+            view=view,
+            tell=say,
         )
     elif asymptotes:
         problem = "--asymptotes is for the bands of one run"
         raise InputError(problem, mend="Leave it out, or give one folder")
     else:
         figure_file = draw_together(
-            runs, out, force=force, x=x, y=y, data=data or (), backend=backend
+            runs,
+            out,
+            force=force,
+            x=x,
+            y=y,
+            data=data or (),
+            distance=distance_of_data,
+            backend=backend,
+            view=view,
+            tell=say,
         )
     say(f"Wrote {figure_file}")

@@ -58,6 +58,8 @@ _GAP = "0.9"
 _EDGES = (BLUE, VERMILION, "0.75")
 #: part of the energy of a wave spread evenly that is in the lower or the upper quarter of a cut
 _EVEN = 0.25
+#: part of the energy in both of these quarters, from which on modes are waves of the edges
+_MOSTLY = 0.75
 #: lengths of directions below this are rounding of zero
 _ROUNDING = 1e-9
 #: distance of the name of a corner of the zone from the corner, points
@@ -79,8 +81,10 @@ _ENOUGH_CLEARANCE = 0.06
 _TOP_CLEARANCE = 0.02
 #: frequencies closer than this part of the highest one are one line in print
 _ONE_LINE = 1e-6
-#: width of a line, in points, and the number of coinciding branches that widen the lower ones
+#: width of a line, and of branches that are zero, in points, and the number of coinciding branches
+#: that widen the lower ones
 _WIDTH = 1.5
+_THIN = 0.6
 _MOST_WIDENED = 3
 #: sides of the inset of the zone, in parts of the axes, large first; side above the lines, and its
 #: distance from the frame
@@ -394,7 +398,7 @@ def _shade_by_fraction(bands: Bands) -> _Shades:
 
 def _shade_by_edges(bands: Bands) -> _Shades:
     """Return colours by the energy at the two edges of a cut; waves of the edges are drawn last."""
-    weight = bands.edge_weight  # (s, p, b, 2)
+    weight = _spread_flat_bands(bands)  # (s, p, b, 2)
     colours = _mix_edge_colours(weight)  # (s, p, b, 3)
     shades: _Shades = {}
     for s, b in np.ndindex(len(bands.distances), bands.n_branches):
@@ -404,6 +408,25 @@ def _shade_by_edges(bands: Bands) -> _Shades:
             "zorder": 2.0 + greatest_weight,
         }
     return shades
+
+
+def _spread_flat_bands(bands: Bands) -> Array:
+    """Return the parts (s, p, b, 2) of the energy at the lower and the upper edge of a cut.
+
+    Sums of the modes of a flat band, at which many branches coincide, may have their energy
+    anywhere: where such a set of branches is not mostly at the edges, each branch has the mean.
+    """
+    weight = np.array(bands.edge_weight)
+    top = bands.frequencies.max()
+    coincide = np.diff(bands.frequencies, axis=2) <= _ONE_LINE * top
+    for s, p in np.argwhere(np.any(coincide, axis=2)):
+        starts = np.flatnonzero(~coincide[s, p]) + 1
+        for branches in np.split(np.arange(bands.n_branches), starts):
+            mean = weight[s, p, branches].mean(axis=0)
+            # two branches are one at each edge
+            if len(branches) > 2 and mean.sum() < _MOSTLY:
+                weight[s, p, branches] = mean
+    return weight
 
 
 def _draw_branch(ax: Axes, x: Array, y: Array, widths: Array, **options: Any) -> None:
@@ -476,7 +499,7 @@ def _find_line_widths(frequencies: Array, least: float) -> Array:
     """Return widths (p, b) of the lines of branches with ``frequencies`` (p, b), in points.
 
     A branch is a step wider for each later branch that is closer than ``least`` at a point and at
-    one of its neighbours.
+    one of its neighbours. Branches that are zero, below ``least``, are one thin line.
     """
     differences = np.abs(frequencies[:, :, None] - frequencies[:, None, :])  # (p, b, b)
     is_close = differences <= least
@@ -484,7 +507,10 @@ def _find_line_widths(frequencies: Array, least: float) -> Array:
     coincide_between = np.pad(is_close[1:] & is_close[:-1], ((1, 1), (0, 0), (0, 0)))
     coincide = coincide_between[1:] | coincide_between[:-1]
     n_later = np.triu(coincide, 1).sum(axis=2)  # (p, b)
-    return np.asarray(_WIDTH * (1.0 + np.minimum(n_later, _MOST_WIDENED)))
+    widths = _WIDTH * (1.0 + np.minimum(n_later, _MOST_WIDENED))
+    is_zero = np.all(frequencies <= least, axis=0)  # (b,)
+    widths[:, is_zero] = _THIN
+    return np.asarray(widths)
 
 
 def _choose_unit(result: Bands | DensityOfStates) -> HertzPrefix:

@@ -15,7 +15,7 @@ import itertools
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -43,6 +43,14 @@ from granphon.base.results import restore
 from granphon.base.scales import HertzPrefix, write_uncertain
 from granphon.base.text import closest, suggest
 from granphon.figures.bands import name_corners
+from granphon.figures.choices import (
+    arrange,
+    describe_value,
+    find_longest_parameter,
+    list_parameters,
+    turn_over,
+)
+from granphon.figures.multiples import Panel, draw_panels
 from granphon.figures.style import (
     COLOURS,
     GUIDE,
@@ -55,7 +63,6 @@ from granphon.figures.style import (
 from granphon.figures.words import (
     describe_medium,
     describe_overlap,
-    describe_parameter,
     find_differing,
     join_facts,
     list_facts,
@@ -492,27 +499,6 @@ def list_quantities(dataset: Dataset, kinds: str = "fiu") -> tuple[str, ...]:
     return tuple(names)
 
 
-def list_parameters(dataset: Dataset) -> list[str]:
-    """Return the dimensions of the sweep besides load and medium: its parameters, and directions if
-    there are several.
-    """
-    names = [str(name) for name in dataset["valid"].dims if name not in ("load", "medium")]
-    if "direction" in dataset.dims:
-        names.append("direction")
-    return names
-
-
-def turn_over(dataset: Dataset, x: str | None) -> Dataset:
-    """Return the data set with the parameter ``x`` in the place of the load, if the parameter has
-    numbers: curves lie over the parameter.
-    """
-    if x not in list_parameters(dataset) or dataset[x].dtype.kind not in "fiu":
-        return dataset
-    without_load = dataset.drop_vars("load", errors="ignore")
-    over_named_load = without_load.swap_dims({"load": find_load(dataset)})
-    return over_named_load.rename_dims({x: "load"})
-
-
 def read_curve(
     dataset: Dataset,
     variable: str,
@@ -587,7 +573,7 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
         index = dict(zip(names, numbers, strict=True))
         facts = dict(facts_of_balls)
         for name, number in index.items():
-            kind, text = _describe_value(dataset, name, number)
+            kind, text = describe_value(dataset, name, number)
             facts[kind] = text
         for m, facts_of_medium in enumerate(media):
             lines.append((facts | facts_of_medium, index | {"medium": m}))
@@ -615,20 +601,6 @@ def _describe_balls(dataset: Dataset) -> tuple[dict[str, str], int, int]:
     except InputError:  # a lattice of the user, whose balls in a cell are not known
         return facts, packing.structure.periods, 2
     return facts, lattices[0].periods, max(lattice.n_balls for lattice in lattices)
-
-
-def _describe_value(dataset: Dataset, name: str, number: int) -> tuple[str, str]:
-    """Return the kind of fact that the coordinate ``name`` is, and its value at the index
-    ``number`` in words.
-    """
-    entry = dataset[name].values[number]
-    value = entry.item() if hasattr(entry, "item") else entry
-    if name == "direction":
-        return "direction", f"along {value}"
-    kind, text = describe_parameter(name, value)
-    if name in _LOADS:
-        text = f"{name} {write_value(float(value), _read_unit(dataset, name))}"
-    return kind, text
 
 
 # -- figures of a sweep ----------------------------------------------------------------------------
@@ -681,14 +653,33 @@ def _draw_sweep(
     dataset: Dataset, ax: Axes, variable: str, x: str | None
 ) -> tuple[list[Curve], list[Line2D]]:
     """Draw the curves of :func:`plot_sweep`; return the curves and the entries of the legend."""
-    x_name = x
-    if not x and dataset.sizes["load"] == 1:
-        x_name = _find_longest_parameter(dataset)
-    turned = turn_over(dataset, x_name)
-    x_name = x_name or find_load(turned)
+    x_name = choose_x(dataset, x)
+    curves, handles = _draw_lines(dataset, ax, variable, x_name)
+    label_axes(ax, curves, x_name, variable)
+    return curves, handles
+
+
+def choose_x(dataset: Dataset, x: str | None) -> str:
+    """Return the name of the quantity on the axis of x: ``x`` itself, or else the load, but at a
+    single load the parameter in numbers that has the most values.
+    """
+    if x:
+        return x
+    if dataset.sizes["load"] == 1:
+        return find_longest_parameter(dataset) or find_load(dataset)
+    return find_load(dataset)
+
+
+def _draw_lines(
+    dataset: Dataset, ax: Axes, variable: str, x: str
+) -> tuple[list[Curve], list[Line2D]]:
+    """Draw the curves of a variable of a sweep over ``x`` without naming the axes; return the
+    curves and the entries of the legend.
+    """
+    turned = turn_over(dataset, x)
     read_values(turned, variable)  # refuses a variable that cannot be drawn
     coloured = _choose_coloured(turned)
-    groups = _read_groups(turned, variable, x_name, coloured)
+    groups = _read_groups(turned, variable, x, coloured)
     n_shades = len(groups[0])
     curves = [curve for group in groups for curve in group]
     shades = []
@@ -699,7 +690,6 @@ def _draw_sweep(
     widths = np.linspace(2.2, 1.0, len(curves) + 1)[1:]
     for curve, shade, width in zip(curves, shades, widths, strict=True):
         draw_curve(ax, curve, Look(shade, width, dashes, marker), variable)
-    label_axes(ax, curves, x_name, variable)
     handles = list[Line2D]()
     has_colours = len(groups) > 1
     if has_colours or n_shades == 1:
@@ -762,19 +752,6 @@ def _name_shades(groups: Sequence[Sequence[Curve]], colour: str) -> list[Line2D]
     return handles
 
 
-def _find_longest_parameter(dataset: Dataset) -> str | None:
-    """Return the parameter in numbers that has the most values, the first of several; None if no
-    parameter in numbers has several values.
-    """
-    longest = None
-    most = 1
-    for name in list_parameters(dataset):
-        if dataset[name].dtype.kind in "fiu" and dataset.sizes[name] > most:
-            longest = name
-            most = dataset.sizes[name]
-    return longest
-
-
 def _choose_coloured(dataset: Dataset) -> str:
     """Return the dimension whose values have colours: the medium, or of one medium the first of
     several parameters for whose values the colours suffice.
@@ -835,29 +812,41 @@ def _write_beside(ax: Axes, text: str, value: float, **options: Any) -> None:
     )
 
 
-def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None = None) -> Figure:
+def sweep_figure(
+    dataset: Dataset,
+    x: str | None = None,
+    *,
+    variable: str | None = None,
+    rows: str | None = None,
+    columns: str | None = None,
+    tell: Callable[[str], object] | None = None,
+) -> Figure:
     """Draw a figure with velocities of a sweep above, their local exponent below, on one axis of
     ``x``; one column wide.
 
-    ``x`` is that of :func:`plot_sweep`.
+    ``x`` is that of :func:`plot_sweep`. With ``rows`` or ``columns``, the names of parameters or
+    "medium", each value has a row or column of small panels with shared axes, which show one
+    variable, by default the longitudinal velocity. Without these, too many curves for one panel are
+    shared out likewise, see :func:`granphon.figures.choices.arrange`, and ``tell`` is called with a
+    sentence that says what stands where.
 
     Velocities that are zero, of waves across a chain, are left out. Without any other velocity, as
     for a mechanism, the normal stiffness is drawn; for motions without velocities the velocity of
     the peak, or the greatest force. For a sweep without exponents (finite overlap), or for one
-    ``variable``, there is the upper panel only. Raises what :func:`plot_sweep` raises.
+    ``variable``, there is the upper panel only. Raises what :func:`plot_sweep` raises, and
+    InputError for ``rows`` and ``columns`` that are not swept, or take too many panels.
     """
-    # a table of numbers that are not from a sweep has no "observe"
-    observed = json.loads(dataset.attrs.get("observe", "[]"))
-    single = variable  # the only variable to draw, if there is one
-    if variable is None and "motion" in observed and "velocities" not in observed:
-        single = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
-    has_exponent = single is None and "exponent" in dataset
-    velocities = list[str]()
-    if not single:
-        for name in _VELOCITIES:
-            if name in dataset and np.any(dataset[name] != 0.0):
-                velocities.append(name)
-    shown = velocities or [single or "normal_stiffness"]
+    velocities, shown = _choose_shown(dataset, variable)
+    x_name = choose_x(dataset, x)
+    main = _choose_main(velocities, shown)
+    read_values(turn_over(dataset, x_name), main)  # refuses a variable that cannot be drawn
+    layout = arrange(dataset, main, x_name, rows, columns)
+    if layout.is_chosen and tell is not None:
+        tell(f"{main} has {layout.describe(dataset)}")
+    if layout.has_panels or layout.shown:
+        draw = partial(_draw_panel, variable=main, x=x_name)
+        return draw_panels(dataset, layout, draw, partial(label_axes, x=x_name, y=main))
+    has_exponent = variable is None and bool(velocities) and "exponent" in dataset
     with styled_figure(4.0 if has_exponent else 2.6) as figure:
         ratios = [1.6, 1.0] if has_exponent else [1.0]
         axes = figure.subplots(len(ratios), sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
@@ -887,7 +876,54 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
         for handle in handles:
             handle.set_label(_break_label(str(handle.get_label())))
         add_legend(figure, handles, 4, heading)
+        _name_single_values(figure, dataset, curves[longest][0], x_name)
     return figure
+
+
+def _choose_shown(dataset: Dataset, variable: str | None) -> tuple[list[str], list[str]]:
+    """Return the velocities that the figure of a sweep shows, and all variables in it: the one
+    ``variable`` that is requested, the velocities, or what stands for them.
+    """
+    # a table of numbers that are not from a sweep has no "observe"
+    observed = json.loads(dataset.attrs.get("observe", "[]"))
+    single = variable
+    if variable is None and "motion" in observed and "velocities" not in observed:
+        single = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
+    if single is not None:
+        return [], [single]
+    velocities = [name for name in _VELOCITIES if name in dataset and np.any(dataset[name] != 0.0)]
+    return velocities, velocities or ["normal_stiffness"]
+
+
+def _choose_main(velocities: Sequence[str], shown: Sequence[str]) -> str:
+    """Return the one variable of small panels, of those that a larger panel shows."""
+    return "longitudinal" if "longitudinal" in velocities else shown[0]
+
+
+def describe_panels(dataset: Dataset) -> str:
+    """Return which parameters have the panels of :func:`sweep_figure`, if it chooses panels because
+    of too many curves; else an empty text.
+    """
+    main = _choose_main(*_choose_shown(dataset, None))
+    layout = arrange(dataset, main, choose_x(dataset, None))
+    return f"{main} has {layout.describe(dataset)}" if layout.is_chosen else ""
+
+
+def _draw_panel(dataset: Dataset, ax: Axes, variable: str, x: str) -> Panel:
+    """Draw the curves of one of several panels."""
+    curves, handles = _draw_lines(dataset, ax, variable, x)
+    return Panel(curves, handles, curves[0].facts)
+
+
+def _name_single_values(figure: Figure, dataset: Dataset, curve: Curve, x: str) -> None:
+    """Write above a figure the values of the parameters that have one value in a data set, as those
+    of which a user has chosen one; ``curve`` is one of its curves.
+    """
+    names = [name for name in list_parameters(dataset) if dataset[name].size == 1 and name != x]
+    kinds = [describe_value(dataset, name, 0)[0] for name in names]
+    title = join_facts([curve.facts[kind] for kind in kinds], _LETTERS_OF_TITLE)
+    if title:
+        figure.suptitle(title, fontsize=STYLE["axes.titlesize"])
 
 
 def _name_velocities(velocities: Sequence[str], are_points: bool) -> list[Line2D]:
@@ -950,6 +986,7 @@ def plot_together(
     y: str | None = None,
     data: Any = (),
     balls_per_side: int | None = None,
+    distance: float | None = None,
     legend: bool = True,
 ) -> Axes:
     """Draw several results on one Axes.
@@ -970,6 +1007,7 @@ def plot_together(
         :class:`~granphon.fits.measurements.Measurements`.
     balls_per_side : number of balls at a side of the hexagonal frame, for files of data with side
         forces.
+    distance : distance of times of flight, m, for files of data that do not give one.
     legend : whether to draw the legend, and the title.
 
     A line is solid where its medium is valid, thin and dashed elsewhere; a simulation has points,
@@ -982,7 +1020,8 @@ def plot_together(
         units differ, or some are bands and others are not; the error names the results. Data are
         no velocities, or their loads cannot be converted.
     """
-    handles, common = _draw_together(results, ax, x, y, data, balls_per_side)
+    runs = _list_runs(results)
+    handles, common = _draw_together(runs, ax, x, y, data, balls_per_side, distance)
     if legend:
         ax.legend(handles=handles, handlelength=_find_handle_length(handles))
         font_size = FontProperties(size=matplotlib.rcParams["font.size"]).get_size_in_points()
@@ -1004,13 +1043,31 @@ def _find_handle_length(handles: Sequence[Line2D]) -> float | None:
 
 
 def comparison_figure(
-    results: Sequence[Any] | Mapping[str, Any], *, legend: bool = True, **options: Any
+    results: Sequence[Any] | Mapping[str, Any],
+    *,
+    legend: bool = True,
+    rows: str | None = None,
+    columns: str | None = None,
+    tell: Callable[[str], object] | None = None,
+    **options: Any,
 ) -> Figure:
     """Draw :func:`plot_together`, whose ``options`` these are, as a figure, one column wide, with
     the legend below it.
+
+    A single sweep has panels for ``rows`` and ``columns``, and for too many curves, of which
+    ``tell`` is told, as in :func:`sweep_figure`; measured points stand in each panel.
+    :class:`InputError` for ``rows`` and ``columns`` of several results.
     """
+    runs = _list_runs(results)
+    if len(runs) == 1 and runs[0].dataset is not None and runs[0].measured is None:
+        figure_of_panels = _draw_run_in_panels(runs[0], rows, columns, tell, **options)
+        if figure_of_panels is not None:
+            return figure_of_panels
+    elif rows is not None or columns is not None:
+        why = "Panels are those of one sweep"
+        raise InputError("--rows and --columns have several results", why, "Give one sweep")
     with styled_figure(2.5) as figure:  # without legend and title, which make it higher
-        handles, common = _draw_together(results, figure.subplots(), **options)
+        handles, common = _draw_together(runs, figure.subplots(), **options)
         if not legend:
             return figure
         title = join_facts(common, _LETTERS_OF_TITLE)
@@ -1021,24 +1078,77 @@ def comparison_figure(
     return figure
 
 
+def _list_runs(results: Sequence[Any] | Mapping[str, Any]) -> list[Run]:
+    """Return the runs of several results; InputError for none."""
+    if isinstance(results, Mapping):
+        runs = [Run.of(str(name), result, named=True) for name, result in results.items()]
+    else:
+        runs = [Run.of(f"result {n}", result) for n, result in enumerate(results, 1)]
+    if not runs:
+        raise InputError("there is nothing to draw", mend="Give results")
+    return runs
+
+
+def _list_data(data: Any) -> list[Any]:
+    """Return the sets of measured velocities that an argument gives, one or several."""
+    return [data] if isinstance(data, str | os.PathLike | Measurements) else list(data)
+
+
+def _draw_run_in_panels(
+    run: Run,
+    rows: str | None,
+    columns: str | None,
+    tell: Callable[[str], object] | None,
+    x: str | None = None,
+    y: str | None = None,
+    data: Any = (),
+    balls_per_side: int | None = None,
+    distance: float | None = None,
+) -> Figure | None:
+    """Draw the sweep of a run in small panels, with measured points in each; None if it has so few
+    curves that each has a colour.
+    """
+    dataset: Any = run.dataset
+    turned_dataset = turn_over(dataset, x and x.strip())
+    turned = replace(run, dataset=turned_dataset)
+    x_name, y_name = choose_axes([turned], x, y)
+    layout = arrange(dataset, y_name, x_name, rows, columns)
+    n_curves = len(describe_lines(turned_dataset, y_name))
+    is_plain = not layout.has_panels and not layout.shown
+    if is_plain and n_curves <= len(COLOURS):
+        return None
+    if layout.is_chosen and tell is not None:
+        tell(f"{y_name} has {layout.describe(dataset)}")
+    measured = [
+        _read_points(points, [turned], x_name, y_name, balls_per_side, distance)
+        for points in _list_data(data)
+    ]
+
+    def draw(states: Dataset, ax: Axes) -> Panel:
+        """Draw the states of a panel, and the measured points."""
+        panel = _draw_panel(states, ax, y_name, x_name)
+        handles = list(panel.handles)
+        for number, points in enumerate(measured):
+            is_alone = len(measured) == 1
+            handles.append(_draw_measured(ax, points, number, is_alone=is_alone))
+        return Panel([*panel.curves, *measured], handles, panel.facts)
+
+    return draw_panels(dataset, layout, draw, partial(label_axes, x=x_name, y=y_name))
+
+
 def _draw_together(
-    results: Sequence[Any] | Mapping[str, Any],
+    runs: Sequence[Run],
     ax: Axes,
     x: str | None = None,
     y: str | None = None,
     data: Any = (),
     balls_per_side: int | None = None,
+    distance: float | None = None,
 ) -> _Drawn:
     """Draw the curves of :func:`plot_together`; return the entries of the legend, and the facts
     that all curves share.
     """
-    if isinstance(results, Mapping):
-        runs = [Run.of(str(name), result, named=True) for name, result in results.items()]
-    else:
-        runs = [Run.of(f"result {n}", result) for n, result in enumerate(results, 1)]
-    data_sets = [data] if isinstance(data, str | os.PathLike | Measurements) else list(data)
-    if not runs:
-        raise InputError("there is nothing to draw", mend="Give results")
+    data_sets = _list_data(data)
     may_be_spectra = x is None and y is None and not data_sets
     if may_be_spectra:
         all_bands = [run.bands for run in runs if run.bands is not None]
@@ -1058,7 +1168,8 @@ def _draw_together(
     for run in turned_runs:
         curves += _read_curves_of_run(run, x_name, y_name)
     measured = [
-        _read_points(points, turned_runs, x_name, y_name, balls_per_side) for points in data_sets
+        _read_points(points, turned_runs, x_name, y_name, balls_per_side, distance)
+        for points in data_sets
     ]
     _require_shared_axes(curves, x_name, y_name)
     return _draw_curves(ax, curves, measured, x_name, y_name)
@@ -1076,6 +1187,8 @@ def _read_curves_of_run(run: Run, x: str, y: str) -> list[Curve]:
     name_of_run = {"name": run.name} if run.named else {}
     for facts_of_line, index in describe_lines(run.dataset, y):
         facts = name_of_run | facts_of_line | run.facts
+        if x in run.dataset.coords:  # a parameter that is the axis is no fact
+            facts.pop(describe_value(run.dataset, x, 0)[0], None)
         curves.append(read_curve(run.dataset, y, x, index, run.name, facts))
     return curves
 
@@ -1380,7 +1493,12 @@ def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") 
 
 
 def _read_points(
-    points: Any, runs: Sequence[Run], x: str, y: str, balls_per_side: int | None
+    points: Any,
+    runs: Sequence[Run],
+    x: str,
+    y: str,
+    balls_per_side: int | None,
+    distance: float | None,
 ) -> Curve:
     """Return the curve of measured velocities over the load ``x``, from a file or
     :class:`~granphon.fits.measurements.Measurements`; InputError if ``y`` is no velocity.
@@ -1395,7 +1513,7 @@ def _read_points(
         measurements = points
         name = "measured"
     else:
-        measurements = _read_measurements(points, runs, balls_per_side)
+        measurements = _read_measurements(points, runs, balls_per_side, distance)
         name = Path(points).stem
     facts = {"run": name}
     if measurements.frequency is not None:
@@ -1419,9 +1537,12 @@ def _read_points(
     return curve.sorted()
 
 
-def _read_measurements(path: Any, runs: Sequence[Run], balls_per_side: int | None) -> Measurements:
+def _read_measurements(
+    path: Any, runs: Sequence[Run], balls_per_side: int | None, distance: float | None
+) -> Measurements:
     """Return the measurements of a file, whose pressures act on the packing of ``runs``, and whose
-    side forces on a hexagonal frame with ``balls_per_side``.
+    side forces on a hexagonal frame with ``balls_per_side``; ``distance``, m, is that of times of
+    flight.
     """
     frame = None
     if balls_per_side is not None:
@@ -1437,7 +1558,9 @@ def _read_measurements(path: Any, runs: Sequence[Run], balls_per_side: int | Non
         unit_of_pressure = _read_unit(dataset, "pressure")
     # the unit of pressure tells along how many periods balls repeat
     periods = {"N": 1, "N/m": 2, "Pa": 3}.get(unit_of_pressure, 2)
-    return Measurements.read(path, frame=frame, pressed=find_force, periods=periods)
+    return Measurements.read(
+        path, distance=distance, frame=frame, pressed=find_force, periods=periods
+    )
 
 
 # -- curves ----------------------------------------------------------------------------------------
@@ -1500,7 +1623,7 @@ def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y
     """
     states = [curve for curve in curves if not curve.measured]
     models = _name_runs(_join_states(states))
-    points = [curve for curve in curves if curve.measured] + measured
+    points = _drop_doubles([curve for curve in curves if curve.measured] + measured)
     if len(models) > MOST_LOOKS:
         problem = f"{len(models)} curves are too many to be told apart"
         why = f"Colours and dashes tell {MOST_LOOKS} apart"
@@ -1523,6 +1646,20 @@ def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y
         handles += group
     label_axes(ax, [*models, *points], x, y)
     return handles, common
+
+
+def _drop_doubles(curves: Sequence[Curve]) -> list[Curve]:
+    """Return the curves of measured points without those whose points are those of an earlier
+    curve, as of several fits of one table.
+    """
+    distinct = list[Curve]()
+    tables = list[Array]()
+    for curve in curves:
+        table = np.array([curve.x, curve.y, curve.error])
+        if not any(np.array_equal(table, earlier, equal_nan=True) for earlier in tables):
+            distinct.append(curve)
+            tables.append(table)
+    return distinct
 
 
 def _draw_measured(ax: Axes, curve: Curve, number: int, is_alone: bool) -> Line2D:

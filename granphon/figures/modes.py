@@ -45,6 +45,12 @@ _LARGEST = 0.4
 _MARK = np.pi / 2.0
 #: most balls of a network that are drawn
 _MOST_BALLS = 500
+#: most balls of a network in space that are drawn, with those that are points
+_MOST_POINTS = 20_000
+#: part of the greatest amplitude above which a ball in space is no point, and radius of a point, in
+#: diameters
+_SEEN = 0.05
+_POINT = 0.06
 #: largest denominator of a fraction in the title, for components of q
 _MOST_DENOMINATOR = 24
 #: numbers of cells that are drawn along the periods of a line and of a plane
@@ -88,6 +94,7 @@ class _Motion:
     gyration: Array  # (m,) radii of gyration
     rotate: bool
     planar: bool  # whether balls of a plane or a line stay in their plane
+    seen: NDArray[np.bool_]  # (m,) which balls are drawn, the others as points
     title: str
     colours: list[str]  # (m,)
     kinds: dict[str, str]  # colours of known kinds of balls, by their names
@@ -178,7 +185,8 @@ def plot_network_mode(
 
     Arrows, colours and the other arguments are those of :func:`plot_mode`. Contacts across the edge
     of a period and flat walls are left out. Of more than 500 balls the 500 with the most kinetic
-    energy are drawn, and the title gives their number.
+    energy are drawn, and the title gives their number. In space balls whose amplitude is below 5 %
+    of the greatest are points, so that those that move are seen.
     """
     number = whole_number("mode", mode, 0, len(modes.frequencies) - 1)
     motion = _find_network_motion(modes, number)
@@ -191,7 +199,9 @@ def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
     network = modes.network
     motions = network.ball_motions
     diameter = network.scales.length
-    balls = _choose_balls(modes, mode)
+    stays_in_plane = 2 not in motions.translations and set(motions.rotations) <= {2}
+    is_planar = network.dimension < 3 and stays_in_plane
+    balls = _choose_balls(modes, mode, _MOST_BALLS if is_planar else _MOST_POINTS)
     masses = network.masses[balls]
     # (m, motions) displacements and angles times radii of gyration, in one unit
     motion = modes.vectors[mode][balls] / np.sqrt(masses)[:, None]
@@ -205,7 +215,12 @@ def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
     gyration = np.ones(balls.size)  # of balls that do not move any number will do
     gyration[is_moving] = np.sqrt(inertias / masses[is_moving]) / diameter
     colours_of_kinds, colours = _colour_balls(network)
-    stays_in_plane = 2 not in motions.translations and set(motions.rotations) <= {2}
+    if is_planar:
+        is_seen = np.ones(balls.size, bool)
+    else:
+        amplitudes = scale * np.maximum(_find_amplitudes(displacements), _find_amplitudes(spins))
+        is_seen = amplitudes > _SEEN * amplitudes.max()
+        is_seen &= np.isin(balls, _choose_balls(modes, mode, _MOST_BALLS))
     return _Motion(
         places=network.positions[balls] / diameter,
         radii=network.radii[balls] / diameter,
@@ -214,21 +229,22 @@ def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
         turn=scale * spins / gyration[:, None],
         gyration=gyration,
         rotate=motions.rotate,
-        planar=network.dimension < 3 and stays_in_plane,
-        title=_write_network_title(modes, mode, balls.size),
+        planar=is_planar,
+        seen=is_seen,
+        title=_write_network_title(modes, mode, int(np.count_nonzero(is_seen))),
         colours=[colours[ball] for ball in balls.tolist()],
         kinds=colours_of_kinds,
     )
 
 
-def _choose_balls(modes: NetworkModes, mode: int) -> NDArray[np.intp]:
-    """Return the indices (m,) of the balls that are drawn, ascending: those with the most kinetic
+def _choose_balls(modes: NetworkModes, mode: int, most: int) -> NDArray[np.intp]:
+    """Return the indices (m,) of at most so many balls, ascending: those with the most kinetic
     energy, without flat walls.
     """
     is_ball = np.isfinite(modes.network.radii)
     energies = np.sum(modes.vectors[mode] ** 2, axis=1)
     ranks = np.where(is_ball, energies, -1.0)  # flat walls come last
-    n_drawn = min(_MOST_BALLS, np.count_nonzero(is_ball))
+    n_drawn = min(most, np.count_nonzero(is_ball))
     descending = np.argsort(-ranks, kind="stable")
     return np.sort(descending[:n_drawn])
 
@@ -358,6 +374,7 @@ def _find_motion(
         gyration=lattice.gyration[balls],
         rotate=motions.rotate,
         planar=is_flat and stays_in_plane,
+        seen=np.ones(balls.size, bool),
         title=_write_title(modes, fractions, branch, motions.rotate),
         colours=[colours_of_kinds.get(names[ball], _BALL) for ball in balls.tolist()],
         kinds=colours_of_kinds,
@@ -536,9 +553,13 @@ def _draw_spheres_with_arrows(
     a viewer who looks along the arrow the ball turns clockwise.
     """
     painter = Painter(view)
-    _add_bonds(painter, motion.pairs, motion.places, radii)
+    is_between_seen = np.all(motion.seen[motion.pairs], axis=1)
+    _add_bonds(painter, motion.pairs[is_between_seen], motion.places, radii)
     spins = motion.gyration[:, None] * turn
-    for ball, centre in enumerate(motion.places):
+    for centre in motion.places[~motion.seen]:
+        painter.add_point(centre, _POINT, _STILL)
+    for ball in np.flatnonzero(motion.seen).tolist():
+        centre = motion.places[ball]
         radius = radii[ball]
         painter.add_sphere(centre, radius, motion.colours[ball])
         _add_arrow(painter, centre, radius, shift[ball], "black")
@@ -647,11 +668,15 @@ def _add_arc(painter: Painter, centre: Array, radius: float, phi: Array) -> None
 
 
 def _find_amplitude(motion: NDArray[Any]) -> float:
-    """Return the largest length that the complex vectors ``motion`` (n, 3) reach in a period: the
-    longest half axis of their elliptic paths.
+    """Return the largest length that the complex vectors ``motion`` (n, 3) reach in a period."""
+    return float(_find_amplitudes(motion).max())
+
+
+def _find_amplitudes(motion: NDArray[Any]) -> Array:
+    """Return the largest length (n,) that each of the complex vectors ``motion`` (n, 3) reaches in
+    a period: the longer half axis of its elliptic path.
     """
     # sum and difference of the squares of both half axes of each path
     total = np.sum(np.abs(motion) ** 2, axis=1)
     difference = np.abs(np.sum(motion * motion, axis=1))
-    longer_half_axes = np.sqrt(0.5 * (total + difference))
-    return float(longer_half_axes.max())
+    return np.asarray(np.sqrt(0.5 * (total + difference)))

@@ -72,6 +72,13 @@ _OF_STATES = {
     "response": _Drawing("waves", "responses_figure", "dataset"),
     "motion": _Drawing("motions", "motions_figure", "dataset"),
 }
+#: pictures of the waves of all states of a sweep, by the stem of their file
+_OF_SWEEPS = {
+    "sweep_dos": _Drawing("waves", "sweep_dos_figure", "dataset"),
+    "sweep_spectra": _Drawing("waves", "sweep_spectra_figure", "dataset"),
+    "sweep_gaps": _Drawing("gaps", "sweep_gaps_figure", "dataset"),
+    "sweep_surface": _Drawing("gaps", "sweep_surface_figure", "dataset"),
+}
 
 
 def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
@@ -131,6 +138,12 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
 def draw_states(dataset: Any, block: str) -> Figure:
     """Draw the results of the network of each state of a data set, for a block of the scene."""
     figure: Figure = _OF_STATES[block].load()(dataset)
+    return figure
+
+
+def draw_waves_of_sweep(dataset: Any, stem: str) -> Figure:
+    """Draw the waves of all states of a sweep that the ``stem`` of a file names."""
+    figure: Figure = _OF_SWEEPS[stem].load()(dataset)
     return figure
 
 

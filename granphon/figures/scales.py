@@ -120,6 +120,8 @@ _ROUNDING = 1e-9
 _PIXELS_PER_INCH = 120
 #: least number of plain ticks of a logarithmic axis
 _LEAST_TICKS = 4
+#: the same, in a small panel
+_FEW_TICKS = 3
 #: height of a row of a legend, in inches
 ROW_HEIGHT = 0.16
 _MM_PER_M = 1e3
@@ -155,6 +157,14 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.set_minor_locator(_PlainTicks(minor=True))
     axis.set_minor_formatter(NullFormatter())
+
+
+def thin_ticks(ax: Axes) -> None:
+    """Let the plain logarithmic axes of a small panel have few numbers."""
+    for axis in (ax.xaxis, ax.yaxis):
+        if isinstance(axis.get_major_locator(), _PlainTicks):
+            axis.set_major_locator(_PlainTicks(least=_FEW_TICKS))
+            axis.set_minor_locator(_PlainTicks(minor=True, least=_FEW_TICKS))
 
 
 def widen_axis(ax: Axes, which: str, values: Array) -> None:
@@ -411,10 +421,13 @@ def _keep_inside(ticks: Array, low: float, high: float) -> Array:
 
 
 class _PlainTicks(Locator):
-    """Ticks at round numbers on a logarithmic axis, few but at least four; or its minor ticks."""
+    """Ticks at round numbers on a logarithmic axis, few but at least ``least``; or its minor
+    ticks.
+    """
 
-    def __init__(self, minor: bool = False) -> None:
+    def __init__(self, minor: bool = False, least: int = _LEAST_TICKS) -> None:
         self._minor = minor
+        self._least = least
 
     def __call__(self) -> Any:
         return self.tick_values(*self.axis.get_view_interval())  # type: ignore[union-attr]
@@ -425,17 +438,17 @@ class _PlainTicks(Locator):
         """
         low, high = sorted((vmin, vmax))
         major = minor = np.empty(0)
-        for ticks, finer_ticks in _list_round_numbers(low, high):
+        for ticks, finer_ticks in _list_round_numbers(low, high, self._least < _LEAST_TICKS):
             major = _keep_inside(ticks, low, high)
             minor = _keep_inside(finer_ticks, low, high)
-            if major.size >= _LEAST_TICKS:
+            if major.size >= self._least:
                 break
         return minor if self._minor else major
 
 
-def _list_round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]]:
+def _list_round_numbers(low: float, high: float, few: bool) -> Iterator[tuple[Array, Array]]:
     """Yield sets of round numbers from about ``low`` to ``high``, few first, each with a finer set
-    for minor ticks.
+    for minor ticks; with ``few`` the first set may have a number in each decade alone.
 
     Each decade has the same numbers; numbers within a factor of four are evenly spaced.
     """
@@ -449,6 +462,8 @@ def _list_round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]
             minor_digits = np.arange(1.0, 10.0)
         decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
         minor_ticks = np.outer(decades, minor_digits).ravel()
+        if few:
+            yield decades, minor_ticks
         if span > 50.0:
             yield np.outer(decades, (1.0, 3.0)).ravel(), minor_ticks
         for digits in (

@@ -127,6 +127,11 @@ class Painter:
             edge = "0.35" if is_outermost else "none"
             self.add(nearness, disc, face=tuple(shade), edge=edge, width=0.5)
 
+    def add_point(self, centre: Array, radius: float, color: ColorType) -> None:
+        """Add a plain disc in place of a ball, with a ``centre`` (3,) and a ``radius``."""
+        x, y = self.view.project(centre).tolist()
+        self.add(float(self.view.nearness(centre)), Path.circle((x, y), radius), face=color)
+
     def add_arrow(
         self,
         start: Array,

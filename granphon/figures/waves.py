@@ -83,6 +83,10 @@ _LOADS_OF_MAP = 6
 _DECIBELS = 80.0
 #: decay from layer to layer, in units of pi, above which a wave is not drawn
 _MOST_DECAY = 1.5
+#: room beside the greatest wave numbers, in the same units
+_BORDER = 0.06
+#: least height of the axis of frequency, over the greatest frequency
+_LEAST_HEIGHT = 1e-3
 
 
 def plot_spectrum(
@@ -1008,11 +1012,16 @@ def complex_bands_figure(bands: ComplexBands) -> Figure:
         left.plot(wave_numbers.real[is_decaying], f[is_decaying], color=GUIDE, **dots)
         left.plot(wave_numbers.real[is_running], f[is_running], color=BLUE, **dots)
         right.plot(wave_numbers.imag[is_decaying], f[is_decaying], color=VERMILION, **dots)
+        # room for the dots at the border
         left.set(
-            xlabel="Re $k$ ($\\pi/h$)", ylabel=f"Frequency ({print_hertz(unit)})", xlim=(-1.0, 1.0)
+            xlabel="Re $k$ ($\\pi/h$)",
+            ylabel=f"Frequency ({print_hertz(unit)})",
+            xlim=(-1.0 - _BORDER, 1.0 + _BORDER),
         )
-        left.set_ylim(float(f.min()), float(f.max()))
-        right.set(xlabel="Im $k$ ($\\pi/h$)", xlim=(0.0, _MOST_DECAY))
+        height = max(float(np.ptp(f)), _LEAST_HEIGHT * float(f.max()))
+        border = 0.5 * _BORDER * height
+        left.set_ylim(max(float(f.min()) - border, -border), float(f.max()) + border)
+        right.set(xlabel="Im $k$ ($\\pi/h$)", xlim=(-0.5 * _BORDER, _MOST_DECAY))
     return figure
 
 

@@ -39,7 +39,14 @@ _SYMBOLS = {
 }
 #: words for the default motions, stiffness of rolling, and terms of finite overlap: a title leaves
 #: them out
-DEFAULTS = frozenset({"motions of the lattice", "no torsion", "no bending", "overlap ≪ diameter"})
+DEFAULTS = frozenset(
+    {
+        "motions of the lattice",
+        "no torsion",
+        "no bending",
+        "without terms of overlap/diameter",
+    }
+)
 
 
 def describe_medium(label: str, periods: int = 2, balls: int = 1) -> str:
@@ -163,7 +170,7 @@ def list_facts(packing: Packing) -> dict[str, str]:
 
 def describe_overlap(finite: bool) -> str:
     """Return in words whether states have the terms of relative order delta/d."""
-    return "finite overlap" if finite else "overlap ≪ diameter"
+    return f"{'with' if finite else 'without'} terms of overlap/diameter"
 
 
 def find_differing(facts: Sequence[Mapping[str, str]]) -> tuple[list[str], list[str]]:

@@ -18,6 +18,7 @@ from granphon.figures.scales import scale_axis, styled_figure, widen_axis
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from granphon.figures.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
@@ -76,7 +77,9 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
         ax.set_xlim(*_TIMES)
     _draw_floor(ax, points)
     if points_run:
+        handles, _ = ax.get_legend_handles_labels()
         ax.legend(
+            handles=[*handles, *_explain_markers(points_run)],
             ncols=2,
             handlelength=1.4,
             columnspacing=1.0,
@@ -90,6 +93,20 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
     }
     _count_missing(ax, missing, len(points))
     return ax
+
+
+def _explain_markers(points_run: Sequence[MeasuredPoint]) -> list[Line2D]:
+    """Return the entries of the legend for full and open markers, if some of the points that were
+    run are open.
+    """
+    is_open = [point.error > 0.0 and not point.resolved for point in points_run]
+    if not any(is_open):
+        return []
+    look: dict[str, Any] = {"marker": "o", "linestyle": "none", "color": "0.4", "ms": _MARKER}
+    entries = [Line2D([], [], label="open: reference is little better", mfc="white", **look)]
+    if not all(is_open):
+        entries.insert(0, Line2D([], [], label="full: 100 times better", **look))
+    return entries
 
 
 def _limit_spread(point: MeasuredPoint) -> float:

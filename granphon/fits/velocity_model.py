@@ -32,6 +32,7 @@ from granphon.balls.packing import MINDLIN, Packing, change_packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, UnreachableFrequencyError
 from granphon.base.results import Result
+from granphon.base.scales import write_quantity
 from granphon.base.text import suggest
 from granphon.base.validation import one_of, positive, require, truth
 from granphon.dynamics.branches import follow_acoustic_branches
@@ -423,8 +424,8 @@ class VelocityModel:
                 raise
             lowest = int(np.argmin(self.force))
             where = (
-                f"datum {lowest + 1}, the lowest, is f* = {even.reduced_force[lowest]:.3g} if the"
-                f" width is {packing.width:.3g} m"
+                f"datum {lowest + 1}, the lowest, is {write_quantity(self.force[lowest], 'N')} at a"
+                f" width of {write_quantity(packing.width, 'm', 3)}"
             )
             raise InputError(
                 f"{where}, and the curve through simulated loads begins lower: {error}"

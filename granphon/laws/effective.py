@@ -167,7 +167,8 @@ class EffectiveLaw(SpreadLaw):
         if np.any(force < curve.least_force):
             least_force = float(np.min(force))
             raise self._refuse(
-                f"a mean contact force of f* = {least_force:.3g} is below {curve.least_force:.6g}"
+                f"a mean contact force of f* = {least_force:.3g} is below f* ="
+                f" {curve.least_force:.6g}"
             )
         return curve.overlap(force)
 

@@ -57,6 +57,7 @@ from granphon.media.medium import (
     Medium,
     Option,
 )
+from granphon.media.newtons import write_force
 from granphon.media.simulation import (
     DEFAULT_SHAPES,
     DirectSimulation,
@@ -205,13 +206,15 @@ class AutoMedium(Medium[ContactState]):
                 f" {balls:,} balls",
                 "Raise the tolerance, or simulate more samples by hand",
             )
-        symbol = "a*" if load.kind == "overlap" else "f*"
-        reduced_load = float(reduce_load(self.packing, load))
         least_load = find_least_load(self.packing, load, self.truth)
+        if load.kind == "overlap":
+            load_in_words += f", a* = {float(reduce_load(self.packing, load)):.3g}"
+            least_in_words = f"a* = {least_load:g}"
+        else:
+            least_in_words = f"a contact force of {write_force(self.packing, least_load)}"
         return InputError(
-            f"the errors of the media are not known at {load_in_words},"
-            f" {symbol} = {reduced_load:.3g}",
-            f"They are known from {symbol} = {least_load:g} on",
+            f"the errors of the media are not known at {load_in_words}",
+            f"They are known from {least_in_words} on",
             "Raise the load, or name a medium",
         )
 

@@ -141,6 +141,19 @@ class Check(Result):
         """Number of loads at which the condition fails."""
         return np.size(self.value) - int(np.count_nonzero(self.ok))
 
+    @property
+    def worst_index(self) -> int:
+        """Index, in the flat values, of the one that is farthest beyond the limit."""
+        value = np.ravel(self.value)
+        return int(np.argmin(value) if self.at_least else np.argmax(value))
+
+    @property
+    def excess(self) -> float:
+        """How far the worst value is beyond the limit: their ratio, above 1 if it fails."""
+        worst = float(np.ravel(self.value)[self.worst_index])
+        least, most = (worst, self.limit) if self.at_least else (self.limit, worst)
+        return most / least if least > 0.0 else math.inf
+
     def join(self, other: Check) -> Check:
         """Return the same condition over the loads of both."""
         return replace(self, value=np.concatenate([np.ravel(self.value), np.ravel(other.value)]))
@@ -148,23 +161,44 @@ class Check(Result):
     @property
     def warning(self) -> str | None:
         """Warning for the user, a sentence or two, or None if the condition holds at every load."""
+        return self.tell()
+
+    def tell(self, where: str = "") -> str | None:
+        """Return the :attr:`warning`, with words that say at which loads the condition fails."""
         failing = self.failing
         loads = np.size(self.value)
         if not failing:
             return None
+        place = f" ({where})" if where else ""
         value = np.asarray(self.value)
         worst = float(value.min() if self.at_least else value.max())
         if self.name == "medium":
-            return self._warn_of_medium(worst, failing, loads)
+            return f"{self._warn_of_medium(worst, failing, loads)}{place}."
         # the spread and the constants of a ball do not depend on the load
         depends_on_load = self.name not in ("spread", *BALL_LIMITS)
         bound = ""
         share = ""
         if depends_on_load and loads > 1:
             bound = "up to " if failing > 1 else ""
-            share = _write_share(failing, loads)
+            share = f"{_write_share(failing, loads)}{place} "
         sentence = f"{share}{self._write_sentence(worst, bound)}"
         return f"{sentence[0].upper()}{sentence[1:]}: {self.reason}."
+
+    def tell_states(self, share: str, place: str) -> str:
+        """Return the warning of the states of a sweep at which the condition fails: ``share`` says
+        at how many of them, and where; this check has the worst of their values, which is at
+        ``place``, empty if there is nothing to tell it from.
+        """
+        worst = float(np.ravel(self.value)[self.worst_index])
+        if self.name == "medium":
+            at_place = f" ({place})" if place else ""
+            return (
+                f"{self.reason} {share}: the contact force is {_write_force(worst)} where it must"
+                f" be {_write_force(self.limit)}{at_place}."
+            )
+        sentence = f"{share} {self._write_sentence(worst, 'up to ' if place else '')}"
+        ending = f" The worst is at {place}." if place else ""
+        return f"{sentence[0].upper()}{sentence[1:]}: {self.reason}.{ending}"
 
     def _write_sentence(self, worst: float, bound: str) -> str:
         """Return what fails, in words, with the value ``worst`` and the limit; ``bound``, "up to "
@@ -188,14 +222,14 @@ class Check(Result):
         return _LIMITS[self.name].sentence.format_map(words)
 
     def _warn_of_medium(self, worst: float, failing: int, loads: int) -> str:
-        """Return the warning that the contact forces at ``failing`` of the ``loads`` are below the
-        range of the medium; the least is ``worst``, N.
+        """Return the warning, without its full stop, that the contact forces at ``failing`` of the
+        ``loads`` are below the range of the medium; the least is ``worst``, N.
         """
         clause = "the contact force is"
         if loads > 1:
             verb = "is lower," if failing == 1 else "are lower, down to"
             clause = f"{failing} of the {loads} contact forces {verb}"
-        return f"{self.reason} below {_write_force(self.limit)}: {clause} {_write_force(worst)}."
+        return f"{self.reason} below {_write_force(self.limit)}: {clause} {_write_force(worst)}"
 
 
 def check_limit(name: str, value: Any, more: str = "") -> Check:
@@ -212,5 +246,5 @@ def check_limit(name: str, value: Any, more: str = "") -> Check:
 def _write_share(failing: int, loads: int) -> str:
     """Return in words at how many of several ``loads`` a condition fails."""
     if failing < loads:
-        return f"at {failing} of {loads} loads "
-    return "at both loads " if loads == 2 else f"at all {loads} loads "
+        return f"at {failing} of {loads} loads"
+    return "at both loads" if loads == 2 else f"at all {loads} loads"

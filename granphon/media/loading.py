@@ -103,8 +103,8 @@ def require_load(packing: Packing, load: Load, largest: float) -> None:
         raise explain_too_small(least_force)
     # on a line there is no threshold of rigidity that the error could name
     raise InputError(
-        f"a contact force of f* = {least_force:.3g} is below {THRESHOLD_FORCE:g}, the least that is"
-        f" simulated",
+        f"a contact force of f* = {least_force:.3g} is below f* = {THRESHOLD_FORCE:g}, the least"
+        f" that is simulated",
         mend="Raise the load, or take another medium, which on a line is exact too",
     )
 

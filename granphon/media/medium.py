@@ -32,6 +32,7 @@ from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
+from granphon.media.newtons import in_newtons
 from granphon.media.state import ContactState, Law, read_finite_overlap
 
 
@@ -239,6 +240,7 @@ class LawMedium(Medium[ContactState]):
     def __post_init__(self) -> None:
         given_packing(self.packing)
 
+    @in_newtons
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap`
         take its value in SI.

@@ -67,6 +67,7 @@ from granphon.media.loading import (
     require_load,
 )
 from granphon.media.medium import Medium, Option
+from granphon.media.newtons import in_newtons
 from granphon.media.sample_memory import estimate_memory
 from granphon.media.state import ContactState, read_finite_overlap
 from granphon.statics.configuration import BOUNDARIES
@@ -1149,6 +1150,7 @@ class DirectSimulation(Medium[SimulatedState]):
             return self.packing.law
         return SampleLaw(replace(self, executor=None, ordered=False))
 
+    @in_newtons
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap`
         take its value in SI.
@@ -1234,6 +1236,7 @@ class DirectSimulation(Medium[SimulatedState]):
             for index, equilibrium in equilibria.items()
         }
 
+    @in_newtons
     def path(
         self,
         load: Load | None = None,
@@ -1362,6 +1365,7 @@ class DirectSimulation(Medium[SimulatedState]):
         )
         return Sample(self.packing, self.seed_of(0), equilibrium)
 
+    @in_newtons
     def require(self, load: Load) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample can
         bear, solving none.

@@ -50,6 +50,7 @@ CostClass = Literal[
     "dos",
     "bands",
     "surface",
+    "gaps",
     "network",
 ]
 
@@ -694,12 +695,22 @@ _OBSERVABLES = (
         cost="bands",
         swept=False,
     ),
+    *(
+        Observable(
+            f"gap_{edge}",
+            "Hz",
+            f"{edge} edges of the gaps by the number of branches below, nan where there is no gap",
+            cost="gaps",
+            dims=("gap",),
+        )
+        for edge in ("lower", "upper")
+    ),
     Observable(
         "top_frequency",
         "Hz",
         "the highest frequency of the bands",
-        cost="bands",
-        swept=False,
+        label="Top frequency",
+        cost="gaps",
         told=True,
     ),
 )

@@ -119,16 +119,16 @@ def find_warnings(state: Any) -> tuple[str, ...]:
     return network_warnings(state.network)
 
 
-def expect_warnings(simulation: DirectSimulation, load: Load) -> tuple[str, ...]:
-    """Return the warnings that a simulation will have at the values of an applied load, as far as
-    known before it is run.
+def expect_checks(simulation: DirectSimulation, load: Load) -> tuple[Check, ...]:
+    """Return the conditions that a simulation will not meet at the values of an applied load, as
+    far as known before it is run.
     """
     if not simulation.resists_slip:
         return ()
     shear_deficit = expect_shear_deficit(simulation.packing, load, simulation.friction_history)
     left_out = find_left_out(shear_deficit, simulation.geometry)
-    warning = check_limit("shear", left_out).warning
-    return () if warning is None else (warning,)
+    check = check_limit("shear", left_out)
+    return (check,) if check.failing else ()
 
 
 def _compute_validity(state: Any) -> Validity:

@@ -803,6 +803,12 @@ class Phonons:
             x 16 x 16. The zone of a cell of more than 16 balls is small: its mesh has 4 over the
             number of balls of these points, at least two a row.
         """
+        return self.find_gaps(mesh)[1]
+
+    def find_gaps(self, mesh: Sequence[int] | None = None) -> tuple[Index, Array]:
+        """Return the number of branches below each of the :meth:`gaps`, (n,), which tells a gap
+        from the others under every load, and the gaps, (n, 2) Hz; ``mesh`` is as there.
+        """
         numbers = self._read_gap_mesh(mesh)
         points = self._list_gap_points(numbers)
         q = self.lattice.wavevectors(points)
@@ -814,7 +820,7 @@ class Phonons:
         narrowest = _NO_GAP * float(tops[-1])
         above_gaps = np.flatnonzero(bottoms - floors > narrowest)
         if not above_gaps.size:
-            return np.zeros((0, 2))
+            return above_gaps, np.zeros((0, 2))
         edges = _BandEdges.of(above_gaps)
         # the longest step of the mesh, 1/d
         spacing = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
@@ -832,7 +838,8 @@ class Phonons:
         lower, upper = edges.pair_frequencies(heights)
         intervals = np.stack([np.maximum(lower, floors[above_gaps]), upper], axis=1)
         is_gap = upper - lower > narrowest
-        return np.reshape(intervals[is_gap], (-1, 2)) * self.scales.frequency
+        gaps = np.reshape(intervals[is_gap], (-1, 2)) * self.scales.frequency
+        return above_gaps[is_gap], gaps
 
     def _read_gap_mesh(self, mesh: Sequence[int] | None) -> tuple[int, ...]:
         """Return the numbers of wave vectors (p,) of the mesh on which gaps are sought.

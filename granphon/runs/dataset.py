@@ -54,6 +54,7 @@ from granphon.media.arrangement import Balls
 from granphon.media.choice import is_exact_label
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
 from granphon.runs.execution import solve_all
+from granphon.runs.notes import CaseNotes, tell_notes
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import (
     INCOMPLETE,
@@ -64,9 +65,8 @@ from granphon.runs.tasks import (
     drop_marks,
     explain_end,
     find_reached,
-    label_warnings,
     pad_alike,
-    tell_warnings,
+    read_notes,
     to_json,
 )
 from granphon.runs.workers import packages
@@ -81,20 +81,22 @@ else:
 
 
 Array = NDArray[Any]
-#: costs of the observables of the waves in simulated arrays, at edges, and in networks
-_WAVE_COSTS = ("pulse", "spectrum", "dos", "surface", "network")
+#: costs of the observables of the waves in simulated arrays, at edges, beside gaps, and in networks
+_WAVE_COSTS = ("pulse", "spectrum", "dos", "surface", "gaps", "network")
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
 #: dimensions of tables of waves besides the dimensions of states, by the stem of the file
 _TABLE_DIMS = {
     "sweep_dos": ("node",),
     "sweep_spectra": ("polarisation", "wavevector"),
+    "sweep_gaps": ("gap",),
+    "sweep_surface": ("surface_point", "surface_wave"),
     "response": ("response_frequency", "receiver"),
     "motion": ("motion_time",),
     "damped_bands": ("segment", "point", "branch"),
 }
 #: last dimensions of variables of which some states have fewer values than others
-_UNEVEN = (("surface_wave",), ("response_peak",))
+_UNEVEN = (("surface_wave",), ("gap",), ("response_peak",))
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
 #: longest time that opening a file without a digest may take, s
@@ -278,7 +280,9 @@ def make_frame(grid: Grid) -> Dataset:
     if request.bands is not None:
         attrs["damping"] = to_json(request.bands)
     if request.finite_overlap and not all(medium.is_exact for medium in grid.media):
-        attrs["exponent"] = "left out: it is defined in the limit of small overlap"
+        attrs["exponent"] = (
+            "left out: it is defined for overlaps that are small beside the diameter"
+        )
     attrs["packing"] = to_json(grid.packing)
     return Dataset(variables, coordinates, attrs)
 
@@ -535,17 +539,14 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     The results are changed in place.
     """
     packing = grid.cases[0].packing
-    labels = [case.label for case in grid.cases]
-    warnings = list[tuple[str, str]]()  # labels of cases, and texts
-    for label, result in zip(labels, results, strict=True):
-        warnings += [(label, text) for text in tell_warnings(result)]
+    notes = [read_notes(result) for result in results]
     _fill_errors(grid, results)
     _pad_uneven(results)  # before gaps, which have the shape of the values of others
     results, sentences = _fill_gaps(results, packing.structure.periods)
-    warnings += [(label, text) for label, text in zip(labels, sentences, strict=True) if text]
-    texts = label_warnings(warnings)
-    if grid.request.alone:  # a single state needs no name
-        texts = list(dict.fromkeys(text for _, text in warnings))
+    entries = []
+    for case, of_case, sentence in zip(grid.cases, notes, sentences, strict=True):
+        entries.append(CaseNotes.of(case, [*of_case, *filter(None, [sentence])]))
+    texts = tell_notes(entries)
     _fill_choices(grid, results)
     # the array of a variable has room for no case without the variable
     shared_names = set(results[0]).intersection(*results) - {grid.load.kind, "warnings"}
@@ -846,13 +847,14 @@ def write_waves(dataset: Dataset, path: Path) -> None:
     stem of its name says which.
 
     Each table has rows for every state. Of a state, sweep_dos.csv has a row for each frequency,
-    sweep_spectra.csv for each polarisation and wave vector, response.csv for each frequency and
-    receiver, motion.csv for each time, and damped_bands.csv for each segment, point and branch.
+    sweep_spectra.csv for each polarisation and wave vector, sweep_gaps.csv for each number of
+    branches below a gap, sweep_surface.csv for each point and wave, response.csv for each frequency
+    and receiver, motion.csv for each time, and damped_bands.csv for each segment, point and branch.
     """
     wave_dims = _TABLE_DIMS[path.stem]
     dims = (*dataset["valid"].dims, *wave_dims)
-    if path.stem == "damped_bands":
-        # The dimensions of bands have no coordinates: their numbers, from zero, tell rows apart.
+    if path.stem in ("damped_bands", "sweep_gaps", "sweep_surface"):
+        # These dimensions have no coordinates: their numbers, from zero, tell rows apart.
         numbers = {name: np.arange(dataset.sizes[name]) for name in wave_dims}
         dataset = dataset.assign_coords(numbers)
     coordinates = [name for name in wave_dims if name in dataset.coords]

@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from itertools import islice
 from types import SimpleNamespace
@@ -33,7 +33,7 @@ from granphon.array.sample import Sample
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
-from granphon.balls.packing import Axis, combine
+from granphon.balls.packing import Axis, combine, describe_combination
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError
 from granphon.base.registry import list_added
 from granphon.base.results import plain, read_only
@@ -42,6 +42,7 @@ from granphon.media.arrangement import Balls
 from granphon.media.choice import MediumChoice, ServingMedium
 from granphon.media.limits import Check
 from granphon.media.loading import sort_by_load
+from granphon.media.newtons import write_newtons
 from granphon.media.simulation import HISTORY_UNITS, DirectSimulation, SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
@@ -121,6 +122,7 @@ class Request:
     direction : direction of sound, Cartesian, one or many; None for x.
     waves : settings of the waves in each sample of a simulation; None without waves.
     surface : the edge whose waves are requested; None for none.
+    gaps : whether the edges of the gaps, and the top frequency, are requested.
     bands : how contacts damp the bands; None for bands without loss alone.
     exponents : whether the exponents of the velocities are requested, for which a simulation solves
         two more equilibria at each load.
@@ -137,6 +139,7 @@ class Request:
     direction: tuple[Any, ...] | None = None
     waves: WaveSettings | None = None
     surface: SurfaceSettings | None = None
+    gaps: bool = False
     bands: BandsSettings | None = None
     exponents: bool = True
     sound: bool = True
@@ -155,18 +158,39 @@ class Request:
 
 
 @dataclass(frozen=True, eq=False)
+class Written:
+    """How a user wrote the values of a sweep, for messages.
+
+    Attributes
+    ----------
+    units : the unit of the load and of each parameter, by name; SI units with decimal prefixes
+        where there is none.
+    load : the load as it was given, such as a side force; None if that is the load of contacts.
+    """
+
+    units: Mapping[str, str] = field(default_factory=dict)
+    load: Load | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Case:
     """One medium on one packing, at all values of an applied load, and the request of its states.
 
-    ``where`` names the swept parameters of the packing with their values, in words; empty if none
-    is swept.
+    ``values`` holds the names of the swept parameters of the packing and their values as texts;
+    empty if none is swept.
     """
 
-    where: str
+    values: tuple[tuple[str, str], ...]
     packing: Balls
     medium: MediumChoice
     load: Load
     request: Request = Request()
+    written: Written = Written()
+
+    @property
+    def where(self) -> str:
+        """The swept parameters with their values, in words; empty if none is swept."""
+        return describe_combination(self.values)
 
     @property
     def label(self) -> str:
@@ -279,6 +303,7 @@ class Grid:
     media: Sequence[MediumChoice]
     load: Load
     request: Request = Request()
+    written: Written = Written()
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:
@@ -286,8 +311,8 @@ class Grid:
         impossible packing.
         """
         return tuple(
-            Case(where, packing, medium, self.load, self.request)
-            for where, packing in combine(self.packing, self.axes)
+            Case(values, packing, medium, self.load, self.request, self.written)
+            for values, packing in combine(self.packing, self.axes, self.written.units)
             for medium in self.media
         )
 
@@ -333,26 +358,6 @@ def pad_alike(arrays: Sequence[Array]) -> list[Array]:
         else:
             padded.append(array)
     return padded
-
-
-def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:
-    """Return the warnings of a sweep, each after the label of its case, from pairs of the label of
-    a case and a text; a text of several cases appears once.
-
-    A text that begins with the label, as one about a medium, stands alone.
-    """
-    labels_of_texts: dict[str, list[str]] = {}
-    for label, text in labelled:
-        labels_of_texts.setdefault(text, []).append(label)
-    sentences = []
-    for text, labels in labels_of_texts.items():
-        if len(labels) > 1:
-            sentences.append(f"{labels[0]} and {len(labels) - 1} more: {text}")
-        elif text.startswith(f"{labels[0]} "):
-            sentences.append(text)
-        else:
-            sentences.append(f"{labels[0]}: {text}")
-    return sentences
 
 
 # -- of a medium -----------------------------------------------------------------------------------
@@ -447,7 +452,7 @@ class MediumTask(Task):
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Return every variable (loads, ...) by name, and the "warnings" that
-        :func:`tell_warnings` reads; nothing is ``begun``, as the task has one step.
+        :func:`read_notes` reads; nothing is ``begun``, as the task has one step.
 
         An error names its task and, if it is known, its load.
         """
@@ -485,6 +490,10 @@ class MediumTask(Task):
             notes.append("waves of an edge are left out: those of a simulated array are not known")
         elif request.surface is not None:
             variables |= _observe_edge(state, request.surface)
+        if request.gaps:
+            variables |= _observe_gaps(state)
+            if state.n_samples:
+                notes.append(LATTICE_BANDS)
         path = request.find_path(self.serving.packing.structure)
         if path is not None:
             qpoints, _labels = path
@@ -546,14 +555,16 @@ class MediumTask(Task):
                 raise error.restate(f"{self.where}, {load}: {error}") from None
         return records
 
-    def _locate(self, error: GranphonError) -> GranphonError:
-        """Return an error whose message begins with the task and the load.
+    def _locate(self, reduced_error: GranphonError) -> GranphonError:
+        """Return an error whose message begins with the task and the load, and has forces in
+        newton.
 
         If the load of ``error`` is not known, the error of the first load that fails alone is
         returned instead. The ``load_index`` is the index of the load in the sweep. If no load fails
         alone, or if ``error`` is about an option, ``error`` is returned with the task only; and the
         error of a single state with its own message.
         """
+        error = write_newtons(reduced_error, self.serving.packing)
         if self.request.alone:
             error.load_index = 0 if error.option is None else None
             return error
@@ -604,6 +615,31 @@ def _observe_edge(state: ContactState, settings: SurfaceSettings) -> TaskResult:
     states = _split_loads(state)
     distinct_states = _find_distinct(state, states)
     return observe_surface(states, distinct_states, settings.axis, settings.edge, settings.points)
+
+
+def _observe_gaps(state: ContactState) -> TaskResult:
+    """Return the variables of the gaps at each load: the lower and the upper edges (loads, b), Hz,
+    by the number of branches below the gap, of b branches, nan where there is no gap; and the top
+    frequency (loads,), Hz.
+    """
+    # imported here: other runs do not need phonons
+    from granphon.phonons.phonons import Phonons
+
+    states = _split_loads(state)
+    distinct_states = _find_distinct(state, states)
+    n_branches = distinct_states[0].contact_lattice().n_branches
+    edges = np.full((2, len(distinct_states), n_branches), np.nan)
+    tops = np.zeros(len(distinct_states))
+    for index, distinct in enumerate(distinct_states):
+        phonons = Phonons(distinct)
+        branches, gaps = phonons.find_gaps()
+        edges[:, index, branches] = gaps.T
+        tops[index] = phonons.lattice.top_frequency * phonons.scales.frequency
+    # from the frequencies of the distinct states to those of all states
+    scales = np.array([single.scales.frequency for single in states])
+    ratios = scales / [distinct.scales.frequency for distinct in distinct_states]
+    lower, upper = ratios[:, None] * edges
+    return {"gap_lower": lower, "gap_upper": upper, "top_frequency": ratios * tops}
 
 
 def _observe_bands(
@@ -1008,7 +1044,7 @@ def _join_notes(results: Iterable[TaskResult]) -> NDArray[Any]:
     """
     notes: dict[Any, Check | str] = {}
     for result in results:
-        for note in map(_read_note, result["warnings"].tolist()):
+        for note in read_notes(result):
             if isinstance(note, str):
                 notes[note] = note
                 continue
@@ -1025,13 +1061,6 @@ def _read_note(text: bytes) -> Check | str:
     return note if isinstance(note, str) else Check(*note)
 
 
-def tell_warnings(result: TaskResult) -> list[str]:
-    """Return the warnings of a ``result``: a sentence for each condition that fails, and each note
-    that is a sentence.
-    """
-    sentences = list[str]()
-    for note in map(_read_note, result["warnings"].tolist()):
-        sentence = note if isinstance(note, str) else note.warning
-        if sentence is not None:
-            sentences.append(sentence)
-    return sentences
+def read_notes(result: TaskResult) -> list[Check | str]:
+    """Return the notes on a ``result``: conditions over its loads, and sentences."""
+    return [_read_note(text) for text in result["warnings"].tolist()]

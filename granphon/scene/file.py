@@ -25,7 +25,14 @@ from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import Packing
 from granphon.base.errors import ConvergenceError, GranphonError, InstabilityError, Refused
-from granphon.base.quantities import ACCELERATION, LENGTH, LOAD_KINDS, NUMBER, TENSORS
+from granphon.base.quantities import (
+    ACCELERATION,
+    LENGTH,
+    LOAD_KINDS,
+    NUMBER,
+    TENSORS,
+    find_written_unit,
+)
 from granphon.base.scales import write_quantity
 from granphon.base.settings import NEEDED, Block, Kind, list_settings, whole_from, with_unit
 from granphon.base.text import Document, parse_yaml, read_text, show
@@ -620,7 +627,18 @@ def _read_block(name: str, value: Any, context: Context) -> Any:
         _require_one_load(value, of_crystal=bool(context.kinds))
     readers = {key: field.kind.rule(context) for key, field in fields.items()}
     needed_keys = [key for key, field in fields.items() if field.default == NEEDED]
-    return block(value, readers, needed_keys)
+    if name != "packing" or not _has_measured_spread(value):
+        return block(value, readers, needed_keys)
+    # the list of diameters says the mean
+    needed_keys.remove("diameter")
+    values = block(value, readers, needed_keys)
+    return {"diameter": values["spread"].mean, **values}
+
+
+def _has_measured_spread(packing: Any) -> bool:
+    """Whether a plain block "packing" has a spread of measured diameters."""
+    spread = packing.get("spread") if isinstance(packing, Mapping) else None
+    return isinstance(spread, Mapping) and "measured" in spread
 
 
 def _require_one_load(value: Mapping[str, Any], of_crystal: bool) -> None:
@@ -814,6 +832,24 @@ class SceneSource:
             paths.insert(0, self.path)
         return tuple(paths)
 
+    @property
+    def written_units(self) -> dict[str, str]:
+        """The units in which the document gives loads and swept parameters, by name: that of the
+        first value of each.
+        """
+        if self.document is None:
+            return {}
+        data = self.document.data
+        units = {}
+        for name, values in (data.get("load", {}) | data.get("sweep", {})).items():
+            first = values
+            if isinstance(values, Mapping):
+                first = values.get("from")
+            elif isinstance(values, list):
+                first = values[0]
+            units[name] = find_written_unit(first)
+        return units
+
     # -- places in the file ------------------------------------------------------------------------
 
     @contextmanager
@@ -977,7 +1013,7 @@ class SceneSource:
         quantities = {**blocks["material"], "diameter": values["diameter"]}
         key = _find_strangest(quantities)
         block_name = "packing" if key == "diameter" else "material"
-        written = show(data[block_name][key])
+        written = show(data[block_name].get(key, "the mean of the measured diameters"))
         refusal = f"found {written}; allowed: a ball that double precision can hold; "
         with self.at(block_name, key, prefix=refusal):
             names = [name for name in ("diameter", "lattice", "friction") if name in values]

@@ -40,11 +40,13 @@ from granphon.media.choice import (
     require_finite_overlap,
 )
 from granphon.media.cost import Cost
+from granphon.media.limits import Check
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
-from granphon.observables.validity import expect_warnings
+from granphon.observables.validity import expect_checks, validity
 from granphon.phonons.paths import MESHES, BandPath, read_paths
-from granphon.runs.tasks import Case, Grid, Request, require_arrays
+from granphon.runs.notes import CaseNotes, tell_notes
+from granphon.runs.tasks import Case, Grid, Request, Written, require_arrays
 from granphon.scene import rules
 from granphon.scene.file import SceneSource, scene_rule, write_blocks
 from granphon.scene.rules import Context
@@ -121,8 +123,8 @@ class PlannedCase:
         """State of the contacts under the first load, the only one if the scene is not a sweep."""
         return self._find_state(0)
 
-    def states(self, quick: bool) -> Iterator[tuple[str, ContactState]]:
-        """Label and state of each medium, or of those alone whose states are ``quick`` to find.
+    def states(self, quick: bool) -> Iterator[tuple[ServingMedium, ContactState]]:
+        """Each medium and its state, or of those media alone whose states are ``quick`` to find.
 
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if
         the case has one load.
@@ -131,8 +133,7 @@ class PlannedCase:
             if quick and not serving.is_quick:
                 continue
             is_alone = self.case.load.size == 1
-            state = self.state if is_alone else self._solve(serving, serving.load)
-            yield self.case.name(serving), state
+            yield serving, self.state if is_alone else self._solve(serving, serving.load)
 
     @cached_property
     def is_possible(self) -> bool:
@@ -196,6 +197,20 @@ class PlannedCase:
         # what overflows is refused afterwards
         with np.errstate(all="ignore"):
             return serving.at(load, finite_overlap=finite_overlap)
+
+
+def _note_limits(planned: PlannedCase) -> CaseNotes:
+    """Return the limits that the states of a case pass, of those that are quick to find."""
+    _ = planned.is_possible
+    checks: dict[Any, Check] = {}
+    loads = []
+    for serving, state in planned.states(quick=True):
+        loads.append(serving.loads)
+        for check in validity(state).checks:
+            key = (check.name, check.reason)
+            checks[key] = checks[key].join(check) if key in checks else check
+    served = np.concatenate(loads) if loads else np.zeros(0, int)
+    return CaseNotes(planned.case, tuple(checks.values()), served)
 
 
 class Conflict(NamedTuple):
@@ -464,7 +479,7 @@ class Plan:
         """The cases without their places in the file, which a sweep carries out."""
         has_velocities = "velocities" in self.observe
         # a mechanism has other observables, but no velocities
-        of_mechanisms = {"bands", "dos", "surface", *NETWORK_BLOCKS}
+        of_mechanisms = {"bands", "gaps", "dos", "surface", *NETWORK_BLOCKS}
         path = None
         if "bands" in self.observe:
             path = (self.path.arrays, self.band_points, self.path.labels)
@@ -475,12 +490,16 @@ class Plan:
             waves=self.waves,
             exponents=has_velocities,
             surface=self.observed_settings("surface"),
+            # those of a single state are found with its phonons
+            gaps="gaps" in self.observe and not self.is_single,
             bands=self.observed_settings("bands"),
             observe=self.observe,
             sound=has_velocities or of_mechanisms.isdisjoint(self.observe),
             alone=self.is_single,
         )
-        return Grid(self.packing, self.axes, self.media, self.load.applied.flat, request)
+        written_load = None if self.load.balls_per_side is None else self.load.flat
+        written = Written(self.origin.written_units, written_load)
+        return Grid(self.packing, self.axes, self.media, self.load.applied.flat, request, written)
 
     @cached_property
     def cases(self) -> tuple[PlannedCase, ...]:
@@ -672,11 +691,12 @@ class Plan:
         """
         for planned in cases:
             _ = planned.is_possible
-            yield from planned.states(quick)
+            for serving, state in planned.states(quick):
+                yield planned.case.name(serving), state
 
-    def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
-        """Return the :meth:`states` that are quick to find, and words for the states that are left
-        out; an empty text for none.
+    def survey(self) -> tuple[Iterator[CaseNotes], str]:
+        """Return the notes on the cases whose states are quick to find, the limits that their
+        states pass, and words for the states that are left out; an empty text for none.
 
         Simulations and effective media of long lists are left out. If there are more than 100
         combinations of medium and packing, or more than 20 000 states, so are all but those at the
@@ -687,10 +707,13 @@ class Plan:
             cases = self.cases
         else:
             load_ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
+            load = replace(self.load, array=load_ends)
+            written = self.case_grid.written
             grid = replace(
                 self.case_grid,
                 axes=[axis.ends for axis in self.axes],
-                load=replace(self.load, array=load_ends).applied.flat,
+                load=load.applied.flat,
+                written=replace(written, load=None if written.load is None else load.flat),
             )
             cases = self._plan_cases(grid)
             left_out.append(f"all but the ends of {self.n_states:,} states")
@@ -703,21 +726,30 @@ class Plan:
         for name, medium in MEDIA.items():
             if name in slow_names and medium.slow_part:
                 left_out.append(medium.slow_part)
-        return self._solve(cases, quick=True), " and ".join(left_out)
+        entries = (entry for entry in map(_note_limits, cases) if entry.has_states)
+        return entries, " and ".join(left_out)
 
-    def expect_warnings(self) -> list[tuple[str, str]]:
-        """Return the warnings that are known before simulations are run, as pairs of the label of a
-        case and a sentence; none of simulations that were chosen automatically.
+    def foresee_warnings(self) -> tuple[list[str], str]:
+        """Return the warnings that are known before a run, those of states that are quick to find
+        and those of simulations, and words for the states that are left out, as :meth:`survey`.
         """
-        labelled = list[tuple[str, str]]()
+        entries, left_out = self.survey()
+        with self.origin.where_it_buckles():
+            notes = list(entries)
+        return tell_notes([*notes, *self._expect_notes()]), left_out
+
+    def _expect_notes(self) -> list[CaseNotes]:
+        """Return the notes on cases that are known before simulations are run; none on simulations
+        that were chosen automatically.
+        """
+        entries = list[CaseNotes]()
         for planned in self.checked_cases:
             for serving in planned.serving_media:
-                if serving.chosen_automatically:
-                    continue
-                for medium in serving.arrays:
-                    sentences = expect_warnings(medium, serving.load)
-                    labelled += [(planned.case.label, sentence) for sentence in sentences]
-        return labelled
+                if not serving.chosen_automatically:
+                    for medium in serving.arrays:
+                        checks = expect_checks(medium, serving.load)
+                        entries.append(CaseNotes(planned.case, checks, serving.loads))
+        return entries
 
     def sweep(
         self, progress: Progress = silent, executor: Executor | None = None, **options: Any
@@ -918,9 +950,6 @@ class Plan:
             )
             for name in ("velocities", "bands", "gaps", "dos", "surface")
         ]
-        gaps = Conflict(
-            "gaps", not self.is_single, "of several states", "gaps of one state", "Observe bands."
-        )
         pulse = Conflict(
             "pulse",
             self.pulse is None,
@@ -931,7 +960,6 @@ class Plan:
         return [
             held,
             *without_period,
-            gaps,
             *self._list_conflicts_of_surface(),
             pulse,
             *self._list_conflicts_of_networks(),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -27,6 +28,30 @@ DRAWN = ("sweep.nc", "fit.yaml", "band.yaml", "dos.csv")
 _SWEEP_STEMS = {*(Path(name).stem for name in SWEEP_FIGURES), *NETWORK_BLOCKS}
 
 
+@dataclass(frozen=True)
+class View:
+    """What a figure shows of a sweep.
+
+    Attributes
+    ----------
+    where : the states that are drawn: texts of values by the name of a parameter, of the load, or
+        "medium", as :func:`granphon.figures.choices.choose_states` takes them; empty for all.
+    rows, columns : the parameters, or "medium", whose values have rows and columns of panels.
+    """
+
+    where: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    rows: str | None = None
+    columns: str | None = None
+
+
+#: all states of a sweep, in the panels that granphon chooses
+WHOLE = View()
+
+
+def _tell_nobody(sentence: str) -> None:
+    """Ignore a sentence."""
+
+
 def redraw(
     folder: str | os.PathLike[str],
     out: str | os.PathLike[str] | None = None,
@@ -34,6 +59,8 @@ def redraw(
     asymptotes: bool = False,
     variable: str | None = None,
     backend: str | None = None,
+    view: View = WHOLE,
+    tell: Callable[[str], object] = _tell_nobody,
 ) -> Path:
     """Draw the results in a run's folder again, in one figure, and return the path of its file.
 
@@ -51,6 +78,9 @@ def redraw(
     variable : name of the one variable of a sweep to draw.
     backend : matplotlib backend that draws, such as "pgf"; by default the one that belongs to the
         ending of ``out``.
+    view : which states of a sweep are drawn, and in which panels.
+    tell : called with a sentence, if the curves of a sweep are shared out among panels that the
+        ``view`` does not name.
 
     Raises
     ------
@@ -61,7 +91,8 @@ def redraw(
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
     source = Path(folder)
-    choice = _choose_results(source, None if out is None else Path(out).stem, variable)
+    asks_for_sweep = variable is not None or view != WHOLE
+    choice = _choose_results(source, None if out is None else Path(out).stem, asks_for_sweep)
     is_fit = "fit.yaml" in choice.files
     is_sweep = "sweep.nc" in choice.files
     if (is_sweep or is_fit) and asymptotes:
@@ -71,23 +102,34 @@ def redraw(
     if variable is not None and not is_sweep:
         why = "Only a sweep has variables to draw"
         raise InputError(f"{source} holds no sweep", why, "Leave variable out")
+    if view != WHOLE and not is_sweep:
+        why = "Only the states of a sweep are chosen, or have rows and columns"
+        raise InputError(f"{source} is drawn as no sweep", why, "Leave where, rows and columns out")
     target = source / f"{choice.name}.png" if out is None else Path(out)
     # a figure of the sweep is that which the name of its file says
     figure_name = target.name if choice.name == "sweep" else choice.name
 
     def draw() -> Any:
-        return _draw_results(source, choice, figure_name, asymptotes, variable)
+        if is_sweep:
+            dataset = _choose_of_run(_read_files(str(source), choice.files), view).dataset
+            return draw_sweep(dataset, figure_name, variable, view.rows, view.columns, tell)
+        return _draw_results(source, choice, asymptotes)
 
     return _draw(target, force, draw, [source], backend)
 
 
-def _draw_results(
-    source: Path, choice: _Choice, figure_name: str, asymptotes: bool, variable: str | None
-) -> Any:
-    """Return the figure of the results ``choice`` in the folder ``source``.
+def _choose_of_run(run: Run, view: View) -> Run:
+    """Return a run with the states of its data set that a ``view`` chooses."""
+    if run.dataset is None or not view.where:
+        return run
+    from granphon.figures.choices import choose_states
 
-    Of a sweep the figure is that of the ``variable``, or else the one that ``figure_name`` names;
-    with ``asymptotes`` the long waves are drawn beside bands.
+    return replace(run, dataset=choose_states(run.dataset, view.where, run.name))
+
+
+def _draw_results(source: Path, choice: _Choice, asymptotes: bool) -> Any:
+    """Return the figure of the results ``choice``, no sweep, in the folder ``source``; with
+    ``asymptotes`` the long waves are drawn beside bands.
     """
     if choice.wave_file is not None:
         from granphon.figures.plot import plot
@@ -102,8 +144,6 @@ def _draw_results(
     from granphon.figures.bands import bands_figure
 
     run = _read_files(str(source), choice.files)
-    if run.dataset is not None:
-        return draw_sweep(run.dataset, figure_name, variable)
     lattice = None
     if asymptotes and run.bands is not None:
         lattice = _find_lattice(source)
@@ -128,10 +168,10 @@ class _Choice(NamedTuple):
     wave_file: Path | None = None
 
 
-def _choose_results(source: Path, stem: str | None, variable: str | None) -> _Choice:
+def _choose_results(source: Path, stem: str | None, wants_sweep: bool) -> _Choice:
     """Return the results in the folder ``source`` that are drawn, by the ``stem`` of the figure's
-    file, None if the user names no file, and the ``variable`` of a sweep; InputError if the folder
-    has no result, or not that of the name.
+    file, None if the user names no file, and whether an option of sweeps is given; InputError if
+    the folder has no result, or not that of the name.
     """
     files = _find_results(source)
     wave_files = {name: source / f"{name}.json" for name in KEPT}
@@ -147,11 +187,11 @@ def _choose_results(source: Path, stem: str | None, variable: str | None) -> _Ch
         return _Choice(stem, {}, wave_files[stem])
     # the waves of an edge or a motion of one state are the figure of their run
     is_wave_run = waves in (["surface"], ["motion"]) and set(files) == {"sweep.nc"}
-    asks_for_sweep = stem == "sweep" or variable is not None
+    asks_for_sweep = stem == "sweep" or wants_sweep
     if not files or (is_wave_run and not asks_for_sweep):
         return _Choice(waves[0], {}, wave_files[waves[0]])
     spectra = {name: path for name, path in files.items() if name in ("band.yaml", "dos.csv")}
-    if spectra and variable is None and stem not in _SWEEP_STEMS:
+    if spectra and not wants_sweep and stem not in _SWEEP_STEMS:
         # of a single state bands and density of states are the figure
         return _Choice("bands" if "band.yaml" in spectra else "dos", spectra)
     if "sweep.nc" not in files:
@@ -183,7 +223,10 @@ def draw_together(
     x: str | None = None,
     y: str | None = None,
     data: Sequence[str | os.PathLike[str]] = (),
+    distance: float | None = None,
     backend: str | None = None,
+    view: View = WHOLE,
+    tell: Callable[[str], object] = _tell_nobody,
 ) -> Path:
     """Draw the results of several runs in one figure, and return the path of its file.
 
@@ -193,8 +236,11 @@ def draw_together(
     out : file of the figure, whose ending .pdf, .png or .svg is the format; by default
         comparison.png in the working folder.
     force : overwrite a file that granphon wrote and that was not changed since.
-    x, y, data : as in :func:`granphon.figures.curves.plot_together`.
+    x, y, data, distance : as in :func:`granphon.figures.curves.plot_together`.
     backend : matplotlib backend that draws.
+    view : which states of the runs are drawn; those that are swept over none of its names are drawn
+        whole. Panels are those of a single sweep.
+    tell : as in :func:`redraw`.
 
     Raises
     ------
@@ -212,16 +258,46 @@ def draw_together(
     def draw() -> Any:
         from granphon.figures.curves import comparison_figure
 
-        runs = [read_run(name) for name in names]
+        runs = _choose_of_runs([read_run(name) for name in names], view)
         # measured loads may be side forces on a hexagonal frame
         balls_per_side = _find_balls_per_side(names) if data else None
-        return comparison_figure(runs, x=x, y=y, data=data, balls_per_side=balls_per_side)
+        return comparison_figure(
+            runs,
+            x=x,
+            y=y,
+            data=data,
+            balls_per_side=balls_per_side,
+            distance=distance,
+            rows=view.rows,
+            columns=view.columns,
+            tell=tell,
+        )
 
     paths = [Path(name) for name in (*names, *map(str, data))]
     folders = [path for path in map(Path, names) if path.is_dir()]
     files = [path for path in paths if path.is_file()]
     target = Path("comparison.png" if out is None else out)
     return _draw(target, force, draw, folders, backend, files)
+
+
+def _choose_of_runs(runs: Sequence[Run], view: View) -> list[Run]:
+    """Return several runs with the states that a ``view`` chooses. A run that is swept over none of
+    the names is whole, as a fit; InputError if that holds for all runs, or if a run is swept over
+    some of the names only.
+    """
+    from granphon.figures.choices import find_dimension
+
+    chosen = []
+    for run in runs:
+        is_swept = run.dataset is not None and any(
+            find_dimension(run.dataset, name) is not None and run.dataset[name].size > 1
+            for name in view.where
+        )
+        chosen.append(_choose_of_run(run, view) if is_swept or len(runs) == 1 else run)
+    if view.where and all(run is earlier for run, earlier in zip(chosen, runs, strict=True)):
+        names = ", ".join(view.where)
+        raise InputError(f"none of the runs is swept over {names}", mend="Leave --where out")
+    return chosen
 
 
 def _find_balls_per_side(names: Sequence[str]) -> int | None:

@@ -69,10 +69,19 @@ import numpy as np
 from granphon.array.atoms import write_extxyz
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, silent
+from granphon.base.quantities import find_load_unit
 from granphon.base.results import write_html
+from granphon.base.scales import write_quantity
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.tables import Heading, table_text
-from granphon.base.text import dump_yaml, parse_yaml, read_yaml, require_schema, versions
+from granphon.base.text import (
+    counted,
+    dump_yaml,
+    parse_yaml,
+    read_yaml,
+    require_schema,
+    versions,
+)
 from granphon.dynamics.local_field import LocalField
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
@@ -111,7 +120,14 @@ SUMMARY_SCHEMA = 1
 #: written
 WORK_FILE = ".granphon-sweep"
 #: figures of the waves in simulated arrays of a sweep, each with its observable
-SWEEP_FIGURES = {"sweep_dos.png": "dos", "sweep_spectra.png": "spectrum"}
+SWEEP_FIGURES = {
+    "sweep_dos.png": "dos",
+    "sweep_spectra.png": "spectrum",
+    "sweep_gaps.png": "gaps",
+    "sweep_surface.png": "surface",
+}
+#: stems of these files
+_SWEEP_STEMS = tuple(name.removesuffix(".png") for name in SWEEP_FIGURES)
 #: observables of the waves in the samples of one state, by the stems of their files
 SAMPLE_WAVES = {"sample_dos": "dos", "spectrum": "spectrum", "pulse": "pulse"}
 #: results that are kept in a file .json and drawn in a figure, with their observables
@@ -131,7 +147,9 @@ _COLUMNS = {
         ("speckle", "m/s", "speckle_amplitude"),
     ],
 }
-#: names of all files that a run may write
+#: names of the files of a report about a folder, which a later run in the folder makes outdated
+REPORT_FILES = ("report.html", "report.md")
+#: names of all files that a run may write, or a report about it
 RESULT_FILES = (
     "scene.yaml",
     "summary.yaml",
@@ -139,6 +157,8 @@ RESULT_FILES = (
     "sweep.csv",
     "sweep_dos.csv",
     "sweep_spectra.csv",
+    "sweep_gaps.csv",
+    "sweep_surface.csv",
     "band.yaml",
     "damped_bands.csv",
     "phonopy_params.yaml",
@@ -158,6 +178,7 @@ RESULT_FILES = (
     "sweep_incomplete.nc",
     "sweep_incomplete.csv",
     DIAMETERS_FILE,
+    *REPORT_FILES,
 )
 #: variables of which the summary of several states lists the least and the greatest value
 _EXTENTS = (
@@ -177,6 +198,7 @@ _EXTENTS = (
     "peak_velocity",
     "greatest_force",
     "energy_lost",
+    "top_frequency",
     *(f"ioffe_regel_{name}" for name in POLARISATIONS),
 )
 
@@ -244,6 +266,33 @@ class Scene(Plan):
         object.__setattr__(scene, "origin", origin)
         scene.require()
         return scene
+
+    def __str__(self) -> str:
+        """Return what the scene says, in three short lines; no state is computed."""
+        packing = self.packing
+        structure = packing.structure
+        if packing.kind_names:
+            balls = f"crystal of {', '.join(packing.kind_names)}"
+        else:
+            balls = f"{structure.name} lattice of balls of {write_quantity(packing.diameter, 'm')}"
+            if packing.width:
+                balls += f" that differ by {write_quantity(packing.width, 'm')}"
+        unit = find_load_unit(self.load.kind, structure.periods, structure.pressed_axes)
+        ends = dict.fromkeys([min(self.load.values), max(self.load.values)])
+        loads = f"{self.load.kind.replace('_', ' ')} "
+        loads += " to ".join(write_quantity(end, unit) for end in ends)
+        if len(self.load.values) > 1:
+            loads += f" ({len(self.load.values)} loads)"
+        swept = [
+            counted(len(values), f"value of {name}", f"values of {name}")
+            for name, values in self.parameters
+        ]
+        media = [choice.label for choice in self.media]
+        name = "" if self.source is None else f" {self.source.name}"
+        return (
+            f"Scene{name}: {balls}\n  {'; '.join([loads, ', '.join(media), *swept])}\n"
+            f"  observes {', '.join(self.observe)}"
+        )
 
     def _repr_html_(self) -> str:
         """Return a table of what the scene says, in SI units; no state is computed."""
@@ -785,7 +834,7 @@ def write_numbers(result: Any, folder: Path, advance: Callable[[int], None]) -> 
                 from granphon.runs.wave_records import write_contacts
 
                 write_contacts(result.waves.motion, path, result.scene.motion)
-            case _ if stem in ("sweep_dos", "sweep_spectra", "damped_bands", *NETWORK_BLOCKS):
+            case _ if stem in ("damped_bands", *_SWEEP_STEMS, *NETWORK_BLOCKS):
                 write_waves(result.dataset, path)
             case "band.yaml":
                 result.bands.write(path)
@@ -884,10 +933,18 @@ def read_summary(folder: Path) -> dict[str, Any]:
 # -- figures ---------------------------------------------------------------------------------------
 
 
-def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
+def draw_sweep(
+    dataset: Any,
+    name: str,
+    variable: str | None = None,
+    rows: str | None = None,
+    columns: str | None = None,
+    tell: Callable[[str], object] | None = None,
+) -> Any:
     """Return the matplotlib figure of one ``variable`` of a data set. Without a variable the
     ``name`` of the figure's file chooses: a block about networks, or one of ``SWEEP_FIGURES``; any
-    other name means the curves of :func:`~granphon.figures.curves.sweep_figure`.
+    other name means the curves of :func:`~granphon.figures.curves.sweep_figure`, which takes the
+    other arguments.
     """
     stem = Path(name).stem
     if variable is None and stem in NETWORK_BLOCKS:
@@ -895,11 +952,9 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
 
         return draw_states(dataset, stem)
     if variable is None and f"{stem}.png" in SWEEP_FIGURES:
-        from granphon.figures.waves import sweep_dos_figure, sweep_spectra_figure
+        from granphon.figures.plot import draw_waves_of_sweep
 
-        if stem == "sweep_dos":
-            return sweep_dos_figure(dataset)
-        return sweep_spectra_figure(dataset)
+        return draw_waves_of_sweep(dataset, stem)
     from granphon.figures.curves import sweep_figure
 
-    return sweep_figure(dataset, variable=variable)
+    return sweep_figure(dataset, variable=variable, rows=rows, columns=columns, tell=tell)

@@ -89,7 +89,8 @@ def test_commands_stand_in_groups(capsys):
     listed = {name: re.findall(r"^  (\w+) ", text, re.MULTILINE) for name, text in sections}
     assert list(listed) == ["Options", *GROUPS]
     assert listed["Scenes"] == ["init", "check", "run"]
-    assert listed["Pictures"] == ["mode", "animate", "page", "export", "plot"]
+    pictures = ["mode", "animate", "page", "export", "report", "plot"]
+    assert listed["Pictures"] == pictures
     assert listed["Comparisons"] == ["fit", "tradeoff"]
 
 

@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -502,3 +503,50 @@ def test_slowness_and_modes_of_a_network_are_those_of_its_state(ax):
     ax.clear()
     plot_mode(gp.Phonons(state.network.repeat((2, 1))), (0.25, 0.0), 1, ax, cells=(2, 2))
     assert "kHz" in ax.get_title()
+
+
+def test_a_flat_band_of_a_ribbon_has_no_colour_of_an_edge_and_zero_branches_are_thin(ax):
+    """Out of its plane a zigzag ribbon has a flat band, whose modes may be summed to be anywhere,
+    and motions that deform no contact.
+    """
+    packing = gp.Packing(STEEL, 8e-3, lattice="honeycomb", motions="out_of_plane")
+    ribbon = gp.AveragedLattice(packing).at_force(18.446).network.cut(axis=1, layers=6)
+    bands = gp.Phonons(ribbon).bands(npoints=5)
+    plot_bands(bands, ax, edges=True)
+    top = bands.frequencies.max()
+    inside = np.array(to_rgb("0.75"))
+    n_zero = n_flat = 0
+    for b in range(bands.n_branches):
+        line = with_gid(ax, f"band-0-{b}")
+        frequencies = bands.frequencies[0, :, b]
+        if np.all(frequencies < 1e-6 * top):
+            n_zero += 1
+            assert np.all(np.array(line.get_linewidths()) < 1.0)
+        elif np.ptp(frequencies) < 1e-6 * top:
+            n_flat += 1
+        else:
+            assert np.all(np.array(line.get_linewidths()) >= 1.5)
+            continue
+        assert_allclose(line.get_edgecolors()[:, :3], np.tile(inside, (5, 1)), atol=0.1)
+    assert n_zero > 2
+    assert n_flat > 2
+    # the weights themselves are those of sums that are most at one edge
+    assert bands.edge_weight.max() > 0.99
+
+
+def test_complex_bands_leave_room_at_the_border():
+    light = gp.Ball(STEEL, 8e-3, mass=0.5 * gp.Ball(STEEL, 8e-3).mass, name="light")
+    network = (
+        gp.Crystal.on("chain", [gp.Ball(STEEL, 8e-3, name="heavy"), light]).at_force(20.0).network
+    )
+    frequencies = np.linspace(0.0, 50e3, 30)
+    bands = gp.Phonons(network).complex_bands(frequencies[1:], axis=0)
+    left, right = gp.plot(bands).axes
+    for ax in (left, right):
+        (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+        for line in ax.lines:
+            x, y = line.get_xydata().T
+            assert np.all((x > low) & (x < high))
+            assert np.all((y > bottom) & (y < top))
+    reached = np.concatenate([line.get_xdata() for line in left.lines])
+    assert np.max(np.abs(reached)) == pytest.approx(1.0)

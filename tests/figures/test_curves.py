@@ -252,6 +252,18 @@ def test_data_stand_where_their_load_is(tmp_path, glass, ax, heading, unit, x):
     assert points.get_color() == "black"
 
 
+def test_two_fits_of_one_table_show_its_points_once(fit, ax):
+    again = fit_width(balls(), fit.force, fit.velocity, fit.sigma, medium="afa")
+    plot_together([fit, again], ax)
+    assert len(ax.containers) == 1
+    assert [text for text in texts(ax) if text.startswith("data")] == ["data"]
+    other = fit_width(balls(), fit.force, fit.velocity * 1.001, fit.sigma)
+    plot_together([fit, again, other], Figure().subplots())
+    ax.clear()
+    plot_together([fit, again, other], ax)
+    assert len(ax.containers) == 2
+
+
 def test_data_that_no_axis_holds(steel, fcc, ax):
     data = Measurements([2.0, 3.0], [400.0, 500.0])
     for results, options, told in (

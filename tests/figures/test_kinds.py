@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb, to_rgba
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.figures.modes import mode_figure, plot_mode
+from granphon.figures.modes import _find_network_motion, mode_figure, plot_mode
 from granphon.figures.style import KIND_COLOURS, OTHER_KINDS, colour_kinds
 from tests.figures.conftest import assert_inside_page, texts, with_gid
 
@@ -143,6 +143,28 @@ def test_a_mode_of_a_network_is_drawn_as_it_moves():
     assert modes.to_dict()["network"]["kinds"][20] == "light"
     with pytest.raises(InputError, match="mode"):
         gp.plot(modes, mode=1)
+
+
+def test_in_space_balls_that_hardly_move_are_points():
+    """The local mode of a light ball: the balls above a twentieth of its amplitude are drawn."""
+    light = gp.Ball(gp.Material(211e9, 0.3, 2000.0), 8e-3, name="light")
+    crystal = gp.Crystal.on("fcc", [STEEL]).repeat((3, 3, 3)).replace(13, light).at_force(20.0)
+    modes = gp.Waves(crystal).modes(1, nearest=120e3)
+    motion = _find_network_motion(modes, 0)
+    amplitudes = np.maximum(
+        np.linalg.norm(motion.shift, axis=1),
+        motion.gyration * np.linalg.norm(motion.turn, axis=1),
+    )
+    assert_array_equal(motion.seen, amplitudes > 0.05 * amplitudes.max())
+    n_seen = int(motion.seen.sum())
+    assert motion.seen[13]
+    assert 1 <= n_seen < 27
+    ax = gp.plot(modes).axes[0]
+    assert f"{n_seen} of 27 balls" in ax.get_title()
+    # spheres are discs that shrink towards the light; the others are one disc each
+    extents = [path.get_extents() for path in with_gid(ax, "spheres").get_paths()]
+    is_point = [abs(box.width - 0.12) < 1e-9 and abs(box.height - 0.12) < 1e-9 for box in extents]
+    assert sum(is_point) == 27 - n_seen
 
 
 @pytest.mark.parametrize(

@@ -683,7 +683,7 @@ def test_a_start_below_the_threshold_is_named():
 def test_a_load_below_the_start_is_named(kind):
     loads = {"overlap": [0.1 * W, -0.02 * W], "force": [0.5, 0.01]}[kind]
     for start in (None, 0.5, {kind: {"overlap": 0.0, "force": 0.2}[kind]}):
-        with pytest.raises(InputError, match=r"start .*(f|a)\* = ") as error:
+        with pytest.raises(InputError, match=r"start .*(a\* = |N)") as error:
             getattr(simulation(start=start), f"at_{kind}")(loads)
         assert error.value.load_index == 1
 
@@ -1075,7 +1075,7 @@ def test_a_fit_below_the_start_says_which_datum():
     }
     with pytest.raises(
         InputError,
-        match=r"datum 2, .*f\* = 0\.0.* start",
+        match=r"datum 2, .* 200 mN .* width of .* start",
     ):
         gp.fit_width(PACKING, [8.0, 0.2, 2.0], [650.0, 250.0, 460.0], 1.0, medium=medium)
 

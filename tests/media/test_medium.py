@@ -17,6 +17,7 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.balls.loads import Load, force_of_frame
 from granphon.base.errors import InputError, PrecisionError
+from granphon.base.scales import write_quantity
 from granphon.observables.velocities import local_exponent
 
 SI = ("force", "pressure", "overlap", "normal_stiffness", "shear_stiffness")
@@ -288,7 +289,7 @@ def test_loads_too_low_for_the_medium(steel, make):
             medium.at_force(load)
     if make is gp.EffectiveMedium:
         assert medium.at_force(1.001e-6 * unit).valid is False
-        with pytest.raises(PrecisionError, match="1e-06"):
+        with pytest.raises(PrecisionError, match=f"is below {write_quantity(1e-6 * unit, 'N', 4)}"):
             medium.at_force(0.999e-6 * unit)
 
 

@@ -601,7 +601,7 @@ def test_a_sweep_makes_one_page_that_says_where_it_begins(work, capsys):
     assert data["limits"]["force"][1] >= 50.0
     assert [one["name"] for one in data["media"]] == ["ala", "afa"]
     assert data["start"]["width"] == pytest.approx(2e-6)
-    assert "width = 2e-06 m" in data["remarks"][0]
+    assert "width = 2 um" in data["remarks"][0]
     capsys.readouterr()
     assert main(["export", "scene.yaml", "-o", "modes.json"]) == 2
     assert "has many states" in one_error(capsys)

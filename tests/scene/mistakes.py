@@ -499,7 +499,7 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "11: load.overlap",
         "'-0.4 um'",
         "balls",
-        "2e-06",
+        "2 um",
     ),
     "density of states of a sweep": (
         edit(
@@ -866,11 +866,6 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         kinds("crystal: {lattice: chain}\nload: {force: 1 N}\nobserve: [pulse]"),
         "7: observe",
         "gp.Waves",
-    ),
-    "gaps of several": (
-        kinds("crystal: {lattice: chain}\nload: {force: [1 N, 2 N]}\nobserve: [gaps]"),
-        "7: observe",
-        "one state",
     ),
     "sound of what is held": (
         kinds(

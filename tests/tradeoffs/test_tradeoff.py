@@ -439,11 +439,19 @@ def test_a_point_that_the_reference_does_not_judge_says_so(clock):
     study = FakeStudy(
         clock, [("m", "good", 0.1, 3e-5), ("m", "better", 0.1, 5e-7), ("m", "bad", 0.1, 1e-3)]
     )
-    good, better, bad = carry_out(study, budget=60.0).points
+    result = carry_out(study, budget=60.0)
+    good, better, bad = result.points
     assert (good.resolved, good.note) == (False, "the reference is 30 times better")
     assert (better.resolved, better.note) == (False, "the error is not above that of the reference")
     assert (bad.resolved, bad.note) == (True, "")
     assert not study.good
+    # the legend of the figure tells open from full markers, where there are open ones
+    (ax,) = tradeoff_figure(result).axes
+    entries = {text.get_text().partition(":")[0] for text in ax.get_legend().get_texts()}
+    assert entries == {"m", "full", "open"}
+    resolved = carry_out(FakeStudy(clock, [("m", "bad", 0.1, 1e-3)]), budget=60.0)
+    (ax,) = tradeoff_figure(resolved).axes
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["m"]
 
 
 # -- what is refused -------------------------------------------------------------------------------

@@ -1,0 +1,360 @@
+"""What a figure of a sweep shows of its data set: the states that a user chooses, and the panels
+among which many curves are shared out; this module does not load matplotlib.
+
+A *parameter* is a dimension of the sweep besides the load and the medium, or the direction of sound
+where there are several.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from granphon.base.arrays import Flags
+from granphon.base.errors import InputError, Refused
+from granphon.base.quantities import LOADS, Quantity
+from granphon.base.scales import write_quantity
+from granphon.base.text import list_names, spell, suggest
+from granphon.base.validation import require, truth
+from granphon.figures.style import pick_evenly
+from granphon.figures.words import describe_parameter, write_value
+from granphon.media.choice import split_label
+from granphon.runs.dataset import Dataset, find_load
+
+#: numbers that a user types differ from those of a sweep by this part at most
+_NEAR = 5e-3
+#: greatest number of shades of a colour that an eye tells apart
+MOST_SHADES = 8
+#: greatest number of columns and of rows of panels that a figure takes by itself, and of panels of
+#: one parameter, which stand in lines of so many columns
+MOST_COLUMNS = 3
+_MOST_ROWS = 4
+_MOST_ALONE = 12
+#: number of loads that have a curve over a parameter, if there are too many loads
+_MOST_LOADS = 5
+#: greatest number of panels that a user may ask for
+_MOST_PANELS = 40
+#: a comma between wishes, but not one in parentheses, as in "(1, 0)"
+_COMMA = re.compile(r",(?![^(]*\))")
+#: quantities of loads, which have no value in words of their own
+_LOAD_NAMES = (*LOADS, "reduced_force")
+
+
+# -- the dimensions of a data set ------------------------------------------------------------------
+
+
+def list_parameters(dataset: Dataset) -> list[str]:
+    """Return the dimensions of the sweep besides load and medium: its parameters, and directions if
+    there are several.
+    """
+    names = [str(name) for name in dataset["valid"].dims if name not in ("load", "medium")]
+    if "direction" in dataset.dims:
+        names.append("direction")
+    return names
+
+
+def find_longest_parameter(dataset: Dataset) -> str | None:
+    """Return the parameter in numbers that has the most values, the first of several; None if no
+    parameter in numbers has several values.
+    """
+    longest = None
+    most = 1
+    for name in list_parameters(dataset):
+        if dataset[name].dtype.kind in "fiu" and dataset.sizes[name] > most:
+            longest = name
+            most = dataset.sizes[name]
+    return longest
+
+
+def turn_over(dataset: Dataset, x: str | None) -> Dataset:
+    """Return the data set with the parameter ``x`` in the place of the load, if the parameter has
+    numbers: curves lie over the parameter.
+    """
+    if x not in list_parameters(dataset) or dataset[x].dtype.kind not in "fiu":
+        return dataset
+    without_load = dataset.drop_vars("load", errors="ignore")
+    over_named_load = without_load.swap_dims({"load": find_load(dataset)})
+    return over_named_load.rename_dims({x: "load"})
+
+
+def find_dimension(dataset: Dataset, name: str) -> str | None:
+    """Return the dimension along which the coordinate ``name`` of a data set lies: "load" for the
+    load that was applied, else its own; None if it has no dimension.
+    """
+    if name not in dataset.coords or dataset[name].ndim != 1:
+        return None
+    return str(dataset[name].dims[0])
+
+
+def describe_value(dataset: Dataset, name: str, number: int) -> tuple[str, str]:
+    """Return the kind of fact that the coordinate ``name`` is, and its value at the index
+    ``number`` in words.
+    """
+    entry = dataset[name].values[number]
+    value = entry.item() if hasattr(entry, "item") else entry
+    if name == "direction":
+        return "direction", f"along {value}"
+    kind, text = describe_parameter(name, value)
+    if name in _LOAD_NAMES:
+        text = f"{name} {write_value(float(value), str(dataset[name].attrs.get('units', '')))}"
+    return kind, text
+
+
+# -- the states that a user chooses ----------------------------------------------------------------
+
+
+def read_wishes(text: str) -> dict[str, list[str]]:
+    """Return the values of each name in a text such as "width=2 um, medium=ala, medium=ema"; a name
+    that stands there several times has several values. An empty text has none.
+
+    :class:`~granphon.base.errors.InputError` for a text of another form.
+    """
+    wishes: dict[str, list[str]] = {}
+    for part in _COMMA.split(text) if text else ():
+        name, equals, value = part.partition("=")
+        if not (equals and name.strip() and value.strip()):
+            mend = "Write it as 'width=2 um, medium=ema'"
+            raise InputError(f"--where has {part.strip()!r}, which is no NAME=VALUE", mend=mend)
+        wishes.setdefault(name.strip(), []).append(value.strip())
+    return wishes
+
+
+def choose_states(dataset: Dataset, wishes: Mapping[str, Sequence[str]], run: str) -> Dataset:
+    """Return the data set of the states that a user wishes; all dimensions stay.
+
+    ``wishes`` has, by the name of a parameter, of the load or of "medium", the texts of the values
+    that are kept: a number with its unit, a range "1 N to 10 N", a label, or the name of a medium,
+    which means the medium with any options. A number means the nearest value. ``run`` names the
+    sweep in messages; :class:`~granphon.base.errors.InputError` if it has no such name or value.
+    """
+    for name, texts in wishes.items():
+        dimension = find_dimension(dataset, name)
+        if dimension is None or dimension not in (*dataset["valid"].dims, "direction"):
+            names = [find_load(dataset), "medium", *list_parameters(dataset)]
+            problem = f"{run} is not swept over {name!r}, by which --where chooses"
+            raise InputError(problem, f"It has {', '.join(names)}", suggest(name, names))
+        kept = np.zeros(dataset.sizes[dimension], bool)
+        for text in texts:
+            kept |= _match(dataset, name, text, run)
+        dataset = dataset.isel({dimension: np.flatnonzero(kept)})
+    return dataset
+
+
+def _match(dataset: Dataset, name: str, text: str, run: str) -> Flags:
+    """Return where the values (n,) of the coordinate ``name`` are those that a ``text`` of a user
+    names; InputError if none is.
+    """
+    values = dataset[name].values
+    if values.dtype.kind in "fiu":
+        is_match = _match_numbers(dataset, name, text)
+    elif values.dtype.kind == "b":
+        is_match = values == require(f"--where {name}", truth, _read_truth(text))
+    else:
+        labels = [str(label) for label in values.tolist()]
+        is_match = np.array([text in (label, _find_name(label)) for label in labels])
+    if not np.any(is_match):
+        known = list_names(_write_value(dataset, name, number) for number in range(values.size))
+        raise InputError(f"{run} has no {name} {text}", f"It has {known}", "Choose one of these")
+    return np.asarray(is_match)
+
+
+def _find_name(label: str) -> str:
+    """Return the name of a medium without its options, or another label as it is."""
+    return split_label(label)[0]
+
+
+def _read_truth(text: str) -> Any:
+    """Return the truth value that a word names, or the text if it names none."""
+    return {"yes": True, "true": True, "no": False, "false": False}.get(text.lower(), text)
+
+
+def _match_numbers(dataset: Dataset, name: str, text: str) -> Flags:
+    """Return where the numbers (n,) of the coordinate ``name`` lie in the range that a ``text``
+    names, or are nearest to its number; nowhere if the nearest is not near.
+    """
+    values = np.asarray(dataset[name].values, float)
+    ends = [_read_number(dataset, name, part.strip()) for part in text.split(" to ")]
+    if len(ends) == 2:
+        low, high = sorted(ends)
+        is_above = values >= low - _NEAR * abs(low)
+        return np.asarray(is_above & (values <= high + _NEAR * abs(high)))
+    if len(ends) > 2:
+        raise InputError(f"--where has {name}={text}", mend="Give one number, or 'A to B'")
+    distances = np.abs(values - ends[0])
+    is_nearest = distances == distances.min()
+    return np.asarray(is_nearest & (distances <= _NEAR * np.abs(values)))
+
+
+def _read_number(dataset: Dataset, name: str, text: str) -> float:
+    """Return the number of a text, in the SI unit of the coordinate ``name``."""
+    unit = str(dataset[name].attrs.get("units", ""))
+    if unit in ("", "1"):
+        try:
+            return float(text)
+        except ValueError:
+            mend = f"Write it as --where {name}={dataset[name].values[0]:g}"
+            raise InputError(f"--where {name} is {text}, which is no number", mend=mend) from None
+    example = _write_value(dataset, name, 0)
+    try:
+        return Quantity(spell(name), unit, example, unit, "any").read(text)
+    except Refused as refusal:
+        raise InputError(f"--where {name}: {refusal}") from None
+
+
+def _write_value(dataset: Dataset, name: str, number: int) -> str:
+    """Return the value of a coordinate at the index ``number`` as --where takes it."""
+    values = dataset[name].values
+    if values.dtype.kind == "b":
+        return "yes" if values[number] else "no"
+    if values.dtype.kind not in "fiu":
+        return str(values[number])
+    return write_quantity(float(values[number]), str(dataset[name].attrs.get("units", "")))
+
+
+# -- the panels of a figure ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the curves of a sweep are shared out among panels.
+
+    Attributes
+    ----------
+    rows, columns : the dimensions, parameters or "medium", whose values have rows and columns of
+        panels; None for none.
+    shown : the indices that are drawn, of each dimension of which some are left out.
+    is_chosen : whether granphon has chosen panels or curves, as one panel would have too many.
+    """
+
+    rows: str | None = None
+    columns: str | None = None
+    shown: dict[str, list[int]] = field(default_factory=dict)
+    is_chosen: bool = False
+
+    @property
+    def has_panels(self) -> bool:
+        """Whether there are several panels."""
+        return self.rows is not None or self.columns is not None
+
+    def list_numbers(self, dataset: Dataset, name: str | None) -> list[int | None]:
+        """Return the indices of the values of a dimension that have panels; [None] for no
+        dimension.
+        """
+        if name is None:
+            return [None]
+        dimension = find_dimension(dataset, name)
+        return list(self.shown.get(name, range(dataset.sizes[dimension])))
+
+    def select(self, dataset: Dataset, row: int | None, column: int | None) -> Dataset:
+        """Return the states of a panel, with all dimensions, from the indices of its row and of its
+        column.
+        """
+        chosen: dict[Any, list[int]] = {}
+        panel = {self.rows: row, self.columns: column}
+        for name, numbers in self.shown.items():
+            if name not in panel:
+                chosen[find_dimension(dataset, name)] = numbers
+        for dimension, number in panel.items():
+            if dimension is not None and number is not None:
+                chosen[find_dimension(dataset, dimension)] = [number]
+        return dataset.isel(chosen)
+
+    def describe(self, dataset: Dataset) -> str:
+        """Return which dimension has which panels, in words, and the options that change it."""
+        places = []
+        for name, place in ((self.columns, "columns"), (self.rows, "rows")):
+            if name is not None:
+                places.append(f"{place} of panels are {name}")
+        for name, numbers in self.shown.items():
+            dimension = find_dimension(dataset, name)
+            if len(numbers) == 1:
+                places.append(f"{name} is held at {_write_value(dataset, name, numbers[0])}")
+            else:
+                count = f"{len(numbers)} of {dataset.sizes[dimension]}"
+                places.append(f"{count} values of {name} are drawn")
+        options = "--where chooses curves; --columns, --rows, --x and --y other panels"
+        return f"too many curves for one panel: {', '.join(places)} ({options})"
+
+
+def arrange(
+    dataset: Dataset,
+    variable: str,
+    x: str | None = None,
+    rows: str | None = None,
+    columns: str | None = None,
+) -> Layout:
+    """Return the panels for the curves of a ``variable`` of a sweep over ``x``, a load, or a
+    parameter in numbers.
+
+    Without ``rows`` and ``columns`` there is one panel, unless the combinations of several
+    parameters are more than the shades of a colour that an eye tells apart. Then the parameters
+    with the fewest values have the panels, first columns and then rows. Of a parameter with many
+    values some are drawn, as of many loads where ``x`` is a parameter, and a parameter for which no
+    place is left is held at its first value.
+    :class:`~granphon.base.errors.InputError` if ``rows`` or ``columns`` name nothing that is swept,
+    or take too many panels.
+    """
+    # the parameters that tell curves apart, with their numbers of values
+    counts = {}
+    for name in list_parameters(dataset):
+        dimension = find_dimension(dataset, name)
+        is_along_curves = name == "direction" and "direction" not in dataset[variable].dims
+        if name != x and not is_along_curves and dataset.sizes[dimension] > 1:
+            counts[name] = dataset.sizes[dimension]
+    is_over_parameter = x in list_parameters(dataset) and dataset[x].dtype.kind in "fiu"
+    if is_over_parameter and dataset.sizes["load"] > 1:
+        counts = {find_load(dataset): dataset.sizes["load"]} | counts
+    allowed = list(counts)
+    if dataset.sizes["medium"] > 1:
+        allowed.append("medium")
+    _require_swept(rows, columns, allowed)
+    shaded = {name: count for name, count in counts.items() if name not in (rows, columns)}
+    if rows is not None or columns is not None:
+        all_counts = counts | {"medium": dataset.sizes["medium"]}
+        n_panels = all_counts.get(str(rows), 1) * all_counts.get(str(columns), 1)
+        if n_panels > _MOST_PANELS:
+            problem = f"--rows and --columns ask for {n_panels} panels"
+            why = f"A figure has at most {_MOST_PANELS}"
+            raise InputError(problem, why, "Choose some of the values by --where")
+    # parameters whose values may not all have a place, with the greatest number that has one
+    most: dict[str, int] = {}
+    is_chosen = False
+    load = find_load(dataset)
+    if shaded.get(load, 0) > MOST_SHADES:  # a curve for each load over a parameter
+        most[load] = _MOST_LOADS
+        shaded[load] = _MOST_LOADS
+        is_chosen = True
+    while len(shaded) > 1 and np.prod(list(shaded.values())) > MOST_SHADES:
+        # the fewest values, and of several such parameters the last in the order of the scene
+        name = min(reversed(shaded), key=shaded.__getitem__)
+        del shaded[name]
+        is_chosen = True
+        if columns is None:
+            columns = name
+            most[name] = _MOST_ALONE if rows is None else MOST_COLUMNS
+        elif rows is None:
+            rows = name
+            most[name] = _MOST_ROWS
+            if columns in most:
+                most[columns] = MOST_COLUMNS
+        else:
+            most[name] = 1  # held at the first value
+    shown = {name: pick_evenly(counts[name], n) for name, n in most.items() if counts[name] > n}
+    return Layout(rows, columns, shown, is_chosen)
+
+
+def _require_swept(rows: str | None, columns: str | None, allowed: Sequence[str]) -> None:
+    """Raise InputError unless ``rows`` and ``columns`` are different names among the ``allowed``,
+    or None.
+    """
+    for option, name in (("rows", rows), ("columns", columns)):
+        if name is not None and name not in allowed:
+            problem = f"--{option} is {name}, which does not tell curves of the figure apart"
+            mend = suggest(name, allowed) if allowed else "Leave it out"
+            raise InputError(problem, mend=mend)
+    if rows is not None and rows == columns:
+        raise InputError(f"--rows and --columns are both {rows}", mend="Leave one of them out")

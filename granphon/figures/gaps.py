@@ -1,0 +1,166 @@
+"""Figures of what the states of a sweep have beside their bands: gaps, and waves of an edge, over
+the load or a parameter.
+
+As in :mod:`granphon.figures.multiples`, each combination of medium and parameters has a panel.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from granphon.figures.scales import add_legend, name_axis, scale_axis, styled_figure, thin_ticks
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from granphon.base.arrays import Array
+from granphon.base.errors import InputError
+from granphon.base.scales import HertzPrefix
+from granphon.figures.choices import MOST_COLUMNS, turn_over
+from granphon.figures.curves import choose_x, describe_lines, read_values
+from granphon.figures.style import BLUE, ORANGE, STYLE, pick_evenly, print_hertz
+from granphon.figures.words import find_differing, join_facts
+from granphon.observables.catalogue import axis_label
+from granphon.runs.dataset import Dataset
+
+#: greatest number of panels, and the height of a line of panels, and of the rest, inches
+_MOST_PANELS = 12
+_HEIGHT = 1.25
+_HEIGHT_ALONE = 2.0
+_MARGINS = 0.55
+#: letters of a line of the title of a panel, by the number of columns
+_LETTERS = {1: 60, 2: 28, 3: 20}
+#: look of the top frequency
+_TOP: dict[str, Any] = {"color": "black", "linewidth": 1.0}
+_GAP: dict[str, Any] = {"facecolor": BLUE, "alpha": 0.3, "linewidth": 0.0}
+_DOTS: dict[str, Any] = {"color": ORANGE, "marker": "o", "markersize": 2.0, "linewidth": 0.8}
+
+#: what draws a panel: from the states of a curve, the numbers on the axis of x (n,) and the unit
+_DrawPanel = Callable[[Dataset, Axes, Array, HertzPrefix], None]
+
+
+def sweep_gaps_figure(dataset: Dataset, x: str | None = None) -> Figure:
+    """Draw a figure of the gaps of a sweep, one column wide: between its lower and its upper edge
+    each gap is a field over ``x``, which is that of :func:`granphon.figures.curves.plot_sweep`, and
+    the top frequency is a line.
+
+    Gaps are told apart by the number of branches below. Each medium and combination of parameters
+    has a panel; of more than twelve, twelve are drawn. Raises
+    :class:`~granphon.base.errors.InputError` if the sweep has no gaps.
+    """
+    _require(dataset, "gap_lower", "gaps", "gaps")
+
+    def draw(states: Dataset, ax: Axes, x_values: Array, unit: HertzPrefix) -> None:
+        """Draw the gaps of the states of a panel."""
+        edges = []
+        for name in ("gap_lower", "gap_upper"):
+            edges.append(states[name].transpose("load", "gap").values / unit.hertz)
+        for gap, (lower, upper) in enumerate(zip(edges[0].T, edges[1].T, strict=True)):
+            if np.any(np.isfinite(lower)):
+                _draw_gap(ax, x_values, lower, upper, f"gap-{gap}")
+        ax.plot(x_values, states["top_frequency"].values / unit.hertz, gid="top", **_TOP)
+
+    handles = [Patch(label="gap", **_GAP), Line2D([], [], label="top frequency", **_TOP)]
+    return _draw_panels(dataset, x, "top_frequency", draw, handles)
+
+
+def _draw_gap(ax: Axes, x: Array, lower: Array, upper: Array, gid: str) -> None:
+    """Draw a gap over ``x`` (n,) as a field between its edges (n,); at a single point, or at one
+    whose neighbours have no such gap, as a bar.
+    """
+    ax.fill_between(x, lower, upper, gid=gid, **_GAP)
+    is_known = np.isfinite(lower)
+    has_neighbour = np.zeros(is_known.size, bool)
+    has_neighbour[1:] |= is_known[:-1]
+    has_neighbour[:-1] |= is_known[1:]
+    alone = is_known & ~has_neighbour
+    if np.any(alone):
+        ax.vlines(x[alone], lower[alone], upper[alone], color=BLUE, alpha=0.3, linewidth=6.0)
+    for edge in (lower, upper):
+        ax.plot(x, edge, color=BLUE, linewidth=0.8, gid=f"{gid}-edge")
+
+
+def sweep_surface_figure(dataset: Dataset, x: str | None = None) -> Figure:
+    """Draw a figure of the undamped waves of an edge in a sweep, one column wide: their frequencies
+    at the end of the path, from the lowest up, over ``x``, as in :func:`sweep_gaps_figure`.
+
+    A panel without a wave says so. Raises :class:`~granphon.base.errors.InputError` if the sweep
+    has no waves of an edge.
+    """
+    _require(dataset, "surface_frequency", "waves of an edge", "surface")
+
+    def draw(states: Dataset, ax: Axes, x_values: Array, unit: HertzPrefix) -> None:
+        """Draw the waves of the states of a panel."""
+        frequencies = states["surface_frequency"].isel(surface_point=-1)
+        if not np.any(np.isfinite(frequencies)):
+            ax.annotate("no wave", (0.5, 0.5), xycoords="axes fraction", ha="center", color="0.4")
+        for number, wave in enumerate(frequencies.transpose("surface_wave", "load").values):
+            ax.plot(x_values, wave / unit.hertz, gid=f"wave-{number}", **_DOTS)
+
+    handles = [Line2D([], [], label="waves of the edge, at the end of the path", **_DOTS)]
+    return _draw_panels(dataset, x, "surface_frequency", draw, handles)
+
+
+def _require(dataset: Dataset, name: str, words: str, subject: str) -> None:
+    """Raise InputError if a data set has no variable ``name``."""
+    if name not in dataset:
+        mend = f"Observe {subject} over several states"
+        raise InputError(f"the sweep has no {words}", mend=mend)
+
+
+def _draw_panels(
+    dataset: Dataset, x: str | None, variable: str, draw: _DrawPanel, handles: list[Any]
+) -> Figure:
+    """Draw a panel for each medium and combination of parameters, with shared axes, of which that
+    of y reaches to the greatest value of the ``variable``.
+    """
+    x_name = choose_x(dataset, x)
+    turned = turn_over(dataset, x_name)
+    values = turned[variable].values
+    # without a value any height will do
+    greatest = float(np.max(values[np.isfinite(values)], initial=0.0)) or 1.0
+    unit = HertzPrefix.for_top(greatest)
+    lines = describe_lines(turned, variable)
+    chosen = [lines[number] for number in pick_evenly(len(lines), _MOST_PANELS)]
+    differing, _ = find_differing([facts for facts, _ in chosen])
+    n_rows = math.ceil(len(chosen) / MOST_COLUMNS)
+    n_columns = math.ceil(len(chosen) / n_rows)
+    height = n_rows * _HEIGHT if n_rows > 1 else _HEIGHT_ALONE
+    all_x = np.asarray(read_values(turned, x_name), float)
+    with styled_figure(height + _MARGINS) as figure:
+        axes = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False)
+        for ax, (facts, index) in zip(axes.flat, chosen, strict=False):
+            states = turned.isel(index, missing_dims="ignore")
+            x_values = np.asarray(states[x_name].values, float)
+            order = np.argsort(x_values, kind="stable")
+            draw(states.isel(load=order), ax, x_values[order], unit)
+            title = join_facts([facts[kind] for kind in differing], _LETTERS[n_columns])
+            ax.set_title(title, pad=3.0)
+            scale_axis(ax, "x", all_x)
+            name_axis(
+                ax.xaxis,
+                float(np.max(np.abs(all_x))),
+                axis_label(x_name, ""),
+                str(turned[x_name].attrs.get("units", "")),
+            )
+            thin_ticks(ax)
+            ax.set_ylim(0.0, 1.06 * greatest / unit.hertz)
+        for ax in axes.flat[len(chosen) :]:
+            ax.set_axis_off()
+        for ax in axes[:-1].flat:
+            ax.set_xlabel("")
+        # the panels above empty places have the numbers of the axis
+        for ax in axes.flat[max(0, len(chosen) - n_columns) : len(chosen)]:
+            ax.tick_params(labelbottom=True)
+        for ax in axes[:, 0]:
+            ax.set_ylabel(f"Frequency ({print_hertz(unit)})")
+        add_legend(figure, handles, 1)
+        if len(chosen) < len(lines):
+            remark = f"{len(chosen)} of {len(lines)} combinations"
+            figure.suptitle(remark, fontsize=STYLE["axes.titlesize"])
+    return figure

@@ -1,0 +1,181 @@
+"""Small multiples: panels of one figure with shared axes, each for some of the states of a sweep.
+
+The curves of the panels are drawn by the function that a figure gives; this module places the
+panels, and writes what they share once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from granphon.figures.scales import add_legend, find_axis, styled_figure, thin_ticks
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from granphon.figures.choices import MOST_COLUMNS, Layout, describe_value, list_parameters
+from granphon.figures.style import COLUMN_WIDTH, PAGE_WIDTH, STYLE
+from granphon.figures.words import join_facts
+from granphon.runs.dataset import Dataset
+
+#: height of a panel, of the only line of panels, which has to have room for the name of the axis,
+#: and of what stands above and below all panels, inches
+_PANEL_HEIGHT = 1.05
+_HEIGHT_ALONE = 1.75
+_MARGINS = 0.55
+#: height of the title of a panel that stands in a line with others, inches
+_TITLE_HEIGHT = 0.12
+#: rows of the legend for which the margins have room
+_ROOM = 0
+#: greatest number of letters of a line of the title
+_LETTERS_OF_TITLE = 60
+
+
+class Panel(NamedTuple):
+    """What was drawn in a panel: its curves, the entries of its legend, and the facts that its
+    curves share, in words by kind.
+    """
+
+    curves: Sequence[Any]
+    handles: Sequence[Line2D]
+    facts: Mapping[str, str]
+
+
+def draw_panels(
+    dataset: Dataset,
+    layout: Layout,
+    draw: Callable[[Dataset, Axes], Panel],
+    label: Callable[[Axes, list[Any]], None],
+) -> Figure:
+    """Draw a figure of the panels of a ``layout``, with shared axes and one legend.
+
+    ``draw`` draws the states of a panel on its Axes; ``label`` scales and names the axes of an Axes
+    for all curves. With columns alone the panels stand in lines. The figure is one column wide, or
+    as wide as a page if it has many columns.
+    """
+    has_lines = layout.rows is None
+    numbers_of_rows = layout.list_numbers(dataset, layout.rows)
+    numbers_of_columns = layout.list_numbers(dataset, layout.columns)
+    n_rows = len(numbers_of_rows)
+    if has_lines:
+        n_rows = math.ceil(len(numbers_of_columns) / MOST_COLUMNS)
+    n_columns = math.ceil(len(numbers_of_rows) * len(numbers_of_columns) / n_rows)
+    width = COLUMN_WIDTH if n_columns <= MOST_COLUMNS else PAGE_WIDTH
+    height = n_rows * (_PANEL_HEIGHT + (_TITLE_HEIGHT if has_lines else 0.0))
+    if n_rows == 1:
+        height = _HEIGHT_ALONE
+    with styled_figure(height + _MARGINS, width) as figure:
+        axes = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False)
+        cells = iter(axes.flat)
+        drawn: list[tuple[Axes, Panel]] = []
+        for row, column in _list_panels(numbers_of_rows, numbers_of_columns):
+            ax = next(cells)
+            drawn.append((ax, draw(layout.select(dataset, row, column), ax)))
+        for ax in cells:
+            ax.set_axis_off()
+        _label_shared(axes, drawn, label)
+        _name_panels(drawn, dataset, layout, n_columns)
+        _write_shared(figure, drawn, dataset, layout)
+    return figure
+
+
+def _list_panels(
+    rows: Sequence[int | None], columns: Sequence[int | None]
+) -> Iterator[tuple[int | None, int | None]]:
+    """Yield the indices of the row and of the column of each panel, row by row."""
+    for row in rows:
+        for column in columns:
+            yield row, column
+
+
+def _label_shared(
+    axes: Any, drawn: Sequence[tuple[Axes, Panel]], label: Callable[[Axes, list[Any]], None]
+) -> None:
+    """Scale all panels of the grid ``axes`` (rows, columns) alike, and write the names of the
+    shared axes once.
+    """
+    all_curves = [curve for _, panel in drawn for curve in panel.curves]
+    panels = [ax for ax, _ in drawn]
+    for ax in panels:
+        label(ax, all_curves)
+        ax.margins(x=0.08)
+        thin_ticks(ax)
+    x_label = panels[0].get_xlabel()
+    y_label = panels[0].get_ylabel()
+    for ax in panels:
+        ax.set(xlabel="", ylabel="")
+    # the lowest panel of each column, below which there may be empty places
+    lowest = [[ax for ax in column if ax in panels][-1] for column in axes.T]
+    for ax in lowest:
+        ax.tick_params(labelbottom=True)
+    _name_all(lowest, "x", x_label)
+    _name_all(list(axes[::-1, 0]), "y", y_label)
+
+
+def _name_all(panels: Sequence[Axes], which: str, label: str) -> None:
+    """Write the name of the axis ``which`` of several ``panels`` side by side, or above each other,
+    in their middle.
+    """
+    middle = panels[(len(panels) - 1) // 2]
+    is_between = len(panels) % 2 == 0
+    axis = find_axis(middle, which)
+    axis.set_label_text(label)
+    axis.label.set(**{which: 1.06 if is_between else 0.5})
+    if len(panels) > 1:
+        # the label may be longer than its panel, which it must not push from the others; the empty
+        # label of another panel keeps the room
+        axis.label.set_in_layout(False)
+        spare = panels[0] if middle is not panels[0] else panels[-1]
+        find_axis(spare, which).set_label_text(" ")
+
+
+def _name_panels(
+    drawn: Sequence[tuple[Axes, Panel]], dataset: Dataset, layout: Layout, n_columns: int
+) -> None:
+    """Write the value of its column above each panel of the first row, or above all panels that
+    stand in lines, and the value of its row at the right of the last panel of each row.
+    """
+    for number, (ax, panel) in enumerate(drawn):
+        row, column = divmod(number, n_columns)
+        if layout.columns is not None and (row == 0 or layout.rows is None):
+            text = panel.facts[_find_kind(dataset, layout.columns)]
+            ax.set_title(join_facts([text], 24), pad=3.0)
+        if layout.rows is not None and column == n_columns - 1:
+            ax.annotate(
+                join_facts([panel.facts[_find_kind(dataset, layout.rows)]], 22),
+                (1.0, 0.5),
+                (4.0, 0.0),
+                "axes fraction",
+                "offset points",
+                rotation=-90.0,
+                ha="left",
+                va="center",
+                annotation_clip=False,
+            )
+
+
+def _find_kind(dataset: Dataset, name: str) -> str:
+    """Return the kind of fact that a parameter or "medium" is."""
+    return "medium" if name == "medium" else describe_value(dataset, name, 0)[0]
+
+
+def _write_shared(
+    figure: Figure, drawn: Sequence[tuple[Axes, Panel]], dataset: Dataset, layout: Layout
+) -> None:
+    """Write the legend of all panels, and above them the facts of parameters that have one value in
+    the figure.
+    """
+    handles: dict[str, Line2D] = {}
+    for _, panel in drawn:
+        for handle in panel.handles:
+            handles.setdefault(str(handle.get_label()), handle)
+    add_legend(figure, list(handles.values()), _ROOM)
+    held = [name for name, numbers in layout.shown.items() if len(numbers) == 1]
+    single = [name for name in list_parameters(dataset) if dataset[name].size == 1]
+    _, panel = drawn[0]
+    facts = [panel.facts[_find_kind(dataset, name)] for name in (*single, *held)]
+    if facts:
+        figure.suptitle(join_facts(facts, _LETTERS_OF_TITLE), fontsize=STYLE["axes.titlesize"])

@@ -1,0 +1,213 @@
+"""Warnings of a sweep: one for each limit that is passed, with the worst value, the number of
+states beyond the limit, and where these states lie.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.quantities import find_load_unit
+from granphon.base.written import write_in
+from granphon.media.limits import Check
+from granphon.runs.tasks import Case
+
+#: greatest number of values of a parameter that a warning lists
+_MOST_VALUES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class CaseNotes:
+    """What is said of a case: conditions over its loads, and sentences.
+
+    Attributes
+    ----------
+    case : the case.
+    notes : the conditions and the sentences.
+    loads : the indices of the loads to which the values of a condition belong; None for those of
+        the case, in their order.
+    """
+
+    case: Case
+    notes: Sequence[Check | str]
+    loads: NDArray[np.intp] | None = None
+
+    @classmethod
+    def of(cls, case: Case, notes: Sequence[Check | str]) -> CaseNotes:
+        """Return notes on a whole case, whose conditions are joined over its media."""
+        return cls(case, notes, np.concatenate([medium.serving.loads for medium in case.media]))
+
+    @property
+    def has_states(self) -> bool:
+        """Whether the notes are about any state."""
+        return self.loads is None or self.loads.size > 0
+
+    @property
+    def n_loads(self) -> int:
+        """Number of loads of the case."""
+        return self.case.load.size
+
+    @property
+    def values(self) -> dict[str, str]:
+        """The medium and the swept parameters of the case, as texts by name."""
+        return {"medium": self.case.medium.label, **dict(self.case.values)}
+
+    def find_failing(self, check: Check) -> NDArray[np.intp] | None:
+        """Return the indices of the loads at which a condition fails; None where it is not known to
+        which loads the values of the condition belong.
+        """
+        is_failing = ~np.ravel(check.ok)
+        order = np.arange(self.n_loads) if self.loads is None else self.loads
+        if is_failing.size != order.size:
+            return None
+        return np.sort(order[is_failing])
+
+
+def tell_notes(entries: Sequence[CaseNotes]) -> list[str]:
+    """Return the warnings of all cases of a sweep; those of a single case do not name the case. A
+    case may have several entries.
+    """
+    if len({entry.case.label for entry in entries}) == 1:
+        texts = [text for entry in entries for text in _tell_case(entry)]
+        return list(dict.fromkeys(texts))
+    checks: dict[Any, list[tuple[CaseNotes, Check]]] = {}
+    sentences: dict[str, list[CaseNotes]] = {}
+    order: dict[Any, None] = {}  # the keys of both, in the order in which they come
+    for entry in entries:
+        for note in entry.notes:
+            if isinstance(note, str):
+                sentences.setdefault(note, []).append(entry)
+                order[note] = None
+            elif note.failing:
+                key = (note.name, note.reason, note.at_least)
+                checks.setdefault(key, []).append((entry, note))
+                order[key] = None
+    texts = list[str]()
+    for key in order:
+        if key in checks:
+            texts.append(_tell_check(checks[key], entries))
+        else:
+            of_cases = sentences[key]
+            where = _describe_values([entry.values for entry in of_cases], entries)
+            texts.append(f"{where}: {key}" if where else key)
+    return texts
+
+
+def _tell_case(entry: CaseNotes) -> list[str]:
+    """Return the warnings of the only case of a sweep, or of a single state."""
+    texts = list[str]()
+    for note in entry.notes:
+        text = note if isinstance(note, str) else note.tell(_find_place(entry, note))
+        if text is not None:
+            texts.append(text)
+    return texts
+
+
+def _find_place(entry: CaseNotes, check: Check) -> str:
+    """Return in words the loads of the only case of a sweep, or of a medium, at which a condition
+    fails, if these are some of the loads and the text of the condition does not tell them.
+    """
+    failing = entry.find_failing(check)
+    # the text about a medium has the contact forces
+    of_contacts = entry.case.load.kind == "force" and entry.case.written.load is None
+    is_told = check.name == "medium" and of_contacts
+    if failing is None or not 0 < failing.size < entry.n_loads or is_told:
+        return ""
+    return _describe_loads(entry.case, failing)
+
+
+def _tell_check(failing: Sequence[tuple[CaseNotes, Check]], entries: Sequence[CaseNotes]) -> str:
+    """Return the warning of one limit that the cases ``failing`` pass, of all cases of a sweep."""
+    (_, first), *_ = failing
+    media = {entry.case.medium.label for entry, _ in failing}
+    all_entries = list(entries)
+    if first.name == "medium":  # a limit of one medium
+        all_entries = [entry for entry in entries if entry.case.medium.label in media]
+        if len(all_entries) == 1:  # the medium says by itself at how many of its loads
+            (entry,) = all_entries
+            return str(first.tell(_find_place(entry, first)))
+    loads_of_cases: dict[str, set[int]] = {}  # a case may have several entries
+    for entry in all_entries:
+        loads = range(entry.n_loads) if entry.loads is None else entry.loads.tolist()
+        loads_of_cases.setdefault(entry.case.label, set()).update(loads)
+    n_states = sum(map(len, loads_of_cases.values()))
+    n_failing = sum(check.failing for _, check in failing)
+    values = [entry.values for entry, _ in failing]
+    places = _describe_values(values, all_entries)
+    indices = [entry.find_failing(check) for entry, check in failing]
+    known = [index for index in indices if index is not None]
+    if len(known) == len(indices):
+        case = failing[0][0].case
+        some = np.unique(np.concatenate(known))
+        if some.size < case.load.size:
+            places = ", ".join(filter(None, (places, _describe_loads(case, some))))
+    share = f"at {n_failing} of {n_states} states"
+    if n_failing == n_states:
+        share = f"at all {n_states} states"
+    if places:
+        share += f" ({places})"
+    worst_entry, worst_check = max(failing, key=lambda pair: pair[1].excess)
+    worst = worst_check.worst_index
+    at_load = None
+    if worst_entry.find_failing(worst_check) is not None:
+        order = worst_entry.loads
+        at_load = worst if order is None else int(order[worst])
+    place = _describe_worst(worst_entry, at_load, all_entries)
+    return worst_check.tell_states(share, place if n_failing > 1 else "")
+
+
+def _describe_worst(entry: CaseNotes, index: int | None, entries: Sequence[CaseNotes]) -> str:
+    """Return in words where the worst of several states lies: the values of the case in which cases
+    differ, and the load of the ``index``, if it is known.
+    """
+    words = []
+    for name, text in entry.values.items():
+        if len({neighbour.values.get(name) for neighbour in entries}) > 1:
+            words.append(_write_value(name, text))
+    if index is not None and entry.n_loads > 1:
+        words.append(_describe_loads(entry.case, np.array([index])))
+    return ", ".join(words)
+
+
+def _write_value(name: str, text: str) -> str:
+    """Return a value after the name of its parameter, which a medium does not need."""
+    return text if name == "medium" else f"{name} {text}"
+
+
+def _describe_values(values: Sequence[Mapping[str, str]], entries: Sequence[CaseNotes]) -> str:
+    """Return in words the values of media and parameters of some cases, as far as they are not all
+    values of the sweep.
+    """
+    words = []
+    for name in values[0]:
+        all_texts = list(dict.fromkeys(entry.values[name] for entry in entries))
+        texts = {of_case[name] for of_case in values}
+        kept = [text for text in all_texts if text in texts]
+        if len(kept) == len(all_texts):
+            continue
+        words.append(_write_value(name, _list_texts(kept, all_texts)))
+    return ", ".join(words)
+
+
+def _list_texts(kept: Sequence[str], all_texts: Sequence[str]) -> str:
+    """Return some of several values in words: as a list, as a range, or as their number."""
+    if len(kept) <= _MOST_VALUES:
+        return " and ".join([", ".join(kept[:-1]), kept[-1]] if len(kept) > 1 else kept)
+    start = all_texts.index(kept[0])
+    if list(all_texts[start : start + len(kept)]) == list(kept):
+        return f"{kept[0]} to {kept[-1]}"
+    return f"{len(kept)} values from {kept[0]} to {kept[-1]}"
+
+
+def _describe_loads(case: Case, indices: NDArray[np.intp]) -> str:
+    """Return in words the loads of the ``indices`` of a case, as the user wrote them."""
+    load = case.load if case.written.load is None else case.written.load
+    unit = find_load_unit(load.kind, case.packing.structure.periods)
+    written = case.written.units.get(load.kind, "")
+    loads = np.unique(np.ravel(load.array)[indices])
+    ends = [write_in(float(end), unit, written) for end in dict.fromkeys([loads[0], loads[-1]])]
+    return f"{load.kind} {' to '.join(ends)}"

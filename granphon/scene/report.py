@@ -1,0 +1,372 @@
+"""The report of a folder of results: scene, numbers, figures, warnings, versions, and how to cite.
+
+The parts of a report are rows of one table, :data:`PARTS`; each is made from files of the folder,
+and left out where the folder does not hold them. Nothing is computed again.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granphon.base.arrays import Array
+from granphon.base.errors import InputError, MissingFileError
+from granphon.base.scales import prefixed, write_quantity, write_uncertain, write_unit
+from granphon.base.staging import read_written_files
+from granphon.base.text import read_bytes, read_text, read_yaml, spell
+from granphon.observables.catalogue import CATALOGUE
+from granphon.page.document import Block, Code, Items, Picture, Rows, Section, Text
+from granphon.scene.scene import read_summary
+
+#: what the figures of a folder show, by the stem of their file, in the order of the report
+FIGURES = {
+    "sweep": "Sound velocities over the load, or the parameter, and their local exponent",
+    "bands": "Frequencies along the path of wave vectors, and the density of states",
+    "dos": "Density of states",
+    "forces": "Contact forces in the first sample, and their distribution",
+    "surface": "Waves of the edge",
+    "sample_dos": "Density of states of the simulated arrays",
+    "spectrum": "Spectral functions of the simulated arrays",
+    "pulse": "A pulse through the simulated arrays",
+    "sweep_dos": "Densities of states of the simulated arrays",
+    "sweep_spectra": "Spectral functions of the simulated arrays",
+    "sweep_gaps": "Gaps between the branches, and the top frequency",
+    "sweep_surface": "Waves of the edge at the end of the path",
+    "response": "Response of the network",
+    "motion": "Motion of the balls",
+    "fit": "Measured values, the fit, and the residuals",
+    "tradeoff": "Error against time of the media",
+}
+#: endings of the files of figures that a page can hold
+_PICTURES = (".png", ".svg")
+#: keys of summary.yaml that are no numbers of the result
+_NO_NUMBERS = {
+    "schema", "versions", "source", "observe", "finite_overlap", "sizes", "warnings", "files",
+    "units", "validity", "ok", "medium", "peaks",
+}  # fmt: skip
+#: greatest number of rows of the table of states
+MOST_STATES = 500
+#: columns of that table that are not observables of the command's table
+_OTHER_COLUMNS = ("exponent", "contact_fraction", "valid")
+_SHORT_NAMES = {"exponent": "local exponent"}
+#: keys of fit.yaml that are no numbers of the fit, and words for those that are
+_NO_FIT_NUMBERS = ("schema", "class", "digest")
+_FIT_NAMES = {
+    "stderr": "standard error of the width",
+    "std": "standard deviation of the diameters",
+    "std_stderr": "its standard error",
+    "sigma_given": "errors of the data are given",
+    "chi2": "chi^2",
+    "dof": "degrees of freedom",
+}
+#: components of a tensor below this part of the largest are rounding
+_ROUNDING = 1e-12
+#: how the model and the program are cited
+PAPER = (
+    "B. Velický and C. Caroli, Pressure dependence of the sound velocity in a two-dimensional"
+    " lattice of Hertz-Mindlin balls: Mean-field description, Phys. Rev. E 65, 021307 (2002)"
+)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the report: a row of :data:`PARTS`.
+
+    Attributes
+    ----------
+    title : its heading.
+    files : the files of which the folder holds one at least, if it has the part; none for a part
+        that every folder has.
+    read : function that returns the blocks of the part from the path of the folder; without blocks
+        the part is left out.
+    """
+
+    title: str
+    files: tuple[str, ...]
+    read: Callable[[Path], list[Block]]
+
+
+def read_report(folder: str | os.PathLike[str]) -> tuple[str, list[Section]]:
+    """Return the title and the sections of the report of a ``folder`` of ``granphon run`` or
+    ``granphon fit``.
+
+    Raises
+    ------
+    MissingFileError : there is no such folder.
+    InputError : the folder holds no results, damaged ones, or is written into meanwhile.
+    """
+    source = Path(folder)
+    if not source.is_dir():
+        problem = f"there is no folder {source}"
+        if os.path.lexists(source):
+            problem = f"{source} is no folder"
+        raise MissingFileError(problem, mend="Give the folder of a run")
+    if not any((source / name).is_file() for name in ("summary.yaml", "fit.yaml")):
+        mend = "Give a folder of 'granphon run' or 'granphon fit'"
+        raise InputError(f"{source} holds no results", mend=mend)
+    record = read_written_files(source)
+    sections = []
+    for part in PARTS:
+        if part.files and not any((source / name).is_file() for name in part.files):
+            continue
+        blocks = part.read(source)
+        if blocks:
+            sections.append(Section(part.title, blocks))
+    if read_written_files(source) != record:
+        problem = f"{source} was written into while it was read"
+        raise InputError(problem, "The report would mix two results", "Make it again")
+    return _find_title(source), sections
+
+
+def _find_title(source: Path) -> str:
+    """Return the title of the report of a folder: the scene that was run, or what was fitted."""
+    name = source.resolve().name
+    if (source / "summary.yaml").is_file():
+        name = read_summary(source).get("source") or name
+        return f"granphon: results of {name}"
+    return f"granphon: fit in {name}"
+
+
+# -- the parts -------------------------------------------------------------------------------------
+
+
+def _read_numbers(source: Path) -> list[Block]:
+    """Return the table of the numbers of a summary, with their units."""
+    summary = read_summary(source)
+    units = summary.get("units", {})
+    rows = [("observed", ", ".join(summary.get("observe", ())))]
+    media = summary.get("medium", ())
+    rows.append(("medium", media if isinstance(media, str) else ", ".join(media)))
+    for name, value in summary.items():
+        is_error = name.endswith("_error") and name.removesuffix("_error") in summary
+        if name in _NO_NUMBERS or is_error:
+            continue
+        text = _write_value(value, units.get(name, ""), summary.get(f"{name}_error"))
+        if text:
+            rows.append((_name_number(name), text))
+    return [Rows(("quantity", "value"), tuple(rows))]
+
+
+def _name_number(name: str) -> str:
+    """Return the words of the name of a number."""
+    entry = CATALOGUE.get(name)
+    if entry is None:
+        return spell(name)
+    # labels of axes may be formulas
+    is_word = entry.label and "$" not in entry.label
+    return entry.label[:1].lower() + entry.label[1:] if is_word else entry.title
+
+
+def _write_value(value: Any, unit: str, error: Any = None) -> str:
+    """Return the text of a value of a summary in the SI ``unit``, with its standard ``error``: one
+    number, the least and the greatest, intervals, or a word; empty for any other value.
+    """
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int | float):
+        if not math.isfinite(value):
+            return ""
+        if isinstance(error, float) and error > 0.0:
+            return write_uncertain(float(value), error, unit)
+        return _write_number(value, unit)
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Mapping):
+        entries = [f"{spell(str(key))} {_write_value(entry, '')}" for key, entry in value.items()]
+        return ", ".join(entries)
+    if not isinstance(value, list) or not value:
+        return "none" if value == [] else ""
+    if all(isinstance(entry, list) for entry in value):
+        is_tensor = len(value) > 2 and all(len(entry) == len(value) for entry in value)
+        if is_tensor:
+            return _write_tensor(np.array(value, float), unit)
+        return ", ".join(_write_range(entry, unit) for entry in value)
+    if len(value) == 2:
+        return _write_range(value, unit)
+    return _list_numbers(value, unit)
+
+
+def _write_number(value: float, unit: str) -> str:
+    """Return the text of a number in the SI ``unit``; whole numbers without a unit as they are."""
+    if isinstance(value, int) and not unit:
+        return str(value)
+    return write_quantity(float(value), unit)
+
+
+def _write_range(ends: list[Any], unit: str) -> str:
+    """Return the text of the least and the greatest of several values."""
+    return " to ".join(dict.fromkeys(_write_number(end, unit) for end in ends))
+
+
+def _write_tensor(components: Array, unit: str) -> str:
+    """Return the text of the ``components`` (n, n) of a tensor in the SI ``unit``, row by row;
+    components that are rounding are zero.
+    """
+    largest = float(np.max(np.abs(components)))
+    size, name = prefixed(largest, unit)
+    shown = np.where(np.abs(components) > _ROUNDING * largest, components / size, 0.0)
+    rows = [", ".join(f"{component:.5g}" for component in row) for row in shown.tolist()]
+    return f"{'; '.join(rows)}{write_unit(name)}"
+
+
+def _list_numbers(values: list[Any], unit: str) -> str:
+    """Return the text of several values in the SI ``unit``."""
+    return f"{', '.join(f'{value:.5g}' for value in values)}{write_unit(unit)}"
+
+
+def _read_limits(source: Path) -> list[Block]:
+    """Return the table of the limits of the model at a single state."""
+    rows = []
+    for check in read_summary(source).get("validity", ()):
+        kept = "yes" if check["ok"] else "no"
+        rows.append((check["meaning"], f"{check['value']:.4g}", f"{check['limit']:.4g}", kept))
+    return [Rows(("quantity", "value", "limit", "holds"), tuple(rows))] if rows else []
+
+
+def _read_warnings(source: Path) -> list[Block]:
+    """Return the warnings of a run; a sentence if there are none."""
+    warnings = tuple(read_summary(source).get("warnings", ()))
+    return [Items(warnings)] if warnings else [Text("None: no limit of the model is passed.")]
+
+
+def _read_states(source: Path) -> list[Block]:
+    """Return the table of the states of a sweep: load, medium, parameters and main numbers."""
+    from granphon.runs.dataset import find_load, load_sweep
+
+    dataset = load_sweep(source / "sweep.nc")
+    dims = dataset["valid"].dims
+    if dataset["valid"].size < 2:
+        return []
+    load = find_load(dataset)
+    told = [name for name, entry in CATALOGUE.items() if entry.told and name != load]
+    columns = [load, *map(str, dims[1:])]
+    for name in (*told, *_OTHER_COLUMNS):
+        if name in dataset.data_vars and dataset[name].dims == dims:
+            columns.append(name)
+    headings = []
+    texts = []
+    for name in columns:
+        values = dataset[name].broadcast_like(dataset["valid"]).transpose(*dims).values.ravel()
+        unit = str(dataset[name].attrs.get("units", ""))
+        heading = _SHORT_NAMES.get(name, _name_number(name))
+        size = 1.0
+        if unit not in ("", "1"):
+            # a decimal prefix makes the numbers short
+            finite = values[np.isfinite(values)]
+            size, prefixed_unit = prefixed(float(np.max(np.abs(finite), initial=0.0)), unit)
+            heading += f" ({prefixed_unit})"
+        headings.append(heading)
+        texts.append([_write_cell(value, size) for value in values[:MOST_STATES].tolist()])
+    blocks: list[Block] = [Rows(tuple(headings), tuple(zip(*texts, strict=True)))]
+    n_states = dataset["valid"].size
+    if n_states > MOST_STATES:
+        blocks.append(Text(f"{MOST_STATES} of {n_states} states; sweep.csv has all of them."))
+    return blocks
+
+
+def _write_cell(value: Any, size: float) -> str:
+    """Return the text of a value in the table of states; a number is in units of ``size``."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value / size:.6g}" if isinstance(value, float) else str(value)
+
+
+def _read_fit(source: Path) -> list[Block]:
+    """Return the table of the plain numbers and words of a fit."""
+    fit = read_yaml(source / "fit.yaml")
+    if not isinstance(fit, dict):
+        raise InputError(f"{source / 'fit.yaml'} holds no keys", mend="Fit again")
+    units = fit.get("units", {})
+    rows = []
+    for name, value in fit.items():
+        is_plain = isinstance(value, str | int | float) and name not in _NO_FIT_NUMBERS
+        unit = units.get(name, "") if isinstance(units, Mapping) else ""
+        text = _write_value(value, unit) if is_plain else ""
+        if text:
+            rows.append((_FIT_NAMES.get(name, spell(name)), text))
+    return [Rows(("quantity", "value"), tuple(rows))]
+
+
+def _read_figures(source: Path) -> list[Block]:
+    """Return the figures that granphon has drawn into a folder."""
+    pictures: list[Block] = []
+    for name in _list_figures(source):
+        stem = Path(name).stem
+        caption = FIGURES.get(stem, spell(stem))
+        pictures.append(Picture(name, read_bytes(source / name), caption))
+    return pictures or [Text("None is in the folder; 'granphon plot' draws them.")]
+
+
+def _list_figures(source: Path) -> Iterator[str]:
+    """Yield the names of the files of figures in a folder, in the order of :data:`FIGURES`, then
+    those of other names.
+    """
+    names = [
+        name
+        for name in sorted(read_written_files(source))
+        if name.endswith(_PICTURES) and (source / name).is_file()
+    ]
+    for stem in FIGURES:
+        yield from (name for name in names if Path(name).stem == stem)
+    yield from (name for name in names if Path(name).stem not in FIGURES)
+
+
+def _read_scene(source: Path) -> list[Block]:
+    """Return the scene as it was run."""
+    return [Code(read_text(source / "scene.yaml"))]
+
+
+def _read_versions(source: Path) -> list[Block]:
+    """Return the table of the versions with which the results were made."""
+    versions = _find_versions(source)
+    rows = tuple((str(name), str(version)) for name, version in versions.items())
+    return [Rows(("package", "version"), rows)] if rows else []
+
+
+def _find_versions(source: Path) -> Mapping[str, Any]:
+    """Return the versions of packages that a summary or a fit names; empty for none."""
+    for name in ("summary.yaml", "fit.yaml"):
+        if (source / name).is_file():
+            versions = read_yaml(source / name).get("versions", {})
+            return versions if isinstance(versions, Mapping) else {"granphon": versions}
+    return {}
+
+
+def _read_files(source: Path) -> list[Block]:
+    """Return the table of the files of a run and their sizes."""
+    rows = []
+    for name in read_summary(source).get("files", ()):
+        path = source / name
+        size = write_quantity(path.stat().st_size, "B", 3) if path.is_file() else "missing"
+        rows.append((str(name), size))
+    return [Rows(("file", "size"), tuple(rows))]
+
+
+def _cite(source: Path) -> list[Block]:
+    """Return how the results are cited."""
+    version = _find_versions(source).get("granphon", "")
+    return [
+        Text("Please cite the paper whose model granphon computes, and the program:"),
+        Items((f"{PAPER}.", f"The granphon developers, granphon {version}.".replace(" .", "."))),
+    ]
+
+
+#: the parts of a report, in their order
+PARTS = (
+    Part("Numbers", ("summary.yaml",), _read_numbers),
+    Part("Fit", ("fit.yaml",), _read_fit),
+    Part("Warnings", ("summary.yaml",), _read_warnings),
+    Part("Figures", (), _read_figures),
+    Part("States", ("sweep.nc",), _read_states),
+    Part("Limits of the model", ("summary.yaml",), _read_limits),
+    Part("Scene", ("scene.yaml",), _read_scene),
+    Part("Versions", ("summary.yaml", "fit.yaml"), _read_versions),
+    Part("Files", ("summary.yaml",), _read_files),
+    Part("How to cite", (), _cite),
+)

@@ -1,0 +1,172 @@
+"""Gaps, and waves of an edge, over loads and parameters: closed forms, tables, and figures."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import InputError
+from granphon.cli import main
+from granphon.figures.gaps import sweep_gaps_figure, sweep_surface_figure
+from granphon.scene.scene import Scene
+
+SCENE = """\
+balls:
+  S: {material: {young_modulus: 193 GPa, poisson_ratio: 0.30, density: 8000 kg/m^3}, diameter: 19 mm}
+  A: {material: {young_modulus: 73.5 GPa, poisson_ratio: 0.33, density: 2700 kg/m^3}, diameter: 19 mm}
+crystal: {lattice: chain, kinds: [A, S], friction: false}
+load: {force: [1 N, 8 N, 27 N]}
+observe: [velocities, gaps, surface]
+surface: {axis: 0}
+sweep: {A.density: [2000 kg/m^3, 4000 kg/m^3, 8000 kg/m^3]}
+"""
+DENSITIES = np.array([2000.0, 4000.0, 8000.0])
+MASS_PER_DENSITY = np.pi / 6.0 * 19e-3**3
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("gaps") / "out"
+    return Scene.from_text(SCENE).run(folder)
+
+
+def test_gaps_over_loads_and_parameters_are_those_of_the_chain_of_two_masses(result):
+    """f = (2 k/m)^1/2/2 pi at both edges, and (2 k (1/m + 1/M))^1/2/2 pi at the top: balls of
+    equal masses have no gap.
+    """
+    data = result.dataset
+    light = MASS_PER_DENSITY * DENSITIES
+    heavy = MASS_PER_DENSITY * 8000.0
+    stiffness = data["normal_stiffness"].values[:, 0]  # (loads, densities)
+    below = np.sqrt(2.0 * stiffness / heavy) / (2.0 * np.pi)
+    above = np.sqrt(2.0 * stiffness / light) / (2.0 * np.pi)
+    top = np.sqrt(2.0 * stiffness * (1.0 / light + 1.0 / heavy)) / (2.0 * np.pi)
+    lower = data["gap_lower"].values[:, 0]  # (loads, densities, branches below)
+    upper = data["gap_upper"].values[:, 0]
+    assert_allclose(lower[:, :2, 1], below[:, :2], rtol=1e-9)
+    assert_allclose(upper[:, :2, 1], above[:, :2], rtol=1e-9)
+    assert_allclose(data["top_frequency"].values[:, 0], top, rtol=1e-9)
+    # none below the first branch, and none between branches that touch
+    assert np.all(np.isnan(lower[..., 0]))
+    assert np.all(np.isnan(upper[:, 2]))
+    assert data["gap_lower"].attrs["units"] == "Hz"
+    extent = result.summary()["top_frequency"]
+    assert_allclose(extent, [top.min(), top.max()], rtol=1e-9)
+
+
+def test_the_gaps_of_one_state_are_the_same(result):
+    one = Scene.from_text(
+        SCENE.replace("[1 N, 8 N, 27 N]", "8 N").replace("surface]", "bands]")
+        .replace("surface: {axis: 0}\n", "").replace("sweep:", "# ")
+    )  # fmt: skip
+    chain = one.state()
+    (gap,) = gp.Phonons(chain).gaps()
+    branches, gaps = gp.Phonons(chain).find_gaps()
+    assert branches.tolist() == [1]
+    assert_allclose(gaps, [gap], rtol=0.0)
+    many = Scene.from_text(
+        SCENE.replace("sweep: {A.density: [2000 kg/m^3, 4000 kg/m^3, 8000 kg/m^3]}\n", "")
+    ).sweep()
+    assert_allclose(
+        [many["gap_lower"].values[1, 0, 1], many["gap_upper"].values[1, 0, 1]], gap, rtol=1e-9
+    )
+
+
+def test_the_table_has_a_row_for_each_state_and_gap(result):
+    rows = list(
+        csv.DictReader((result.folder / "sweep_gaps.csv").read_text(encoding="utf-8").splitlines())
+    )
+    data = result.dataset
+    assert len(rows) == data["gap_lower"].size == 18
+    row = rows[3]  # the second density
+    assert (float(row["A.density (kg/m^3)"]), row["gap"]) == (4000.0, "1")
+    assert float(row["gap_upper (Hz)"]) == data["gap_upper"].values[0, 0, 1, 1]
+    waves = list(
+        csv.DictReader(
+            (result.folder / "sweep_surface.csv").read_text(encoding="utf-8").splitlines()
+        )
+    )
+    assert len(waves) == data["surface_frequency"].size
+    again = gp.load_sweep(result.folder / "sweep.nc")
+    assert again.identical(data)
+
+
+def test_the_figure_has_the_gaps_as_fields_over_the_load(result):
+    figure = sweep_gaps_figure(result.dataset)
+    panels = [ax for ax in figure.axes if ax.lines]
+    assert len(panels) == 3
+    force = result.dataset["force"].values
+    for number, ax in enumerate(panels):
+        fields = [artist for artist in ax.collections if artist.get_gid() == "gap-1"]
+        assert len(fields) == (number < 2)
+        (top,) = [line for line in ax.lines if line.get_gid() == "top"]
+        kilohertz = result.dataset["top_frequency"].values[:, 0, number] / 1e3
+        assert_allclose(top.get_xydata(), np.transpose([force, kilohertz]))
+        for field in fields:
+            corners = field.get_paths()[0].vertices
+            lower = result.dataset["gap_lower"].values[:, 0, number, 1] / 1e3
+            assert_allclose(corners[:, 1].min(), lower.min())
+            for x, y in zip(force, lower, strict=True):
+                assert np.any(np.all(np.isclose(corners, [x, y]), axis=1))
+        assert ax.get_ylim() == panels[0].get_ylim()
+    assert ["2000" in panels[0].get_title(), "8000" in panels[2].get_title()] == [True, True]
+
+
+def test_at_one_load_the_figure_is_over_the_parameter(result):
+    alone = result.dataset.isel(load=[1])
+    (ax,) = sweep_gaps_figure(alone).axes
+    (top,) = [line for line in ax.lines if line.get_gid() == "top"]
+    assert_allclose(top.get_xdata(), DENSITIES)
+    # a gap that one value has alone is a bar
+    (ax,) = sweep_gaps_figure(alone.isel({"A.density": [1, 2]})).axes
+    (bar,) = [artist for artist in ax.collections if hasattr(artist, "get_segments")]
+    (segment,) = bar.get_segments()
+    assert_allclose(segment[:, 0], 4000.0)
+
+
+def test_waves_of_an_edge_are_drawn_over_the_load(result):
+    figure = sweep_surface_figure(result.dataset)
+    waves = result.dataset["surface_frequency"]
+    for number, ax in enumerate(figure.axes):
+        drawn = [line.get_ydata() for line in ax.lines if line.get_gid().startswith("wave")]
+        expected = waves.values[:, 0, number, -1].T / 1e3
+        assert_allclose(drawn, expected)
+        is_without = not np.any(np.isfinite(expected))
+        assert [text.get_text() for text in ax.texts] == ["no wave"] * is_without
+
+
+def test_the_command_draws_the_gaps_again(result, tmp_path, capsys):
+    words = ["plot", str(result.folder), "--where", "force=8 N"]
+    assert main([*words, "-o", str(tmp_path / "sweep_gaps.svg")]) == 0
+    text = (tmp_path / "sweep_gaps.svg").read_text(encoding="utf-8")
+    assert "top frequency" in text
+    assert 'id="gap-1"' in text
+    assert main(["plot", str(result.folder), "-o", str(tmp_path / "sweep_surface.png")]) == 0
+
+
+def test_gaps_of_a_simulation_are_those_of_the_mean_lattice(tmp_path):
+    text = """\
+material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}
+packing: {lattice: triangular, diameter: 1 mm, spread: {uniform: 0.1 um}}
+load: {force: [5 N, 6 N]}
+medium: [ala, {simulation: {shape: 3 3, geometry: lattice}}]
+observe: [gaps]
+"""
+    data = Scene.from_text(text).sweep()
+    assert any("samples" in sentence for sentence in json.loads(data.attrs["warnings"]))
+    top = data["top_frequency"].values
+    assert_allclose(top[:, 1], top[:, 0], rtol=1e-2)
+    assert data["gap_lower"].shape == (2, 2, 3)
+
+
+def test_a_sweep_without_gaps_says_so(result):
+    data = result.dataset.drop_vars(["gap_lower", "surface_frequency"])
+    with pytest.raises(InputError, match=r"no gaps.*Observe gaps"):
+        sweep_gaps_figure(data)
+    with pytest.raises(InputError, match="no waves of an edge"):
+        sweep_surface_figure(data)
