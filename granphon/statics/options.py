@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 
-def _by_axes(line: int, plane: int, space: int) -> Mapping[int, int]:
+def _by_axes(line: float, plane: float, space: float) -> Mapping[int, Any]:
     """Return a field with a number for balls that move along 1, 2 or 3 axes."""
     numbers = MappingProxyType({1: line, 2: plane, 3: space})
-    field_of_numbers: Mapping[int, int] = field(default_factory=lambda: numbers)
+    field_of_numbers: Mapping[int, Any] = field(default_factory=lambda: numbers)
     return field_of_numbers
 
 
@@ -84,6 +85,47 @@ class RestOptions:
         of radii.
     curvature : curvature of the energy below zero, over what forces could make, that is rounding.
     soft : stiffness of a motion, over that of a contact, up to which it costs no energy.
+    cached : contacts of a grid that are worked on at a time, so that they stay in the processor's
+        cache.
+    most_grid_steps : steps of Newton's method on a grid in the directions of the lattice, at most.
+    most_on_grid : iterations in such a step, at most: the search goes on from there.
+    loosest : relative residual of such a step, at most.
+    progress : below that, the relative residual is the ratio by which the last step reduced the
+        distance from rest, to this power: where balls that nothing holds come to rest, progress is
+        slow, however accurate the steps (S. C. Eisenstat and H. F. Walker, SIAM J. Sci. Comput. 17,
+        16 (1996), choose tolerances in this way).
+    accuracy : part of the tolerance that the last step is to leave.
+    spoilt : length of a step below which later ones are solved in double precision.
+    even : standard deviation of stiffnesses, over their mean, up to which Green's function alone
+        preconditions.
+    damped : part of the way to its balance that each ball moves before and after Green's function:
+        the energy of a contact is at most twice that of its two balls moving one at a time, so that
+        with less than the whole way the preconditioner is positive definite.
+    hold_single : stiffness that is added to each ball there, over the mean, so that its block has
+        an inverse in single precision.
+    least_difference : least scale of forces, over those that the spread of overlaps on the sites
+        makes: in a chain all contacts carry the same force, but for rounding.
+    move_rounding : force left on a ball of a line that the rounding of displacements explains, in
+        units of it times the stiffness.
+    load_rounding : part of a load by which rounding may miss it.
+    closed_on_sites : part of contacts closed on the sites, below which interior points come before
+        Newton's method where the strain is given.
+    interior_forces : least and largest mean force for which they do where a load is given, in units
+        of the spread.
+    direct_force : mean force, in these units, below which the search begins at rest under ten times
+        the load.
+    start_tolerance : tolerance of that rest.
+    stiff : stiffness, over the mean, from which contacts enter factors; softer ones enter by their
+        part of the diagonal only.
+    most_stiff : part of contacts that are stiff, above which Green's function is kept.
+    patience_of_green : iterations with Green's function that cost as much as factors, measured in
+        planes of 64 x 64 to 128 x 128 balls.
+    cost_of_solution : cost of an iteration with factors, in iterations with Green's function.
+    stale : iterations beyond those of the first equations with the same factors, from which these
+        are made anew.
+    hold_diagonal : stiffness that holds balls which nothing else holds, in factors, over the mean.
+    hold_scaled : added to the matrix whose diagonal is one: without it rounding could make motions
+        that cost nothing unstable.
     """
 
     tolerance: float = 2e-15
@@ -124,3 +166,27 @@ class RestOptions:
     descent: float = 1e-2
     curvature: float = 1e-6
     soft: float = 1e-9
+    cached: int = 2**14
+    most_grid_steps: int = 1000
+    most_on_grid: int = 3000
+    loosest: float = 0.15
+    progress: float = 1.2
+    accuracy: float = 0.3
+    spoilt: float = 0.3
+    even: float = 0.1
+    damped: float = 0.8
+    hold_single: float = 1e-5
+    least_difference: float = 1e-4
+    move_rounding: float = 16.0
+    load_rounding: float = 1e-15
+    closed_on_sites: float = 0.45
+    interior_forces: tuple[float, float] = (1e-4, 1.5e-2)
+    direct_force: float = 1e-4
+    start_tolerance: float = 1e-3
+    stiff: float = 1e-3
+    most_stiff: Mapping[int, float] = _by_axes(0.65, 0.65, 0.42)
+    patience_of_green: int = 150
+    cost_of_solution: int = 3
+    stale: int = 30
+    hold_diagonal: float = 1e-5
+    hold_scaled: float = 1e-5
