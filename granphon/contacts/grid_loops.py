@@ -17,6 +17,8 @@ from granphon.contacts.grid import Runs
 Values = NDArray[Any]
 #: contacts of a run that are worked on at a time, so that they stay in the processor's cache
 _CACHED = 512
+#: products that are added up beside each other
+_LANES = 16
 
 
 @compiled
@@ -251,3 +253,69 @@ def move_again(
     """
     leave(runs, stiffness, forces, motions, remaining)
     add_alone(alone, remaining, motions)
+
+
+@compiled
+def multiply(first: Values, second: Values) -> float:
+    """Return the sum of the products of the numbers of two vectors (n,)."""
+    sums = np.zeros(_LANES)
+    whole = len(first) - len(first) % _LANES
+    for start in range(0, whole, _LANES):
+        for lane in range(_LANES):
+            sums[lane] += first[start + lane] * second[start + lane]
+    total = 0.0
+    for lane in range(_LANES):
+        total += sums[lane]
+    for place in range(whole, len(first)):
+        total += first[place] * second[place]
+    return total
+
+
+@compiled
+def go_on(
+    runs: Runs,
+    stiffness: Values,
+    strained: Values,
+    better: Values,
+    last: float,
+    way: Values,
+    change: Values,
+    solution: Values,
+    remaining: Values,
+) -> tuple[float, float, float]:
+    """Take a step of conjugate gradients; return the product of the forces that remain with the
+    motion that is ``better``, the curvature along the way, and the square of what then remains.
+
+    Vectors (n + s,) are motions of balls, field by field, and strains of the cell, or forces on
+    them. ``strained`` (kinds, s) are elongations by unit strains, and ``last`` is the product of
+    the step before, zero at first. Where the curvature is not above zero, no step is taken.
+    """
+    kinds, cells = stiffness.shape
+    fields = len(way) // cells
+    n = fields * cells
+    s = len(way) - n
+    product = multiply(remaining, better)
+    factor = product / last if last else 0.0
+    for place in range(len(way)):
+        way[place] = factor * way[place] + better[place]
+    elongations = np.zeros(kinds if s else 0, way.dtype)
+    tensions = np.zeros(kinds if s else 0, way.dtype)
+    for strain in range(s):
+        for kind in range(kinds):
+            elongations[kind] += strained[kind, strain] * way[n + strain]
+    change[:] = 0.0
+    motions = way[:n].reshape((fields, cells))
+    forces = change[:n].reshape((fields, cells))
+    resist(runs, stiffness, motions, elongations, forces, tensions)
+    for strain in range(s):
+        for kind in range(kinds):
+            change[n + strain] += strained[kind, strain] * tensions[kind]
+    curvature = multiply(way, change)
+    if curvature <= 0.0:
+        return product, curvature, 0.0
+    length = product / curvature
+    for place in range(len(way)):
+        solution[place] += length * way[place]
+    for place in range(len(way)):
+        remaining[place] -= length * change[place]
+    return product, curvature, multiply(remaining, remaining)

@@ -43,9 +43,8 @@ class GreenFunction:
         )
         is_kept = grid.n_cells * grid.n_balls <= _KEPT_BALLS
         find = _find_table if is_kept else _find_table.__wrapped__
-        #: (f, f, waves) in double precision; with one ball in the cell it is real
+        #: (f, f, waves); with one ball in the cell it is real
         self._table = find(*key)
-        self._tables: dict[Any, Values] = {}
 
     def apply(self, forces: Values, scale: float) -> Values:
         """Return ``scale`` times the motions (f, cells) under forces (f, cells), as precise as
@@ -53,20 +52,11 @@ class GreenFunction:
         """
         from scipy import fft  # imported here: media that are not simulated do not need it
 
-        precision = forces.dtype
-        if precision not in self._tables:
-            kind = np.result_type(precision, self._table.dtype)
-            if kind.kind == "c":
-                kind = np.result_type(precision, np.complex64)
-            else:
-                kind = precision
-            self._tables[precision] = np.ascontiguousarray(self._table.astype(kind))
         axes = tuple(range(1, 1 + len(self._shape)))
         waves = fft.rfftn(forces.reshape(-1, *self._shape), axes=axes)
         moved = np.empty_like(waves)
-        table = self._tables[precision]
-        flat = (len(waves), table.shape[-1])
-        _multiply(table, precision.type(scale), waves.reshape(flat), moved.reshape(flat))
+        flat = (len(waves), self._table.shape[-1])
+        _multiply(self._table, forces.dtype.type(scale), waves.reshape(flat), moved.reshape(flat))
         motions = fft.irfftn(moved, self._shape, axes=axes, overwrite_x=True)
         return np.asarray(motions.reshape(forces.shape))
 
@@ -87,9 +77,8 @@ def _find_table(
     shift = np.reshape(shifts, (-1, d))
     is_real = n_balls == 1
     counts = (*shape[:-1], shape[-1] // 2 + 1)
-    precision = np.float64 if is_real else np.complex128
-    if math.prod(counts) > _KEPT_BALLS:
-        precision = np.float32 if is_real else np.complex64
+    # a preconditioner needs few digits
+    precision = np.float32 if is_real else np.complex64
     table = np.zeros((fields, fields, *counts), precision)
     still = np.zeros((fields, fields))  # the projection on translations of the whole array
     for axis in range(d):

@@ -219,11 +219,9 @@ class GridEquations:
         """
         precision = stiffness.dtype
         runs = self._runs[precision]
+        strained = self._strained[precision]
         shape = force.balls.shape
         n = force.balls.size
-        strained = self._strained[precision]
-        tensions = np.zeros(len(strained) if len(force.strains) else 0, precision)
-        elongations = tensions.copy()
         of_strains = np.zeros((0, 0))
         if len(force.strains):
             sums = np.sum(stiffness, axis=1, dtype=float)
@@ -234,37 +232,29 @@ class GridEquations:
         solution = np.zeros_like(remaining)
         way = np.zeros_like(remaining)
         change = np.empty_like(remaining)
+        better = np.empty_like(remaining)
+        square = grid_loops.multiply(remaining, remaining)
+        aim = reduction**2 * square
         product = 0.0
-        aim = reduction**2 * dot(remaining, remaining)
-        for count in range(self._options.most_on_grid + 1):
-            if dot(remaining, remaining) <= aim or count == self._options.most_on_grid:
-                break
-            better = np.empty_like(remaining)
+        count = 0
+        while square > aim and count < self._options.most_on_grid:
             better[:n] = inverse(remaining[:n].reshape(shape)).reshape(-1)
-            better[n:] = of_strains @ remaining[n:]
-            last = product
-            product = dot(remaining, better)
-            if count:
-                way *= precision.type(product / last)
-            way += better
-            change[:] = 0.0
-            if len(force.strains):
-                elongations[:] = strained @ way[n:]
-                tensions[:] = 0.0
-            moved = way[:n].reshape(shape)
-            grid_loops.resist(
-                runs, stiffness, moved, elongations, change[:n].reshape(shape), tensions
+            if len(of_strains):
+                better[n:] = of_strains @ remaining[n:]
+            product, curvature, square = grid_loops.go_on(
+                runs,
+                stiffness,
+                strained,
+                better,
+                product,
+                way,
+                change,
+                solution,
+                remaining,
             )
-            if len(force.strains):
-                change[n:] = tensions @ strained
-            curvature = dot(way, change)
             if curvature <= 0.0:
                 break
-            length = precision.type(product / curvature)
-            np.multiply(way, length, out=better)
-            solution += better
-            np.multiply(change, length, out=better)
-            remaining -= better
+            count += 1
         return Unknowns(solution[:n].reshape(shape), solution[n:]), count
 
 
