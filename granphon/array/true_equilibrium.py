@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from granphon.array.contact_lists import (
     Springs,
-    find_grid,
+    find_lattice_grid,
     list_in_true_directions,
     select_resisted,
 )
@@ -37,7 +37,7 @@ from granphon.array.stencils import Motion, Stencils
 from granphon.balls import hertz
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
-from granphon.contacts.assembly import Assembly
+from granphon.contacts.assembly import Assembly, GridAssembly
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.laws import ContactLaws
 from granphon.statics.configuration import AppliedLoad
@@ -258,23 +258,14 @@ def _keep_directions(state: Equilibrium, deviations: Array, stencils: Stencils) 
 
 def assemble(deviations: Array, stencils: Stencils, ratio: float) -> Assembly:
     """Return the contacts of an array, in units of W and c W^(3/2)."""
-    grid = find_grid(stencils.shape, stencils.lattice)
+    grid = find_lattice_grid(stencils.shape, stencils.lattice)
     p = stencils.lattice.periods
-    count = len(grid.i)
-    cells = math.prod(stencils.shape)
-    return Assembly(
-        n_balls=stencils.n_balls * cells,
-        i=grid.i,
-        j=grid.j,
-        vector=grid.vector / ratio,
-        is_flat=np.zeros(count, bool),
-        offset=stencils.average_pairs(deviations).ravel(),
-        laws=ContactLaws([(hertz.HertzLaw(1.0), np.arange(count))], count),
-        cell=(float(stencils.lattice.measure) * cells) ** (1.0 / p) / ratio * np.eye(p),
-        dimension=p,
-        directions=np.zeros((0, p)),
-        wall_balls=np.zeros(0),
-        grid=stencils.shape,
+    size = (float(stencils.lattice.measure) * grid.n_cells) ** (1.0 / p) / ratio
+    return GridAssembly(
+        grid.scale(1.0 / ratio),
+        stencils.average_pairs(deviations).ravel(),
+        hertz.HertzLaw(1.0),
+        size * np.eye(p),
     )
 
 
@@ -308,7 +299,7 @@ def _find_rest(
         cell_tolerance=LOAD_TOLERANCE / REST_TOLERANCE,
     )
     displacement = stencils.displacements(start.balls).reshape(p, -1).T
-    begin = Rest(displacement, np.zeros(0), compressed, start.overlaps.ravel(), assembly.normal)
+    begin = Rest(displacement, np.zeros(0), compressed, start.overlaps.ravel(), assembly)
     # the search measures a residual by the mean force of closed contacts
     part = float(np.mean(start.forces > 0.0))
     options = RestOptions(tolerance=0.9 * part * tolerance, required=part * tolerance)

@@ -21,6 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.arrays import Array, Flags, Index
+from granphon.balls.contact_laws import PairLaw
+from granphon.contacts.grid import Grid
 from granphon.contacts.laws import ContactLaws
 
 #: component of a normal that is zero but for rounding, and so is such a part of the largest overlap
@@ -60,7 +62,7 @@ class Assembly:
     dimension: int
     directions: Array
     wall_balls: Array
-    grid: tuple[int, ...] = ()
+    grid: Grid | None = None
 
     @property
     def n_contacts(self) -> int:
@@ -151,3 +153,79 @@ class Assembly:
             directions=np.zeros((0, self.dimension)),
             wall_balls=np.zeros(0),
         )
+
+
+class GridAssembly(Assembly):
+    """The contacts of an array of cells, between balls that have one law; they are spelled out when
+    something asks for them.
+
+    Parameters
+    ----------
+    grid : the contacts, kind by kind.
+    offset : (n_c,) overlaps on the sites, m.
+    law : the law of all contacts.
+    cell : (p, p) the periods, m.
+    """
+
+    grid: Grid
+
+    def __init__(self, grid: Grid, offset: Array, law: PairLaw, cell: Array) -> None:
+        p = len(cell)
+        values = {
+            "grid": grid,
+            "law": law,
+            "n_balls": grid.n_balls * grid.n_cells,
+            "offset": offset,
+            "cell": cell,
+            "dimension": p,
+            "directions": np.zeros((0, p)),
+            "wall_balls": np.zeros(0),
+        }
+        vars(self).update(values)
+
+    law: PairLaw
+
+    @property
+    def n_contacts(self) -> int:
+        """Number n_c of contacts."""
+        return len(self.offset)
+
+    @cached_property
+    def i(self) -> NDArray[np.int64]:  # type: ignore[override]
+        """(n_c,) numbers of the first balls of contacts."""
+        return self.grid.ends[0]
+
+    @cached_property
+    def j(self) -> NDArray[np.int64]:  # type: ignore[override]
+        """(n_c,) numbers of the second balls of contacts."""
+        return self.grid.ends[1]
+
+    @cached_property
+    def vector(self) -> Array:  # type: ignore[override]
+        """(n_c, 3) from ball i to ball j, at touch, m."""
+        return np.repeat(self.grid.vector, self.grid.n_cells, axis=0)
+
+    @cached_property
+    def normal(self) -> Array:
+        """(n_c, 3) unit vectors from ball i to ball j at touch."""
+        return np.repeat(self.grid.normal, self.grid.n_cells, axis=0)
+
+    @cached_property
+    def distance(self) -> Array:
+        """(n_c,) distances of the balls at touch, m."""
+        return np.repeat(self.grid.distance, self.grid.n_cells)
+
+    @cached_property
+    def is_flat(self) -> Flags:  # type: ignore[override]
+        """(n_c,) whether contacts are with flat walls: none is."""
+        return np.zeros(self.n_contacts, bool)
+
+    @cached_property
+    def laws(self) -> ContactLaws:  # type: ignore[override]
+        """The laws of the contacts."""
+        return ContactLaws([(self.law, np.arange(self.n_contacts))], self.n_contacts)
+
+    @cached_property
+    def free_axes(self) -> list[int]:
+        """The axes along which nothing hinders all balls together: all."""
+        return list(range(self.dimension))

@@ -9,7 +9,7 @@ as one: loops go through memory in order, and no index is read for a contact.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -17,6 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.arrays import Array
+
+#: cells of a grid, at most, whose balls of contacts are kept: 16 bytes a contact
+_KEPT_CELLS = 2**13
 
 
 class Runs(NamedTuple):
@@ -79,6 +82,15 @@ class Grid:
         """(kinds, 3) unit vectors from ball i to ball j at touch."""
         return np.asarray(self.vector / self.distance[:, None])
 
+    def scale(self, factor: float) -> Grid:
+        """Return the contacts in another unit of length, ``factor`` times as many."""
+        scaled = replace(self, vector=factor * self.vector)
+        # neither depends on the unit
+        vars(scaled).update(runs=self.runs, normal=self.normal)
+        if "ends" in vars(self) or self.n_cells <= _KEPT_CELLS:
+            vars(scaled).update(ends=self.ends)
+        return scaled
+
     @cached_property
     def runs(self) -> Runs:
         """The runs of all contacts."""
@@ -109,14 +121,18 @@ class Grid:
             np.ascontiguousarray(self.normal[:, :d]),
         )
 
-    def list_ends(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the numbers (n_c,) of the two balls of each contact."""
+    @cached_property
+    def ends(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Numbers (n_c,) of the two balls of each contact."""
         cells = np.arange(self.n_cells).reshape(self.shape)
         axes = range(cells.ndim)
         far = [np.roll(cells, [-step for step in shift], axes) for shift in self.shift.tolist()]
         i = self.n_cells * self.i[:, None] + cells.ravel()
         j = self.n_cells * self.j[:, None] + np.reshape(far, (self.n_kinds, -1))
-        return i.ravel().astype(np.int64), j.ravel().astype(np.int64)
+        ends = (i.ravel().astype(np.int64), j.ravel().astype(np.int64))
+        for numbers in ends:
+            numbers.flags.writeable = False
+        return ends
 
 
 def _join_runs(runs: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -6,7 +6,7 @@ close. Here force f and gap s of every contact are unknowns of their own, both a
 
     h = f^(2/3) - s,    f s = mu,    C^T f = 0
 
-with the overlap h of :mod:`granphon.statics.grid_rest`. For mu = 0 this is rest: f = h_+^(3/2), and
+with the overlap h of :mod:`granphon.statics.grid_problem`. For mu = 0 this is rest: f = h_+^(3/2), and
 s is the distance of balls that are apart. A step is one of Newton's method for the three equations
 together (S. J. Wright, Primal-Dual Interior-Point Methods, SIAM 1997): without f and s it is a
 linear system C^T K C with the stiffness
@@ -20,15 +20,14 @@ rest in the middle of their cages, where they touch no other.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from granphon.balls import hertz
 from granphon.base.arrays import Array
+from granphon.statics.grid_problem import GridProblem, Unknowns
+from granphon.statics.lattice_equations import LatticeEquations, Preconditioners
 
-if TYPE_CHECKING:
-    from granphon.statics.grid_rest import GridSearch
 #: Newton steps, at most
 _STEPS = 100
 #: mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's method goes
@@ -69,7 +68,11 @@ _WIDTH_NEAR = 0.03
 
 
 def approach(
-    search: GridSearch, balls: Array, strains: Array, is_fresh: bool
+    equations: LatticeEquations,
+    inverses: Preconditioners,
+    balls: Array,
+    strains: Array,
+    is_fresh: bool,
 ) -> tuple[Array, Array, int, int] | None:
     """Return displacements (f, cells) and strains (s,) near rest, and the numbers of steps and
     iterations, from others.
@@ -78,13 +81,11 @@ def approach(
     there may be none. ``is_fresh`` says whether the balls begin on their sites, rather than at rest
     under another load.
     """
-    from granphon.statics.grid_rest import Unknowns
-
-    problem = search.problem
+    problem = equations.problem
     cells = problem.grid.n_cells
     taken = 0
     before = math.inf
-    h = _find_overlaps(search, balls, strains)
+    h = _find_overlaps(problem, balls, strains)
     f, s = split(h, (_WIDTH if is_fresh else _WIDTH_NEAR) * float(np.std(h)))
     for step in range(_STEPS):
         product = float(np.mean(f * s))
@@ -117,13 +118,13 @@ def approach(
         accuracy = max(_LEAST_ERROR, min(_ACCURACY * factor, _LARGEST_ERROR))
         if factor == 1.0:
             accuracy = _LEAST_ERROR
-        motion, count = search.equations.solve(
+        motion, count = equations.solve(
             stiffness,
             Unknowns(problem.collect(tension), push),
-            search.inverses.choose(stiffness),
+            inverses.choose(stiffness),
             accuracy,
         )
-        search.inverses.count(count)
+        inverses.count(count)
         change -= problem.add_losses(problem.measure_losses(motion.balls), motion.strains)
         change *= stiffness
         widening = (mu - s * change) / f - s
@@ -139,13 +140,12 @@ def approach(
         strains = strains + motion.strains
         balls = balls + motion.balls
         taken = taken + count
-        h = _find_overlaps(search, balls, strains)
+        h = _find_overlaps(problem, balls, strains)
     return None
 
 
-def _find_overlaps(search: GridSearch, balls: Array, strains: Array) -> Array:
+def _find_overlaps(problem: GridProblem, balls: Array, strains: Array) -> Array:
     """Return the overlaps (kinds, cells)."""
-    problem = search.problem
     overlaps = problem.measure_losses(balls)
     np.subtract(problem.offset, overlaps, out=overlaps)
     overlaps += problem.find_common(strains)[:, None]

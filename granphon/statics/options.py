@@ -115,6 +115,11 @@ class RestOptions:
     direct_force : mean force, in these units, below which the search begins at rest under ten times
         the load.
     start_tolerance : tolerance of that rest.
+    threshold : mean force, in these units, below which contacts that do not all touch carry
+        nothing.
+    grid_tolerance : force left on a ball of a grid in the directions of the lattice, over the mean
+        force, or over the rms difference of forces if that is less: at high loads the effect of
+        disorder is itself only a small part of the force.
     stiff : stiffness, over the mean, from which contacts enter factors; softer ones enter by their
         part of the diagonal only.
     most_stiff : part of contacts that are stiff, above which Green's function is kept.
@@ -183,6 +188,8 @@ class RestOptions:
     interior_forces: tuple[float, float] = (1e-4, 1.5e-2)
     direct_force: float = 1e-4
     start_tolerance: float = 1e-3
+    threshold: float = 1e-8
+    grid_tolerance: float = 1e-10
     stiff: float = 1e-3
     most_stiff: Mapping[int, float] = _by_axes(0.65, 0.65, 0.42)
     patience_of_green: int = 150

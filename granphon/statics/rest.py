@@ -38,7 +38,8 @@ from granphon.base.errors import (
     InstabilityError,
     MechanismError,
 )
-from granphon.contacts.assembly import ROUNDING, Assembly
+from granphon.balls.hertz import HertzLaw
+from granphon.contacts.assembly import ROUNDING, Assembly, GridAssembly
 from granphon.statics.configuration import (
     AppliedLoad,
     Boundary,
@@ -72,7 +73,9 @@ class Rest:
     wall_motion : (k,) of the walls along their lines, m.
     strain : (p, p) of the cell.
     overlap : (n_c,) of the contacts, m.
-    normal : (n_c, d) unit vectors of the contacts.
+    assembly : what is at rest.
+    turned_normal : (n_c, d) unit vectors of contacts that have turned; None where they keep the
+        directions of the sites.
     residual : the largest force left, as on a ball, over the mean force of contacts.
     steps, iterations : numbers of steps of Newton's method for all, and of iterations in them.
     """
@@ -81,10 +84,18 @@ class Rest:
     wall_motion: Array
     strain: Array
     overlap: Array
-    normal: Array
+    assembly: Assembly
+    turned_normal: Array | None = None
     residual: float = 0.0
     steps: int = 0
     iterations: int = 0
+
+    @property
+    def normal(self) -> Array:
+        """(n_c, d) unit vectors of the contacts."""
+        if self.turned_normal is not None:
+            return self.turned_normal
+        return self.assembly.normal[:, : self.assembly.dimension]
 
     @classmethod
     def of(cls, configuration: Configuration) -> Self:
@@ -98,7 +109,8 @@ class Rest:
             x[problem.n_ball_unknowns : problem.n_displacements],
             configuration.strain,
             configuration.overlap,
-            configuration.normal[:, : assembly.dimension],
+            assembly,
+            configuration.normal[:, : assembly.dimension] if problem.turns else None,
             configuration.residual,
         )
 
@@ -147,6 +159,8 @@ def find_rest(
     if not (load.acts or load.is_given or find_typical_force(problem)):
         return _rest_without_load(problem)
     if not problem.turns:
+        if _is_even_grid(problem):
+            return _find_rest_on_grid(problem, start, numbers)
         on_lattice = _LatticeSearch(problem, numbers)
         return on_lattice.run(on_lattice.begin(start))
     if start is None:
@@ -178,6 +192,71 @@ def _rest_without_load(problem: Problem) -> Rest:
         return Rest.of(untouched)
     words = problem.load.words
     raise InputError(f"{words} presses nothing", "Contacts have no stiffness without a force")
+
+
+def _is_even_grid(problem: Problem) -> bool:
+    """Return whether contacts are a grid with one law, Hertz's, that the load presses evenly, so
+    that none need be spelled out.
+    """
+    assembly = problem.assembly
+    load = problem.load
+    if not (isinstance(assembly, GridAssembly) and isinstance(assembly.law, HertzLaw)):
+        return False
+    presses = load.stress is None or float(np.trace(load.stress)) < 0.0
+    distances = assembly.grid.distance
+    is_even = load.mean_force is None or float(np.ptp(distances)) <= ROUNDING * distances[0]
+    return presses and is_even and not np.any(load.force)
+
+
+def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOptions) -> Rest:
+    """Return the rest of an even grid in the directions of the lattice."""
+    from granphon.statics.grid_problem import GridProblem  # averages need no Numba
+    from granphon.statics.lattice_rest import LatticeSearch
+
+    on_grid = GridProblem(problem)
+    if start is None and on_grid.needs_more_load(options):
+        load = problem.load
+        more = 10.0
+        heavier = replace(
+            load,
+            stress=None if load.stress is None else more * load.stress,
+            mean_force=None if load.mean_force is None else more * load.mean_force,
+        )
+        boundary: Boundary = "isotropic" if len(problem.unit_strains) == 1 else "stress"
+        rough = replace(options, grid_tolerance=options.start_tolerance)
+        start = find_rest(problem.assembly, heavier, "lattice", boundary, None, rough)
+    balls = None
+    strains = on_grid.find_strains()
+    if start is not None:
+        unknowns = _find_unknowns(problem, start)
+        n = problem.n_ball_unknowns
+        strains = unknowns[n:] / on_grid.unit
+        if problem.assembly.differs:
+            balls = on_grid.lay(start.displacement)
+    search = LatticeSearch(on_grid, options)
+    place = search.run(balls, strains, options.grid_tolerance)
+    assembly = problem.assembly
+    overlap = place.find_overlaps()
+    closed = float(np.mean(place.root > 0.0)) or 1.0
+    residual = place.left / place.force * closed if place.force else math.inf
+    p = assembly.periods
+    strain = np.einsum("s,sab->ab", on_grid.unit * place.strains, problem.unit_strains)
+    rest = Rest(
+        displacement=on_grid.list_displacements(place.balls),
+        wall_motion=np.zeros(0),
+        strain=(strain + problem.given_strain)[:p, :p],
+        overlap=on_grid.unit * overlap.ravel(),
+        assembly=assembly,
+        residual=residual,
+        steps=search.steps,
+        iterations=search.iterations,
+    )
+    if place.distance <= options.grid_tolerance:
+        return rest
+    error = explain(problem, opened=place.carries_nothing, residual=rest.residual)
+    if isinstance(error, ConvergenceError):
+        error.reached = rest
+    raise error
 
 
 def _find_unknowns(problem: Problem, rest: Rest) -> Array:
