@@ -11,7 +11,6 @@ which then carries a force of the order f W/d. The array is an assembly
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -22,7 +21,6 @@ from numpy.typing import ArrayLike
 
 from granphon.array.contact_lists import (
     Springs,
-    find_lattice_grid,
     list_in_true_directions,
     select_resisted,
 )
@@ -33,17 +31,15 @@ from granphon.array.geometry import (
     ReducedLoad,
     require_small,
 )
+from granphon.array.rest import ArrayRest, apply, assemble, take_up
 from granphon.array.stencils import Motion, Stencils
-from granphon.balls import hertz
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
-from granphon.contacts.assembly import Assembly, GridAssembly
+from granphon.contacts.assembly import Assembly
 from granphon.contacts.contact_list import ContactList
-from granphon.contacts.laws import ContactLaws
-from granphon.statics.configuration import AppliedLoad
 from granphon.statics.options import RestOptions
 from granphon.statics.response import LinearResponse
-from granphon.statics.rest import Rest, find_rest_nearby
+from granphon.statics.rest import find_rest_nearby
 
 #: force left on a ball over W/d times the mean force, at most: loose balls carry forces of about
 #: that
@@ -230,18 +226,11 @@ def equilibrate_exactly(
     assembly = assemble(deviations, stencils, ratio)
     overlap = begin.overlap if load.overlap is None else load.overlap
     rest = _find_rest(assembly, load, ratio, stencils, begin, overlap, tolerance)
-    if load.overlap is None:
-        overlap = -float(rest.strain[0, 0]) / ratio
-    p = assembly.dimension
-    motions = (stencils.basis @ rest.displacement.T).reshape(p, stencils.n_balls, -1)
-    balls = motions.swapaxes(0, 1).reshape(begin.balls.shape)
-    # by the mean force of all contacts, which is that of closed ones times their part
-    closed = float(np.mean(rest.overlap > 0.0))
     state = TrueEquilibrium(
         deviations=deviations,
-        overlap=float(overlap),
-        balls=stencils.centre(balls),
-        residual=rest.residual / closed,
+        overlap=float(rest.overlap),
+        balls=rest.balls,
+        residual=rest.residual,
         newton=begin.newton + rest.steps,
         conjugate=begin.conjugate + rest.iterations,
         lattice=stencils.lattice,
@@ -256,19 +245,6 @@ def _keep_directions(state: Equilibrium, deviations: Array, stencils: Stencils) 
     return TrueEquilibrium(**values).share(deviations, stencils)
 
 
-def assemble(deviations: Array, stencils: Stencils, ratio: float) -> Assembly:
-    """Return the contacts of an array, in units of W and c W^(3/2)."""
-    grid = find_lattice_grid(stencils.shape, stencils.lattice)
-    p = stencils.lattice.periods
-    size = (float(stencils.lattice.measure) * grid.n_cells) ** (1.0 / p) / ratio
-    return GridAssembly(
-        grid.scale(1.0 / ratio),
-        stencils.average_pairs(deviations).ravel(),
-        hertz.HertzLaw(1.0),
-        size * np.eye(p),
-    )
-
-
 def _find_rest(
     assembly: Assembly,
     load: ReducedLoad,
@@ -277,41 +253,25 @@ def _find_rest(
     start: Equilibrium,
     overlap: float,
     tolerance: float,
-) -> Rest:
+) -> ArrayRest:
     """Return the state at rest near a ``start``, which has the ``overlap`` of the spacing or is to
     have it.
     """
-    p = assembly.dimension
-    nothing = np.zeros(assembly.n_balls * p)
-    compressed = -ratio * overlap * np.eye(p)
-    is_given = load.overlap is not None
-    stress = None
-    if load.on_boundary:
-        virial = load.force * float(np.sum(assembly.distance))
-        stress = -virial / (p * assembly.measure) * np.eye(p)
-    applied = AppliedLoad(
-        force=nothing,
-        words="the load",
-        stress=stress,
-        strain=compressed if is_given else np.zeros((p, p)),
-        pressure_force=nothing,
-        mean_force=None if is_given or load.on_boundary else load.force,
-        cell_tolerance=LOAD_TOLERANCE / REST_TOLERANCE,
-    )
-    displacement = stencils.displacements(start.balls).reshape(p, -1).T
-    begin = Rest(displacement, np.zeros(0), compressed, start.overlaps.ravel(), assembly)
+    applied = apply(assembly, load, ratio, LOAD_TOLERANCE / REST_TOLERANCE)
+    begin = take_up(assembly, ArrayRest(start.balls, overlap), stencils, ratio)
     # the search measures a residual by the mean force of closed contacts
     part = float(np.mean(start.forces > 0.0))
     options = RestOptions(tolerance=0.9 * part * tolerance, required=part * tolerance)
     try:
-        return find_rest_nearby(assembly, applied, "isotropic", begin, options)
+        rest = find_rest_nearby(assembly, applied, "isotropic", begin, options)
+        return ArrayRest.of(rest, stencils, ratio, load.overlap)
     except ConvergenceError as error:
         nearest = error.reached
         if nearest is None:
             raise InputError(
                 f"at an overlap of {overlap:.6g} widths this sample carries no load"
             ) from error
-        if not is_given:
+        if load.overlap is None:
             overlap = -float(nearest.strain[0, 0]) / ratio
         raise ConvergenceError(
             f"the sample has not come to rest in its true geometry after {nearest.steps} steps",

@@ -20,8 +20,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.arrays import Array, Flags, Index
 from granphon.balls.contact_laws import PairLaw
+from granphon.base.arrays import Array, Flags, Index
 from granphon.contacts.grid import Grid
 from granphon.contacts.laws import ContactLaws
 

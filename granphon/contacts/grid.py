@@ -110,9 +110,10 @@ class Grid:
             starts = np.stack([inner * np.arange(rows), inner * np.arange(rows) + inner - turn])
             stops = np.stack([inner * row + turn, inner * row])
             counts = np.repeat([[inner - turn], [turn]], rows, axis=1)
-            runs = np.stack([np.full(2 * rows, kind), *(
-                part.T.ravel() for part in (starts, stops, counts)
-            )], axis=1)
+            runs = np.stack(
+                [np.full(2 * rows, kind), *(part.T.ravel() for part in (starts, stops, counts))],
+                axis=1,
+            )
             tables.append(_join_runs(runs[runs[:, 3] > 0]))
         d = len(self.shape)
         return Runs(

@@ -117,7 +117,8 @@ def explain(
     assembly = problem.assembly
     laws = assembly.laws
     words = problem.load.words
-    if assembly.n_contacts <= _MOST_EXPLAINED:
+    # any contacts bear no force
+    if assembly.n_contacts <= _MOST_EXPLAINED and np.any(problem.force):
         is_borne, mend = _find_bearing(problem)
         if not is_borne:
             why = (

@@ -52,7 +52,8 @@ class GridProblem:
 
     def __init__(self, problem: Problem) -> None:
         assembly = problem.assembly
-        assert isinstance(assembly, GridAssembly) and isinstance(assembly.law, hertz.HertzLaw)
+        assert isinstance(assembly, GridAssembly)
+        assert isinstance(assembly.law, hertz.HertzLaw)
         coefficient = assembly.law.coefficient
         grid = assembly.grid
         self.problem = problem

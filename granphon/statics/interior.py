@@ -6,10 +6,10 @@ close. Here force f and gap s of every contact are unknowns of their own, both a
 
     h = f^(2/3) - s,    f s = mu,    C^T f = 0
 
-with the overlap h of :mod:`granphon.statics.grid_problem`. For mu = 0 this is rest: f = h_+^(3/2), and
-s is the distance of balls that are apart. A step is one of Newton's method for the three equations
-together (S. J. Wright, Primal-Dual Interior-Point Methods, SIAM 1997): without f and s it is a
-linear system C^T K C with the stiffness
+with the overlap h of :mod:`granphon.statics.grid_problem`. For mu = 0 this is rest: f = h_+^(3/2),
+and s is the distance of balls that are apart. A step is one of Newton's method for the three
+equations together (S. J. Wright, Primal-Dual Interior-Point Methods, SIAM 1997): without f and s it
+is a linear system C^T K C with the stiffness
 
     K = 1 / ((2/3) f^(-1/3) + s/f)
 

@@ -88,8 +88,8 @@ class LatticeEquations:
         inverse: Inverse,
         reduction: float,
     ) -> tuple[Unknowns, int]:
-        """Return the motion under a ``force``, with a residual that has fallen by ``reduction``, and
-        the number of iterations; vectors have the precision of the ``stiffness``.
+        """Return the motion under a ``force``, of which the ``reduction`` is left, and the number of
+        iterations; vectors have the precision of the ``stiffness``.
 
         Where iterations end at their largest number, Newton's method goes on from there.
         """
@@ -150,9 +150,7 @@ class Preconditioners:
         self._options = options
         d = len(problem.grid.shape)
         #: whether the array is small enough for factors
-        self.are_small = (
-            problem.grid.n_cells * problem.grid.n_balls <= options.most_factorised[d]
-        )
+        self.are_small = problem.grid.n_cells * problem.grid.n_balls <= options.most_factorised[d]
         self._most_stiff = options.most_stiff[d]
         self._factors: Inverse | None = None
         self._spent = 0

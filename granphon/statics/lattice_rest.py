@@ -26,6 +26,7 @@ from granphon.contacts import grid_loops
 from granphon.statics.grid_problem import GridProblem, Unknowns
 from granphon.statics.interior import approach
 from granphon.statics.lattice_equations import Inverse, LatticeEquations, Preconditioners
+from granphon.statics.line_search import find_length
 from granphon.statics.options import RestOptions
 
 Values = NDArray[Any]
@@ -126,8 +127,8 @@ class Place:
 
     @cached_property
     def distance(self) -> float:
-        """Force left over the scale that tolerances are of: the mean force, or the rms difference of
-        the forces if that is less.
+        """Force left over the scale that tolerances are of: the mean force, or the rms difference
+        of the forces if that is less.
         """
         problem = self.problem
         options = self.options
@@ -198,8 +199,8 @@ class LatticeSearch:
         before = 0.0
         self.steps = begun
         here = self.place(balls, strains)
-        while here.distance > tolerance and self.steps < options.most_grid_steps:
-            if here.carries_nothing:
+        while self.steps < options.most_grid_steps:
+            if here.carries_nothing or here.distance <= tolerance:
                 break
             distance = here.distance
             reduction = options.loosest
@@ -285,35 +286,8 @@ class LatticeSearch:
             )
 
         fall = _multiply(here.pull, step.balls) + float(here.push @ step.strains)
-        length = find_length(measure, fall, self.options)
+        length = find_length(measure, fall)
         return ahead, length
-
-
-def find_length(
-    measure: Callable[[float], tuple[float, Callable[[], float]]],
-    first: float,
-    options: RestOptions,
-) -> float:
-    """Return the length of a step at which the slope of the energy has at most a tenth of its
-    ``first`` size.
-
-    ``measure`` returns the slope at a length, below zero at first, and what finds its derivative.
-    Lengths are tried by Newton's method in one dimension, within brackets.
-    """
-    low = 0.0
-    high = math.inf
-    length = 1.0
-    for _ in range(options.slopes):
-        slope, find_rise = measure(length)
-        if abs(slope) <= options.slope * abs(first):
-            break
-        low, high = (length, high) if slope < 0.0 else (low, length)
-        rise = find_rise()
-        length = length - slope / rise if rise > 0.0 else math.inf
-        if not low < length < high:
-            length = 0.5 * (low + high) if high < math.inf else 2.0 * low
-        length = min(length, 4.0 * low) if high == math.inf else length
-    return length
 
 
 def _multiply(first: Values, second: Values) -> float:

@@ -30,6 +30,7 @@ from typing import Self
 
 import numpy as np
 
+from granphon.balls.hertz import HertzLaw
 from granphon.base.arrays import Array, Flags
 from granphon.base.errors import (
     ConvergenceError,
@@ -38,7 +39,6 @@ from granphon.base.errors import (
     InstabilityError,
     MechanismError,
 )
-from granphon.balls.hertz import HertzLaw
 from granphon.contacts.assembly import ROUNDING, Assembly, GridAssembly
 from granphon.statics.configuration import (
     AppliedLoad,
@@ -156,11 +156,11 @@ def find_rest(
     """
     numbers = options or RestOptions()
     problem = Problem(assembly, load, geometry, boundary)
+    if not problem.turns and _is_even_grid(problem):
+        return _find_rest_on_grid(problem, start, numbers)
     if not (load.acts or load.is_given or find_typical_force(problem)):
         return _rest_without_load(problem)
     if not problem.turns:
-        if _is_even_grid(problem):
-            return _find_rest_on_grid(problem, start, numbers)
         on_lattice = _LatticeSearch(problem, numbers)
         return on_lattice.run(on_lattice.begin(start))
     if start is None:
@@ -251,7 +251,7 @@ def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOption
         steps=search.steps,
         iterations=search.iterations,
     )
-    if place.distance <= options.grid_tolerance:
+    if not place.carries_nothing and place.distance <= options.grid_tolerance:
         return rest
     error = explain(problem, opened=place.carries_nothing, residual=rest.residual)
     if isinstance(error, ConvergenceError):
