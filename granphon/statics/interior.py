@@ -28,44 +28,6 @@ from granphon.base.arrays import Array
 from granphon.statics.grid_problem import GridProblem, Unknowns
 from granphon.statics.lattice_equations import LatticeEquations, Preconditioners
 
-#: Newton steps, at most
-_STEPS = 100
-#: mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's method goes
-#: on from there
-_CLOSE = 1e-9
-#: largest force left on a ball, over the mean force, with which it then ends well
-_BALANCED = 0.1
-#: mean force at which the array counts as carrying no load
-_LEAST_FORCE = 1e-10
-#: mu of a step is the mean of f s, times the factor by which it fell in the step before, to this
-#: power: it falls the faster the better it goes
-_SPEED = 1.5
-#: least factor by which mu is lowered in a step
-_LEAST_FACTOR = 1e-2
-#: largest factor by which mu is lowered in a step
-_LARGEST_FACTOR = 0.2
-#: mu is not lowered while the largest force left on a ball, over the mean force, is more than this
-#: many times the root of mu over the mean force to the power 5/3
-_TOO_FAR = 10.0
-#: least fraction of its value that a step leaves of an f or s
-_LEFT = 0.01
-#: product f s of a contact after a step, over mu, at least: the smaller of f^(2/3) and s is moved
-#: until it is
-_LEAST_PRODUCT = 0.1
-#: product f s of a contact after a step, over mu, at most
-_LARGEST_PRODUCT = 100.0
-#: tolerance of a linear system, as a fraction of the factor by which mu is lowered
-_ACCURACY = 0.5
-#: tolerance of a linear system, over its right side, at most
-_LARGEST_ERROR = 0.1
-#: tolerance of a linear system, over its right side, at least; it is that where mu is held
-_LEAST_ERROR = 0.03
-#: f^(2/3) and s of a contact with h = 0, over the standard deviation of h, where the start is the
-#: sites of the lattice
-_WIDTH = 1.0
-#: the same where the start is an equilibrium
-_WIDTH_NEAR = 0.03
-
 
 def approach(
     equations: LatticeEquations,
@@ -82,25 +44,26 @@ def approach(
     under another load.
     """
     problem = equations.problem
+    numbers = equations.options.interior
     cells = problem.grid.n_cells
     taken = 0
     before = math.inf
     h = _find_overlaps(problem, balls, strains)
-    f, s = split(h, (_WIDTH if is_fresh else _WIDTH_NEAR) * float(np.std(h)))
-    for step in range(_STEPS):
+    f, s = split(h, (numbers.width if is_fresh else numbers.width_nearby) * float(np.std(h)))
+    for step in range(numbers.steps):
         product = float(np.mean(f * s))
         mean = float(np.mean(f))
-        if mean < _LEAST_FORCE:  # too few balls touch to hold each other
+        if mean < numbers.least_force:  # too few balls touch to hold each other
             return None
         relative = product / (mean * float(hertz.overlap_of(mean)))
         left = problem.find_largest(problem.collect(f)) / mean
-        if relative <= _CLOSE:
-            return (balls, strains, step, taken) if left <= _BALANCED else None
-        factor = _LARGEST_FACTOR
+        if relative <= numbers.close:
+            return (balls, strains, step, taken) if left <= numbers.balanced else None
+        factor = numbers.largest_factor
         if step:
-            factor = max(_LEAST_FACTOR, (product / before) ** _SPEED)
-            factor = min(_LARGEST_FACTOR, factor)
-        if step and left > _TOO_FAR * math.sqrt(relative):
+            factor = max(numbers.least_factor, (product / before) ** numbers.speed)
+            factor = min(numbers.largest_factor, factor)
+        if step and left > numbers.too_far * math.sqrt(relative):
             factor = 1.0
         mu = factor * product
         before = product
@@ -112,12 +75,12 @@ def approach(
         if len(push):
             # at first no less than a part of the mean force is asked for
             of_load = problem.work
-            least = _LARGEST_FACTOR * mean * cells * np.sum(problem.strained, axis=0)
+            least = numbers.largest_factor * mean * cells * np.sum(problem.strained, axis=0)
             of_load = -np.maximum(-of_load, least) if len(push) == 1 else of_load
             push = of_load + np.sum(tension, axis=1) @ problem.strained
-        accuracy = max(_LEAST_ERROR, min(_ACCURACY * factor, _LARGEST_ERROR))
+        accuracy = max(numbers.least_error, min(numbers.accuracy * factor, numbers.largest_error))
         if factor == 1.0:
-            accuracy = _LEAST_ERROR
+            accuracy = numbers.least_error
         motion, count = equations.solve(
             stiffness,
             Unknowns(problem.collect(tension), push),
@@ -129,12 +92,12 @@ def approach(
         change *= stiffness
         widening = (mu - s * change) / f - s
         # a whole step, but for those f and s that it would make too small
-        f = np.maximum(f + change, _LEFT * f)
-        s = np.maximum(s + widening, _LEFT * s)
+        f = np.maximum(f + change, numbers.kept * f)
+        s = np.maximum(s + widening, numbers.kept * s)
         # the smaller of f^(2/3) and s is moved where their product is too far from mu: a step that
         # leaves the products of some contacts far from the others' makes the next steps short or
         # wrong
-        wanted = np.clip(f * s, _LEAST_PRODUCT * mu, _LARGEST_PRODUCT * mu)
+        wanted = np.clip(f * s, numbers.least_product * mu, numbers.largest_product * mu)
         is_open = hertz.overlap_of(f) < s
         f, s = np.where(is_open, wanted / s, f), np.where(is_open, s, wanted / f)
         strains = strains + motion.strains

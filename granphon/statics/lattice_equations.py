@@ -37,7 +37,7 @@ class LatticeEquations:
 
     def __init__(self, problem: GridProblem, options: RestOptions) -> None:
         self.problem = problem
-        self._options = options
+        self.options = options
         self.green = GreenFunction(problem.grid)
         self._runs = {
             np.dtype(float): problem.grid.runs,
@@ -56,7 +56,7 @@ class LatticeEquations:
         stress across the array; single balls take account of contacts that differ. Where contacts
         are nearly alike, Green's function alone is as good.
         """
-        options = self._options
+        options = self.options
         mean = float(np.mean(stiffness))
         green = self.green
         softness = 1.0 / mean
@@ -88,8 +88,8 @@ class LatticeEquations:
         inverse: Inverse,
         reduction: float,
     ) -> tuple[Unknowns, int]:
-        """Return the motion under a ``force``, of which the ``reduction`` is left, and the number of
-        iterations; vectors have the precision of the ``stiffness``.
+        """Return the motion under a ``force``, of which the ``reduction`` is left, and the number
+        of iterations; vectors have the precision of the ``stiffness``.
 
         Where iterations end at their largest number, Newton's method goes on from there.
         """
@@ -113,7 +113,7 @@ class LatticeEquations:
         aim = reduction**2 * square
         product = 0.0
         count = 0
-        while square > aim and count < self._options.most_on_grid:
+        while square > aim and count < self.options.most_on_grid:
             better[:n] = inverse(remaining[:n].reshape(shape)).reshape(-1)
             if len(of_strains):
                 better[n:] = of_strains @ remaining[n:]
@@ -199,7 +199,7 @@ def factorise_stiff(
     cells = grid.n_cells
     count = grid.n_balls * cells
     mean = float(np.mean(stiffness))
-    i, j = grid.list_ends()
+    i, j = grid.ends
     chosen = np.flatnonzero(is_stiff)
     i = i[chosen]
     j = j[chosen]

@@ -16,6 +16,51 @@ def _by_axes(line: float, plane: float, space: float) -> Mapping[int, Any]:
 
 
 @dataclass(frozen=True)
+class InteriorOptions:
+    """Options of the interior-point method (:mod:`granphon.statics.interior`).
+
+    Attributes
+    ----------
+    steps : Newton steps, at most.
+    close : mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's
+        method goes on from there.
+    balanced : largest force left on a ball, over the mean force, with which it then ends well.
+    least_force : mean force at which the array counts as carrying no load.
+    speed : mu of a step is the mean of f s, times the factor by which it fell in the step before,
+        to this power: it falls the faster the better it goes.
+    least_factor, largest_factor : factors by which mu is lowered in a step.
+    too_far : mu is not lowered while the largest force left on a ball, over the mean force, is more
+        than this many times the root of mu over the mean force to the power 5/3.
+    kept : least part of its value that a step leaves of an f or s.
+    least_product, largest_product : product f s of a contact after a step, over mu: the smaller of
+        f^(2/3) and s is moved until it is between them.
+    accuracy : tolerance of linear equations, as a part of the factor by which mu is lowered.
+    least_error, largest_error : tolerance of linear equations, over their right side; it is the
+        least where mu is held.
+    width : f^(2/3) and s of a contact with h = 0, over the standard deviation of h, where the start
+        is the sites of the lattice.
+    width_nearby : the same where the start is at rest.
+    """
+
+    steps: int = 100
+    close: float = 1e-9
+    balanced: float = 0.1
+    least_force: float = 1e-10
+    speed: float = 1.5
+    least_factor: float = 1e-2
+    largest_factor: float = 0.2
+    too_far: float = 10.0
+    kept: float = 0.01
+    least_product: float = 0.1
+    largest_product: float = 100.0
+    accuracy: float = 0.5
+    least_error: float = 0.03
+    largest_error: float = 0.1
+    width: float = 1.0
+    width_nearby: float = 0.03
+
+
+@dataclass(frozen=True)
 class RestOptions:
     """Options of :func:`~granphon.statics.rest.find_rest`.
 
@@ -115,6 +160,7 @@ class RestOptions:
     direct_force : mean force, in these units, below which the search begins at rest under ten times
         the load.
     start_tolerance : tolerance of that rest.
+    interior : numbers of the interior-point method.
     threshold : mean force, in these units, below which contacts that do not all touch carry
         nothing.
     grid_tolerance : force left on a ball of a grid in the directions of the lattice, over the mean
@@ -188,6 +234,7 @@ class RestOptions:
     interior_forces: tuple[float, float] = (1e-4, 1.5e-2)
     direct_force: float = 1e-4
     start_tolerance: float = 1e-3
+    interior: InteriorOptions = InteriorOptions()
     threshold: float = 1e-8
     grid_tolerance: float = 1e-10
     stiff: float = 1e-3
