@@ -109,7 +109,7 @@ def apply(
     if load.overlap is not None:
         strain = -scale * load.overlap * np.eye(p)
     elif load.on_boundary:
-        virial = load.force * float(np.sum(assembly.distance))
+        virial = load.force * assembly.n_contacts * assembly.mean_distance
         stress = -virial / (p * assembly.measure) * np.eye(p)
     else:
         mean_force = load.force

@@ -94,6 +94,11 @@ class Assembly:
         """(n_c,) distances of the bodies at touch, m."""
         return np.asarray(np.sqrt(np.einsum("ca,ca->c", self.vector, self.vector)))
 
+    @property
+    def mean_distance(self) -> float:
+        """Mean distance of the bodies at touch, m."""
+        return float(np.mean(self.distance))
+
     @cached_property
     def normal(self) -> Array:
         """(n_c, 3) unit vectors from body i to body j at touch."""
@@ -214,6 +219,11 @@ class GridAssembly(Assembly):
     def distance(self) -> Array:
         """(n_c,) distances of the balls at touch, m."""
         return np.repeat(self.grid.distance, self.grid.n_cells)
+
+    @property
+    def mean_distance(self) -> float:
+        """Mean distance of the balls at touch, m."""
+        return float(np.mean(self.grid.distance))
 
     @cached_property
     def is_flat(self) -> Flags:  # type: ignore[override]

@@ -30,7 +30,7 @@ def find_typical_force(problem: Problem) -> float:
     assembly = problem.assembly
     laws = problem.assembly.laws
     stress = problem.load.stress
-    virial = float(np.sum(assembly.distance))
+    virial = assembly.n_contacts * assembly.mean_distance
     if stress is not None and assembly.periods:
         pressing = -float(np.trace(stress))
         if pressing > 0.0:

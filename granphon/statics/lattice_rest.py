@@ -207,11 +207,9 @@ class LatticeSearch:
             if before:
                 reduction = min(reduction, (distance / before) ** options.progress)
             reduction = max(reduction, options.accuracy * tolerance / distance)
-            stiffness = here.root if single else here.root.astype(float)
-            stiffness *= hertz.stiffness_of(1.0) / here.level
-            stiffness += options.added * min(1.0, distance)
-            inverse = (self.inverses.choose if begun else self.equations.precondition)(stiffness)
-            step, taken = self._solve(here, stiffness, inverse, min(options.loosest, reduction))
+            precision = np.float32 if single else np.float64
+            prepare = self.inverses.choose if begun else self.equations.precondition
+            step, taken = self._find_step(here, precision, prepare, min(options.loosest, reduction))
             self.inverses.count(taken)
             here, length = self._search(here, step)
             self.iterations += taken
@@ -235,19 +233,28 @@ class LatticeSearch:
             return balls
         return self.equations.green.apply(problem.collect(problem.offset), 1.0)
 
-    def _solve(
-        self, here: Place, stiffness: Values, inverse: Inverse, reduction: float
+    def _find_step(
+        self,
+        here: Place,
+        precision: type[Any],
+        prepare: Callable[[Values], Inverse],
+        reduction: float,
     ) -> tuple[Unknowns, int]:
-        """Return the step of springs of a ``stiffness`` over its mean, and the number of
-        iterations.
+        """Return a step of Newton's method, and the number of iterations; the roots of the place
+        become stiffnesses. ``prepare`` makes the preconditioner.
         """
+        stiffness = here.root.astype(precision, copy=False)
+        stiffness *= hertz.stiffness_of(1.0) / here.level
+        stiffness += self.options.added * min(1.0, here.distance)
         # forces and stiffnesses near one: single precision has no numbers below 1e-38
         push = float(np.max(np.abs(here.push), initial=0.0)) * self.problem.weight
         size = max(float(np.max(np.abs(here.pull))), push)
-        force = Unknowns((here.pull / size).astype(stiffness.dtype), here.push / size)
-        step, taken = self.equations.solve(stiffness, force, inverse, reduction)
+        force = Unknowns((here.pull / size).astype(precision), here.push / size)
+        step, taken = self.equations.solve(stiffness, force, prepare(stiffness), reduction)
         scale = size / here.level
-        return Unknowns(step.balls.astype(float) * scale, step.strains.astype(float) * scale), taken
+        balls = step.balls.astype(float)
+        balls *= scale
+        return Unknowns(balls, step.strains.astype(float) * scale), taken
 
     def _is_near(self, strains: Array) -> bool:
         """Return whether the interior-point method comes before Newton's."""

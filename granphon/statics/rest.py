@@ -237,6 +237,7 @@ def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOption
     place = search.run(balls, strains, options.grid_tolerance)
     assembly = problem.assembly
     overlap = place.find_overlaps()
+    overlap *= on_grid.unit
     closed = float(np.mean(place.root > 0.0)) or 1.0
     residual = place.left / place.force * closed if place.force else math.inf
     p = assembly.periods
@@ -245,7 +246,7 @@ def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOption
         displacement=on_grid.list_displacements(place.balls),
         wall_motion=np.zeros(0),
         strain=(strain + problem.given_strain)[:p, :p],
-        overlap=on_grid.unit * overlap.ravel(),
+        overlap=overlap.ravel(),
         assembly=assembly,
         residual=residual,
         steps=search.steps,
