@@ -227,12 +227,10 @@ def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOption
         start = find_rest(problem.assembly, heavier, "lattice", boundary, None, rough)
     balls = None
     strains = on_grid.find_strains()
-    if start is not None:
+    if start is not None and on_grid.spread:
         unknowns = _find_unknowns(problem, start)
-        n = problem.n_ball_unknowns
-        strains = unknowns[n:] / on_grid.unit
-        if problem.assembly.differs:
-            balls = on_grid.lay(start.displacement)
+        strains = unknowns[problem.n_ball_unknowns :] / on_grid.unit
+        balls = on_grid.lay(start.displacement)
     search = LatticeSearch(on_grid, options)
     place = search.run(balls, strains, options.grid_tolerance)
     assembly = problem.assembly
