@@ -153,15 +153,7 @@ def find_lattice_grid(shape: tuple[int, ...], lattice: Lattice) -> Grid:
 
 @lru_cache(maxsize=8)
 def _keep_lattice_grid(shape: tuple[int, ...], lattice: Lattice) -> Grid:
-    table = lattice.contacts
-    return Grid(
-        shape=shape,
-        n_balls=lattice.n_balls,
-        i=np.asarray(table.i, np.int64),
-        j=np.asarray(table.j, np.int64),
-        shift=np.asarray(table.shift, np.int64),
-        vector=_pad(table.vector[:, : lattice.periods]),
-    )
+    return Grid.of(lattice.contacts, shape, lattice.n_balls)
 
 
 class _Grid(NamedTuple):

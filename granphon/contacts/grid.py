@@ -11,11 +11,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.contact_table import ContactTable
 from granphon.base.arrays import Array
 
 #: cells of a grid, at most, whose balls of contacts are kept: 16 bytes a contact
@@ -61,6 +62,15 @@ class Grid:
     j: NDArray[np.int64]
     shift: NDArray[np.int64]
     vector: Array
+
+    @classmethod
+    def of(cls, table: ContactTable, shape: tuple[int, ...], n_balls: int) -> Self:
+        """Return the contacts of cells that have those of a ``table`` each."""
+        p = len(shape)
+        vector = np.zeros((len(table), 3))
+        vector[:, :p] = table.vector[:, :p]
+        numbers = (np.asarray(values, np.int64) for values in (table.i, table.j, table.shift))
+        return cls(shape, n_balls, *numbers, vector)
 
     @property
     def n_kinds(self) -> int:
