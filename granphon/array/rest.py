@@ -72,6 +72,7 @@ def assemble(deviations: Array, stencils: Stencils, scale: float) -> GridAssembl
         stencils.average_pairs(deviations).ravel(),
         hertz.HertzLaw(1.0),
         size * np.eye(p),
+        stands=True,
     )
 
 
@@ -91,9 +92,8 @@ def find_on_lattice(
     assembly = assemble(deviations, stencils, 1.0)
     applied = apply(assembly, load._replace(on_boundary=False), 1.0, _LOAD_PART)
     begin = None if start is None else take_up(assembly, start, stencils, 1.0)
-    rest = find_rest(
-        assembly, applied, "lattice", "isotropic", begin, RestOptions(grid_tolerance=tolerance)
-    )
+    options = RestOptions(iterated_tolerance=tolerance, required=tolerance)
+    rest = find_rest(assembly, applied, "lattice", "isotropic", begin, options)
     return ArrayRest.of(rest, stencils, 1.0, load.overlap)
 
 

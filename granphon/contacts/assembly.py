@@ -110,6 +110,13 @@ class Assembly:
         return bool(np.any(self.offset))
 
     @cached_property
+    def standing(self) -> set[int]:
+        """Numbers of free strains of the cell with which no motion is known to be without energy
+        while all contacts touch, beside those of the whole; a search that has looked adds to them.
+        """
+        return set()
+
+    @cached_property
     def is_between_balls(self) -> Flags:
         """(n_c,) whether a contact is between two balls that move."""
         return np.asarray(np.maximum(self.i, self.j) < self.n_balls)
@@ -170,11 +177,15 @@ class GridAssembly(Assembly):
     offset : (n_c,) overlaps on the sites, m.
     law : the law of all contacts.
     cell : (p, p) the periods, m.
+    stands : whether all motions are known to cost energy while all contacts touch, but those of the
+        whole.
     """
 
     grid: Grid
 
-    def __init__(self, grid: Grid, offset: Array, law: PairLaw, cell: Array) -> None:
+    def __init__(
+        self, grid: Grid, offset: Array, law: PairLaw, cell: Array, stands: bool = False
+    ) -> None:
         p = len(cell)
         values = {
             "grid": grid,
@@ -185,6 +196,7 @@ class GridAssembly(Assembly):
             "dimension": p,
             "directions": np.zeros((0, p)),
             "wall_balls": np.zeros(0),
+            "standing": set(range(p * (p + 1) // 2 + 1)) if stands else set(),
         }
         vars(self).update(values)
 

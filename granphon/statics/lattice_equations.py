@@ -101,7 +101,7 @@ class LatticeEquations:
         of_strains = np.zeros((0, 0))
         if len(force.strains):
             sums = np.sum(stiffness, axis=1, dtype=float)
-            of_strains = np.linalg.inv((self.problem.strained.T * sums) @ self.problem.strained)
+            of_strains = np.linalg.pinv((self.problem.strained.T * sums) @ self.problem.strained)
         remaining = np.empty(n + len(force.strains), precision)
         remaining[:n] = force.balls.reshape(-1)
         remaining[n:] = force.strains

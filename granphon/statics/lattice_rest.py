@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from granphon.balls import hertz
 from granphon.base.arrays import Array
 from granphon.contacts import grid_loops
+from granphon.contacts.assembly import ROUNDING
 from granphon.statics.grid_problem import GridProblem, Unknowns
 from granphon.statics.interior import approach
 from granphon.statics.lattice_equations import Inverse, LatticeEquations, Preconditioners
@@ -109,15 +110,20 @@ class Place:
         return push * (np.abs(push) * problem.weight > rounding)
 
     @cached_property
+    def uniform(self) -> Array:
+        """(f,) forces on the balls of each cell by the common forces; zero where they are
+        rounding.
+        """
+        uniform = self.common_force @ self.problem.pushes
+        rounding = ROUNDING * float(np.max(self.common_force))
+        return np.where(np.abs(uniform) > rounding, uniform, 0.0)
+
+    @cached_property
     def pull(self) -> Array:
         """(f, cells) forces left on balls."""
-        problem = self.problem
-        pull = problem.collect(self.excess)
-        uniform = self.common_force @ problem.pushes
-        largest = float(np.max(self.common_force))
-        if float(np.max(np.abs(uniform))) > self.options.load_rounding * 1e3 * largest:
-            d = len(problem.grid.shape)
-            pull.reshape(-1, problem.grid.n_cells)[:] += uniform.reshape(-1, d).ravel()[:, None]
+        pull = self.problem.collect(self.excess)
+        if np.any(self.uniform):
+            pull += self.uniform[:, None]
         return pull
 
     @cached_property
@@ -152,10 +158,15 @@ class Place:
         return not np.all(self.root)
 
     def find_overlaps(self) -> Array:
-        """Return the overlaps (kinds, cells)."""
+        """Return the overlaps (kinds, cells), not above zero of light contacts of balls that
+        differ: their force may be a residual only, and their stiffness would hold a ball.
+        """
         overlap = self.problem.measure_losses(self.balls)
         np.subtract(self.problem.offset, overlap, out=overlap)
         overlap += self.common[:, None]
+        if self.problem.spread:
+            light = float(hertz.overlap_of(self.options.carried * self.left))
+            np.minimum(overlap, 0.0, out=overlap, where=overlap <= light)
         return np.asarray(overlap)
 
 
@@ -174,14 +185,13 @@ class LatticeSearch:
         """Return the balls with these displacements and strains."""
         return Place(self.problem, balls, strains, self.options)
 
-    def run(self, balls: Array | None, strains: Array, tolerance: float) -> Place:
+    def run(self, balls: Array | None, strains: Array) -> Place:
         """Return the balls at rest, or where the search ends without rest.
 
         Parameters
         ----------
         balls : displacements (f, cells) at which the search begins; None for the sites.
         strains : (s,) at which the search begins.
-        tolerance : of :attr:`Place.distance`.
         """
         options = self.options
         is_fresh = balls is None
@@ -196,12 +206,20 @@ class LatticeSearch:
             balls = self._begin(balls, strains)
         # linear equations need few digits, and single precision takes half of the time
         single = not begun
+        tolerance = options.iterated_tolerance
+        best = math.inf
+        stalled = 0
         before = 0.0
         self.steps = begun
         here = self.place(balls, strains)
         while self.steps < options.most_grid_steps:
             if here.carries_nothing or here.distance <= tolerance:
                 break
+            comes_no_nearer = stalled > options.most_stalled and best <= options.required
+            if comes_no_nearer:
+                break
+            stalled = 0 if here.distance < 0.5 * best else stalled + 1
+            best = min(best, here.distance)
             distance = here.distance
             reduction = options.loosest
             if before:
@@ -284,6 +302,8 @@ class LatticeSearch:
                 here.balls + length * step.balls, here.strains + length * step.strains
             )
             slope = -_multiply(ahead.excess, loss)
+            if np.any(ahead.uniform):
+                slope -= float(ahead.uniform @ np.sum(step.balls, axis=1))
             if problem.is_free:
                 cells = problem.grid.n_cells
                 common = problem.work + cells * ahead.common_force @ problem.strained

@@ -70,7 +70,9 @@ class RestOptions:
     Attributes
     ----------
     tolerance : residual at which balls are at rest: the rounding of a sum of forces.
-    iterated_tolerance : the same where equations are solved by iteration.
+    iterated_tolerance : the same where equations are solved by iteration. On a grid in the
+        directions of the lattice it is over the rms difference of forces if that is less: at high
+        loads the effect of disorder is itself only a small part of the force.
     required : residual that must be reached, and that a search that comes no nearer may end with.
     steps : steps of Newton's method, at most.
     slopes : slopes in a line search, at most.
@@ -133,6 +135,7 @@ class RestOptions:
     cached : contacts of a grid that are worked on at a time, so that they stay in the processor's
         cache.
     most_grid_steps : steps of Newton's method on a grid in the directions of the lattice, at most.
+    most_stalled : such steps without half of the residual, after which a search may end.
     most_on_grid : iterations in such a step, at most: the search goes on from there.
     loosest : relative residual of such a step, at most.
     progress : below that, the relative residual is the ratio by which the last step reduced the
@@ -163,9 +166,6 @@ class RestOptions:
     interior : numbers of the interior-point method.
     threshold : mean force, in these units, below which contacts that do not all touch carry
         nothing.
-    grid_tolerance : force left on a ball of a grid in the directions of the lattice, over the mean
-        force, or over the rms difference of forces if that is less: at high loads the effect of
-        disorder is itself only a small part of the force.
     stiff : stiffness, over the mean, from which contacts enter factors; softer ones enter by their
         part of the diagonal only.
     most_stiff : part of contacts that are stiff, above which Green's function is kept.
@@ -219,6 +219,7 @@ class RestOptions:
     soft: float = 1e-9
     cached: int = 2**14
     most_grid_steps: int = 1000
+    most_stalled: int = 2
     most_on_grid: int = 3000
     loosest: float = 0.15
     progress: float = 1.2
@@ -236,7 +237,6 @@ class RestOptions:
     start_tolerance: float = 1e-3
     interior: InteriorOptions = InteriorOptions()
     threshold: float = 1e-8
-    grid_tolerance: float = 1e-10
     stiff: float = 1e-3
     most_stiff: Mapping[int, float] = _by_axes(0.65, 0.65, 0.42)
     patience_of_green: int = 150

@@ -223,7 +223,9 @@ def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOption
             mean_force=None if load.mean_force is None else more * load.mean_force,
         )
         boundary: Boundary = "isotropic" if len(problem.unit_strains) == 1 else "stress"
-        rough = replace(options, grid_tolerance=options.start_tolerance)
+        rough = replace(
+            options, required=options.start_tolerance, iterated_tolerance=options.start_tolerance
+        )
         start = find_rest(problem.assembly, heavier, "lattice", boundary, None, rough)
     balls = None
     strains = on_grid.find_strains()
@@ -232,7 +234,7 @@ def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOption
         strains = unknowns[problem.n_ball_unknowns :] / on_grid.unit
         balls = on_grid.lay(start.displacement)
     search = LatticeSearch(on_grid, options)
-    place = search.run(balls, strains, options.grid_tolerance)
+    place = search.run(balls, strains)
     assembly = problem.assembly
     overlap = place.find_overlaps()
     overlap *= on_grid.unit
@@ -250,7 +252,7 @@ def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOption
         steps=search.steps,
         iterations=search.iterations,
     )
-    if not place.carries_nothing and place.distance <= options.grid_tolerance:
+    if not place.carries_nothing and place.distance <= options.required:
         return rest
     error = explain(problem, opened=place.carries_nothing, residual=rest.residual)
     if isinstance(error, ConvergenceError):
@@ -554,8 +556,8 @@ class _ExactSearch(_Search):
     def __init__(self, problem: Problem, options: RestOptions) -> None:
         super().__init__(problem, options)
         assembly = problem.assembly
-        if not self.is_factored:
-            self.tolerance = options.iterated_tolerance
+        if assembly.grid or not self.is_factored:
+            self.tolerance = max(options.tolerance, options.iterated_tolerance)
         #: (n,) the balls that are led to rest before all others
         self.loose: Flags = np.zeros(assembly.n_balls, bool)
 
@@ -570,7 +572,9 @@ class _ExactSearch(_Search):
         configuration = self.problem.start_at(_find_unknowns(self.problem, start))
         if not assembly.differs:
             return configuration
-        if self.is_factored and not assembly.grid and has_soft_motions(self.equations):
+        n_strains = len(self.problem.unit_strains)
+        is_known = not self.is_factored or n_strains in assembly.standing
+        if not is_known and has_soft_motions(self.equations):
             words = self.problem.load.words
             what = f"balls that differ do not come to rest in the true geometry under {words}"
             why = (
@@ -579,6 +583,7 @@ class _ExactSearch(_Search):
             )
             mend = f"{_STAY}; or take a crystal with more contacts, such as fcc"
             raise MechanismError(what, why, mend)
+        assembly.standing.add(n_strains)
         heavy = configuration.force > self.options.light * configuration.mean
         self.loose = assembly.count_contacts(heavy) <= assembly.dimension
         return configuration
