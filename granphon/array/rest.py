@@ -92,7 +92,7 @@ def find_on_lattice(
     assembly = assemble(deviations, stencils, 1.0)
     applied = apply(assembly, load._replace(on_boundary=False), 1.0, _LOAD_PART)
     begin = None if start is None else take_up(assembly, start, stencils, 1.0)
-    options = RestOptions(iterated_tolerance=tolerance, required=tolerance)
+    options = RestOptions(grid_tolerance=tolerance)
     rest = find_rest(assembly, applied, "lattice", "isotropic", begin, options)
     return ArrayRest.of(rest, stencils, 1.0, load.overlap)
 

@@ -206,20 +206,13 @@ class LatticeSearch:
             balls = self._begin(balls, strains)
         # linear equations need few digits, and single precision takes half of the time
         single = not begun
-        tolerance = options.iterated_tolerance
-        best = math.inf
-        stalled = 0
+        tolerance = options.grid_tolerance
         before = 0.0
         self.steps = begun
         here = self.place(balls, strains)
         while self.steps < options.most_grid_steps:
             if here.carries_nothing or here.distance <= tolerance:
                 break
-            comes_no_nearer = stalled > options.most_stalled and best <= options.required
-            if comes_no_nearer:
-                break
-            stalled = 0 if here.distance < 0.5 * best else stalled + 1
-            best = min(best, here.distance)
             distance = here.distance
             reduction = options.loosest
             if before:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -70,9 +70,10 @@ class RestOptions:
     Attributes
     ----------
     tolerance : residual at which balls are at rest: the rounding of a sum of forces.
-    iterated_tolerance : the same where equations are solved by iteration. On a grid in the
-        directions of the lattice it is over the rms difference of forces if that is less: at high
-        loads the effect of disorder is itself only a small part of the force.
+    iterated_tolerance : the same where equations are solved by iteration.
+    grid_tolerance : the same on a grid in the directions of the lattice, over the mean force or the
+        rms difference of forces if that is less: at high loads the effect of disorder is itself
+        only a small part of the force.
     required : residual that must be reached, and that a search that comes no nearer may end with.
     steps : steps of Newton's method, at most.
     slopes : slopes in a line search, at most.
@@ -118,6 +119,8 @@ class RestOptions:
         as loose too.
     worst : the same over the most after the step: a step that throws a few balls shakes many, and
         all those would make clusters as large as the array.
+    most_shaken : part of the balls, at most, that become loose by a step: one that shakes more was
+        too long, and they are not loose.
     loose_steps : steps of Newton's method for loose balls while the others are held, at most; they
         go on after the others have moved.
     loose_slopes : slopes in a line search of these steps, at most.
@@ -135,7 +138,6 @@ class RestOptions:
     cached : contacts of a grid that are worked on at a time, so that they stay in the processor's
         cache.
     most_grid_steps : steps of Newton's method on a grid in the directions of the lattice, at most.
-    most_stalled : such steps without half of the residual, after which a search may end.
     most_on_grid : iterations in such a step, at most: the search goes on from there.
     loosest : relative residual of such a step, at most.
     progress : below that, the relative residual is the ratio by which the last step reduced the
@@ -162,7 +164,8 @@ class RestOptions:
         of the spread.
     direct_force : mean force, in these units, below which the search begins at rest under ten times
         the load.
-    start_tolerance : tolerance of that rest.
+    start_tolerance : tolerance of that rest, and of that of an array in the directions of the
+        lattice from which a search in exact directions begins.
     interior : numbers of the interior-point method.
     threshold : mean force, in these units, below which contacts that do not all touch carry
         nothing.
@@ -181,6 +184,7 @@ class RestOptions:
 
     tolerance: float = 2e-15
     iterated_tolerance: float = 3e-13
+    grid_tolerance: float = 1e-11
     required: float = 1e-12
     steps: int = 200
     slopes: int = 40
@@ -208,6 +212,7 @@ class RestOptions:
     light: float = 1e-3
     failed: float = 0.3
     worst: float = 1e-2
+    most_shaken: float = 0.25
     loose_steps: int = 100
     loose_slopes: int = 12
     loose_slope: float = 0.3
@@ -219,7 +224,6 @@ class RestOptions:
     soft: float = 1e-9
     cached: int = 2**14
     most_grid_steps: int = 1000
-    most_stalled: int = 2
     most_on_grid: int = 3000
     loosest: float = 0.15
     progress: float = 1.2
@@ -244,3 +248,7 @@ class RestOptions:
     stale: int = 30
     hold_diagonal: float = 1e-5
     hold_scaled: float = 1e-5
+
+    def loosen(self) -> RestOptions:
+        """Return the options of a search for the state from which another search begins."""
+        return replace(self, grid_tolerance=self.start_tolerance)

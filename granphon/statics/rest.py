@@ -164,7 +164,9 @@ def find_rest(
         on_lattice = _LatticeSearch(problem, numbers)
         return on_lattice.run(on_lattice.begin(start))
     if start is None:
-        start = find_rest(assembly, load, "lattice", boundary, None, numbers)
+        # rest in exact directions is farther off than what an array is left with
+        rough = numbers.loosen() if assembly.grid else numbers
+        start = find_rest(assembly, load, "lattice", boundary, None, rough)
     return find_rest_nearby(assembly, load, boundary, start, numbers)
 
 
@@ -223,10 +225,7 @@ def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOption
             mean_force=None if load.mean_force is None else more * load.mean_force,
         )
         boundary: Boundary = "isotropic" if len(problem.unit_strains) == 1 else "stress"
-        rough = replace(
-            options, required=options.start_tolerance, iterated_tolerance=options.start_tolerance
-        )
-        start = find_rest(problem.assembly, heavier, "lattice", boundary, None, rough)
+        start = find_rest(problem.assembly, heavier, "lattice", boundary, None, options.loosen())
     balls = None
     strains = on_grid.find_strains()
     if start is not None and on_grid.spread:
@@ -252,7 +251,7 @@ def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOption
         steps=search.steps,
         iterations=search.iterations,
     )
-    if not place.carries_nothing and place.distance <= options.required:
+    if not place.carries_nothing and place.distance <= options.grid_tolerance:
         return rest
     error = explain(problem, opened=place.carries_nothing, residual=rest.residual)
     if isinstance(error, ConvergenceError):
@@ -641,9 +640,12 @@ class _ExactSearch(_Search):
         else:
             ahead = self._advance_by_energy(configuration)
         if self.problem.assembly.differs:
-            size = self.options.failed * configuration.residual * ahead.mean
-            size = max(size, self.options.worst * float(np.max(ahead.force_on_balls)))
-            self.loose = self.loose | (ahead.force_on_balls > size)
+            options = self.options
+            size = options.failed * configuration.residual * ahead.mean
+            size = max(size, options.worst * float(np.max(ahead.force_on_balls)))
+            shaken = ahead.force_on_balls > size
+            if np.mean(shaken) <= options.most_shaken:
+                self.loose = self.loose | shaken
         return ahead
 
     def _advance_by_energy(self, configuration: Configuration) -> Configuration:
