@@ -151,6 +151,11 @@ class Place:
         return max(0.0 if is_rounding else self.left / scale, missed)
 
     @property
+    def is_at_rest(self) -> bool:
+        """Whether the balls are at rest, and carry something."""
+        return not self.carries_nothing and self.distance <= self.options.grid_tolerance
+
+    @property
     def carries_nothing(self) -> bool:
         """Whether contacts hardly touch under a given strain."""
         if self.problem.is_free or self.force >= self.options.threshold:
@@ -158,13 +163,14 @@ class Place:
         return not np.all(self.root)
 
     def find_overlaps(self) -> Array:
-        """Return the overlaps (kinds, cells), not above zero of light contacts of balls that
-        differ: their force may be a residual only, and their stiffness would hold a ball.
+        """Return the overlaps (kinds, cells); at rest those of light contacts of balls that differ
+        are not above zero: their force may be a residual only, and their stiffness would hold a
+        ball.
         """
         overlap = self.problem.measure_losses(self.balls)
         np.subtract(self.problem.offset, overlap, out=overlap)
         overlap += self.common[:, None]
-        if self.problem.spread:
+        if self.problem.spread and self.is_at_rest:
             light = float(hertz.overlap_of(self.options.carried * self.left))
             np.minimum(overlap, 0.0, out=overlap, where=overlap <= light)
         return np.asarray(overlap)

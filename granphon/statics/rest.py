@@ -237,8 +237,8 @@ def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOption
     assembly = problem.assembly
     overlap = place.find_overlaps()
     overlap *= on_grid.unit
-    closed = float(np.mean(place.root > 0.0)) or 1.0
-    residual = place.left / place.force * closed if place.force else math.inf
+    closed = float(np.mean(overlap > 0.0))
+    residual = place.left / place.force * closed if closed else math.inf
     p = assembly.periods
     strain = np.einsum("s,sab->ab", on_grid.unit * place.strains, problem.unit_strains)
     rest = Rest(
@@ -251,7 +251,7 @@ def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOption
         steps=search.steps,
         iterations=search.iterations,
     )
-    if not place.carries_nothing and place.distance <= options.grid_tolerance:
+    if place.is_at_rest:
         return rest
     error = explain(problem, opened=place.carries_nothing, residual=rest.residual)
     if isinstance(error, ConvergenceError):
