@@ -27,16 +27,14 @@ from granphon.array.contact_lists import Springs, list_on_lattice, select_resist
 from granphon.array.geometry import (
     ExactGeometry,
     ExactPlace,
-    ReducedLoad,
     find_boundary_force,
 )
 from granphon.array.linear_response import find_linear_response, find_tensor_on_grid
-from granphon.array.rest import ArrayRest, find_on_lattice
 from granphon.array.stencils import Stencils, dot
 from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.arrays import Array
-from granphon.base.errors import ConvergenceError, InputError
+from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.contacts.contact_list import ContactList
 from granphon.statics.response import MOST_BALLS, find_elastic_tensor
@@ -303,67 +301,6 @@ def array_shape(deviations: Array, lattice: Lattice) -> tuple[int, ...]:
     :class:`Equilibrium`.
     """
     return np.shape(deviations)[lattice.n_balls > 1 :]
-
-
-def equilibrate(
-    deviations: Array,
-    load: ReducedLoad,
-    stencils: Stencils | None = None,
-    start: Equilibrium | None = None,
-    tolerance: float = REST_TOLERANCE,
-) -> Equilibrium:
-    """Find the equilibrium of an array of balls under a load.
-
-    Parameters
-    ----------
-    deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) of n > 1 balls in the
-        cell.
-    load : overlap or mean contact force, reduced.
-    stencils : of the array; by default those of the triangular lattice.
-    start : equilibrium from which to begin, for example that of the same balls under a similar
-        load.
-    tolerance : largest force left on a ball, over the mean contact force, or over the rms
-        difference of contact forces if that is less: at high loads the effect of disorder is itself
-        only a small part of the force.
-
-    Raises
-    ------
-    InputError : the sample carries no load at this overlap; or no start is given and the force is
-        below f* = 1e-8.
-    ConvergenceError : the tolerance is not reached; the message states the residual that is.
-    """
-    stencils = stencils or Stencils(deviations.shape)
-    is_free = load.overlap is None
-    is_small = is_free and load.force < THRESHOLD_FORCE
-    if is_small and start is None and np.ptp(deviations):
-        raise explain_too_small(load.force)
-    begin = None if start is None else ArrayRest(start.balls, start.overlap)
-    try:
-        rest = find_on_lattice(deviations, load, stencils, begin, tolerance)
-    except InputError as error:
-        raise InputError(
-            f"at an overlap of {load.overlap:.6g} widths this sample carries no load",
-            f"Its force is below f* = {THRESHOLD_FORCE:g}: too few balls touch to hold each other",
-            "Press it together more",
-        ) from error
-    except ConvergenceError as error:
-        reached = ArrayRest.of(error.reached, stencils, 1.0, load.overlap)
-        raise ConvergenceError(
-            f"the sample has not come to rest after {reached.steps} steps",
-            f"At an overlap of {reached.overlap:.6g} widths a force of {reached.residual:.2g}"
-            f" of the mean contact force is left on a ball",
-            "Raise the load, or take fewer balls",
-        ) from error
-    state = Equilibrium(
-        deviations=deviations,
-        overlap=float(rest.overlap),
-        balls=rest.balls,
-        residual=rest.residual,
-        newton=rest.steps,
-        conjugate=rest.iterations,
-        lattice=stencils.lattice,
-    )
-    return state.share(deviations, stencils)  # keeps the Green's function of the stencils
 
 
 def explain_too_small(force: float) -> InputError:

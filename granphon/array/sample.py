@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
-from granphon.array.equilibrium import Equilibrium, equilibrate
+from granphon.array.equilibrium import Equilibrium
 from granphon.array.geometry import ReducedLoad
-from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
+from granphon.array.rest import equilibrate
+from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.contact_model import ContactModel
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.hertz import COUNTED_FORCE
@@ -206,11 +207,11 @@ class Sample(Result):
         This takes two more equilibria, each started from this one, and their linear responses.
         """
         here = self.equilibrium
-        solve: Callable[..., Equilibrium] = (
-            partial(equilibrate_exactly, ratio=here.ratio) if here.ratio else equilibrate
-        )
         loads = [ReducedLoad(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
-        found = [solve(here.deviations, load, stencils=here.stencils, start=here) for load in loads]
+        ratio = here.ratio or None
+        found = [
+            equilibrate(here.deviations, load, here.stencils, here, ratio=ratio) for load in loads
+        ]
         return read_only([self._compute_elastic_tensor(one) for one in found])
 
     @cached_property

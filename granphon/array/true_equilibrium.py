@@ -12,7 +12,7 @@ which then carries a force of the order f W/d. The array is an assembly
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -24,31 +24,15 @@ from granphon.array.contact_lists import (
     list_in_true_directions,
     select_resisted,
 )
-from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, equilibrate
+from granphon.array.equilibrium import CARRIED_FORCE, Equilibrium
 from granphon.array.geometry import (
-    LOAD_TOLERANCE,
     ActingForces,
-    ReducedLoad,
-    require_small,
 )
-from granphon.array.rest import ArrayRest, apply, assemble, take_up
-from granphon.array.stencils import Motion, Stencils
+from granphon.array.stencils import Motion
 from granphon.base.arrays import Array
-from granphon.base.errors import ConvergenceError, InputError
-from granphon.contacts.assembly import Assembly
 from granphon.contacts.contact_list import ContactList
-from granphon.statics.options import RestOptions
 from granphon.statics.response import LinearResponse
-from granphon.statics.rest import find_rest_nearby
 
-#: force left on a ball over W/d times the mean force, at most: loose balls carry forces of about
-#: that
-_OF_RATIO = 1e-4
-#: least tolerance that rounding allows
-_LEAST_TOLERANCE = 1e-12
-#: tolerance of the equilibrium on the lattice from which the search starts: that in true directions
-#: is farther off
-_TOLERANCE_OF_START = 1e-3
 #: force that holds a ball which moves aside, over W/d times the force that pushes it there, at
 #: least: the distance in W
 _ASIDE = 1e-2
@@ -190,92 +174,3 @@ def list_exact_contacts(
 
 
 _STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-
-
-def equilibrate_exactly(
-    deviations: Array,
-    load: ReducedLoad,
-    ratio: float,
-    stencils: Stencils | None = None,
-    start: Equilibrium | None = None,
-    tolerance: float | None = None,
-) -> TrueEquilibrium:
-    """Find the equilibrium without friction of an array of balls under a load, in its true
-    geometry.
-
-    Parameters
-    ----------
-    deviations, load, stencils : as in :func:`~granphon.array.equilibrium.equilibrate`. The overlap
-        is that of the spacing of the cell; the force is the mean normal force over all contacts.
-    ratio : W/d.
-    start : equilibrium from which to begin; by default that on the lattice under the same load.
-    tolerance : largest force left on a ball, over the mean contact force; by default 1e-10, and
-        less if W/d is below 1e-6.
-
-    Raises errors as :func:`~granphon.array.equilibrium.equilibrate` does.
-    """
-    stencils = stencils or Stencils(deviations.shape)
-    require_small(ratio)
-    if not ratio:
-        return _keep_directions(
-            start or equilibrate(deviations, load, stencils), deviations, stencils
-        )
-    if tolerance is None:
-        tolerance = min(REST_TOLERANCE, max(_LEAST_TOLERANCE, _OF_RATIO * ratio))
-    begin = start or equilibrate(deviations, load, stencils, tolerance=_TOLERANCE_OF_START)
-    assembly = assemble(deviations, stencils, ratio)
-    overlap = begin.overlap if load.overlap is None else load.overlap
-    rest = _find_rest(assembly, load, ratio, stencils, begin, overlap, tolerance)
-    state = TrueEquilibrium(
-        deviations=deviations,
-        overlap=float(rest.overlap),
-        balls=rest.balls,
-        residual=rest.residual,
-        newton=begin.newton + rest.steps,
-        conjugate=begin.conjugate + rest.iterations,
-        lattice=stencils.lattice,
-        ratio=ratio,
-    )
-    return state.share(deviations, stencils)
-
-
-def _keep_directions(state: Equilibrium, deviations: Array, stencils: Stencils) -> TrueEquilibrium:
-    """Return an equilibrium on the lattice as one of balls without a width."""
-    values = {field.name: getattr(state, field.name) for field in fields(Equilibrium)}
-    return TrueEquilibrium(**values).share(deviations, stencils)
-
-
-def _find_rest(
-    assembly: Assembly,
-    load: ReducedLoad,
-    ratio: float,
-    stencils: Stencils,
-    start: Equilibrium,
-    overlap: float,
-    tolerance: float,
-) -> ArrayRest:
-    """Return the state at rest near a ``start``, which has the ``overlap`` of the spacing or is to
-    have it.
-    """
-    applied = apply(assembly, load, ratio, LOAD_TOLERANCE / REST_TOLERANCE)
-    begin = take_up(assembly, ArrayRest(start.balls, overlap), stencils, ratio)
-    # the search measures a residual by the mean force of closed contacts
-    part = float(np.mean(start.forces > 0.0))
-    options = RestOptions(tolerance=0.9 * part * tolerance, required=part * tolerance)
-    try:
-        rest = find_rest_nearby(assembly, applied, "isotropic", begin, options)
-        return ArrayRest.of(rest, stencils, ratio, load.overlap)
-    except ConvergenceError as error:
-        nearest = error.reached
-        if nearest is None:
-            raise InputError(
-                f"at an overlap of {overlap:.6g} widths this sample carries no load"
-            ) from error
-        if load.overlap is None:
-            overlap = -float(nearest.strain[0, 0]) / ratio
-        raise ConvergenceError(
-            f"the sample has not come to rest in its true geometry after {nearest.steps} steps",
-            f"At an overlap of {overlap:.6g} widths a force of {nearest.residual:.2g} of the mean"
-            f" contact force is left",
-            "Raise the load, take fewer balls, or take geometry: lattice",
-        ) from error

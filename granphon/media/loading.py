@@ -23,16 +23,15 @@ from granphon.array.equilibrium import (
     THRESHOLD_FORCE,
     Equilibrium,
     array_shape,
-    equilibrate,
     explain_too_small,
 )
 from granphon.array.friction import PressedArray
 from granphon.array.geometry import ExactGeometry, ReducedLoad
 from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING, LoadingHistory
 from granphon.array.pressed_sample import SHEAR_RESPONSES, PressedEquilibrium, PressedSample
+from granphon.array.rest import equilibrate
 from granphon.array.stencils import Stencils
 from granphon.array.stepper import GAS
-from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.balls.hertz import energy_of, force_of, overlap_of
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
@@ -163,7 +162,7 @@ def find_equilibrium(
     lattice.
     """
     if ratio:
-        return equilibrate_exactly(deviations, load, ratio, stencils)
+        return equilibrate(deviations, load, stencils, ratio=ratio)
     start = None
     if previous is not None:
         start = Equilibrium(deviations, *previous, lattice=stencils.lattice)

@@ -150,7 +150,8 @@ def find_rest(
     Raises
     ------
     InputError : contacts that push, or adhere, cannot bear the load; or the load presses nothing.
-    ConvergenceError : the search does not come to rest.
+    ConvergenceError : the search does not come to rest; ``reached`` is the state that came
+        nearest, if there is one.
     InstabilityError : there is no rest in exact directions near that on the lattice.
     MechanismError : balls differ, and some of their motions, while all touch, cost no energy.
     """
@@ -158,7 +159,9 @@ def find_rest(
     problem = Problem(assembly, load, geometry, boundary)
     if not problem.turns and _is_even_grid(problem):
         return _find_rest_on_grid(problem, start, numbers)
-    if not (load.acts or load.is_given or find_typical_force(problem)):
+    # balls of a grid may be pressed by their cell, under no load
+    is_pressed = load.acts or load.is_given or assembly.grid is not None
+    if not (is_pressed or find_typical_force(problem)):
         return _rest_without_load(problem)
     if not problem.turns:
         on_lattice = _LatticeSearch(problem, numbers)
@@ -167,23 +170,7 @@ def find_rest(
         # rest in exact directions is farther off than what an array is left with
         rough = numbers.loosen() if assembly.grid else numbers
         start = find_rest(assembly, load, "lattice", boundary, None, rough)
-    return find_rest_nearby(assembly, load, boundary, start, numbers)
-
-
-def find_rest_nearby(
-    assembly: Assembly,
-    load: AppliedLoad,
-    boundary: Boundary,
-    start: Rest,
-    options: RestOptions,
-) -> Rest:
-    """Find balls, walls and a cell at rest in exact directions, from rest on the lattice, whatever
-    the load: under none balls may be pressed by their cell.
-
-    Parameters and errors are those of :func:`find_rest`. ``reached`` of a
-    :class:`~granphon.base.errors.ConvergenceError` is the :class:`Rest` that came nearest.
-    """
-    search = _ExactSearch(Problem(assembly, load, "exact", boundary), options)
+    search = _ExactSearch(problem, numbers)
     return search.run(search.begin(start))
 
 

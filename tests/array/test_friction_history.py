@@ -18,12 +18,12 @@ from scipy.optimize import root
 import granphon as gp
 from granphon.array import contact_operator, friction, load_step, stepper
 from granphon.array import history as module
-from granphon.array.equilibrium import equilibrate
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
 from granphon.array.geometry import ExactGeometry, ReducedLoad, multiply
 from granphon.array.history import LoadingHistory
 from granphon.array.krylov import solve_by_minimal_residuals
 from granphon.array.pressed_sample import PressedEquilibrium
+from granphon.array.rest import equilibrate
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.lattices import (
     BCC,

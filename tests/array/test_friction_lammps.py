@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ExactGeometry, ReducedLoad
 from granphon.array.history import LoadingHistory
+from granphon.array.rest import equilibrate
 from granphon.array.stencils import Stencils
 from tests.array.pressed_twin import PressedTwin, apart
 

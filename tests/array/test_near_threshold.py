@@ -14,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granphon.array import linear_response
-from granphon.array.equilibrium import equilibrate
 from granphon.array.friction import Tangent
 from granphon.array.geometry import ReducedLoad, multiply
 from granphon.array.linear_response import find_linear_response
 from granphon.array.load_step import LinearSteps
 from granphon.array.preconditioners import Patches
+from granphon.array.rest import equilibrate
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.lattices import FCC
 from granphon.statics.options import InteriorOptions, RestOptions
