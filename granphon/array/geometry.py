@@ -45,7 +45,7 @@ import numpy as np
 
 from granphon.array.contact_operator import ContactHessian
 from granphon.array.friction import Tangent
-from granphon.array.krylov import Single, solve_for_motion
+from granphon.array.krylov import Single
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.contact_table import contact_frames
 from granphon.base.arrays import Array
@@ -133,25 +133,6 @@ class LatticeGeometry:
         """
         place = self.place(balls, overlap)
         return place.overlaps, place.slips(place, place.overlaps)
-
-    def solve(
-        self,
-        place: Any,
-        stiffness: Array,
-        forces: Array,
-        right: Motion,
-        inverse: Inverse,
-        reduction: float,
-        free: bool,
-    ) -> tuple[Motion, int]:
-        """Solve for a small motion that takes forces on balls away, without friction: C^T K C u =
-        ``right``.
-
-        The error falls by ``reduction``. If ``free`` is true, the compression is an unknown too.
-        Returns the motion and the number of iterations.
-        """
-        mean = float(np.mean(stiffness)) if free else None
-        return solve_for_motion(self.stencils.hessian(stiffness), right, inverse, reduction, mean)
 
 
 class LatticePlace:

@@ -108,7 +108,7 @@ def _rest_on_lattice(
     begin = None
     if start is not None:
         begin = _take_up(assembly, start.balls, start.overlap, stencils, 1.0)
-    options = RestOptions(grid_tolerance=tolerance)
+    options = RestOptions(grid_tolerance=tolerance, workers=stencils.workers)
     try:
         rest = find_rest(assembly, applied, "lattice", "isotropic", begin, options)
     except InputError as error:

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 from granphon.contacts.grid import Grid
 
@@ -28,10 +27,12 @@ class GreenFunction:
     """The inverse of the tangent of contacts of stiffness one on a grid, for the displacements of
     balls.
 
-    It is zero for translations of the whole array, and for other waves that deform no contact.
+    ``workers`` threads share each Fourier transform. The inverse is zero for translations of the
+    whole array, and for other waves that deform no contact.
     """
 
-    def __init__(self, grid: Grid) -> None:
+    def __init__(self, grid: Grid, workers: int) -> None:
+        self._workers = workers
         self._shape = grid.shape
         key = (
             grid.shape,
@@ -53,11 +54,11 @@ class GreenFunction:
         from scipy import fft  # imported here: media that are not simulated do not need it
 
         axes = tuple(range(1, 1 + len(self._shape)))
-        waves = fft.rfftn(forces.reshape(-1, *self._shape), axes=axes)
+        waves = fft.rfftn(forces.reshape(-1, *self._shape), axes=axes, workers=self._workers)
         moved = np.empty_like(waves)
         flat = (len(waves), self._table.shape[-1])
         _multiply(self._table, forces.dtype.type(scale), waves.reshape(flat), moved.reshape(flat))
-        motions = fft.irfftn(moved, self._shape, axes=axes, overwrite_x=True)
+        motions = fft.irfftn(moved, self._shape, axes=axes, workers=self._workers, overwrite_x=True)
         return np.asarray(motions.reshape(forces.shape))
 
 
@@ -147,8 +148,3 @@ def _multiply(table: Values, scale: float, waves: Values, out: Values) -> None:
                     sums[wave] += factor[wave] * column[wave]
         for wave in range(len(sums)):
             sums[wave] *= scale
-
-
-def find_largest(forces: Array) -> float:
-    """Return the largest size of a number."""
-    return max(float(np.max(forces)), -float(np.min(forces)))

@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 
 from granphon.contacts import grid_loops
 from granphon.contacts.columns import Columns
-from granphon.contacts.tangent import fill_blocks, find_pattern
-from granphon.dynamics.factors import factorise
 from granphon.statics.green import GreenFunction
 from granphon.statics.grid_problem import GridProblem, Unknowns
 from granphon.statics.options import RestOptions
+from granphon.statics.stiff_factors import factorise_stiff
 
 Values = NDArray[Any]
 #: finds about the motions (f, cells) of balls under forces (f, cells)
@@ -38,7 +37,7 @@ class LatticeEquations:
     def __init__(self, problem: GridProblem, options: RestOptions) -> None:
         self.problem = problem
         self.options = options
-        self.green = GreenFunction(problem.grid)
+        self.green = GreenFunction(problem.grid, options.workers)
         self._runs = {
             np.dtype(float): problem.grid.runs,
             np.dtype(np.float32): problem.grid.runs.round(),
@@ -170,7 +169,7 @@ class Preconditioners:
                 self._factors = None
                 self._spent = 0
                 self._first = None
-                self._factors = factorise_stiff(self._problem, stiffness, is_stiff, options)
+                self._factors = _factorise(self._problem, stiffness, options)
         return self._factors or self._equations.precondition(stiffness)
 
     def count(self, iterations: int) -> None:
@@ -186,41 +185,22 @@ class Preconditioners:
                 self._spent = max(self._spent, options.patience_of_green)
 
 
-def factorise_stiff(
-    problem: GridProblem, stiffness: Values, is_stiff: NDArray[np.bool_], options: RestOptions
-) -> Inverse:
-    """Return an approximate inverse of the tangent of a ``stiffness`` (kinds, cells), by factors of
-    the contacts that are stiff; others enter by their part of the diagonal only.
-
-    It is symmetric but for rounding, and positive definite. Forces and motions are (f, cells).
-    """
+def _factorise(problem: GridProblem, stiffness: Values, options: RestOptions) -> Inverse:
+    """Return an approximate inverse by factors of the stiff contacts."""
     grid = problem.grid
     d = len(grid.shape)
     cells = grid.n_cells
-    count = grid.n_balls * cells
-    mean = float(np.mean(stiffness))
-    i, j = grid.ends
-    chosen = np.flatnonzero(is_stiff)
-    i = i[chosen]
-    j = j[chosen]
-    normal = np.zeros((len(chosen), 3))
-    normal[:] = grid.normal[chosen // cells]
-    blocks = np.zeros((d, d, count))
-    soft = np.where(is_stiff, 0.0, stiffness)
-    grid_loops.add_blocks(grid.runs, soft, blocks)
-    axes = np.arange(d)
-    springs = blocks[axes, axes] + options.hold_diagonal * mean
-    nothing = np.zeros(len(chosen))
+    normal = np.repeat(grid.normal, cells, axis=0)
+    nothing = np.zeros(stiffness.size)
     none = np.zeros((0, 3))
     columns = Columns(
-        i=i,
-        j=j,
+        *grid.ends,
         vector=normal,
         normal=normal,
         arm_i=nothing,
         arm_j=nothing,
         distance=nothing,
-        normal_stiffness=stiffness.ravel()[chosen].astype(float),
+        normal_stiffness=stiffness.ravel().astype(float),
         shear_stiffness=nothing,
         torsion_stiffness=nothing,
         bending_stiffness=nothing,
@@ -228,24 +208,11 @@ def factorise_stiff(
         tangential_force=none,
         origin=none,
     )
-    tangent = fill_blocks(columns, axes, np.zeros((0, 3, 3)), count)
-    tangent.diagonal[axes, axes] += springs
-    pattern = find_pattern(i, j, count, d)
-    data = tangent.list_entries(pattern)
-    scale = 1.0 / np.sqrt(data[pattern.diagonal])
-    matrix = pattern.make_matrix(data)
-    widths = np.diff(matrix.indptr)
-    matrix.data *= scale[matrix.indices] * np.repeat(scale, widths)
-    matrix.data[pattern.diagonal] += options.hold_scaled
-    factors = factorise(matrix, approximate=True)
+    solve = factorise_stiff(columns, np.arange(d), grid.n_balls * cells, options)
 
     def apply(force: Values) -> Values:
-        by_ball = force.reshape(grid.n_balls, d, cells).swapaxes(1, 2).ravel()
-        scaled = scale * by_ball
-        # single precision has no numbers below 1e-38
-        largest = float(np.max(np.abs(scaled))) or 1.0
-        found = scale * factors.solve((scaled / largest).astype(np.float32)) * largest
-        moved = found.reshape(grid.n_balls, cells, d).swapaxes(1, 2)
-        return np.ascontiguousarray(moved, force.dtype).reshape(force.shape)
+        by_ball = force.reshape(grid.n_balls, d, cells).swapaxes(1, 2)
+        motion = solve(by_ball.reshape(-1)).reshape(grid.n_balls, cells, d)
+        return np.ascontiguousarray(motion.swapaxes(1, 2), force.dtype).reshape(force.shape)
 
     return apply

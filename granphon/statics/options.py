@@ -135,6 +135,7 @@ class RestOptions:
         of radii.
     curvature : curvature of the energy below zero, over what forces could make, that is rounding.
     soft : stiffness of a motion, over that of a contact, up to which it costs no energy.
+    workers : threads that share each Fourier transform on a grid in the directions of the lattice.
     cached : contacts of a grid that are worked on at a time, so that they stay in the processor's
         cache.
     most_grid_steps : steps of Newton's method on a grid in the directions of the lattice, at most.
@@ -222,6 +223,7 @@ class RestOptions:
     descent: float = 1e-2
     curvature: float = 1e-6
     soft: float = 1e-9
+    workers: int = 1
     cached: int = 2**14
     most_grid_steps: int = 1000
     most_on_grid: int = 3000
