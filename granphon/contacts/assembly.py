@@ -208,17 +208,17 @@ class GridAssembly(Assembly):
         return len(self.offset)
 
     @cached_property
-    def i(self) -> NDArray[np.int64]:  # type: ignore[override]
+    def i(self) -> NDArray[np.int64]:
         """(n_c,) numbers of the first balls of contacts."""
         return self.grid.ends[0]
 
     @cached_property
-    def j(self) -> NDArray[np.int64]:  # type: ignore[override]
+    def j(self) -> NDArray[np.int64]:
         """(n_c,) numbers of the second balls of contacts."""
         return self.grid.ends[1]
 
     @cached_property
-    def vector(self) -> Array:  # type: ignore[override]
+    def vector(self) -> Array:
         """(n_c, 3) from ball i to ball j, at touch, m."""
         return np.repeat(self.grid.vector, self.grid.n_cells, axis=0)
 
@@ -238,12 +238,12 @@ class GridAssembly(Assembly):
         return float(np.mean(self.grid.distance))
 
     @cached_property
-    def is_flat(self) -> Flags:  # type: ignore[override]
+    def is_flat(self) -> Flags:
         """(n_c,) whether contacts are with flat walls: none is."""
         return np.zeros(self.n_contacts, bool)
 
     @cached_property
-    def laws(self) -> ContactLaws:  # type: ignore[override]
+    def laws(self) -> ContactLaws:
         """The laws of the contacts."""
         return ContactLaws([(self.law, np.arange(self.n_contacts))], self.n_contacts)
 

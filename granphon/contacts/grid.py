@@ -69,8 +69,14 @@ class Grid:
         p = len(shape)
         vector = np.zeros((len(table), 3))
         vector[:, :p] = table.vector[:, :p]
-        numbers = (np.asarray(values, np.int64) for values in (table.i, table.j, table.shift))
-        return cls(shape, n_balls, *numbers, vector)
+        return cls(
+            shape=shape,
+            n_balls=n_balls,
+            i=np.asarray(table.i, np.int64),
+            j=np.asarray(table.j, np.int64),
+            shift=np.asarray(table.shift, np.int64),
+            vector=vector,
+        )
 
     @property
     def n_kinds(self) -> int:

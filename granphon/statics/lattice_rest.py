@@ -116,7 +116,7 @@ class Place:
         """
         uniform = self.common_force @ self.problem.pushes
         rounding = ROUNDING * float(np.max(self.common_force))
-        return np.where(np.abs(uniform) > rounding, uniform, 0.0)
+        return np.asarray(np.where(np.abs(uniform) > rounding, uniform, 0.0))
 
     @cached_property
     def pull(self) -> Array:

@@ -52,4 +52,6 @@ def factorise_stiff(
 
 def _choose(columns: Columns, chosen: Flags) -> Columns:
     """Return what loops read of some of the contacts."""
-    return Columns(*(values[chosen] if len(values) else values for values in columns))
+    return columns._replace(
+        **{name: values[chosen] for name, values in columns._asdict().items() if len(values)}
+    )
