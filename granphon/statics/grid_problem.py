@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from granphon.balls import hertz
 from granphon.base.arrays import Array
 from granphon.contacts import grid_loops
-from granphon.contacts.assembly import GridAssembly
+from granphon.contacts.assembly import ROUNDING, GridAssembly
 from granphon.contacts.grid import Grid
 from granphon.statics.configuration import Problem
 from granphon.statics.options import RestOptions
@@ -64,6 +64,15 @@ class GridProblem:
         normal = grid.normal
         strained = np.einsum("ka,sab,kb->ks", normal, problem.unit_strains, grid.vector)
         given = -np.einsum("ka,ab,kb->k", normal, problem.given_strain, grid.vector)
+        # kinds that lose alike do so to the last digit, and are worked on together
+        is_even = float(np.max(np.ptp(strained, axis=0), initial=0.0)) <= ROUNDING * float(
+            np.max(np.abs(strained), initial=0.0)
+        ) and float(np.ptp(given)) <= ROUNDING * float(np.max(np.abs(given)))
+        if is_even:
+            strained[:] = strained[0]
+            given[:] = given[0]
+        #: whether all contacts have one common overlap
+        self.is_even = is_even
         stress = problem.load.stress
         work = np.zeros(strained.shape[1])
         if stress is not None:
@@ -91,6 +100,10 @@ class GridProblem:
         np.add.at(pushes, (kinds, grid.j), along)
         np.add.at(pushes, (kinds, grid.i), -along)
         self.pushes = pushes.reshape(grid.n_kinds, -1)
+        #: whether equal forces of all contacts balance, and one common overlap makes no others
+        self.balances = is_even and bool(
+            np.all(np.abs(np.sum(self.pushes, axis=0)) <= ROUNDING * grid.n_kinds)
+        )
 
     @property
     def n_contacts(self) -> int:

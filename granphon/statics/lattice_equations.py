@@ -100,7 +100,9 @@ class LatticeEquations:
         of_strains = np.zeros((0, 0))
         if len(force.strains):
             sums = np.sum(stiffness, axis=1, dtype=float)
-            of_strains = np.linalg.pinv((self.problem.strained.T * sums) @ self.problem.strained)
+            of_strains = (self.problem.strained.T * sums) @ self.problem.strained
+            # a lattice may resist some strains with contacts that it does not have
+            of_strains = np.linalg.pinv(of_strains) if len(of_strains) > 1 else 1.0 / of_strains
         remaining = np.empty(n + len(force.strains), precision)
         remaining[:n] = force.balls.reshape(-1)
         remaining[n:] = force.strains

@@ -59,7 +59,7 @@ class Place:
         #: (kinds, 2) sums of excess forces and of roots; the sum of the squares of the former
         sums = np.zeros((kinds, 2))
         self.square = 0.0
-        step = max(1, cached // cells) if not np.ptp(self.common) else 1
+        step = max(1, cached // cells) if problem.is_even else 1
         for low in range(0, kinds, step):
             rows = slice(low, low + step)
             overlap = float(self.common[low])
@@ -107,13 +107,13 @@ class Place:
         # doubles at the common overlap and at the displacements is too coarse to meet the load
         largest = max(float(np.max(self.common)), float(np.max(np.abs(self.balls))))
         rounding = self.options.load_rounding * self.force + math.ulp(largest) * self.level
-        return push * (np.abs(push) * problem.weight > rounding)
+        return np.asarray(push * (np.abs(push) * problem.weight > rounding))
 
     @cached_property
-    def uniform(self) -> Array:
-        """(f,) forces on the balls of each cell by the common forces; zero where they are
-        rounding.
-        """
+    def uniform(self) -> Array | None:
+        """(f,) forces on the balls of each cell by the common forces; None if they balance."""
+        if self.problem.balances:
+            return None
         uniform = self.common_force @ self.problem.pushes
         rounding = ROUNDING * float(np.max(self.common_force))
         return np.asarray(np.where(np.abs(uniform) > rounding, uniform, 0.0))
@@ -122,7 +122,7 @@ class Place:
     def pull(self) -> Array:
         """(f, cells) forces left on balls."""
         pull = self.problem.collect(self.excess)
-        if np.any(self.uniform):
+        if self.uniform is not None:
             pull += self.uniform[:, None]
         return pull
 
@@ -301,7 +301,7 @@ class LatticeSearch:
                 here.balls + length * step.balls, here.strains + length * step.strains
             )
             slope = -_multiply(ahead.excess, loss)
-            if np.any(ahead.uniform):
+            if ahead.uniform is not None:
                 slope -= float(ahead.uniform @ np.sum(step.balls, axis=1))
             if problem.is_free:
                 cells = problem.grid.n_cells
