@@ -21,6 +21,8 @@ from granphon.base.arrays import Array
 
 #: cells of a grid, at most, whose balls of contacts are kept: 16 bytes a contact
 _KEPT_CELLS = 2**13
+#: component of a normal that is rounding
+_ROUNDING = 1e-15
 
 
 class Runs(NamedTuple):
@@ -135,7 +137,8 @@ class Grid:
         return Runs(
             np.ascontiguousarray(np.concatenate(tables), np.int64),
             np.stack([self.i, self.j], axis=1).astype(np.int64),
-            np.ascontiguousarray(self.normal[:, :d]),
+            # components that are zero but for rounding cost nothing
+            np.where(np.abs(self.normal[:, :d]) > _ROUNDING, self.normal[:, :d], 0.0),
         )
 
     @cached_property

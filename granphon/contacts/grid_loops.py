@@ -17,6 +17,8 @@ from granphon.contacts.grid import Runs
 Values = NDArray[Any]
 #: contacts of a run that are worked on at a time, so that they stay in the processor's cache
 _CACHED = 512
+#: contacts of a grid, at most, whose tensions stay in the cache
+_SMALL = 2**15
 #: products that are added up beside each other
 _LANES = 16
 
@@ -31,16 +33,15 @@ def measure_losses(runs: Runs, motions: Values, loss: Values) -> None:
         end = runs.table[run, 2]
         count = runs.table[run, 3]
         lost = loss[kind, start : start + count]
+        lost[:] = 0.0
         for axis in range(d):
             component = runs.normal[kind, axis]
+            if component == 0.0:
+                continue
             near = motions[d * runs.ends[kind, 0] + axis, start : start + count]
             far = motions[d * runs.ends[kind, 1] + axis, end : end + count]
-            if axis == 0:
-                for contact in range(count):
-                    lost[contact] = component * (far[contact] - near[contact])
-            else:
-                for contact in range(count):
-                    lost[contact] += component * (far[contact] - near[contact])
+            for contact in range(count):
+                lost[contact] += component * (far[contact] - near[contact])
 
 
 @compiled
@@ -57,6 +58,8 @@ def add_forces(runs: Runs, force: Values, on_balls: Values) -> None:
         pushing = force[kind, start : start + count]
         for axis in range(d):
             component = runs.normal[kind, axis]
+            if component == 0.0:
+                continue
             near = on_balls[d * runs.ends[kind, 0] + axis, start : start + count]
             for contact in range(count):
                 near[contact] -= component * pushing[contact]
@@ -79,6 +82,22 @@ def resist(
 
     ``tensions`` (kinds,) are the sums of the tensions; of a cell that is held, both are (0,).
     """
+    if stiffness.size <= _SMALL:  # short runs take less time in loops of one job each
+        tension_of_all = np.empty_like(stiffness)
+        measure_losses(runs, motions, tension_of_all)
+        for kind in range(len(stiffness)):
+            pulling = tension_of_all[kind]
+            spring = stiffness[kind]
+            elongation = strained[kind] if len(strained) else spring[0] - spring[0]
+            for contact in range(len(spring)):
+                pulling[contact] = spring[contact] * (pulling[contact] + elongation)
+            if len(strained):
+                total = 0.0
+                for contact in range(len(spring)):
+                    total += pulling[contact]
+                tensions[kind] += total
+        add_forces(runs, tension_of_all, forces)
+        return
     d = runs.normal.shape[1]
     tension = np.empty(_CACHED, motions.dtype)
     for run in range(len(runs.table)):
@@ -88,16 +107,15 @@ def resist(
         for start in range(runs.table[run, 1], last, _CACHED):
             stop = min(start + _CACHED, last)
             count = stop - start
+            tension[:count] = 0.0
             for axis in range(d):
                 component = runs.normal[kind, axis]
+                if component == 0.0:
+                    continue
                 near = motions[d * runs.ends[kind, 0] + axis, start:stop]
                 far = motions[d * runs.ends[kind, 1] + axis, start + ahead : stop + ahead]
-                if axis == 0:
-                    for contact in range(count):
-                        tension[contact] = component * (far[contact] - near[contact])
-                else:
-                    for contact in range(count):
-                        tension[contact] += component * (far[contact] - near[contact])
+                for contact in range(count):
+                    tension[contact] += component * (far[contact] - near[contact])
             spring = stiffness[kind, start:stop]
             if len(strained):
                 elongation = strained[kind]
@@ -112,6 +130,8 @@ def resist(
                     tension[contact] *= spring[contact]
             for axis in range(d):
                 component = runs.normal[kind, axis]
+                if component == 0.0:
+                    continue
                 near = forces[d * runs.ends[kind, 0] + axis, start:stop]
                 for contact in range(count):
                     near[contact] -= component * tension[contact]
