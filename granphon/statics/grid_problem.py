@@ -105,11 +105,6 @@ class GridProblem:
             np.all(np.abs(np.sum(self.pushes, axis=0)) <= ROUNDING * grid.n_kinds)
         )
 
-    @property
-    def n_contacts(self) -> int:
-        """Number of contacts."""
-        return self.offset.size
-
     @cached_property
     def weight(self) -> float:
         """What makes the force on a strain one on each contact."""
