@@ -7,21 +7,16 @@ contact has the overlap
     h = y + (x_i + x_j)/2 - n.(u_j - u_i)
 
 with y = (d - a)/W common to all contacts, and carries the force h_+^(3/2). Equilibrium is the
-minimum of the sum of
-(2/5) h_+^(5/2) over all u; at given load, the minimum over y too, with the work of the load
-subtracted. This function is convex. Newton's method finds the minimum; where many contacts are
-open, an interior-point method (:mod:`granphon.array.interior`) first goes near it. Conjugate
-gradients solve the linear equations of each step, no more accurately than the step needs, in single
-precision as long as that serves; forces are found in double. The length of a step is chosen from
-the slope of the energy along it, never from the energy itself, a large sum in which rounding hides
-the changes.
+minimum of the sum of (2/5) h_+^(5/2) over all u; at given load, the minimum over y too, with the
+work of the load subtracted. This function is convex. The array is an assembly
+(:mod:`granphon.contacts.assembly`) on a grid, and comes to rest as others do
+(:mod:`granphon.statics.rest`).
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any, Self
@@ -31,22 +26,16 @@ from numpy.typing import ArrayLike
 
 from granphon.array.contact_lists import Springs, list_on_lattice, select_resisted
 from granphon.array.geometry import (
-    ADDED_STIFFNESS,
     ExactGeometry,
     ExactPlace,
-    LatticeGeometry,
-    ReducedLoad,
     find_boundary_force,
 )
-from granphon.array.interior import approach
-from granphon.array.krylov import solve_for_motion
 from granphon.array.linear_response import find_linear_response, find_tensor_on_grid
-from granphon.array.preconditioners import Preconditioners
-from granphon.array.stencils import Motion, Stencils, dot
+from granphon.array.stencils import Stencils, dot
 from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.arrays import Array
-from granphon.base.errors import ConvergenceError, InputError
+from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.contacts.contact_list import ContactList
 from granphon.statics.response import MOST_BALLS, find_elastic_tensor
@@ -57,46 +46,12 @@ REST_TOLERANCE = 1e-10
 #: f* below which a sample with open contacts counts as carrying no load: it is within 1e-5 W of its
 #: rigidity threshold, or below it
 THRESHOLD_FORCE = 1e-8
-#: largest number of steps of Newton's method
-_NEWTON_STEPS = 1000
-#: fraction of contacts closed on the sites of the lattice, below which the interior-point method
-#: comes before Newton's
-_CLOSED_ON_SITES = 0.45
-#: if the force is given, largest f* at which it does
-_MOST_INTERIOR = 1.5e-2
-#: f* below which an equilibrium at given force is started from the equilibrium at ten times the
-#: force, by Newton's method
-_DIRECT_FORCE = 1e-4
-#: least rms difference of contact forces, over that of balls held at their sites: in a chain all
-#: contacts carry the same force, but for rounding
-_LEAST_DIFFERENCE = 1e-4
-#: tolerance of a linear system, over its right side, at most
-_LOOSEST = 0.15
-#: below that, the tolerance is the ratio by which the last step reduced the residual, to this
-#: power: where balls that nothing holds come to rest, progress is slow, however accurate the steps
-#: (S. C. Eisenstat and H. F. Walker, SIAM J. Sci. Comput. 17, 16 (1996), choose tolerances in this
-#: way)
-_PROGRESS = 1.2
-#: length of a step below which the linear equations of later ones are solved in double precision
-_SPOILT_LENGTH = 0.3
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as
 #: carrying load. In practice the ratio is either far below one or above a hundred
 CARRIED_FORCE = 10.0
 #: relative error of the linear response: that of the stiffness is its square, that of its slope of
 #: the same order
 _RESPONSE = 1e-8
-#: fraction of a given load by which rounding may miss it
-_LOAD_ROUNDING = 1e-15
-#: force left on a ball that the rounding of displacements explains, in units of it times the
-#: stiffness
-_MOVE_ROUNDING = 16.0
-#: tolerance of the load, as a fraction of the tolerance of forces: the load, a number that the user
-#: gave, is met to more digits
-_LOAD_TOLERANCE = 1e-3
-#: largest number of trials for the length of a step
-_LENGTH_TRIALS = 30
-#: number of contacts that are worked on at a time, so that they stay in the processor's cache
-_CACHED = 2**14
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -396,270 +351,6 @@ def array_shape(deviations: Array, lattice: Lattice) -> tuple[int, ...]:
     :class:`Equilibrium`.
     """
     return np.shape(deviations)[lattice.n_balls > 1 :]
-
-
-class NewtonIterate:
-    """Balls on the way to equilibrium: what their place tells of the contacts and, once found, how
-    far they are from rest.
-
-    Attributes
-    ----------
-    overlap, balls : y and the displacements.
-    excess : forces of the contacts (contacts, L1, ..., Lp) less those with the common overlap.
-    root : (contacts, L1, ..., Lp) h_+^(1/2) of the contacts, in single precision.
-    rest : force left on the balls and, at given load, what the contacts' forces lack to it in sum.
-    force : mean contact force.
-    level : mean stiffness of the contacts.
-    left : largest force left on a ball.
-    distance : force left over the scale that tolerances are of.
-    """
-
-    rest: Motion
-    force: float
-    level: float
-    left: float
-    distance: float
-
-    def __init__(self, y: float, balls: Array, means: Array, stencils: Stencils) -> None:
-        self.overlap = y
-        self.balls = balls
-        self._stencils = stencils
-        differences = stencils.operator.deform(balls)
-        np.subtract(means, differences, out=differences)
-        root: Array = differences.astype(np.float32)
-        sums = np.zeros(3)  # of excess forces, of their squares, and of roots
-        flat, roots = differences.reshape(-1), root.reshape(-1)
-        for low in range(0, flat.size, _CACHED):
-            part = flat[low : low + _CACHED]
-            _, contact = hertz.press_further(y, part, part)
-            roots[low : low + _CACHED] = contact
-            sums += np.sum(part), dot(part, part), np.sum(contact)
-        self.excess = differences
-        self.root = root
-        self._sums = sums.tolist()
-
-    def measure(self, load: ReducedLoad, least: float) -> Self:
-        """Find how far the balls are from rest; forces no larger than ``least`` count as that."""
-        pull = self._stencils.forces(self.excess)
-        contacts = self.root.size
-        common = float(hertz.force_of(self.overlap))
-        (total, squares, roots) = self._sums
-        mean, square, self.level = (
-            one / contacts for one in (total, squares, hertz.stiffness_of(roots))
-        )
-        self.force = common + mean
-        push = (load.force - common) - mean if load.overlap is None else 0.0
-        # where overlaps are small, near the rigidity threshold and on a line, the spacing of
-        # doubles at y and at the displacements is too coarse to meet the load
-        spacing = math.ulp(max(self.overlap, float(np.max(np.abs(self.balls)))))
-        push *= abs(push) > _LOAD_ROUNDING * self.force + spacing * self.level
-        self.left = math.sqrt(float(np.max(np.sum(self._stencils.cartesian(pull) ** 2, axis=0))))
-        self.rest = Motion(pull, contacts * push)
-        scale = min(self.force, max(math.sqrt(max(0.0, square - mean**2)), self.level * least))
-        # on a line displacements add up, as in a random walk, and all that is left in the end is
-        # their rounding
-        moved = float(np.max(np.abs(self.balls))) if len(self._stencils.shape) == 1 else 0.0
-        at_rest = self.left <= _MOVE_ROUNDING * math.ulp(moved) * self.level
-        # the load itself is met to more digits: it is a number that the user gave
-        push = self.rest.compression / contacts
-        missed = abs(push) / (_LOAD_TOLERANCE * self.force) if push else 0.0
-        self.distance = max(0.0 if at_rest else self.left / scale, missed)
-        return self
-
-    def search(self, step: Motion, means: Array, load: ReducedLoad) -> tuple[NewtonIterate, float]:
-        """Return the balls after a step, and its length, of :func:`find_length`."""
-        strain = self._stencils.operator.deform(step.balls) - step.compression
-        there = self
-        flat = strain.ravel()
-
-        def measure(length: float) -> tuple[float, Callable[[], float]]:
-            nonlocal there
-            y = self.overlap + length * step.compression
-            balls = self.balls + length * step.balls
-            there = NewtonIterate(y, balls, means, self._stencils)
-            slope = -dot(there.excess, strain)
-            if load.overlap is None:
-                slope += step.compression * means.size * (float(hertz.force_of(y)) - load.force)
-            return slope, lambda: hertz.stiffness_of(
-                float(np.einsum("i,i,i", there.root.ravel(), flat, flat))
-            )
-
-        length = find_length(
-            measure, dot(self.rest.balls, step.balls) + self.rest.compression * step.compression
-        )
-        return there, length
-
-
-def find_length(
-    measure: Callable[[float], tuple[float, Callable[[], float]]], first: float
-) -> float:
-    """Return the length of a step at which the slope of the energy has at most a tenth of its
-    ``first`` size.
-
-    ``measure`` returns the slope at a length, below zero at first, and what finds its derivative.
-    Lengths are tried by Newton's method in one dimension, within brackets.
-    """
-    low = 0.0
-    high = math.inf
-    length = 1.0
-    for _ in range(_LENGTH_TRIALS):
-        slope, find_rise = measure(length)
-        if abs(slope) <= 0.1 * abs(first):
-            break
-        low, high = (length, high) if slope < 0.0 else (low, length)
-        rise = find_rise()
-        length = length - slope / rise if rise > 0.0 else math.inf
-        if not low < length < high:
-            length = 0.5 * (low + high) if high < math.inf else 2.0 * low
-        length = min(length, 4.0 * low) if high == math.inf else length
-    return length
-
-
-def equilibrate(
-    deviations: Array,
-    load: ReducedLoad,
-    stencils: Stencils | None = None,
-    start: Equilibrium | None = None,
-    tolerance: float = REST_TOLERANCE,
-) -> Equilibrium:
-    """Find the equilibrium of an array of balls under a load.
-
-    Parameters
-    ----------
-    deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) of n > 1 balls in the
-        cell.
-    load : overlap or mean contact force, reduced.
-    stencils : of the array; by default those of the triangular lattice.
-    start : equilibrium from which to begin, for example that of the same balls under a similar
-        load.
-    tolerance : largest force left on a ball, over the mean contact force, or over the rms
-        difference of contact forces if that is less: at high loads the effect of disorder is itself
-        only a small part of the force.
-
-    Raises
-    ------
-    InputError : the sample carries no load at this overlap; or no start is given and the force is
-        below f* = 1e-8.
-    ConvergenceError : the tolerance is not reached; the message states the residual that is.
-    """
-    stencils = stencils or Stencils(deviations.shape)
-    free = load.overlap is None
-    means = stencils.average_pairs(deviations)
-    equal = not np.ptp(deviations)
-    if free and start is None and load.force < THRESHOLD_FORCE and not equal:
-        raise explain_too_small(load.force)
-    if start is None and free and load.force < _DIRECT_FORCE and not equal:
-        start = equilibrate(
-            deviations, load._replace(force=10.0 * load.force), stencils, tolerance=1e-3
-        )
-    fresh = start is None or equal
-    if start is None or equal:
-        # begin at the overlap of Hertz's law, which is exact for equal balls
-        y = load.overlap if load.overlap is not None else hertz.overlap_of(load.force)
-        start = Equilibrium(
-            deviations,
-            float(y),
-            np.zeros((stencils.n_fields, *stencils.shape)),
-            lattice=stencils.lattice,
-        )
-    y = start.overlap if free else float(load.overlap or 0.0)
-    balls = start.balls
-    steps = 0
-    begun = 0
-    least = _LEAST_DIFFERENCE * float(np.std(means))
-    inverses = Preconditioners(stencils)
-    if not equal and begins_inside(load, y, means, inverses):
-        found = approach(
-            LatticeGeometry(stencils, deviations),
-            y,
-            balls,
-            load.force if free else None,
-            inverses,
-            fresh,
-        )
-        y, balls, begun, steps = found or (y, balls, begun, steps)
-    elif fresh and not equal and y + float(np.min(means)) > 0.0:
-        # all contacts are closed on the sites: begin where springs that are alike would bring the
-        # balls. Where some are open, balls that nothing holds stay nearer to their sites if they
-        # begin there
-        balls = stencils.green_preconditioner(means.dtype, 1.0)(stencils.forces(means))
-    # linear equations need few digits, and single precision takes half of the time
-    single = not begun
-    before = 0.0
-    here = NewtonIterate(y, balls, means, stencils).measure(load, least)
-    for newton in range(begun, _NEWTON_STEPS):
-        if not free and here.force < THRESHOLD_FORCE and not np.all(here.root):
-            raise InputError(
-                f"at an overlap of {here.overlap:.6g} widths this sample carries no load",
-                f"Its force is below f* = {THRESHOLD_FORCE:g}: too few balls touch to hold"
-                f" each other",
-                "Press it together more",
-            )
-        distance = here.distance
-        if distance <= tolerance:
-            state = Equilibrium(
-                deviations=deviations,
-                overlap=here.overlap,
-                balls=stencils.centre(here.balls),
-                residual=here.left / here.force,
-                newton=newton,
-                conjugate=steps,
-                lattice=stencils.lattice,
-            )
-            return state.share(deviations, stencils)  # keeps the Green's function of the stencils
-        reduction = min(
-            _LOOSEST,
-            max(
-                0.3 * tolerance / distance, (distance / before) ** _PROGRESS if before else _LOOSEST
-            ),
-        )
-        stiffness = here.root if single else here.root.astype(float)
-        stiffness *= hertz.stiffness_of(1.0) / here.level
-        stiffness += ADDED_STIFFNESS * min(1.0, distance)
-        product = stencils.hessian(stiffness)
-        inverse = (
-            inverses.choose(stiffness, product=product)
-            if begun
-            else stencils.preconditioner(stiffness, product)
-        )
-        # forces and stiffnesses near one: single precision has no numbers below 1e-38
-        size = max(float(np.max(np.abs(here.rest.balls))), abs(here.rest.compression) / means.size)
-        rest = Motion(
-            (here.rest.balls / size).astype(stiffness.dtype), here.rest.compression / size
-        )
-        mean = float(np.mean(stiffness)) if free else None
-        step, taken = solve_for_motion(product, rest, inverse, reduction, mean)
-        scale = size / here.level
-        step = Motion(step.balls.astype(float) * scale, step.compression * scale)
-        inverses.count(taken)
-        there, length = here.search(step, means, load)
-        here = there.measure(load, least)
-        # where balls that nothing holds move far, single precision may spoil a step
-        steps = steps + taken
-        before = distance
-        single = single and length > _SPOILT_LENGTH
-    raise ConvergenceError(
-        f"the sample has not come to rest after {_NEWTON_STEPS} steps",
-        f"At an overlap of {here.overlap:.6g} widths a force of {here.left / here.force:.2g}"
-        f" of the mean contact force is left on a ball",
-        "Raise the load, or take fewer balls",
-    )
-
-
-def begins_inside(
-    load: ReducedLoad, overlap: float, means: Array, inverses: Preconditioners
-) -> bool:
-    """Return whether the interior-point method comes before Newton's: near the rigidity
-    threshold of balls that differ.
-
-    ``overlap`` is that of the start, and ``means`` (n_c, L1, ..., Lp) are those of x of contacts.
-    """
-    # in space the interior-point method takes too many iterations without factors
-    if means.ndim > 3 and not inverses.are_small:
-        return False
-    if load.overlap is None:
-        return _DIRECT_FORCE <= load.force <= _MOST_INTERIOR
-    return bool(np.mean(overlap + means > 0.0) < _CLOSED_ON_SITES)
 
 
 def explain_too_small(force: float) -> InputError:

@@ -36,7 +36,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from granphon.array.krylov import solve_for_motion
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.contact_table import contact_frames
 from granphon.base.arrays import Array
@@ -106,25 +105,6 @@ class LatticeGeometry:
     def place(self, balls: Array, overlap: float) -> LatticePlace:
         """Return the configuration with these motions ``balls`` and the overlap y."""
         return LatticePlace(self, balls, overlap)
-
-    def solve(
-        self,
-        place: Any,
-        stiffness: Array,
-        forces: Array,
-        right: Motion,
-        inverse: Inverse,
-        reduction: float,
-        free: bool,
-    ) -> tuple[Motion, int]:
-        """Solve for a small motion that takes forces on balls away, without friction: C^T K C u =
-        ``right``.
-
-        The error falls by ``reduction``. If ``free`` is true, the compression is an unknown too.
-        Returns the motion and the number of iterations.
-        """
-        mean = float(np.mean(stiffness)) if free else None
-        return solve_for_motion(self.stencils.hessian(stiffness), right, inverse, reduction, mean)
 
 
 class LatticePlace:

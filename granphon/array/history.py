@@ -23,14 +23,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from granphon.array.equilibrium import Equilibrium, equilibrate
+from granphon.array.equilibrium import Equilibrium
 from granphon.array.geometry import ReducedLoad
 from granphon.array.load_step import BALANCE_TOLERANCE
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry
+from granphon.array.rest import equilibrate
 from granphon.array.stencils import Stencils, dot
 from granphon.array.stepper import GAS, MOST_HALVINGS, Stepper, find_aim, goes_on, weigh_states
-from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
+from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.contacts.friction import FrictionLaw
@@ -127,7 +128,7 @@ class LoadingHistory:
         ratio = self.ratio
         if ratio and not (isinstance(state, TrueEquilibrium) and state.ratio == ratio):
             same = load if isinstance(load, ReducedLoad) else ReducedLoad(overlap=state.overlap)
-            state = equilibrate_exactly(self.deviations, same, ratio, smooth, state)
+            state = equilibrate(self.deviations, same, smooth, state, ratio=ratio)
         return self.stepper.place(state.balls, state.overlap, state.residual)
 
     def path(

@@ -11,16 +11,19 @@ itself goes on in double precision.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from granphon.array.contact_lists import Springs, list_on_lattice
+from granphon.array.contact_operator import ContactHessian
 from granphon.array.krylov import Single, conjugate_gradients
-from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Stencils, dot
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.elasticity import voigt_pairs
+from granphon.statics.options import RestOptions
+from granphon.statics.stiff_factors import factorise_stiff
 
 #: largest number of iterations for a linear response
 _MOST_ITERATIONS = 60_000
@@ -82,7 +85,7 @@ def find_linear_response(
     mean = float(np.mean(springs[: stencils.n_contacts]))
     single: Single = (springs / mean).astype(np.float32)  # which has no numbers below 1e-38
     product = stencils.hessian(single)
-    inverse = Preconditioners(stencils).choose(single, hard=True, product=product)
+    inverse = _find_inverse(stencils, single, product)
 
     def resist(balls: Array) -> Array:  # forces on balls, over the mean stiffness
         return stencils.forces(springs * stencils.operator.deform(balls)) / mean
@@ -103,7 +106,7 @@ def find_linear_response(
             ahead = max(math.sqrt(aim / left), _SINGLE)
             given = rest.astype(np.float32)
             most = _MOST_ITERATIONS - taken
-            change, count, _ = conjugate_gradients(
+            change, count = conjugate_gradients(
                 lambda balls: product(balls)[0], precondition, given, ahead, most
             )
             found = found + change
@@ -114,7 +117,7 @@ def find_linear_response(
         if left > aim:
             ahead = math.sqrt(aim / left)
             most = _MOST_ITERATIONS - taken
-            change, count, _ = conjugate_gradients(
+            change, count = conjugate_gradients(
                 resist,
                 precondition,
                 rest,
@@ -127,3 +130,29 @@ def find_linear_response(
             found += change
         motions.append(found)
     return motions
+
+
+def _find_inverse(
+    stencils: Stencils, springs: Single, product: ContactHessian
+) -> Callable[[Array], Array]:
+    """Return an approximate inverse for forces (fields, L1, ..., Lp): by factors of stiff contacts
+    where few are stiff and the array is small enough, or else by Green's function.
+    """
+    p = len(stencils.shape)
+    options = RestOptions()
+    normal = springs[: stencils.n_contacts].astype(float)
+    stiff = float(np.mean(normal > options.stiff * np.mean(normal)))
+    is_small = math.prod(stencils.ball_shape) <= options.most_factorised[p]
+    if stiff > options.most_stiff[p] or not is_small:
+        return stencils.preconditioner(springs, product)
+    groups = stencils.sort_springs(springs.astype(float))
+    contacts = list_on_lattice(
+        stencils.shape, stencils.lattice, stencils.motions, Springs.of(*groups)
+    )
+    solve = factorise_stiff(contacts.columns, contacts.axes, contacts.n_balls, options)
+
+    def apply(force: Array) -> Array:
+        motions = solve(stencils.list_forces(force).ravel())
+        return stencils.gather_motions(motions.reshape(contacts.n_balls, -1))
+
+    return apply

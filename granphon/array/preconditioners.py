@@ -1,12 +1,5 @@
-"""Approximate inverses of C^T K C for conjugate gradients, chosen by the state and the size of the
-array.
-
-Where most contacts are closed, the lattice's Green's function serves: an iteration costs two
-Fourier transforms, and few are needed. Near the rigidity threshold half of the contacts are open,
-without order, and Green's function knows nothing of them. There the matrix of the closed contacts
-is factorised (sparse LU, in single precision, which is enough for an approximation). It has few
-entries; in a plane its factors have few too. They serve for all systems whose stiffnesses are not
-very different.
+"""Approximate inverses of C^T D C for GMRES, where few balls hold each other but nothing else holds
+them.
 
 With friction there are patches: few balls that move while all others are held. Newton's method
 takes long where few balls hold each other but nothing else holds them. The lattice's Green's
@@ -24,29 +17,12 @@ from functools import cached_property
 
 import numpy as np
 
-from granphon.array.contact_operator import ContactHessian
-from granphon.array.sparse_matrices import STIFF, compose, factorise_contacts
+from granphon.array.sparse_matrices import compose
 from granphon.array.stencils import Stencils, number_cells
 from granphon.base.arrays import Array, Index
 from granphon.contacts.friction import Tangent
 from granphon.dynamics.factors import factorise
 
-Inverse = Callable[[Array], Array]
-#: largest number of balls whose matrix is factorised, for lattices with 1, 2, 3 periods: the memory
-#: that factors take grows faster than it, in three dimensions much faster
-MOST_BALLS = (2**20, 2**18, 2**12)
-#: fraction of contacts that are stiff, above which Green's function is kept, for lattices with 1,
-#: 2, 3 periods
-_MOST_STIFF = (0.65, 0.65, 0.42)
-#: iterations with Green's function that cost as much as a factorisation, measured in planes of 64 x
-#: 64 to 128 x 128 balls
-_PATIENCE = 150
-#: cost of an iteration with factors, in iterations with Green's function, measured in the same
-#: planes
-_SOLUTION = 3
-#: iterations of a system, beyond those of the first with the same factors, from which these are
-#: made anew for the next
-_STALE = 30
 #: puts the motions of some balls under a force into an array of motions
 Put = Callable[[Array, Array], None]
 #: part of the square of a residual that the balls hold which are added to a patch
@@ -62,68 +38,6 @@ _WHOLE = 0.4
 _LARGEST = (2**16, 12_288, 768)
 #: stiffness that holds balls which nothing holds, over the mean stiffness
 _HOLDING = 1e-5
-
-
-class Preconditioners:
-    """Preconditioners for the systems that an equilibrium or a response of one array poses one
-    after the other.
-
-    They count iterations: the matrix is factorised, or factorised anew, when those since the last
-    factorisation cost more than it would. Numbers of iterations alone decide, never times, so that
-    results are the same on any machine. It is not factorised where most contacts are stiff.
-    """
-
-    def __init__(self, stencils: Stencils) -> None:
-        self._stencils = stencils
-        self._most_stiff = _MOST_STIFF[len(stencils.shape) - 1]
-        self._factors: Inverse | None = None
-        self._spent = 0
-        self._first: int | None = None  # iterations of the first system with the factors
-        self._fresh = False  # whether the factors are those of the system chosen last
-        self._changing = (
-            False  # whether stiffnesses change so much that factors pay for each system anew
-        )
-
-    def choose(
-        self, stiffness: Array, hard: bool = False, product: ContactHessian | None = None
-    ) -> Inverse:
-        """Return a preconditioner for ``stiffness`` (rows, L1, ..., Lp); ``hard`` if many
-        iterations are sure to follow.
-
-        ``product`` is that with C^T K C, if it is at hand.
-        """
-        self._fresh = (hard or self._changing or self._spent >= _PATIENCE) and self._may_factorise(
-            stiffness
-        )
-        if self._fresh:
-            self._factors = None
-            self._spent = 0
-            self._first = None  # old factors are freed before new ones are made
-            self._factors = factorise_contacts(self._stencils, stiffness)
-        return self._factors or self._stencils.preconditioner(stiffness, product)
-
-    def count(self, iterations: int) -> None:
-        """Count the iterations that the preconditioner chosen last has taken."""
-        self._spent += iterations * (_SOLUTION if self._factors else 1)
-        if self._factors:
-            self._first = iterations if self._first is None else self._first
-            if iterations - self._first >= _STALE:
-                self._changing |= _SOLUTION * (iterations - self._first) >= _PATIENCE
-                self._spent = max(self._spent, _PATIENCE)
-
-    @property
-    def are_small(self) -> bool:
-        """Whether the array is small enough for factors."""
-        return (
-            math.prod(self._stencils.shape) * self._stencils.n_balls
-            <= MOST_BALLS[len(self._stencils.shape) - 1]
-        )
-
-    def _may_factorise(self, stiffness: Array) -> bool:
-        normal = stiffness[: self._stencils.n_contacts]
-        return (
-            self.are_small and float(np.mean(normal > STIFF * np.mean(normal))) <= self._most_stiff
-        )
 
 
 class Patches:

@@ -16,15 +16,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, equilibrate
+from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium
 from granphon.array.geometry import LOAD_TOLERANCE, ReducedLoad
+from granphon.array.rest import assemble, equilibrate, find_residual, gather_balls
 from granphon.array.stencils import Stencils
-from granphon.array.true_equilibrium import (
-    TrueEquilibrium,
-    assemble,
-    equilibrate_exactly,
-    gather_balls,
-)
+from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls import hertz
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
@@ -94,7 +90,7 @@ class _PressureSearch:
         assembly = self._assembly
         p = assembly.dimension
         nothing = np.zeros(assembly.n_balls * p)
-        virial = force * float(np.sum(assembly.distance))
+        virial = force * assembly.n_contacts * assembly.mean_distance
         load = AppliedLoad(
             force=nothing,
             words="the load",
@@ -152,7 +148,7 @@ class _PressureSearch:
             deviations=self._deviations,
             overlap=overlap,
             balls=gather_balls(rest, stencils),
-            residual=rest.residual / float(np.mean(rest.overlap > 0.0)),
+            residual=find_residual(rest),
             newton=self._steps,
             conjugate=self._iterations,
             lattice=stencils.lattice,
@@ -168,6 +164,5 @@ def equilibrate_as(state: Equilibrium, load: ReducedLoad) -> Equilibrium:
     """
     if state.strain is not None:
         return equilibrate_sheared(state.deviations, load, state.ratio, state.stencils)
-    if state.ratio:
-        return equilibrate_exactly(state.deviations, load, state.ratio, state.stencils, state)
-    return equilibrate(state.deviations, load, state.stencils, state)
+    ratio = state.ratio or None
+    return equilibrate(state.deviations, load, state.stencils, state, ratio=ratio)

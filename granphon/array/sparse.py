@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, THRESHOLD_FORCE, find_length
+from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, THRESHOLD_FORCE
 from granphon.array.geometry import ADDED_STIFFNESS
 from granphon.array.sparse_matrices import compose
 from granphon.balls import hertz
@@ -27,6 +27,7 @@ from granphon.base.errors import ConvergenceError
 from granphon.dynamics.elasticity import voigt_pairs
 from granphon.dynamics.factors import factorise
 from granphon.dynamics.rows import Row, contact_rows, strain_rows
+from granphon.statics.line_search import find_length
 
 #: largest number of steps of Newton's method, each with an LU factorisation
 _FACTORISATIONS = 200

@@ -200,6 +200,15 @@ class Stencils:
             [ratios.get(kind.kind, float(kind.stiffness)) * stiffness for kind in self._kinds]
         )
 
+    def sort_springs(self, springs: Array) -> list[Array]:
+        """Return the stiffnesses (contacts, L1, ..., Lp) against elongation, slip, twist and roll,
+        of those (rows, L1, ..., Lp) of all deformations; zeros of what there is not.
+        """
+        parts = zip(self._kinds, np.split(springs, len(self._kinds)), strict=True)
+        rows = {kind.kind: part for kind, part in parts}
+        none = np.zeros_like(springs[: self.n_contacts])
+        return [rows.get(kind, none) for kind in ("elongation", "slip", "twist", "roll")]
+
     def strains(self) -> Array:
         """Return (rows, p, p) deformations of all contacts under unit displacement gradients u_a,b,
         without rotation.

@@ -11,9 +11,8 @@ which then carries a force of the order f W/d. The array is an assembly
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -22,50 +21,18 @@ from numpy.typing import ArrayLike
 
 from granphon.array.contact_lists import (
     Springs,
-    find_grid,
     list_in_true_directions,
     select_resisted,
 )
-from granphon.array.equilibrium import (
-    CARRIED_FORCE,
-    REST_TOLERANCE,
-    Equilibrium,
-    begins_inside,
-    equilibrate,
-    list_shears,
-)
+from granphon.array.equilibrium import CARRIED_FORCE, Equilibrium, list_shears
 from granphon.array.geometry import (
-    LOAD_TOLERANCE,
     ActingForces,
-    ReducedLoad,
-    require_small,
 )
-from granphon.array.preconditioners import Preconditioners
-from granphon.array.stencils import Motion, Stencils
-from granphon.balls import hertz
+from granphon.array.stencils import Motion
 from granphon.base.arrays import Array
-from granphon.base.errors import ConvergenceError, InputError
-from granphon.contacts.assembly import Assembly
 from granphon.contacts.contact_list import ContactList
-from granphon.contacts.laws import ContactLaws
-from granphon.statics.configuration import AppliedLoad
-from granphon.statics.options import RestOptions
 from granphon.statics.response import LinearResponse
-from granphon.statics.rest import Rest, find_rest_nearby
 
-#: force left on a ball over W/d times the mean force, at most: loose balls carry forces of about
-#: that
-_OF_RATIO = 1e-4
-#: least tolerance that rounding allows
-_LEAST_TOLERANCE = 1e-12
-#: tolerance of the equilibrium on the lattice from which the search starts, where one rest is near,
-#: or the interior-point method has brought the balls there: that in true directions is farther off
-_TOLERANCE_OF_START = 1e-3
-#: overlap, in W, and f* below which rests differ: the side to which loose balls go, and so the
-#: energy, depends on where the lattice leaves them. With a rough start energies are higher, in two
-#: of three arrays that differ
-_DIFFERING_OVERLAP = 0.05
-_DIFFERING_FORCE = 0.05
 #: force that holds a ball which moves aside, over W/d times the force that pushes it there, at
 #: least: the distance in W
 _ASIDE = 1e-2
@@ -337,160 +304,3 @@ def list_exact_contacts(
         forces < 0.0,
         shears,
     )
-
-
-def equilibrate_exactly(
-    deviations: Array,
-    load: ReducedLoad,
-    ratio: float,
-    stencils: Stencils | None = None,
-    start: Equilibrium | None = None,
-    tolerance: float | None = None,
-) -> TrueEquilibrium:
-    """Find the equilibrium without friction of an array of balls under a load, in its true
-    geometry.
-
-    Parameters
-    ----------
-    deviations, load, stencils : as in :func:`~granphon.array.equilibrium.equilibrate`. The overlap
-        is that of the spacing of the cell; the force is the mean normal force over all contacts.
-    ratio : W/d.
-    start : equilibrium from which to begin; by default that on the lattice under the same load.
-    tolerance : largest force left on a ball, over the mean contact force; by default 1e-10, and
-        less if W/d is below 1e-6.
-
-    Raises errors as :func:`~granphon.array.equilibrium.equilibrate` does.
-    """
-    stencils = stencils or Stencils(deviations.shape)
-    require_small(ratio)
-    if not ratio:
-        return _keep_directions(
-            start or equilibrate(deviations, load, stencils), deviations, stencils
-        )
-    if tolerance is None:
-        tolerance = min(REST_TOLERANCE, max(_LEAST_TOLERANCE, _OF_RATIO * ratio))
-    begin = start or _find_start(deviations, load, stencils)
-    assembly = assemble(deviations, stencils, ratio)
-    overlap = begin.overlap if load.overlap is None else load.overlap
-    rest = _find_rest(assembly, load, ratio, stencils, begin, overlap, tolerance)
-    if load.overlap is None:
-        overlap = -float(rest.strain[0, 0]) / ratio
-    # by the mean force of all contacts, which is that of closed ones times their part
-    closed = float(np.mean(rest.overlap > 0.0))
-    state = TrueEquilibrium(
-        deviations=deviations,
-        overlap=float(overlap),
-        balls=gather_balls(rest, stencils),
-        residual=rest.residual / closed,
-        newton=begin.newton + rest.steps,
-        conjugate=begin.conjugate + rest.iterations,
-        lattice=stencils.lattice,
-        ratio=ratio,
-    )
-    return state.share(deviations, stencils)
-
-
-def gather_balls(rest: Rest, stencils: Stencils) -> Array:
-    """Return the displacements (fields, L1, ..., Lp) of balls at rest, without that of the
-    whole.
-    """
-    p = len(stencils.shape)
-    motions = (stencils.basis @ rest.displacement.T).reshape(p, stencils.n_balls, -1)
-    balls = motions.swapaxes(0, 1).reshape(stencils.n_fields, *stencils.shape)
-    return np.asarray(stencils.centre(balls))
-
-
-def _find_start(deviations: Array, load: ReducedLoad, stencils: Stencils) -> Equilibrium:
-    """Return the equilibrium on the lattice, as near to rest as the search needs."""
-    if load.overlap is None:
-        rests_differ = load.force < _DIFFERING_FORCE
-        overlap = hertz.overlap_of(load.force)
-    else:
-        rests_differ = load.overlap < _DIFFERING_OVERLAP
-        overlap = load.overlap
-    tolerance = _TOLERANCE_OF_START
-    if rests_differ:
-        means = stencils.average_pairs(deviations)
-        if not begins_inside(load, overlap, means, Preconditioners(stencils)):
-            tolerance = REST_TOLERANCE
-    return equilibrate(deviations, load, stencils, tolerance=tolerance)
-
-
-def _keep_directions(state: Equilibrium, deviations: Array, stencils: Stencils) -> TrueEquilibrium:
-    """Return an equilibrium on the lattice as one of balls without a width."""
-    values = {field.name: getattr(state, field.name) for field in fields(Equilibrium)}
-    return TrueEquilibrium(**values).share(deviations, stencils)
-
-
-def assemble(deviations: Array, stencils: Stencils, ratio: float) -> Assembly:
-    """Return the contacts of an array, in units of W and c W^(3/2)."""
-    grid = find_grid(stencils.shape, stencils.lattice)
-    p = stencils.lattice.periods
-    count = len(grid.i)
-    cells = math.prod(stencils.shape)
-    return Assembly(
-        n_balls=stencils.n_balls * cells,
-        i=grid.i,
-        j=grid.j,
-        vector=grid.vector / ratio,
-        is_flat=np.zeros(count, bool),
-        offset=stencils.average_pairs(deviations).ravel(),
-        laws=ContactLaws([(hertz.HertzLaw(1.0), np.arange(count))], count),
-        cell=(float(stencils.lattice.measure) * cells) ** (1.0 / p) / ratio * np.eye(p),
-        dimension=p,
-        directions=np.zeros((0, p)),
-        wall_balls=np.zeros(0),
-        grid=stencils.shape,
-    )
-
-
-def _find_rest(
-    assembly: Assembly,
-    load: ReducedLoad,
-    ratio: float,
-    stencils: Stencils,
-    start: Equilibrium,
-    overlap: float,
-    tolerance: float,
-) -> Rest:
-    """Return the state at rest near a ``start``, which has the ``overlap`` of the spacing or is to
-    have it.
-    """
-    p = assembly.dimension
-    nothing = np.zeros(assembly.n_balls * p)
-    compressed = -ratio * overlap * np.eye(p)
-    is_given = load.overlap is not None
-    stress = None
-    if load.on_boundary:
-        virial = load.force * float(np.sum(assembly.distance))
-        stress = -virial / (p * assembly.measure) * np.eye(p)
-    applied = AppliedLoad(
-        force=nothing,
-        words="the load",
-        stress=stress,
-        strain=compressed if is_given else np.zeros((p, p)),
-        pressure_force=nothing,
-        mean_force=None if is_given or load.on_boundary else load.force,
-        cell_tolerance=LOAD_TOLERANCE / REST_TOLERANCE,
-    )
-    displacement = stencils.displacements(start.balls).reshape(p, -1).T
-    begin = Rest(displacement, np.zeros(0), compressed, start.overlaps.ravel(), assembly.normal)
-    # the search measures a residual by the mean force of closed contacts
-    part = float(np.mean(start.forces > 0.0))
-    options = RestOptions(tolerance=0.9 * part * tolerance, required=part * tolerance)
-    try:
-        return find_rest_nearby(assembly, applied, "isotropic", begin, options)
-    except ConvergenceError as error:
-        nearest = error.reached
-        if nearest is None:
-            raise InputError(
-                f"at an overlap of {overlap:.6g} widths this sample carries no load"
-            ) from error
-        if not is_given:
-            overlap = -float(nearest.strain[0, 0]) / ratio
-        raise ConvergenceError(
-            f"the sample has not come to rest in its true geometry after {nearest.steps} steps",
-            f"At an overlap of {overlap:.6g} widths a force of {nearest.residual:.2g} of the mean"
-            f" contact force is left",
-            "Raise the load, take fewer balls, or take geometry: lattice",
-        ) from error

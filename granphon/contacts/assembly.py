@@ -20,7 +20,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.contact_laws import PairLaw
 from granphon.base.arrays import Array, Flags, Index
+from granphon.contacts.grid import Grid
 from granphon.contacts.laws import ContactLaws
 
 #: component of a normal that is zero but for rounding, and so is such a part of the largest overlap
@@ -60,7 +62,7 @@ class Assembly:
     dimension: int
     directions: Array
     wall_balls: Array
-    grid: tuple[int, ...] = ()
+    grid: Grid | None = None
 
     @property
     def n_contacts(self) -> int:
@@ -92,6 +94,11 @@ class Assembly:
         """(n_c,) distances of the bodies at touch, m."""
         return np.asarray(np.sqrt(np.einsum("ca,ca->c", self.vector, self.vector)))
 
+    @property
+    def mean_distance(self) -> float:
+        """Mean distance of the bodies at touch, m."""
+        return float(np.mean(self.distance))
+
     @cached_property
     def normal(self) -> Array:
         """(n_c, 3) unit vectors from body i to body j at touch."""
@@ -101,6 +108,13 @@ class Assembly:
     def differs(self) -> bool:
         """Whether balls differ from those that just touch on the sites."""
         return bool(np.any(self.offset))
+
+    @cached_property
+    def standing(self) -> set[int]:
+        """Numbers of free strains of the cell with which no motion is known to be without energy
+        while all contacts touch, beside those of the whole; a search that has looked adds to them.
+        """
+        return set()
 
     @cached_property
     def is_between_balls(self) -> Flags:
@@ -151,3 +165,89 @@ class Assembly:
             directions=np.zeros((0, self.dimension)),
             wall_balls=np.zeros(0),
         )
+
+
+class GridAssembly(Assembly):
+    """The contacts of an array of cells, between balls that have one law; they are spelled out when
+    something asks for them.
+
+    Parameters
+    ----------
+    grid : the contacts, kind by kind.
+    offset : (n_c,) overlaps on the sites, m.
+    law : the law of all contacts.
+    cell : (p, p) the periods, m.
+    stands : whether all motions are known to cost energy while all contacts touch, but those of the
+        whole.
+    """
+
+    grid: Grid
+
+    def __init__(
+        self, grid: Grid, offset: Array, law: PairLaw, cell: Array, stands: bool = False
+    ) -> None:
+        p = len(cell)
+        values = {
+            "grid": grid,
+            "law": law,
+            "n_balls": grid.n_balls * grid.n_cells,
+            "offset": offset,
+            "cell": cell,
+            "dimension": p,
+            "directions": np.zeros((0, p)),
+            "wall_balls": np.zeros(0),
+            "standing": set(range(p * (p + 1) // 2 + 1)) if stands else set(),
+        }
+        vars(self).update(values)
+
+    law: PairLaw
+
+    @property
+    def n_contacts(self) -> int:
+        """Number n_c of contacts."""
+        return len(self.offset)
+
+    @cached_property
+    def i(self) -> NDArray[np.int64]:
+        """(n_c,) numbers of the first balls of contacts."""
+        return self.grid.ends[0]
+
+    @cached_property
+    def j(self) -> NDArray[np.int64]:
+        """(n_c,) numbers of the second balls of contacts."""
+        return self.grid.ends[1]
+
+    @cached_property
+    def vector(self) -> Array:
+        """(n_c, 3) from ball i to ball j, at touch, m."""
+        return np.repeat(self.grid.vector, self.grid.n_cells, axis=0)
+
+    @cached_property
+    def normal(self) -> Array:
+        """(n_c, 3) unit vectors from ball i to ball j at touch."""
+        return np.repeat(self.grid.normal, self.grid.n_cells, axis=0)
+
+    @cached_property
+    def distance(self) -> Array:
+        """(n_c,) distances of the balls at touch, m."""
+        return np.repeat(self.grid.distance, self.grid.n_cells)
+
+    @property
+    def mean_distance(self) -> float:
+        """Mean distance of the balls at touch, m."""
+        return float(np.mean(self.grid.distance))
+
+    @cached_property
+    def is_flat(self) -> Flags:
+        """(n_c,) whether contacts are with flat walls: none is."""
+        return np.zeros(self.n_contacts, bool)
+
+    @cached_property
+    def laws(self) -> ContactLaws:
+        """The laws of the contacts."""
+        return ContactLaws([(self.law, np.arange(self.n_contacts))], self.n_contacts)
+
+    @cached_property
+    def free_axes(self) -> list[int]:
+        """The axes along which nothing hinders all balls together: all."""
+        return list(range(self.dimension))

@@ -40,7 +40,7 @@ from granphon.balls.contact_table import (
     repeat_contacts,
     require_joined,
 )
-from granphon.balls.hertz import NO_STIFFNESS, NO_TENSION
+from granphon.balls.hertz import NO_STIFFNESS, NO_TENSION, HertzLaw
 from granphon.balls.lattices import LATTICES, Lattice, find_structure
 from granphon.balls.layers import Layers, find_faces, read_edges
 from granphon.balls.motions import Motions, allowed_motions, select_motions
@@ -63,9 +63,11 @@ from granphon.base.validation import (
     whole_number,
 )
 from granphon.contacts.assembly import Assembly
+from granphon.contacts.grid import Grid
 from granphon.contacts.laws import ContactLaws
 from granphon.dynamics.elasticity import voigt_pairs
 from granphon.media.limits import Check, check_limit
+from granphon.media.sample_on_grid import SampleOnGrid
 from granphon.media.state import read_finite_overlap
 from granphon.networks.network import ContactNetwork
 from granphon.statics.configuration import BOUNDARIES, AppliedLoad, Boundary, Geometry
@@ -515,7 +517,11 @@ class Crystal(Result):
             sizes = self._draw(supercell.kind, counts, seed)
         else:
             sizes = given_diameters.ravel().astype(float)
-        return supercell._derive(deviations=supercell._centre_sizes(sizes))
+        sample = supercell._derive(deviations=supercell._centre_sizes(sizes))
+        if p == self.dimension and not self._floors:
+            # what a sample knows of its cells saves time alone
+            vars(sample)["_grid"] = Grid.of(self.contacts, counts, self.n_balls)
+        return sample
 
     def _centre_sizes(self, sizes: Array) -> Array:
         """Return the deviations (n,), m, from the ``sizes`` of the balls (n,), m: diameters, or
@@ -1004,6 +1010,35 @@ class Crystal(Result):
             wall_balls=np.array([float(len(face.balls[1])) for face in bodies.walls]),
         )
 
+    @cached_property
+    def _grid(self) -> Grid | None:
+        """The contacts of a sample, kind by kind; None of other crystals."""
+        return None
+
+    @cached_property
+    def _sample_on_grid(self) -> SampleOnGrid | None:
+        """A sample whose contacts have one law, Hertz's, as an assembly on a grid; None of other
+        crystals.
+        """
+        groups = self._laws.groups
+        if self._grid is None or len(groups) != 1 or not isinstance(groups[0][0], HertzLaw):
+            return None
+        return SampleOnGrid.of(self._assembly, self._grid, groups[0][0])
+
+    def _find_rest(
+        self,
+        load: AppliedLoad,
+        geometry: Geometry,
+        boundary: Boundary,
+        start: Rest | None = None,
+    ) -> Rest:
+        """Return the state at rest under a load; see :func:`~granphon.statics.rest.find_rest`."""
+        on_grid = self._sample_on_grid
+        if on_grid is None or np.any(load.force):
+            return find_rest(self._assembly, load, geometry, boundary, start)
+        begin = None if start is None else on_grid.sort(start)
+        return on_grid.restore(find_rest(on_grid.assembly, load, geometry, boundary, begin))
+
     def _require_drawn(self) -> None:
         """Raise :class:`InputError` if balls have a spread of diameters, and none are drawn."""
         spreads = [ball.spread for ball in self.kinds if ball.spread is not None]
@@ -1432,12 +1467,12 @@ class Crystal(Result):
         tolerance = _SAMPLED if differ else _MEAN
         for _ in range(_MEANS):
             load = self._load_hydrostatic(pressure, acceleration, f"{words} {pressure:.6g}")
-            small = find_rest(assembly, load, boundary=boundary, start=start)
+            small = self._find_rest(load, "lattice", boundary, start)
             if follows:
                 # where balls differ the search goes on from the last state: from another state
                 # loose balls would come to rest elsewhere, and the mean would jump
                 nearest = state if differ and state else small
-                state = find_rest(assembly, load, "exact", boundary, start=nearest)
+                state = self._find_rest(load, "exact", boundary, nearest)
             else:
                 state = small
             contacts = _MeanContacts.of(state, laws, differ)
@@ -1508,10 +1543,9 @@ class Crystal(Result):
         """
         follows = read_finite_overlap(finite_overlap)
         require("boundary", partial(choice, options=BOUNDARIES), boundary)
-        assembly = self._assembly
         geometry: Geometry = "exact" if follows else "lattice"
         with _in_double_precision(values):
-            solutions = [(find_rest(assembly, load, geometry, boundary), load) for load in loads]
+            solutions = [(self._find_rest(load, geometry, boundary), load) for load in loads]
             return self._stack(values, solutions, rank, follows)
 
     def _stack(

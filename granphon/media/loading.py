@@ -23,7 +23,6 @@ from granphon.array.equilibrium import (
     THRESHOLD_FORCE,
     Equilibrium,
     array_shape,
-    equilibrate,
     explain_too_small,
 )
 from granphon.array.geometry import ReducedLoad
@@ -31,10 +30,10 @@ from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING, LoadingH
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.pressed_sample import SHEAR_RESPONSES, PressedEquilibrium, PressedSample
+from granphon.array.rest import equilibrate
 from granphon.array.sheared_equilibrium import equilibrate_sheared
 from granphon.array.stencils import Stencils
 from granphon.array.stepper import GAS
-from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.balls.hertz import energy_of, force_of, overlap_of
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
@@ -172,7 +171,7 @@ def find_equilibrium(
     if boundary == "stress":
         return equilibrate_sheared(deviations, load, ratio, stencils)
     if ratio:
-        return equilibrate_exactly(deviations, load, ratio, stencils)
+        return equilibrate(deviations, load, stencils, ratio=ratio)
     start = None
     if previous is not None:
         start = Equilibrium(deviations, *previous, lattice=stencils.lattice)

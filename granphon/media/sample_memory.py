@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from granphon.array.preconditioners import MOST_BALLS
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.media.left_out import estimate_reduced_force
-from granphon.statics.response import MOST_BALLS as RESPONSE_MOST_BALLS
+from granphon.statics.options import RestOptions
+from granphon.statics.response import MOST_BALLS
 
 #: bytes for each ball while a sample without rotations is solved, with one, two and three periods,
 #: besides those of the lattice's Green's function
@@ -70,14 +70,14 @@ def estimate_memory(
     kept_bytes = _SAMPLE_BYTES * (samples - 1) + _EQUILIBRIUM_BYTES[periods] * (states - 1)
     solved_bytes = _ROTATING_BALL_BYTES[periods] if rotate else _BALL_BYTES[periods]
     response_bytes = solved_bytes + green_bytes
-    if exact or balls <= RESPONSE_MOST_BALLS[periods]:
+    if exact or balls <= MOST_BALLS[periods]:
         response_bytes = max(response_bytes, _estimate_list(packing, motions))
     memory = balls * (response_bytes + kept_bytes)
     memory += (samples - 1) * min(_WORKSPACE_BYTES[periods] * balls, _MOST_WORKSPACE)
     if not packing.width:
         return memory
     force = np.maximum(estimate_reduced_force(packing, load.applied), LEAST_FORCE)
-    can_be_factorised = periods > 1 and balls <= MOST_BALLS[periods - 1]
+    can_be_factorised = periods > 1 and balls <= RestOptions().most_factorised[periods]
     if can_be_factorised and np.any(force < _FACTOR_FORCE):
         memory += balls * (_ROTATING_FACTOR_BYTES if rotate else _FACTOR_BYTES)
     if loaded:

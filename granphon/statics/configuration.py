@@ -97,7 +97,7 @@ class Problem:
             for shape, (a, b) in zip(shapes, pairs, strict=True):
                 shape[a, b] = shape[b, a] = 1.0
         # an unknown of 1 is a length
-        self.length = float(np.mean(assembly.distance)) * math.sqrt(assembly.n_contacts)
+        self.length = assembly.mean_distance * math.sqrt(assembly.n_contacts)
         #: (s, 3, 3) strains of the cell by the unknowns
         self.unit_strains = np.zeros((len(shapes), 3, 3))
         self.unit_strains[:, :p, :p] = shapes / self.length

@@ -30,7 +30,7 @@ def find_typical_force(problem: Problem) -> float:
     assembly = problem.assembly
     laws = problem.assembly.laws
     stress = problem.load.stress
-    virial = float(np.sum(assembly.distance))
+    virial = assembly.n_contacts * assembly.mean_distance
     if stress is not None and assembly.periods:
         pressing = -float(np.trace(stress))
         if pressing > 0.0:
@@ -117,7 +117,8 @@ def explain(
     assembly = problem.assembly
     laws = assembly.laws
     words = problem.load.words
-    if assembly.n_contacts <= _MOST_EXPLAINED:
+    # any contacts bear no force
+    if assembly.n_contacts <= _MOST_EXPLAINED and np.any(problem.force):
         is_borne, mend = _find_bearing(problem)
         if not is_borne:
             why = (

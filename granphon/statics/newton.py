@@ -377,6 +377,7 @@ class GridEquations:
         from granphon.statics.grid_iteration import GridIteration  # averages need no Numba
 
         assembly = self.problem.assembly
+        assert assembly.grid is not None
         nothing = np.zeros(assembly.n_contacts)
         contacts = ContactList(
             n_balls=assembly.n_balls,
@@ -394,7 +395,7 @@ class GridEquations:
             normal_force=configuration.force,
             measure=assembly.measure,
             dimension=assembly.dimension,
-            grid=assembly.grid,
+            grid=assembly.grid.shape,
         )
         self._earlier = GridIteration(
             Tangent(contacts, blocks), True, self._earlier, self.options.kept_green

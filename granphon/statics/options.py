@@ -3,15 +3,61 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Any
 
 
-def _by_axes(line: int, plane: int, space: int) -> Mapping[int, int]:
+def _by_axes(line: float, plane: float, space: float) -> Mapping[int, Any]:
     """Return a field with a number for balls that move along 1, 2 or 3 axes."""
     numbers = MappingProxyType({1: line, 2: plane, 3: space})
-    field_of_numbers: Mapping[int, int] = field(default_factory=lambda: numbers)
+    field_of_numbers: Mapping[int, Any] = field(default_factory=lambda: numbers)
     return field_of_numbers
+
+
+@dataclass(frozen=True)
+class InteriorOptions:
+    """Options of the interior-point method (:mod:`granphon.statics.interior`).
+
+    Attributes
+    ----------
+    steps : Newton steps, at most.
+    close : mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's
+        method goes on from there.
+    balanced : largest force left on a ball, over the mean force, with which it then ends well.
+    least_force : mean force at which the array counts as carrying no load.
+    speed : mu of a step is the mean of f s, times the factor by which it fell in the step before,
+        to this power: it falls the faster the better it goes.
+    least_factor, largest_factor : factors by which mu is lowered in a step.
+    too_far : mu is not lowered while the largest force left on a ball, over the mean force, is more
+        than this many times the root of mu over the mean force to the power 5/3.
+    kept : least part of its value that a step leaves of an f or s.
+    least_product, largest_product : product f s of a contact after a step, over mu: the smaller of
+        f^(2/3) and s is moved until it is between them.
+    accuracy : tolerance of linear equations, as a part of the factor by which mu is lowered.
+    least_error, largest_error : tolerance of linear equations, over their right side; it is the
+        least where mu is held.
+    width : f^(2/3) and s of a contact with h = 0, over the standard deviation of h, where the start
+        is the sites of the lattice.
+    width_nearby : the same where the start is at rest.
+    """
+
+    steps: int = 100
+    close: float = 1e-9
+    balanced: float = 0.1
+    least_force: float = 1e-10
+    speed: float = 1.5
+    least_factor: float = 1e-2
+    largest_factor: float = 0.2
+    too_far: float = 10.0
+    kept: float = 0.01
+    least_product: float = 0.1
+    largest_product: float = 100.0
+    accuracy: float = 0.5
+    least_error: float = 0.03
+    largest_error: float = 0.1
+    width: float = 1.0
+    width_nearby: float = 0.03
 
 
 @dataclass(frozen=True)
@@ -25,6 +71,9 @@ class RestOptions:
     ----------
     tolerance : residual at which balls are at rest: the rounding of a sum of forces.
     iterated_tolerance : the same where equations are solved by iteration.
+    grid_tolerance : the same on a grid in the directions of the lattice, over the mean force or the
+        rms difference of forces if that is less: at high loads the effect of disorder is itself
+        only a small part of the force.
     required : residual that must be reached, and that a search that comes no nearer may end with.
     steps : steps of Newton's method, at most.
     slopes : slopes in a line search, at most.
@@ -73,6 +122,8 @@ class RestOptions:
         as loose too.
     worst : the same over the most after the step: a step that throws a few balls shakes many, and
         all those would make clusters as large as the array.
+    most_shaken : part of the balls, at most, that become loose by a step: one that shakes more was
+        too long, and they are not loose.
     loose_steps : steps of Newton's method for loose balls while the others are held, at most; they
         go on after the others have moved.
     loose_slopes : slopes in a line search of these steps, at most.
@@ -87,10 +138,57 @@ class RestOptions:
         of radii.
     curvature : curvature of the energy below zero, over what forces could make, that is rounding.
     soft : stiffness of a motion, over that of a contact, up to which it costs no energy.
+    workers : threads that share each Fourier transform on a grid in the directions of the lattice.
+    cached : contacts of a grid that are worked on at a time, so that they stay in the processor's
+        cache.
+    most_grid_steps : steps of Newton's method on a grid in the directions of the lattice, at most.
+    most_on_grid : iterations in such a step, at most: the search goes on from there.
+    loosest : relative residual of such a step, at most.
+    progress : below that, the relative residual is the ratio by which the last step reduced the
+        distance from rest, to this power: where balls that nothing holds come to rest, progress is
+        slow, however accurate the steps (S. C. Eisenstat and H. F. Walker, SIAM J. Sci. Comput. 17,
+        16 (1996), choose tolerances in this way).
+    accuracy : part of the tolerance that the last step is to leave.
+    spoilt : length of a step below which later ones are solved in double precision.
+    even : standard deviation of stiffnesses, over their mean, up to which Green's function alone
+        preconditions.
+    damped : part of the way to its balance that each ball moves before and after Green's function:
+        the energy of a contact is at most twice that of its two balls moving one at a time, so that
+        with less than the whole way the preconditioner is positive definite.
+    hold_single : stiffness that is added to each ball there, over the mean, so that its block has
+        an inverse in single precision.
+    least_difference : least scale of forces, over those that the spread of overlaps on the sites
+        makes: in a chain all contacts carry the same force, but for rounding.
+    move_rounding : force left on a ball of a line that the rounding of displacements explains, in
+        units of it times the stiffness.
+    load_rounding : part of a load by which rounding may miss it.
+    closed_on_sites : part of contacts closed on the sites, below which interior points come before
+        Newton's method where the strain is given.
+    interior_forces : least and largest mean force for which they do where a load is given, in units
+        of the spread.
+    direct_force : mean force, in these units, below which the search begins at rest under ten times
+        the load.
+    start_tolerance : tolerance of that rest, and of that of an array in the directions of the
+        lattice from which a search in exact directions begins.
+    interior : numbers of the interior-point method.
+    threshold : mean force, in these units, below which contacts that do not all touch carry
+        nothing.
+    stiff : stiffness, over the mean, from which contacts enter factors; softer ones enter by their
+        part of the diagonal only.
+    most_stiff : part of contacts that are stiff, above which Green's function is kept.
+    patience_of_green : iterations with Green's function that cost as much as factors, measured in
+        planes of 64 x 64 to 128 x 128 balls.
+    cost_of_solution : cost of an iteration with factors, in iterations with Green's function.
+    stale : iterations beyond those of the first equations with the same factors, from which these
+        are made anew.
+    hold_diagonal : stiffness that holds balls which nothing else holds, in factors, over the mean.
+    hold_scaled : added to the matrix whose diagonal is one: without it rounding could make motions
+        that cost nothing unstable.
     """
 
     tolerance: float = 2e-15
     iterated_tolerance: float = 3e-13
+    grid_tolerance: float = 1e-11
     required: float = 1e-12
     steps: int = 200
     slopes: int = 40
@@ -119,6 +217,7 @@ class RestOptions:
     light: float = 1e-3
     failed: float = 0.3
     worst: float = 1e-2
+    most_shaken: float = 0.25
     loose_steps: int = 100
     loose_slopes: int = 12
     loose_slope: float = 0.3
@@ -128,3 +227,34 @@ class RestOptions:
     descent: float = 1e-2
     curvature: float = 1e-6
     soft: float = 1e-9
+    workers: int = 1
+    cached: int = 2**14
+    most_grid_steps: int = 1000
+    most_on_grid: int = 3000
+    loosest: float = 0.15
+    progress: float = 1.2
+    accuracy: float = 0.3
+    spoilt: float = 0.3
+    even: float = 0.1
+    damped: float = 0.8
+    hold_single: float = 1e-5
+    least_difference: float = 1e-4
+    move_rounding: float = 16.0
+    load_rounding: float = 1e-15
+    closed_on_sites: float = 0.45
+    interior_forces: tuple[float, float] = (1e-4, 1.5e-2)
+    direct_force: float = 1e-4
+    start_tolerance: float = 1e-3
+    interior: InteriorOptions = InteriorOptions()
+    threshold: float = 1e-8
+    stiff: float = 1e-3
+    most_stiff: Mapping[int, float] = _by_axes(0.65, 0.65, 0.42)
+    patience_of_green: int = 150
+    cost_of_solution: int = 3
+    stale: int = 30
+    hold_diagonal: float = 1e-5
+    hold_scaled: float = 1e-5
+
+    def loosen(self) -> RestOptions:
+        """Return the options of a search for the state from which another search begins."""
+        return replace(self, grid_tolerance=self.start_tolerance)

@@ -30,6 +30,7 @@ from typing import Self
 
 import numpy as np
 
+from granphon.balls.hertz import HertzLaw
 from granphon.base.arrays import Array, Flags
 from granphon.base.errors import (
     ConvergenceError,
@@ -38,7 +39,7 @@ from granphon.base.errors import (
     InstabilityError,
     MechanismError,
 )
-from granphon.contacts.assembly import ROUNDING, Assembly
+from granphon.contacts.assembly import ROUNDING, Assembly, GridAssembly
 from granphon.statics.configuration import (
     AppliedLoad,
     Boundary,
@@ -72,7 +73,9 @@ class Rest:
     wall_motion : (k,) of the walls along their lines, m.
     strain : (p, p) of the cell.
     overlap : (n_c,) of the contacts, m.
-    normal : (n_c, d) unit vectors of the contacts.
+    assembly : what is at rest.
+    turned_normal : (n_c, d) unit vectors of contacts that have turned; None where they keep the
+        directions of the sites.
     residual : the largest force left, as on a ball, over the mean force of contacts.
     steps, iterations : numbers of steps of Newton's method for all, and of iterations in them.
     """
@@ -81,10 +84,18 @@ class Rest:
     wall_motion: Array
     strain: Array
     overlap: Array
-    normal: Array
+    assembly: Assembly
+    turned_normal: Array | None = None
     residual: float = 0.0
     steps: int = 0
     iterations: int = 0
+
+    @property
+    def normal(self) -> Array:
+        """(n_c, d) unit vectors of the contacts."""
+        if self.turned_normal is not None:
+            return self.turned_normal
+        return self.assembly.normal[:, : self.assembly.dimension]
 
     @classmethod
     def of(cls, configuration: Configuration) -> Self:
@@ -98,7 +109,8 @@ class Rest:
             x[problem.n_ball_unknowns : problem.n_displacements],
             configuration.strain,
             configuration.overlap,
-            configuration.normal[:, : assembly.dimension],
+            assembly,
+            configuration.normal[:, : assembly.dimension] if problem.turns else None,
             configuration.residual,
         )
 
@@ -138,36 +150,27 @@ def find_rest(
     Raises
     ------
     InputError : contacts that push, or adhere, cannot bear the load; or the load presses nothing.
-    ConvergenceError : the search does not come to rest.
+    ConvergenceError : the search does not come to rest; ``reached`` is the state that came
+        nearest, if there is one.
     InstabilityError : there is no rest in exact directions near that on the lattice.
     MechanismError : balls differ, and some of their motions, while all touch, cost no energy.
     """
     numbers = options or RestOptions()
     problem = Problem(assembly, load, geometry, boundary)
-    if not (load.acts or load.is_given or find_typical_force(problem)):
+    if not problem.turns and _is_even_grid(problem):
+        return _find_rest_on_grid(problem, start, numbers)
+    # balls of a grid may be pressed by their cell, under no load
+    is_pressed = load.acts or load.is_given or assembly.grid is not None
+    if not (is_pressed or find_typical_force(problem)):
         return _rest_without_load(problem)
     if not problem.turns:
         on_lattice = _LatticeSearch(problem, numbers)
         return on_lattice.run(on_lattice.begin(start))
     if start is None:
-        start = find_rest(assembly, load, "lattice", boundary, None, numbers)
-    return find_rest_nearby(assembly, load, boundary, start, numbers)
-
-
-def find_rest_nearby(
-    assembly: Assembly,
-    load: AppliedLoad,
-    boundary: Boundary,
-    start: Rest,
-    options: RestOptions,
-) -> Rest:
-    """Find balls, walls and a cell at rest in exact directions, from rest on the lattice, whatever
-    the load: under none balls may be pressed by their cell.
-
-    Parameters and errors are those of :func:`find_rest`. ``reached`` of a
-    :class:`~granphon.base.errors.ConvergenceError` is the :class:`Rest` that came nearest.
-    """
-    search = _ExactSearch(Problem(assembly, load, "exact", boundary), options)
+        # rest in exact directions is farther off than what an array is left with
+        rough = numbers.loosen() if assembly.grid else numbers
+        start = find_rest(assembly, load, "lattice", boundary, None, rough)
+    search = _ExactSearch(problem, numbers)
     return search.run(search.begin(start))
 
 
@@ -178,6 +181,69 @@ def _rest_without_load(problem: Problem) -> Rest:
         return Rest.of(untouched)
     words = problem.load.words
     raise InputError(f"{words} presses nothing", "Contacts have no stiffness without a force")
+
+
+def _is_even_grid(problem: Problem) -> bool:
+    """Return whether contacts are a grid with one law, Hertz's, that the load presses evenly, so
+    that none need be spelled out.
+    """
+    assembly = problem.assembly
+    load = problem.load
+    if not (isinstance(assembly, GridAssembly) and isinstance(assembly.law, HertzLaw)):
+        return False
+    presses = load.stress is None or float(np.trace(load.stress)) < 0.0
+    distances = assembly.grid.distance
+    is_even = load.mean_force is None or float(np.ptp(distances)) <= ROUNDING * distances[0]
+    return presses and is_even and not np.any(load.force)
+
+
+def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOptions) -> Rest:
+    """Return the rest of an even grid in the directions of the lattice."""
+    from granphon.statics.grid_problem import GridProblem  # averages need no Numba
+    from granphon.statics.lattice_rest import LatticeSearch
+
+    on_grid = GridProblem(problem)
+    if start is None and on_grid.needs_more_load(options):
+        load = problem.load
+        more = 10.0
+        heavier = replace(
+            load,
+            stress=None if load.stress is None else more * load.stress,
+            mean_force=None if load.mean_force is None else more * load.mean_force,
+        )
+        boundary: Boundary = "isotropic" if len(problem.unit_strains) == 1 else "stress"
+        start = find_rest(problem.assembly, heavier, "lattice", boundary, None, options.loosen())
+    balls = None
+    strains = on_grid.find_strains()
+    if start is not None and on_grid.spread:
+        unknowns = _find_unknowns(problem, start)
+        strains = unknowns[problem.n_ball_unknowns :] / on_grid.unit
+        balls = on_grid.lay(start.displacement)
+    search = LatticeSearch(on_grid, options)
+    place = search.run(balls, strains)
+    assembly = problem.assembly
+    overlap = place.find_overlaps()
+    overlap *= on_grid.unit
+    closed = float(np.mean(overlap > 0.0))
+    residual = place.left / place.force * closed if closed else math.inf
+    p = assembly.periods
+    strain = np.einsum("s,sab->ab", on_grid.unit * place.strains, problem.unit_strains)
+    rest = Rest(
+        displacement=on_grid.list_displacements(place.balls),
+        wall_motion=np.zeros(0),
+        strain=(strain + problem.given_strain)[:p, :p],
+        overlap=overlap.ravel(),
+        assembly=assembly,
+        residual=residual,
+        steps=search.steps,
+        iterations=search.iterations,
+    )
+    if place.is_at_rest:
+        return rest
+    error = explain(problem, opened=place.carries_nothing, residual=rest.residual)
+    if isinstance(error, ConvergenceError):
+        error.reached = rest
+    raise error
 
 
 def _find_unknowns(problem: Problem, rest: Rest) -> Array:
@@ -476,8 +542,8 @@ class _ExactSearch(_Search):
     def __init__(self, problem: Problem, options: RestOptions) -> None:
         super().__init__(problem, options)
         assembly = problem.assembly
-        if not self.is_factored:
-            self.tolerance = options.iterated_tolerance
+        if assembly.grid or not self.is_factored:
+            self.tolerance = max(options.tolerance, options.iterated_tolerance)
         #: (n,) the balls that are led to rest before all others
         self.loose: Flags = np.zeros(assembly.n_balls, bool)
 
@@ -492,7 +558,9 @@ class _ExactSearch(_Search):
         configuration = self.problem.start_at(_find_unknowns(self.problem, start))
         if not assembly.differs:
             return configuration
-        if self.is_factored and not assembly.grid and has_soft_motions(self.equations):
+        n_strains = len(self.problem.unit_strains)
+        is_known = not self.is_factored or n_strains in assembly.standing
+        if not is_known and has_soft_motions(self.equations):
             words = self.problem.load.words
             what = f"balls that differ do not come to rest in the true geometry under {words}"
             why = (
@@ -501,6 +569,7 @@ class _ExactSearch(_Search):
             )
             mend = f"{_STAY}; or take a crystal with more contacts, such as fcc"
             raise MechanismError(what, why, mend)
+        assembly.standing.add(n_strains)
         heavy = configuration.force > self.options.light * configuration.mean
         self.loose = assembly.count_contacts(heavy) <= assembly.dimension
         return configuration
@@ -559,9 +628,12 @@ class _ExactSearch(_Search):
         else:
             ahead = self._advance_by_energy(configuration)
         if self.problem.assembly.differs:
-            size = self.options.failed * configuration.residual * ahead.mean
-            size = max(size, self.options.worst * float(np.max(ahead.force_on_balls)))
-            self.loose = self.loose | (ahead.force_on_balls > size)
+            options = self.options
+            size = options.failed * configuration.residual * ahead.mean
+            size = max(size, options.worst * float(np.max(ahead.force_on_balls)))
+            shaken = ahead.force_on_balls > size
+            if np.mean(shaken) <= options.most_shaken:
+                self.loose = self.loose | shaken
         return ahead
 
     def _advance_by_energy(self, configuration: Configuration) -> Configuration:

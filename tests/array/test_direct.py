@@ -9,8 +9,8 @@ import math
 import numpy as np
 import pytest
 
-from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
+from granphon.array.rest import equilibrate
 from granphon.array.sparse import SparseArray
 from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import ConvergenceError

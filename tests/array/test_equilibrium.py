@@ -20,16 +20,17 @@ from scipy.sparse import coo_array, eye_array
 from scipy.sparse.linalg import splu
 
 import granphon as gp
-from granphon.array import equilibrium as module
 from granphon.array import linear_response
-from granphon.array.equilibrium import Equilibrium, equilibrate
+from granphon.array.equilibrium import Equilibrium
 from granphon.array.geometry import ReducedLoad
+from granphon.array.rest import equilibrate
 from granphon.array.stencils import Stencils
 from granphon.balls.diameters import UniformShape
 from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.local_field import local_field
 from granphon.laws.effective import EffectiveLaw
+from granphon.statics.options import RestOptions
 from tests.array.test_stencils import Explicit
 from tests.conftest import only
 
@@ -507,7 +508,8 @@ def test_below_the_threshold_there_is_no_load(x, overlap):
 
 @pytest.mark.claim("least-loads")
 def test_what_is_reached_is_said(monkeypatch):
-    monkeypatch.setattr(module, "_NEWTON_STEPS", 3)
+    few = functools.partial(RestOptions, most_grid_steps=3)
+    monkeypatch.setattr("granphon.array.rest.RestOptions", few)
     with pytest.raises(ConvergenceError, match="rest after 3 steps") as error:
         equilibrate(balls((16, 16)), ReducedLoad(overlap=0.0))
     left = float(str(error.value).split("a force of ")[1].split(" of the mean")[0])

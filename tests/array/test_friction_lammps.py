@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
 from granphon.array.history import LoadingHistory
 from granphon.array.pressed_place import PressedGeometry
+from granphon.array.rest import equilibrate
 from granphon.array.stencils import Stencils
 from tests.array.pressed_twin import PressedTwin, apart
 

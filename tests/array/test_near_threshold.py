@@ -6,22 +6,24 @@ With friction, patches of balls that little holds.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granphon.array import equilibrium as module
 from granphon.array import linear_response
-from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
 from granphon.array.linear_response import find_linear_response
 from granphon.array.load_step import LinearSteps
 from granphon.array.preconditioners import Patches
 from granphon.array.pressed_place import PressedGeometry
+from granphon.array.rest import equilibrate
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.lattices import FCC
 from granphon.contacts.friction import Tangent
+from granphon.statics.options import InteriorOptions, RestOptions
 from tests.array.test_equilibrium import balls, close_forces, residual
 from tests.array.test_stencils import ETA, Explicit
 
@@ -29,8 +31,8 @@ from tests.array.test_stencils import ETA, Explicit
 def by_newton(x, load, **more):
     """The equilibrium by Newton's method alone, with Green's function."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "_CLOSED_ON_SITES", 0.0)
-        patch.setattr(module, "_MOST_INTERIOR", 0.0)
+        options = partial(RestOptions, closed_on_sites=0.0, interior_forces=(0.0, 0.0))
+        patch.setattr("granphon.array.rest.RestOptions", options)
         return equilibrate(x, load, **more)
 
 
@@ -107,7 +109,8 @@ def test_it_takes_far_fewer_iterations(side):
 def test_newtons_method_goes_on_from_the_start_where_it_does_not_come_near(load, monkeypatch):
     x = balls((16, 15), 1)
     expected = equilibrate(x, load)
-    monkeypatch.setattr("granphon.array.interior._STEPS", 5)
+    few = partial(RestOptions, interior=InteriorOptions(steps=5))
+    monkeypatch.setattr("granphon.array.rest.RestOptions", few)
     found = equilibrate(x, load)
     assert found.newton > expected.newton
     close_forces(found.forces, expected.forces)

@@ -16,14 +16,14 @@ import yaml
 from scipy.integrate import simpson
 
 import granphon as gp
-from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ActingForces, ExactGeometry, ReducedLoad
 from granphon.array.history import LoadingHistory
 from granphon.array.load_step import BALANCE_TOLERANCE
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.pressed_sample import PressedEquilibrium
+from granphon.array.rest import assemble, equilibrate
 from granphon.array.stencils import Motion, Stencils
-from granphon.array.true_equilibrium import TrueEquilibrium, assemble, equilibrate_exactly
+from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR
 from granphon.base.errors import InputError
@@ -53,7 +53,7 @@ STEEL_WIDTH = 2.04e-6 / 8e-3
 
 @functools.cache
 def at_rest(shape, seed, overlap, ratio):
-    return equilibrate_exactly(balls(shape, seed), ReducedLoad(overlap=overlap), ratio)
+    return equilibrate(balls(shape, seed), ReducedLoad(overlap=overlap), ratio=ratio)
 
 
 NO_SPRINGS = np.zeros(1)
@@ -397,7 +397,7 @@ def test_an_array_in_space_is_at_rest():
     x = balls((3, 3, 3), 2, FCC)
     stencils = Stencils((3, 3, 3), lattice=FCC)
     for load in (ReducedLoad(overlap=0.1), ReducedLoad(force=0.05)):
-        state = equilibrate_exactly(x, load, 1e-3, stencils)
+        state = equilibrate(x, load, stencils, ratio=1e-3)
         assert state.residual <= 1e-10
         assert load.overlap is not None or state.force == pytest.approx(0.05, rel=1e-11)
 
@@ -406,7 +406,7 @@ def test_at_rest_forces_and_stiffness_differ_from_the_limit_in_proportion_to_the
     x = balls((6, 6), 1)
     load = ReducedLoad(overlap=0.4)
     limit = equilibrate(x, load)
-    same = equilibrate_exactly(x, load, 0.0)
+    same = equilibrate(x, load, ratio=0.0)
     np.testing.assert_allclose(same.forces, limit.forces, rtol=1e-14, atol=1e-15 * limit.force)
     assert same.stiffness == pytest.approx(limit.stiffness, rel=1e-13)
     assert same.stiffness_slope == pytest.approx(limit.stiffness_slope, rel=1e-7)
@@ -415,7 +415,7 @@ def test_at_rest_forces_and_stiffness_differ_from_the_limit_in_proportion_to_the
     )
     changes = []
     for ratio in (1e-3, 5e-4, 2.5e-4):
-        state = equilibrate_exactly(x, load, ratio)
+        state = equilibrate(x, load, ratio=ratio)
         parts = [np.max(np.abs(state.forces - limit.forces)), state.stiffness - limit.stiffness]
         changes.append(
             [*parts, np.max(np.abs(state.find_elasticity(ETA) - limit.find_elasticity(ETA)))]
@@ -429,12 +429,12 @@ def test_stiffness_and_its_slope_are_derivatives_of_the_force(overlap, ratio):
     state = at_rest((6, 6), 1, overlap, ratio)
     step = 1e-5
     beside = [
-        equilibrate_exactly(
+        equilibrate(
             state.deviations,
             ReducedLoad(overlap=overlap + one),
-            ratio,
             start=state,
             tolerance=1e-13,
+            ratio=ratio,
         )
         for one in (-step, step)
     ]
@@ -521,8 +521,8 @@ def test_energies_where_rests_differ_are_not_above_those_of_another_program(kind
     stencils = Stencils((24, 24))
     least = 0.0
     for seed in range(count):
-        state = equilibrate_exactly(
-            draw_balls(seed), ReducedLoad(**{kind: value}), STEEL_WIDTH, stencils
+        state = equilibrate(
+            draw_balls(seed), ReducedLoad(**{kind: value}), stencils, ratio=STEEL_WIDTH
         )
         assert state.residual <= 1e-10
         # under a given force the energy less the work of the load
@@ -538,7 +538,7 @@ def test_energies_where_rests_differ_are_not_above_those_of_another_program(kind
 def test_balls_are_at_rest_at_a_minimum_where_rests_differ(kind, value):
     """No eigenvalue of the second derivatives is below zero: that is what the factors count."""
     for seed in range(3):
-        state = equilibrate_exactly(draw_balls(seed), ReducedLoad(**{kind: value}), STEEL_WIDTH)
+        state = equilibrate(draw_balls(seed), ReducedLoad(**{kind: value}), ratio=STEEL_WIDTH)
         assert state.residual <= 1e-10
         configuration = configure(state)
         equations = Equations(configuration.problem, RestOptions())
@@ -620,7 +620,7 @@ def test_balls_do_not_rest_at_a_saddle(steel, size, seed, force):
     x = gp.DirectSimulation(
         gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6)), (size, size), seed
     ).deviations(0)
-    state = equilibrate_exactly(x, ReducedLoad(force=force), STEEL_WIDTH)
+    state = equilibrate(x, ReducedLoad(force=force), ratio=STEEL_WIDTH)
     assert state.residual <= 1e-10
     assert state.stiffness > 0.0
     assert np.all(np.linalg.eigvalsh(state.find_elasticity(0.0)) > 0.0)
@@ -638,7 +638,7 @@ def test_balls_near_the_threshold_come_to_rest(side, seed):
     """Of arrays as large as users have some have steps without end on their way, and some long ways
     from saddles.
     """
-    state = equilibrate_exactly(balls((side, side), seed), ReducedLoad(overlap=-0.13), STEEL_WIDTH)
+    state = equilibrate(balls((side, side), seed), ReducedLoad(overlap=-0.13), ratio=STEEL_WIDTH)
     assert state.residual <= 1e-10
     assert state.stiffness > 0.0
 
@@ -651,7 +651,7 @@ def test_balls_near_the_threshold_come_to_rest(side, seed):
 def test_steps_that_go_round_in_circles_end(seed, force, ratio):
     """At the least loads whole steps push the same loose balls into others again and again."""
     x = np.random.default_rng(seed).uniform(-0.5, 0.5, (10, 10))
-    state = equilibrate_exactly(x - np.mean(x), ReducedLoad(force=force), ratio)
+    state = equilibrate(x - np.mean(x), ReducedLoad(force=force), ratio=ratio)
     assert state.residual <= 1e-10
     assert state.stiffness > 0.0
 
@@ -673,9 +673,9 @@ def test_moduli_hardly_depend_on_where_loose_balls_lean(force, off, part, seeds)
         x = gp.Uniform(1.0).sample((16, 16), seed)
         x = x - np.mean(x)
         load = ReducedLoad(force=force)
-        pressed = equilibrate_exactly(x, ReducedLoad(force=3.0 * force), STEEL_WIDTH, stencils)
+        pressed = equilibrate(x, ReducedLoad(force=3.0 * force), stencils, ratio=STEEL_WIDTH)
         states = [
-            equilibrate_exactly(x, load, STEEL_WIDTH, stencils, start) for start in (None, pressed)
+            equilibrate(x, load, stencils, start, ratio=STEEL_WIDTH) for start in (None, pressed)
         ]
         found.append([bulk_and_shear(state.find_elasticity(ETA)) for state in states])
         assert np.max(np.abs(states[1].forces - states[0].forces)) < 3e-3 * force
@@ -709,7 +709,7 @@ def test_loose_balls_come_to_rest_apart_from_the_others():
     x = balls((32, 32), 1)
     load = ReducedLoad(overlap=-0.05)
     limit = equilibrate(x, load)
-    state = equilibrate_exactly(x, load, STEEL_WIDTH, limit.stencils, limit)
+    state = equilibrate(x, load, limit.stencils, limit, ratio=STEEL_WIDTH)
     assert state.residual <= 1e-10
     assert state.newton - limit.newton < 40
 
@@ -717,7 +717,7 @@ def test_loose_balls_come_to_rest_apart_from_the_others():
 @pytest.mark.parametrize(("side", "seed"), [(5, 1), pytest.param(8, 11, marks=pytest.mark.slow)])
 def test_balls_whose_width_is_large_come_to_rest_near_the_threshold(side, seed):
     x = balls((side, side), seed)
-    state = equilibrate_exactly(x, ReducedLoad(force=1e-3), 0.03)
+    state = equilibrate(x, ReducedLoad(force=1e-3), ratio=0.03)
     assert state.residual <= 1e-10
     assert state.force == pytest.approx(1e-3, rel=1e-11)
     left = Positions(state.stencils, x, 0.03, state.overlap).balance(
@@ -733,7 +733,7 @@ def test_what_the_geometry_needs():
         with pytest.raises(InputError, match=r"0\.2 diameters"):
             ExactGeometry(stencils, np.zeros((3, 3)), ratio)
     with pytest.raises(InputError, match="carries no load"):
-        equilibrate_exactly(balls((6, 6)), ReducedLoad(overlap=-0.3), 1e-3)
+        equilibrate(balls((6, 6)), ReducedLoad(overlap=-0.3), ratio=1e-3)
 
 
 @pytest.mark.claim("friction-small-widths")
@@ -747,7 +747,7 @@ def test_forces_near_the_threshold_tend_to_those_of_the_lattice():
     off = []
     rest = equilibrate(x, load)
     for ratio in (2.55e-6, 2.55e-7, 2.55e-8):
-        state = equilibrate_exactly(x, load, ratio)
+        state = equilibrate(x, load, ratio=ratio)
         assert state.residual < 1e-9 * ratio / 2.55e-6
         assert np.count_nonzero(state.forces) > 1.1 * np.count_nonzero(rest.forces)
         off.append(np.max(np.abs(state.forces - rest.forces)) / rest.force / ratio)
@@ -842,8 +842,8 @@ def deficits(shape, seed, spacing, ratio, etas=(ETA,)):
     fraction of its contacts.
     """
     limit = equilibrate(balls(shape, seed), ReducedLoad(overlap=spacing - 0.5))
-    state = equilibrate_exactly(
-        limit.deviations, ReducedLoad(overlap=limit.overlap), ratio, limit.stencils, limit
+    state = equilibrate(
+        limit.deviations, ReducedLoad(overlap=limit.overlap), limit.stencils, limit, ratio=ratio
     )
     less = [
         1.0
@@ -892,7 +892,7 @@ def test_the_deficit_in_space_is_less():
     x = balls(shape, 0, FCC)
     for spacing in (0.5, 0.45):
         limit = equilibrate(x, ReducedLoad(overlap=spacing - 0.5), stencils)
-        state = equilibrate_exactly(x, ReducedLoad(overlap=spacing - 0.5), 1e-3, stencils, limit)
+        state = equilibrate(x, ReducedLoad(overlap=spacing - 0.5), stencils, limit, ratio=1e-3)
         low, true = (
             (
                 t[0, 0]
@@ -1087,7 +1087,7 @@ def test_an_array_in_space_keeps_its_energy():
     left = []
     x = balls((3, 2, 2), 1, FCC)
     stencils = Stencils((3, 2, 2), lattice=FCC)
-    start = equilibrate_exactly(x, ReducedLoad(overlap=0.1), 0.02, stencils)
+    start = equilibrate(x, ReducedLoad(overlap=0.1), stencils, ratio=0.02)
     for steps in (4, 32):
         paths = history((3, 2, 2), 0.2, seed=1, lattice=FCC, ratio=0.02, start=start)
         states = [paths.begin(), *paths.path(ramp(0.6, 1.0, steps=steps))]

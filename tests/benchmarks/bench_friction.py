@@ -43,8 +43,8 @@ def press(x: NDArray[np.float64], mu: float) -> float:
 
 def sweep(x: NDArray[np.float64], overlaps: NDArray[np.float64]) -> None:
     """Find equilibria without friction, from that at a* = 1/2 on each from the one before."""
-    from granphon.array.equilibrium import equilibrate
     from granphon.array.geometry import ReducedLoad
+    from granphon.array.rest import equilibrate
     from granphon.array.stencils import Stencils
 
     stencils = Stencils(x.shape)
@@ -57,8 +57,8 @@ def paths(repeats: int) -> list[Row]:
     """64 x 64 balls, in units of the same path without friction, of the mean of its equilibria, and
     of its last one.
     """
-    from granphon.array.equilibrium import equilibrate
     from granphon.array.geometry import ReducedLoad
+    from granphon.array.rest import equilibrate
 
     x, overlaps = draw(64), np.linspace(0.0, 0.5, STEPS + 1)[1:]
     equilibrate(x, ReducedLoad(overlap=0.5))

@@ -10,6 +10,8 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from functools import partial
+from types import MappingProxyType
 from typing import Any
 from unittest import mock
 
@@ -18,12 +20,14 @@ from numpy.typing import NDArray
 from side_by_side import Part, Row, alternate, over, run_alone, spend
 
 import granphon as gp
-from granphon.array import equilibrium as module
-from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, equilibrate
+from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium
 from granphon.array.geometry import ReducedLoad
+from granphon.array.rest import equilibrate
 from granphon.array.sparse import SparseArray
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import TRIANGULAR
+from granphon.statics.lattice_equations import LatticeEquations
+from granphon.statics.options import RestOptions
 
 Array = NDArray[np.float64]
 #: a*, tolerance, seconds of LAMMPS's FIRE on two cores (given numbers: LAMMPS is not run), times
@@ -92,7 +96,7 @@ def iterate(x: Array, stencils: Stencils) -> tuple[Equilibrium, Array]:
     """At a* = 1, and what an iteration of conjugate gradients cost on both clocks, its share of
     their beginning included.
     """
-    solve, spent = module.solve_for_motion, np.zeros(2)
+    solve, spent = LatticeEquations.solve, np.zeros(2)
 
     def timed(*arguments: Any, **more: Any) -> object:
         nonlocal spent
@@ -101,7 +105,7 @@ def iterate(x: Array, stencils: Stencils) -> tuple[Equilibrium, Array]:
         spent += clocks() - start
         return found
 
-    with mock.patch.object(module, "solve_for_motion", timed):
+    with mock.patch.object(LatticeEquations, "solve", timed):
         state = equilibrate(x, ReducedLoad(overlap=0.5), stencils)
     return state, spent / state.conjugate
 
@@ -204,13 +208,12 @@ def near_threshold(repeats: int) -> list[Row]:
         x, load = balls(length), ReducedLoad(overlap=THRESHOLD + 0.02 - 0.5)
         stencils = Stencils(x.shape)
 
-        def before(of: Callable[[], Any], stencils: Stencils = stencils) -> Any:
-            def choose(self: Any, stiffness: Array, hard: bool = False, product: Any = None) -> Any:
-                return stencils.preconditioner(stiffness)
-
+        def before(of: Callable[[], Any]) -> Any:
+            most_stiff = MappingProxyType({1: -1.0, 2: -1.0, 3: -1.0})
+            options = partial(RestOptions, closed_on_sites=0.0, most_stiff=most_stiff)
             with (
-                mock.patch.object(module, "_CLOSED_ON_SITES", 0.0),
-                mock.patch.object(module.Preconditioners, "choose", choose),
+                mock.patch("granphon.array.rest.RestOptions", options),
+                mock.patch("granphon.array.linear_response.RestOptions", options),
             ):
                 return of()
 

@@ -11,10 +11,9 @@ from scipy.sparse import eye_array
 from scipy.sparse.linalg import splu
 from side_by_side import Part, Row, alternate, over
 
-from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
+from granphon.array.rest import equilibrate
 from granphon.array.stencils import Stencils
-from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.balls.lattices import FCC, TRIANGULAR
 from granphon.contacts.tangent import find_tangent, unit_strains
 
@@ -38,7 +37,7 @@ def tensors(repeats: int) -> list[Row]:
         for spacing in SPACINGS:
             load = ReducedLoad(overlap=spacing - 0.5)
             limit = equilibrate(x, load, stencils)
-            exact = equilibrate_exactly(x, load, RATIO, stencils, start=limit)
+            exact = equilibrate(x, load, stencils, start=limit, ratio=RATIO)
             matrix = find_tangent(limit._list_contacts(ETA), unit_strains(lattice.periods)).matrix
             held = matrix + 1e-8 * eye_array(matrix.shape[0], format="csc")
             seconds = alternate(

@@ -31,14 +31,14 @@ from side_by_side import Part, Row, bracketed, command_line, measured
 from study_simulation import PACKINGS, UNIT, WIDTH, mean_and_error
 
 import granphon as gp
-from granphon.array.equilibrium import Equilibrium, equilibrate
+from granphon.array.equilibrium import Equilibrium
 from granphon.array.geometry import ReducedLoad
 from granphon.array.history import LoadingHistory
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.pressed_sample import PressedEquilibrium
+from granphon.array.rest import equilibrate
 from granphon.array.stencils import Stencils
-from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.balls.hertz import COUNTED_FORCE
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.elasticity import bulk_and_shear
@@ -147,7 +147,7 @@ def follow(mu: float, seed: int, loads: Sequence[ReducedLoad], exact: bool) -> l
     for load in loads:
         start = found[-1] if found else None
         found.append(
-            equilibrate_exactly(x, load, RATIO, bare, start)
+            equilibrate(x, load, bare, start, ratio=RATIO)
             if exact
             else equilibrate(x, load, bare, start)
         )
@@ -671,11 +671,11 @@ def rest(repeats: int) -> list[Row]:
         for seed in REST_SEEDS:
             stencils = Stencils((size, size))
             for load in REST_FORCES:
-                state = equilibrate_exactly(
+                state = equilibrate(
                     deviations(seed, (size, size)),
                     ReducedLoad(force=load),
-                    WIDTH / PACKING.diameter,
                     stencils,
+                    ratio=WIDTH / PACKING.diameter,
                 )
                 stable += bool(np.all(np.linalg.eigvalsh(state.find_elasticity(0.0)) > 0.0))
                 residual = max(residual, state.residual)
@@ -703,8 +703,8 @@ def narrow(repeats: int) -> list[Row]:
             reached = []
             for seed in NARROW_SEEDS:
                 with contextlib.suppress(ConvergenceError):
-                    equilibrate_exactly(
-                        deviations(seed, SMALLER), ReducedLoad(overlap=spacing - 0.5), ratio
+                    equilibrate(
+                        deviations(seed, SMALLER), ReducedLoad(overlap=spacing - 0.5), ratio=ratio
                     )
                     reached.append(seed)
             what = (

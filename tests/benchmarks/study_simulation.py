@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from side_by_side import Part, Row, bracketed, command_line, measured
 
 import granphon as gp
-from granphon.array.equilibrium import Equilibrium, equilibrate
+from granphon.array.equilibrium import Equilibrium
 from granphon.array.geometry import ReducedLoad
-from granphon.array.true_equilibrium import equilibrate_exactly
+from granphon.array.rest import equilibrate
 from granphon.balls.loads import Load
 from granphon.dynamics.elasticity import bulk_and_shear
 from granphon.dynamics.local_field import local_field
@@ -282,8 +282,7 @@ def left_out(limit: Equilibrium) -> Array:
     load = ReducedLoad(overlap=limit.overlap)
     low = [bulk_and_shear(limit.find_elasticity(eta)) for eta in ETAS.values()]
     states = [
-        equilibrate_exactly(limit.deviations, load, width, limit.stencils, limit)
-        for width in WIDTHS
+        equilibrate(limit.deviations, load, limit.stencils, limit, ratio=width) for width in WIDTHS
     ]
     true = [
         [bulk_and_shear(state.find_elasticity(eta)) for eta in ETAS.values()] for state in states

@@ -17,8 +17,8 @@ from side_by_side import Part, Row, bracketed, command_line, measured
 from study_simulation import DIAMETER, STEEL, UNIT, WIDTH, judged, mean_and_error
 
 import granphon as gp
-from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
+from granphon.array.rest import equilibrate
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import Lattice, find_lattice
 from granphon.dynamics.elasticity import bulk_and_shear

@@ -22,8 +22,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import granphon as gp
-from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
+from granphon.array.rest import equilibrate
 from granphon.array.sample import STEP
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import granphon as gp
-from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
+from granphon.array.rest import equilibrate
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import CHAIN, FCC, HCP, TRIANGULAR
 from granphon.base.errors import ConvergenceError

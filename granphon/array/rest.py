@@ -1,0 +1,284 @@
+"""Arrays of balls that come to rest: as assemblies under loads, in units of W and c W^(3/2).
+
+Contacts keep the directions of the lattice, the limit of small spread, or turn with their balls, of
+which the ratio W/d tells. The search is that of :func:`~granphon.statics.rest.find_rest`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+
+from granphon.array.contact_lists import find_lattice_grid
+from granphon.array.equilibrium import (
+    REST_TOLERANCE,
+    THRESHOLD_FORCE,
+    Equilibrium,
+    explain_too_small,
+)
+from granphon.array.geometry import LOAD_TOLERANCE, ReducedLoad, require_small
+from granphon.array.stencils import Stencils
+from granphon.array.true_equilibrium import TrueEquilibrium
+from granphon.balls import hertz
+from granphon.base.arrays import Array
+from granphon.base.errors import ConvergenceError, InputError
+from granphon.contacts.assembly import Assembly, GridAssembly
+from granphon.statics.configuration import AppliedLoad
+from granphon.statics.options import RestOptions
+from granphon.statics.rest import Rest, find_rest
+
+#: part of the tolerance of forces to which a load is met in the directions of the lattice: the load
+#: is a number that the user gave
+_LOAD_PART = 1e-3
+#: force left on a ball over W/d times the mean force, at most: loose balls carry forces of about
+#: that
+_OF_RATIO = 1e-4
+#: least tolerance that rounding allows
+_LEAST_TOLERANCE = 1e-12
+#: tolerance of the equilibrium on the lattice from which the search starts, where one rest is near,
+#: or the interior-point method has brought the balls there: that in true directions is farther off
+_TOLERANCE_OF_START = 1e-3
+#: overlap, in W, and f* below which rests differ: the side to which loose balls go, and so the
+#: energy, depends on where the lattice leaves them. With a rough start energies are higher, in two
+#: of three arrays that differ
+_DIFFERING_OVERLAP = 0.05
+_DIFFERING_FORCE = 0.05
+
+
+def equilibrate(
+    deviations: Array,
+    load: ReducedLoad,
+    stencils: Stencils | None = None,
+    start: Equilibrium | None = None,
+    tolerance: float | None = None,
+    ratio: float | None = None,
+) -> Equilibrium:
+    """Find the equilibrium without friction of an array of balls under a load.
+
+    Parameters
+    ----------
+    deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) of n > 1 balls in the
+        cell.
+    load : overlap or mean contact force, reduced. In the true geometry the overlap is that of the
+        spacing of the cell, and the force the mean normal force over all contacts.
+    stencils : of the array; by default those of the triangular lattice.
+    start : equilibrium from which to begin, for example that of the same balls under a similar
+        load; in the true geometry by default that on the lattice under the same load.
+    tolerance : largest force left on a ball, over the mean contact force, by default 1e-10. On the
+        lattice it is over the rms difference of contact forces if that is less: at high loads the
+        effect of disorder is itself only a small part of the force. In the true geometry it is by
+        default less if W/d is below 1e-6.
+    ratio : W/d, from zero to 0.2, in the true geometry; None where contacts keep the directions of
+        the lattice.
+
+    Returns
+    -------
+    The equilibrium; a :class:`~granphon.array.true_equilibrium.TrueEquilibrium` if there is a
+    ``ratio``.
+
+    Raises
+    ------
+    InputError : the sample carries no load at this overlap; or no start is given and the force is
+        below f* = 1e-8; or the ratio is too large.
+    ConvergenceError : the tolerance is not reached; the message states the residual that is.
+    """
+    own = stencils or Stencils(deviations.shape)
+    if ratio:
+        require_small(ratio)
+        begin = start or _find_start(deviations, load, own)
+        if tolerance is None:
+            tolerance = min(REST_TOLERANCE, max(_LEAST_TOLERANCE, _OF_RATIO * ratio))
+        return _rest_in_true_directions(deviations, load, own, begin, tolerance, ratio)
+    if ratio is None:
+        return _rest_on_lattice(deviations, load, own, start, tolerance or REST_TOLERANCE)
+    state = start or _rest_on_lattice(deviations, load, own, None, REST_TOLERANCE)
+    values = {field.name: getattr(state, field.name) for field in fields(Equilibrium)}
+    return TrueEquilibrium(**values).share(deviations, own)
+
+
+def _find_start(deviations: Array, load: ReducedLoad, stencils: Stencils) -> Equilibrium:
+    """Return the equilibrium on the lattice, as near to rest as the search needs."""
+    options = RestOptions()
+    if load.overlap is None:
+        rests_differ = load.force < _DIFFERING_FORCE
+        least, most = options.interior_forces
+        begins_inside = least <= load.force <= most
+    else:
+        rests_differ = load.overlap < _DIFFERING_OVERLAP
+        closed = np.mean(load.overlap + stencils.average_pairs(deviations) > 0.0)
+        begins_inside = bool(closed < options.closed_on_sites)
+    is_rough = begins_inside or not rests_differ
+    tolerance = _TOLERANCE_OF_START if is_rough else REST_TOLERANCE
+    return _rest_on_lattice(deviations, load, stencils, None, tolerance)
+
+
+def _rest_on_lattice(
+    deviations: Array,
+    load: ReducedLoad,
+    stencils: Stencils,
+    start: Equilibrium | None,
+    tolerance: float,
+) -> Equilibrium:
+    """Return the equilibrium in the directions of the lattice."""
+    is_small = load.overlap is None and load.force < THRESHOLD_FORCE
+    if is_small and start is None and np.ptp(deviations):
+        raise explain_too_small(load.force)
+    assembly = assemble(deviations, stencils, 1.0)
+    applied = _apply(assembly, load._replace(on_boundary=False), 1.0, _LOAD_PART)
+    begin = None
+    if start is not None:
+        begin = _take_up(assembly, start.balls, start.overlap, stencils, 1.0)
+    options = RestOptions(grid_tolerance=tolerance, workers=stencils.workers)
+    try:
+        rest = find_rest(assembly, applied, "lattice", "isotropic", begin, options)
+    except InputError as error:
+        raise InputError(
+            f"at an overlap of {load.overlap:.6g} widths this sample carries no load",
+            f"Its force is below f* = {THRESHOLD_FORCE:g}: too few balls touch to hold each other",
+            "Press it together more",
+        ) from error
+    except ConvergenceError as error:
+        nearest = error.reached
+        assert nearest is not None
+        raise ConvergenceError(
+            f"the sample has not come to rest after {nearest.steps} steps",
+            f"At an overlap of {_find_overlap(nearest, load, 1.0):.6g} widths a force of"
+            f" {find_residual(nearest):.2g} of the mean contact force is left on a ball",
+            "Raise the load, or take fewer balls",
+        ) from error
+    state = Equilibrium(
+        deviations=deviations,
+        overlap=_find_overlap(rest, load, 1.0),
+        balls=gather_balls(rest, stencils),
+        residual=find_residual(rest),
+        newton=rest.steps,
+        conjugate=rest.iterations,
+        lattice=stencils.lattice,
+    )
+    return state.share(deviations, stencils)  # keeps what the stencils have found
+
+
+def _rest_in_true_directions(
+    deviations: Array,
+    load: ReducedLoad,
+    stencils: Stencils,
+    start: Equilibrium,
+    tolerance: float,
+    ratio: float,
+) -> TrueEquilibrium:
+    """Return the equilibrium in the true geometry."""
+    overlap = start.overlap if load.overlap is None else load.overlap
+    assembly = assemble(deviations, stencils, ratio)
+    applied = _apply(assembly, load, ratio, LOAD_TOLERANCE / REST_TOLERANCE)
+    begin = _take_up(assembly, start.balls, overlap, stencils, ratio)
+    # the search measures a residual by the mean force of closed contacts
+    part = float(np.mean(start.forces > 0.0))
+    options = RestOptions(tolerance=0.9 * part * tolerance, required=part * tolerance)
+    try:
+        rest = find_rest(assembly, applied, "exact", "isotropic", begin, options)
+    except ConvergenceError as error:
+        nearest = error.reached
+        if nearest is None:
+            raise InputError(
+                f"at an overlap of {overlap:.6g} widths this sample carries no load"
+            ) from error
+        raise ConvergenceError(
+            f"the sample has not come to rest in its true geometry after {nearest.steps} steps",
+            f"At an overlap of {_find_overlap(nearest, load, ratio):.6g} widths a force of"
+            f" {nearest.residual:.2g} of the mean contact force is left",
+            "Raise the load, take fewer balls, or take geometry: lattice",
+        ) from error
+    state = TrueEquilibrium(
+        deviations=deviations,
+        overlap=_find_overlap(rest, load, ratio),
+        balls=gather_balls(rest, stencils),
+        residual=find_residual(rest),
+        newton=start.newton + rest.steps,
+        conjugate=start.conjugate + rest.iterations,
+        lattice=stencils.lattice,
+        ratio=ratio,
+    )
+    return state.share(deviations, stencils)
+
+
+def assemble(deviations: Array, stencils: Stencils, scale: float) -> GridAssembly:
+    """Return the contacts of an array, as long as 1/``scale`` at touch: W/d of balls that turn
+    about each other.
+    """
+    grid = find_lattice_grid(stencils.shape, stencils.lattice)
+    p = stencils.lattice.periods
+    size = (float(stencils.lattice.measure) * grid.n_cells) ** (1.0 / p) / scale
+    return GridAssembly(
+        grid if scale == 1.0 else grid.scale(1.0 / scale),
+        stencils.average_pairs(deviations).ravel(),
+        hertz.HertzLaw(1.0),
+        size * np.eye(p),
+        stands=True,
+    )
+
+
+def _find_overlap(rest: Rest, load: ReducedLoad, scale: float) -> float:
+    """Return the overlap y of a state whose contacts are as long as 1/``scale``, if it is not
+    given.
+    """
+    if load.overlap is not None:
+        return float(load.overlap)
+    return -float(rest.strain[0, 0]) / scale
+
+
+def find_residual(rest: Rest) -> float:
+    """Return the residual by the mean force of all contacts, which is that of closed ones times
+    their part.
+    """
+    return rest.residual / float(np.mean(rest.overlap > 0.0))
+
+
+def gather_balls(rest: Rest, stencils: Stencils) -> Array:
+    """Return displacements (n p, L1, ..., Lp) in the coordinates of the stencils."""
+    p = rest.displacement.shape[1]
+    motions = (stencils.basis @ rest.displacement.T).reshape(p, stencils.n_balls, -1)
+    return stencils.centre(motions.swapaxes(0, 1).reshape(-1, *stencils.shape))
+
+
+def _apply(
+    assembly: Assembly, load: ReducedLoad, scale: float, cell_tolerance: float
+) -> AppliedLoad:
+    """Return the load on an assembly whose contacts are as long as 1/``scale``."""
+    p = assembly.dimension
+    nothing = np.broadcast_to(0.0, (assembly.n_balls * p,))
+    strain = np.zeros((p, p))
+    stress = None
+    mean_force = None
+    if load.overlap is not None:
+        strain = -scale * load.overlap * np.eye(p)
+    elif load.on_boundary:
+        virial = load.force * assembly.n_contacts * assembly.mean_distance
+        stress = -virial / (p * assembly.measure) * np.eye(p)
+    else:
+        mean_force = load.force
+    return AppliedLoad(
+        force=nothing,
+        words="the load",
+        stress=stress,
+        strain=strain,
+        pressure_force=nothing,
+        mean_force=mean_force,
+        cell_tolerance=cell_tolerance,
+    )
+
+
+def _take_up(
+    assembly: Assembly, balls: Array, overlap: float, stencils: Stencils, scale: float
+) -> Rest:
+    """Return the state from which a search begins, of displacements in the coordinates of the
+    stencils and an overlap y.
+    """
+    p = assembly.dimension
+    return Rest(
+        displacement=stencils.displacements(balls).reshape(p, -1).T,
+        wall_motion=np.zeros(0),
+        strain=-scale * overlap * np.eye(p),
+        overlap=assembly.offset,
+        assembly=assembly,
+    )

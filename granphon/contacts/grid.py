@@ -1,0 +1,169 @@
+"""Contacts of an array of equal cells, kind by kind: a list that need not be spelled out.
+
+Ball b of cell c has the number b cells + c, and the contact of a kind that starts in cell c the
+number kind cells + c. Along the last period the balls of a kind follow each other in memory, and so
+do the balls that they touch, but for the turn at the boundary. Such a run of contacts is worked on
+as one: loops go through memory in order, and no index is read for a contact.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.contact_table import ContactTable
+from granphon.base.arrays import Array
+
+#: cells of a grid, at most, whose balls of contacts are kept: 16 bytes a contact
+_KEPT_CELLS = 2**13
+#: component of a normal that is rounding
+_ROUNDING = 1e-15
+
+
+class Runs(NamedTuple):
+    """What loops read of a grid.
+
+    Attributes
+    ----------
+    table : (runs, 4) kind of each run, the cells where its contacts start and end, and the number
+        of its contacts.
+    ends : (kinds, 2) balls of the cell that each kind joins.
+    normal : (kinds, d) unit vectors, from ball i to ball j.
+    """
+
+    table: NDArray[np.int64]
+    ends: NDArray[np.int64]
+    normal: Array
+
+    def round(self) -> Runs:
+        """Return the runs with normals in single precision."""
+        return self._replace(normal=self.normal.astype(np.float32))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Grid:
+    """Contacts between the balls of equal cells.
+
+    Attributes
+    ----------
+    shape : (L1, ..., Lp) numbers of cells.
+    n_balls : number of balls in a cell.
+    i, j : (kinds,) balls of the cell that each kind of contact joins.
+    shift : (kinds, p) number of cells, along each period, from ball i to ball j.
+    vector : (kinds, 3) from ball i to ball j, at touch.
+    """
+
+    shape: tuple[int, ...]
+    n_balls: int
+    i: NDArray[np.int64]
+    j: NDArray[np.int64]
+    shift: NDArray[np.int64]
+    vector: Array
+
+    @classmethod
+    def of(cls, table: ContactTable, shape: tuple[int, ...], n_balls: int) -> Self:
+        """Return the contacts of cells that have those of a ``table`` each."""
+        p = len(shape)
+        vector = np.zeros((len(table), 3))
+        vector[:, :p] = table.vector[:, :p]
+        return cls(
+            shape=shape,
+            n_balls=n_balls,
+            i=np.asarray(table.i, np.int64),
+            j=np.asarray(table.j, np.int64),
+            shift=np.asarray(table.shift, np.int64),
+            vector=vector,
+        )
+
+    @property
+    def n_kinds(self) -> int:
+        """Number of kinds of contacts."""
+        return len(self.i)
+
+    @cached_property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return math.prod(self.shape)
+
+    @cached_property
+    def distance(self) -> Array:
+        """(kinds,) distances of the balls at touch."""
+        return np.asarray(np.sqrt(np.einsum("ka,ka->k", self.vector, self.vector)))
+
+    @cached_property
+    def normal(self) -> Array:
+        """(kinds, 3) unit vectors from ball i to ball j at touch."""
+        return np.asarray(self.vector / self.distance[:, None])
+
+    def scale(self, factor: float) -> Grid:
+        """Return the contacts in another unit of length, ``factor`` times as many."""
+        scaled = replace(self, vector=factor * self.vector)
+        # neither depends on the unit
+        vars(scaled).update(runs=self.runs, normal=self.normal)
+        if "ends" in vars(self) or self.n_cells <= _KEPT_CELLS:
+            vars(scaled).update(ends=self.ends)
+        return scaled
+
+    @cached_property
+    def runs(self) -> Runs:
+        """The runs of all contacts."""
+        *outer, inner = self.shape
+        rows = math.prod(outer)
+        places = np.array(np.unravel_index(np.arange(rows), outer)) if outer else np.zeros((0, 1))
+        tables = []
+        for kind, shift in enumerate(self.shift.tolist()):
+            row = np.arange(rows)
+            if outer:
+                moved = [
+                    (place + step) % length
+                    for place, step, length in zip(places, shift[:-1], outer, strict=True)
+                ]
+                row = np.ravel_multi_index(tuple(moved), outer)
+            turn = shift[-1] % inner
+            starts = np.stack([inner * np.arange(rows), inner * np.arange(rows) + inner - turn])
+            stops = np.stack([inner * row + turn, inner * row])
+            counts = np.repeat([[inner - turn], [turn]], rows, axis=1)
+            runs = np.stack(
+                [np.full(2 * rows, kind), *(part.T.ravel() for part in (starts, stops, counts))],
+                axis=1,
+            )
+            tables.append(_join_runs(runs[runs[:, 3] > 0]))
+        d = len(self.shape)
+        return Runs(
+            np.ascontiguousarray(np.concatenate(tables), np.int64),
+            np.stack([self.i, self.j], axis=1).astype(np.int64),
+            # components that are zero but for rounding cost nothing
+            np.where(np.abs(self.normal[:, :d]) > _ROUNDING, self.normal[:, :d], 0.0),
+        )
+
+    @cached_property
+    def ends(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Numbers (n_c,) of the two balls of each contact."""
+        cells = np.arange(self.n_cells).reshape(self.shape)
+        axes = range(cells.ndim)
+        far = [np.roll(cells, [-step for step in shift], axes) for shift in self.shift.tolist()]
+        i = self.n_cells * self.i[:, None] + cells.ravel()
+        j = self.n_cells * self.j[:, None] + np.reshape(far, (self.n_kinds, -1))
+        ends = (i.ravel().astype(np.int64), j.ravel().astype(np.int64))
+        for numbers in ends:
+            numbers.flags.writeable = False
+        return ends
+
+
+def _join_runs(runs: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return runs (n, 4) of a kind, in the order of their starts, of which those that follow each
+    other at both ends are one.
+    """
+    follows = np.ones(len(runs), bool)
+    for end in (1, 2):
+        follows[1:] &= runs[1:, end] == runs[:-1, end] + runs[:-1, 3]
+    follows[0] = False
+    first = np.flatnonzero(~follows)
+    joined = runs[first]
+    joined[:, 3] = np.add.reduceat(runs[:, 3], first)
+    return joined

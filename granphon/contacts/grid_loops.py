@@ -1,0 +1,341 @@
+"""Loops over the contacts of a grid that keep their directions, compiled.
+
+Motions of balls and forces on them are arrays (f, cells), of the d axes of each ball of the cell;
+what contacts have is (kinds, cells). Loops take the precision of what they are given.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.compiled import compiled
+from granphon.contacts.grid import Runs
+
+Values = NDArray[Any]
+#: contacts of a run that are worked on at a time, so that they stay in the processor's cache
+_CACHED = 512
+#: contacts of a grid, at most, whose tensions stay in the cache
+_SMALL = 2**15
+#: products that are added up beside each other
+_LANES = 16
+
+
+@compiled
+def measure_losses(runs: Runs, motions: Values, loss: Values) -> None:
+    """Set ``loss`` (kinds, cells) to n.(u_j - u_i): what contacts lose of their overlaps."""
+    d = runs.normal.shape[1]
+    for run in range(len(runs.table)):
+        kind = runs.table[run, 0]
+        start = runs.table[run, 1]
+        end = runs.table[run, 2]
+        count = runs.table[run, 3]
+        lost = loss[kind, start : start + count]
+        lost[:] = 0.0
+        for axis in range(d):
+            component = runs.normal[kind, axis]
+            if component == 0.0:
+                continue
+            near = motions[d * runs.ends[kind, 0] + axis, start : start + count]
+            far = motions[d * runs.ends[kind, 1] + axis, end : end + count]
+            for contact in range(count):
+                lost[contact] += component * (far[contact] - near[contact])
+
+
+@compiled
+def add_forces(runs: Runs, force: Values, on_balls: Values) -> None:
+    """Add to ``on_balls`` (f, cells) the forces (kinds, cells) by which contacts push balls
+    apart.
+    """
+    d = runs.normal.shape[1]
+    for run in range(len(runs.table)):
+        kind = runs.table[run, 0]
+        start = runs.table[run, 1]
+        end = runs.table[run, 2]
+        count = runs.table[run, 3]
+        pushing = force[kind, start : start + count]
+        for axis in range(d):
+            component = runs.normal[kind, axis]
+            if component == 0.0:
+                continue
+            near = on_balls[d * runs.ends[kind, 0] + axis, start : start + count]
+            for contact in range(count):
+                near[contact] -= component * pushing[contact]
+            far = on_balls[d * runs.ends[kind, 1] + axis, end : end + count]
+            for contact in range(count):
+                far[contact] += component * pushing[contact]
+
+
+@compiled
+def resist(
+    runs: Runs,
+    stiffness: Values,
+    motions: Values,
+    strained: Values,
+    forces: Values,
+    tensions: Values,
+) -> None:
+    """Add to ``forces`` (f, cells) those by which contacts of a ``stiffness`` (kinds, cells) resist
+    ``motions`` (f, cells), together with elongations ``strained`` (kinds,) by strains of the cell.
+
+    ``tensions`` (kinds,) are the sums of the tensions; of a cell that is held, both are (0,).
+    """
+    if stiffness.size <= _SMALL:  # short runs take less time in loops of one job each
+        tension_of_all = np.empty_like(stiffness)
+        measure_losses(runs, motions, tension_of_all)
+        for kind in range(len(stiffness)):
+            pulling = tension_of_all[kind]
+            spring = stiffness[kind]
+            elongation = strained[kind] if len(strained) else spring[0] - spring[0]
+            for contact in range(len(spring)):
+                pulling[contact] = spring[contact] * (pulling[contact] + elongation)
+            if len(strained):
+                total = 0.0
+                for contact in range(len(spring)):
+                    total += pulling[contact]
+                tensions[kind] += total
+        add_forces(runs, tension_of_all, forces)
+        return
+    d = runs.normal.shape[1]
+    tension = np.empty(_CACHED, motions.dtype)
+    for run in range(len(runs.table)):
+        kind = runs.table[run, 0]
+        last = runs.table[run, 1] + runs.table[run, 3]
+        ahead = runs.table[run, 2] - runs.table[run, 1]
+        for start in range(runs.table[run, 1], last, _CACHED):
+            stop = min(start + _CACHED, last)
+            count = stop - start
+            tension[:count] = 0.0
+            for axis in range(d):
+                component = runs.normal[kind, axis]
+                if component == 0.0:
+                    continue
+                near = motions[d * runs.ends[kind, 0] + axis, start:stop]
+                far = motions[d * runs.ends[kind, 1] + axis, start + ahead : stop + ahead]
+                for contact in range(count):
+                    tension[contact] += component * (far[contact] - near[contact])
+            spring = stiffness[kind, start:stop]
+            if len(strained):
+                elongation = strained[kind]
+                total = 0.0
+                for contact in range(count):
+                    tension[contact] = spring[contact] * (tension[contact] + elongation)
+                for contact in range(count):
+                    total += tension[contact]
+                tensions[kind] += total
+            else:
+                for contact in range(count):
+                    tension[contact] *= spring[contact]
+            for axis in range(d):
+                component = runs.normal[kind, axis]
+                if component == 0.0:
+                    continue
+                near = forces[d * runs.ends[kind, 0] + axis, start:stop]
+                for contact in range(count):
+                    near[contact] -= component * tension[contact]
+                far = forces[d * runs.ends[kind, 1] + axis, start + ahead : stop + ahead]
+                for contact in range(count):
+                    far[contact] += component * tension[contact]
+
+
+@compiled
+def add_blocks(runs: Runs, stiffness: Values, blocks: Values) -> None:
+    """Add to ``blocks`` (d, d, n) of balls, lines up to the diagonal alone, k nn of each of their
+    contacts.
+    """
+    d = runs.normal.shape[1]
+    cells = stiffness.shape[1]
+    for run in range(len(runs.table)):
+        kind = runs.table[run, 0]
+        start = runs.table[run, 1]
+        end = runs.table[run, 2]
+        count = runs.table[run, 3]
+        first = runs.ends[kind, 0] * cells + start
+        second = runs.ends[kind, 1] * cells + end
+        if first == second:  # balls and their own images
+            continue
+        spring = stiffness[kind, start : start + count]
+        for line in range(d):
+            for column in range(line + 1):
+                entry = runs.normal[kind, line] * runs.normal[kind, column]
+                near = blocks[line, column, first : first + count]
+                for contact in range(count):
+                    near[contact] += entry * spring[contact]
+                far = blocks[line, column, second : second + count]
+                for contact in range(count):
+                    far[contact] += entry * spring[contact]
+
+
+@compiled
+def invert_blocks(blocks: Values, least: float, part: float, inverses: Values) -> None:
+    """Set ``inverses`` (d, d, n) to those of symmetric ``blocks`` (d, d, n), known up to the
+    diagonal, with ``least`` added to it, times a ``part``.
+    """
+    d = len(blocks)
+    for ball in range(blocks.shape[2]):
+        if d == 1:
+            inverses[0, 0, ball] = part / (blocks[0, 0, ball] + least)
+        elif d == 2:
+            xx = blocks[0, 0, ball] + least
+            xy = blocks[1, 0, ball]
+            yy = blocks[1, 1, ball] + least
+            scale = part / (xx * yy - xy * xy)
+            inverses[0, 0, ball] = scale * yy
+            inverses[1, 1, ball] = scale * xx
+            inverses[0, 1, ball] = -scale * xy
+            inverses[1, 0, ball] = -scale * xy
+        else:
+            xx = blocks[0, 0, ball] + least
+            xy = blocks[1, 0, ball]
+            xz = blocks[2, 0, ball]
+            yy = blocks[1, 1, ball] + least
+            yz = blocks[2, 1, ball]
+            zz = blocks[2, 2, ball] + least
+            first = yy * zz - yz * yz
+            second = xz * yz - xy * zz
+            third = xy * yz - xz * yy
+            scale = part / (xx * first + xy * second + xz * third)
+            inverses[0, 0, ball] = scale * first
+            inverses[0, 1, ball] = scale * second
+            inverses[1, 0, ball] = scale * second
+            inverses[0, 2, ball] = scale * third
+            inverses[2, 0, ball] = scale * third
+            inverses[1, 1, ball] = scale * (xx * zz - xz * xz)
+            inverses[1, 2, ball] = scale * (xy * xz - xx * yz)
+            inverses[2, 1, ball] = scale * (xy * xz - xx * yz)
+            inverses[2, 2, ball] = scale * (xx * yy - xy * xy)
+
+
+@compiled
+def add_alone(alone: Values, forces: Values, motions: Values) -> None:
+    """Add to ``motions`` (f, cells) the products of the blocks ``alone`` (d, d, n) of balls with
+    ``forces`` (f, cells).
+    """
+    d = len(alone)
+    cells = forces.shape[1]
+    for ball in range(len(forces) // d):
+        for line in range(d):
+            moved = motions[ball * d + line]
+            for column in range(d):
+                block = alone[line, column, ball * cells : (ball + 1) * cells]
+                pull = forces[ball * d + column]
+                for cell in range(cells):
+                    moved[cell] += block[cell] * pull[cell]
+
+
+@compiled
+def leave(
+    runs: Runs, stiffness: Values, forces: Values, motions: Values, remaining: Values
+) -> None:
+    """Set ``remaining`` (f, cells) to the ``forces`` that ``motions`` leave while the cell is
+    held.
+    """
+    remaining[:] = 0.0
+    none = np.zeros(0, motions.dtype)
+    resist(runs, stiffness, motions, none, remaining, none)
+    for field in range(len(forces)):
+        pull = forces[field]
+        left = remaining[field]
+        for cell in range(len(pull)):
+            left[cell] = pull[cell] - left[cell]
+
+
+@compiled
+def move_alone(
+    runs: Runs,
+    stiffness: Values,
+    alone: Values,
+    forces: Values,
+    motions: Values,
+    remaining: Values,
+) -> None:
+    """Set ``motions`` (f, cells) to those of each ball under ``forces``, others held, and
+    ``remaining`` to the forces that they leave.
+    """
+    motions[:] = 0.0
+    add_alone(alone, forces, motions)
+    leave(runs, stiffness, forces, motions, remaining)
+
+
+@compiled
+def move_again(
+    runs: Runs,
+    stiffness: Values,
+    alone: Values,
+    forces: Values,
+    motions: Values,
+    remaining: Values,
+) -> None:
+    """Add to ``motions`` those of each ball under what they leave of ``forces``; ``remaining`` is
+    overwritten.
+    """
+    leave(runs, stiffness, forces, motions, remaining)
+    add_alone(alone, remaining, motions)
+
+
+@compiled
+def multiply(first: Values, second: Values) -> float:
+    """Return the sum of the products of the numbers of two vectors (n,)."""
+    sums = np.zeros(_LANES)
+    whole = len(first) - len(first) % _LANES
+    for start in range(0, whole, _LANES):
+        for lane in range(_LANES):
+            sums[lane] += first[start + lane] * second[start + lane]
+    total = 0.0
+    for lane in range(_LANES):
+        total += sums[lane]
+    for place in range(whole, len(first)):
+        total += first[place] * second[place]
+    return total
+
+
+@compiled
+def go_on(
+    runs: Runs,
+    stiffness: Values,
+    strained: Values,
+    better: Values,
+    last: float,
+    way: Values,
+    change: Values,
+    solution: Values,
+    remaining: Values,
+) -> tuple[float, float, float]:
+    """Take a step of conjugate gradients; return the product of the forces that remain with the
+    motion that is ``better``, the curvature along the way, and the square of what then remains.
+
+    Vectors (n + s,) are motions of balls, field by field, and strains of the cell, or forces on
+    them. ``strained`` (kinds, s) are elongations by unit strains, and ``last`` is the product of
+    the step before, zero at first. Where the curvature is not above zero, no step is taken.
+    """
+    kinds, cells = stiffness.shape
+    fields = len(way) // cells
+    n = fields * cells
+    s = len(way) - n
+    product = multiply(remaining, better)
+    factor = product / last if last else 0.0
+    for place in range(len(way)):
+        way[place] = factor * way[place] + better[place]
+    elongations = np.zeros(kinds if s else 0, way.dtype)
+    tensions = np.zeros(kinds if s else 0, way.dtype)
+    for strain in range(s):
+        for kind in range(kinds):
+            elongations[kind] += strained[kind, strain] * way[n + strain]
+    change[:] = 0.0
+    motions = way[:n].reshape((fields, cells))
+    forces = change[:n].reshape((fields, cells))
+    resist(runs, stiffness, motions, elongations, forces, tensions)
+    for strain in range(s):
+        for kind in range(kinds):
+            change[n + strain] += strained[kind, strain] * tensions[kind]
+    curvature = multiply(way, change)
+    if curvature <= 0.0:
+        return product, curvature, 0.0
+    length = product / curvature
+    for place in range(len(way)):
+        solution[place] += length * way[place]
+    for place in range(len(way)):
+        remaining[place] -= length * change[place]
+    return product, curvature, multiply(remaining, remaining)

@@ -1,0 +1,150 @@
+"""Green's function of an array whose contacts are all alike: the motions of its balls under forces,
+by Fourier transforms.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.compiled import compiled
+from granphon.contacts.grid import Grid
+
+Values = NDArray[Any]
+#: balls of a grid, at most, whose Green's function is kept: all samples of a packing share one
+_KEPT_BALLS = 2**17
+#: number of waves at which matrices are inverted at a time
+_WAVES = 2**15
+#: eigenvalue, over the largest of the same wave, that rounding explains
+_SINGULAR = 1e-14
+
+
+class GreenFunction:
+    """The inverse of the tangent of contacts of stiffness one on a grid, for the displacements of
+    balls.
+
+    ``workers`` threads share each Fourier transform. The inverse is zero for translations of the
+    whole array, and for other waves that deform no contact.
+    """
+
+    def __init__(self, grid: Grid, workers: int) -> None:
+        self._workers = workers
+        self._shape = grid.shape
+        key = (
+            grid.shape,
+            grid.n_balls,
+            tuple(grid.i.tolist()),
+            tuple(grid.j.tolist()),
+            tuple(grid.shift.ravel().tolist()),
+            tuple(grid.normal[:, : len(grid.shape)].ravel().tolist()),
+        )
+        is_kept = grid.n_cells * grid.n_balls <= _KEPT_BALLS
+        find = _find_table if is_kept else _find_table.__wrapped__
+        #: (f, f, waves); with one ball in the cell it is real
+        self._table = find(*key)
+
+    def apply(self, forces: Values, scale: float) -> Values:
+        """Return ``scale`` times the motions (f, cells) under forces (f, cells), as precise as
+        these.
+        """
+        from scipy import fft  # imported here: media that are not simulated do not need it
+
+        axes = tuple(range(1, 1 + len(self._shape)))
+        waves = fft.rfftn(forces.reshape(-1, *self._shape), axes=axes, workers=self._workers)
+        moved = np.empty_like(waves)
+        flat = (len(waves), self._table.shape[-1])
+        _multiply(self._table, forces.dtype.type(scale), waves.reshape(flat), moved.reshape(flat))
+        motions = fft.irfftn(moved, self._shape, axes=axes, workers=self._workers, overwrite_x=True)
+        return np.asarray(motions.reshape(forces.shape))
+
+
+@lru_cache(maxsize=8)
+def _find_table(
+    shape: tuple[int, ...],
+    n_balls: int,
+    first: tuple[int, ...],
+    second: tuple[int, ...],
+    shifts: tuple[int, ...],
+    normals: tuple[float, ...],
+) -> Values:
+    """Return the table (f, f, waves) of :class:`GreenFunction`."""
+    d = len(shape)
+    fields = d * n_balls
+    normal = np.reshape(normals, (-1, d))
+    shift = np.reshape(shifts, (-1, d))
+    is_real = n_balls == 1
+    counts = (*shape[:-1], shape[-1] // 2 + 1)
+    # a preconditioner needs few digits
+    precision = np.float32 if is_real else np.complex64
+    table = np.zeros((fields, fields, *counts), precision)
+    still = np.zeros((fields, fields))  # the projection on translations of the whole array
+    for axis in range(d):
+        still[axis::d, axis::d] = 1.0 / n_balls
+    step = max(1, _WAVES * shape[0] // math.prod(counts))
+    for low in range(0, counts[0], step):
+        ticks = [np.arange(count) for count in counts]
+        ticks[0] = ticks[0][low : low + step]
+        turns = np.meshgrid(
+            *(2.0 * np.pi / length * tick for length, tick in zip(shape, ticks, strict=True)),
+            indexing="ij",
+        )
+        matrix = np.zeros((*turns[0].shape, fields, fields), float if is_real else complex)
+        for i, j, steps, along in zip(first, second, shift.tolist(), normal, strict=True):
+            angle = sum(count * turn for count, turn in zip(steps, turns, strict=True))
+            projection = np.outer(along, along)
+            if is_real:
+                matrix += (4.0 * np.sin(0.5 * angle) ** 2)[..., None, None] * projection
+                continue
+            at_i = slice(d * i, d * (i + 1))
+            at_j = slice(d * j, d * (j + 1))
+            ahead = np.exp(1j * angle)[..., None, None] * projection
+            matrix[..., at_i, at_i] += projection
+            matrix[..., at_j, at_j] += projection
+            matrix[..., at_i, at_j] -= ahead
+            matrix[..., at_j, at_i] -= np.conj(ahead)
+        if low == 0:
+            matrix[(0,) * d] += still
+        inverse = _invert(matrix)
+        if low == 0:
+            inverse[(0,) * d] -= still
+        table[:, :, low : low + step] = np.moveaxis(inverse, (-2, -1), (0, 1))
+    flat = table.reshape(fields, fields, -1)
+    flat.flags.writeable = False
+    return flat
+
+
+def _invert(matrix: Values) -> Values:
+    """Return the inverses of matrices (..., f, f); zero for what is singular in them."""
+    try:
+        inverse = np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:  # not even rounding keeps some from being singular
+        inverse = np.full_like(matrix, np.inf)
+    sizes = [np.max(np.abs(values), axis=(-2, -1)) for values in (matrix, inverse)]
+    singular = sizes[0] * sizes[1] * _SINGULAR > 1.0
+    if np.any(singular):
+        inverse[singular] = np.linalg.pinv(matrix[singular], rcond=_SINGULAR, hermitian=True)
+    return np.asarray(inverse)
+
+
+@compiled
+def _multiply(table: Values, scale: float, waves: Values, out: Values) -> None:
+    """Set ``out`` (f, waves) to the ``scale`` times products of matrices (f, f, waves) and columns
+    (f, waves).
+    """
+    for line in range(len(table)):
+        sums = out[line]
+        for field in range(len(table)):
+            factor = table[line, field]
+            column = waves[field]
+            if field == 0:
+                for wave in range(len(factor)):
+                    sums[wave] = factor[wave] * column[wave]
+            else:
+                for wave in range(len(factor)):
+                    sums[wave] += factor[wave] * column[wave]
+        for wave in range(len(sums)):
+            sums[wave] *= scale

@@ -1,0 +1,126 @@
+"""An interior-point method for arrays near their rigidity threshold, where half of the contacts or
+more are open.
+
+Newton's method on the energy is slow there: it learns only bit by bit which contacts open and
+close. Here force f and gap s of every contact are unknowns of their own, both above zero,
+
+    h = f^(2/3) - s,    f s = mu,    C^T f = 0
+
+with the overlap h of :mod:`granphon.statics.grid_problem`. For mu = 0 this is rest: f = h_+^(3/2),
+and s is the distance of balls that are apart. A step is one of Newton's method for the three
+equations together (S. J. Wright, Primal-Dual Interior-Point Methods, SIAM 1997): without f and s it
+is a linear system C^T K C with the stiffness
+
+    K = 1 / ((2/3) f^(-1/3) + s/f)
+
+in the place of (3/2) h_+^(1/2). From step to step mu is lowered. Balls that nothing holds come to
+rest in the middle of their cages, where they touch no other.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from granphon.balls import hertz
+from granphon.base.arrays import Array
+from granphon.statics.grid_problem import GridProblem, Unknowns
+from granphon.statics.lattice_equations import LatticeEquations, Preconditioners
+
+
+def approach(
+    equations: LatticeEquations,
+    inverses: Preconditioners,
+    balls: Array,
+    strains: Array,
+    is_fresh: bool,
+) -> tuple[Array, Array, int, int] | None:
+    """Return displacements (f, cells) and strains (s,) near rest, and the numbers of steps and
+    iterations, from others.
+
+    The result is None if no rest is near after 100 steps: it may be at the threshold itself, or
+    there may be none. ``is_fresh`` says whether the balls begin on their sites, rather than at rest
+    under another load.
+    """
+    problem = equations.problem
+    numbers = equations.options.interior
+    cells = problem.grid.n_cells
+    taken = 0
+    before = math.inf
+    h = _find_overlaps(problem, balls, strains)
+    f, s = split(h, (numbers.width if is_fresh else numbers.width_nearby) * float(np.std(h)))
+    for step in range(numbers.steps):
+        product = float(np.mean(f * s))
+        mean = float(np.mean(f))
+        if mean < numbers.least_force:  # too few balls touch to hold each other
+            return None
+        relative = product / (mean * float(hertz.overlap_of(mean)))
+        left = problem.find_largest(problem.collect(f)) / mean
+        if relative <= numbers.close:
+            return (balls, strains, step, taken) if left <= numbers.balanced else None
+        factor = numbers.largest_factor
+        if step:
+            factor = max(numbers.least_factor, (product / before) ** numbers.speed)
+            factor = min(numbers.largest_factor, factor)
+        if step and left > numbers.too_far * math.sqrt(relative):
+            factor = 1.0
+        mu = factor * product
+        before = product
+        closed = hertz.overlap_of(f)
+        stiffness = f / (closed / hertz.EXPONENT + s)
+        change = h - closed + mu / f
+        tension = f + stiffness * change
+        push = np.zeros(len(strains))
+        if len(push):
+            # at first no less than a part of the mean force is asked for
+            of_load = problem.work
+            least = numbers.largest_factor * mean * cells * np.sum(problem.strained, axis=0)
+            of_load = -np.maximum(-of_load, least) if len(push) == 1 else of_load
+            push = of_load + np.sum(tension, axis=1) @ problem.strained
+        accuracy = max(numbers.least_error, min(numbers.accuracy * factor, numbers.largest_error))
+        if factor == 1.0:
+            accuracy = numbers.least_error
+        motion, count = equations.solve(
+            stiffness,
+            Unknowns(problem.collect(tension), push),
+            inverses.choose(stiffness),
+            accuracy,
+        )
+        inverses.count(count)
+        change -= problem.add_losses(problem.measure_losses(motion.balls), motion.strains)
+        change *= stiffness
+        widening = (mu - s * change) / f - s
+        # a whole step, but for those f and s that it would make too small
+        f = np.maximum(f + change, numbers.kept * f)
+        s = np.maximum(s + widening, numbers.kept * s)
+        # the smaller of f^(2/3) and s is moved where their product is too far from mu: a step that
+        # leaves the products of some contacts far from the others' makes the next steps short or
+        # wrong
+        wanted = np.clip(f * s, numbers.least_product * mu, numbers.largest_product * mu)
+        is_open = hertz.overlap_of(f) < s
+        f, s = np.where(is_open, wanted / s, f), np.where(is_open, s, wanted / f)
+        strains = strains + motion.strains
+        balls = balls + motion.balls
+        taken = taken + count
+        h = _find_overlaps(problem, balls, strains)
+    return None
+
+
+def _find_overlaps(problem: GridProblem, balls: Array, strains: Array) -> Array:
+    """Return the overlaps (kinds, cells)."""
+    overlaps = problem.measure_losses(balls)
+    np.subtract(problem.offset, overlaps, out=overlaps)
+    overlaps += problem.find_common(strains)[:, None]
+    return np.asarray(overlaps)
+
+
+def split(h: Array, width: float) -> tuple[Array, Array]:
+    """Return f and s above zero, with h = f^(2/3) - s; where h is zero both roots are ``width``."""
+    root = np.hypot(0.5 * h, width)
+    half = 0.5 * np.abs(h)
+    larger = root + half
+    less = width**2 / (root + half)
+    closed = np.where(h > 0.0, larger, less)
+    s = np.where(h > 0.0, less, larger)
+    return hertz.press(closed)[0], s

@@ -1,0 +1,57 @@
+"""Factors of the stiff contacts of a list, a preconditioner where many contacts are open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.arrays import Array, Flags
+from granphon.contacts.columns import Columns
+from granphon.contacts.tangent import fill_blocks, find_pattern
+from granphon.dynamics.factors import factorise
+from granphon.statics.options import RestOptions
+
+
+def factorise_stiff(
+    columns: Columns, axes: NDArray[np.int64], n_balls: int, options: RestOptions
+) -> Callable[[Array], Array]:
+    """Return an approximate inverse of the tangent of a list, from forces (n m,) to motions, motion
+    by motion of each ball; ``axes`` (m,) are those of the motions.
+
+    Contacts that are softer than a part of the mean enter by their part of the diagonal only. The
+    inverse is symmetric but for rounding, and positive definite.
+    """
+    stiffness = columns.normal_stiffness
+    mean = float(np.mean(stiffness))
+    is_stiff = stiffness > options.stiff * mean
+    strains = np.zeros((0, 3, 3))
+    stiff = _choose(columns, is_stiff)
+    tangent = fill_blocks(stiff, axes, strains, n_balls)
+    soft = fill_blocks(_choose(columns, ~is_stiff), axes, strains, n_balls)
+    lines = np.arange(len(axes))
+    tangent.diagonal[lines, lines] += soft.diagonal[lines, lines] + options.hold_diagonal * mean
+    pattern = find_pattern(stiff.i, stiff.j, n_balls, len(axes))
+    data = tangent.list_entries(pattern)
+    scale = 1.0 / np.sqrt(data[pattern.diagonal])
+    matrix = pattern.make_matrix(data)
+    matrix.data *= scale[matrix.indices] * np.repeat(scale, np.diff(matrix.indptr))
+    matrix.data[pattern.diagonal] += options.hold_scaled
+    factors = factorise(matrix, approximate=True)
+
+    def solve(force: Array) -> Array:
+        scaled = scale * force
+        # single precision has no numbers below 1e-38
+        largest = float(np.max(np.abs(scaled))) or 1.0
+        motion = factors.solve((scaled / largest).astype(np.float32))
+        return np.asarray(scale * motion * largest)
+
+    return solve
+
+
+def _choose(columns: Columns, chosen: Flags) -> Columns:
+    """Return what loops read of some of the contacts."""
+    return columns._replace(
+        **{name: values[chosen] for name, values in columns._asdict().items() if len(values)}
+    )
