@@ -100,7 +100,8 @@ def check_scene(scene: SceneFile) -> None:
     """
     from granphon.observables.validity import validity
     from granphon.runs.tasks import label_warnings
-    from granphon.scene.scene import Scene, expected_files
+    from granphon.scene.outputs import expected_files
+    from granphon.scene.scene import Scene
 
     plan = Scene.from_yaml(scene)
     rows = describe_scene(plan)  # first, because it raises if there is too little memory

@@ -85,14 +85,6 @@ Array = NDArray[Any]
 _WAVE_COSTS = ("pulse", "spectrum", "dos", "surface", "network")
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
-#: dimensions of tables of waves besides the dimensions of states, by the stem of the file
-_TABLE_DIMS = {
-    "sweep_dos": ("node",),
-    "sweep_spectra": ("polarisation", "wavevector"),
-    "response": ("response_frequency", "receiver"),
-    "motion": ("motion_time",),
-    "damped_bands": ("segment", "point", "branch"),
-}
 #: last dimensions of variables of which some states have fewer values than others
 _UNEVEN = (("surface_wave",), ("response_peak",))
 #: name of the attribute with the sha256 digest of the numbers
@@ -835,18 +827,17 @@ def _digest_numbers(dataset: Dataset) -> str:
     return digest({"variables": variables, "attributes": attributes})
 
 
-def write_waves(dataset: Dataset, path: Path) -> None:
-    """Write the table ``path`` of waves in simulated arrays, in networks, or of damped bands; the
-    stem of its name says which.
+def write_waves(
+    dataset: Dataset, path: Path, wave_dims: Sequence[str], numbered: bool = False
+) -> None:
+    """Write the table ``path`` of the variables that have the dimensions ``wave_dims`` besides
+    those of the states, with a row for each of their points in every state.
 
-    Each table has rows for every state. Of a state, sweep_dos.csv has a row for each frequency,
-    sweep_spectra.csv for each polarisation and wave vector, response.csv for each frequency and
-    receiver, motion.csv for each time, and damped_bands.csv for each segment, point and branch.
+    The dimensions that are ``numbered`` have no coordinates: their numbers, from zero, tell rows
+    apart.
     """
-    wave_dims = _TABLE_DIMS[path.stem]
     dims = (*dataset["valid"].dims, *wave_dims)
-    if path.stem == "damped_bands":
-        # The dimensions of bands have no coordinates: their numbers, from zero, tell rows apart.
+    if numbered:
         numbers = {name: np.arange(dataset.sizes[name]) for name in wave_dims}
         dataset = dataset.assign_coords(numbers)
     coordinates = [name for name in wave_dims if name in dataset.coords]

@@ -54,7 +54,6 @@ from granphon.media.crystal import CrystalState
 from granphon.media.medium import AveragedLattice
 from granphon.media.state import ContactState, NetworkState, ideal_lattice
 from granphon.networks.network import ContactNetwork, given_network
-from granphon.phonons.surfaces import SurfaceSpectrum
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.motion import Motion, fit_velocity
@@ -773,38 +772,6 @@ class SampleWaves:
     pulse: Pulse | None = None
     motion: Motion | None = None
 
-    @classmethod
-    def of(
-        cls, settings: WaveSettings | None, state: ContactState, records: Sequence[Record]
-    ) -> Self:
-        """Return the waves in the samples of a ``state`` from their ``records``, which
-        :func:`record_waves` has made with ``whole``.
-        """
-        first_record = records[0]
-        spectra = None
-        if settings is not None and settings.spectrum is not None:
-            polarisations = settings.spectrum.polarisation
-            spectra = PathSpectra.of(
-                [_read_whole(first_record, name, SpectralFunction) for name in polarisations],
-                first_record["path_corners"],
-                first_record["path_distance"],
-                state.contact_lattice(),
-                state.scales,
-                list(map(np.array, settings.path)),
-                settings.labels,
-            )
-        pulses = [_read_whole(record, "pulse", Pulse) for record in records]
-        pulses = [pulse for pulse in pulses if pulse is not None]
-        motion = None
-        if f"{_WHOLE}motion" in first_record:
-            motion = Motion.read(io.BytesIO(first_record[f"{_WHOLE}motion"].tobytes()))
-        return cls(
-            dos=_read_whole(first_record, "dos", SpectralDensity),
-            spectra=spectra,
-            pulse=average_pulses(pulses) if pulses else None,
-            motion=motion,
-        )
-
     @property
     def results(self) -> dict[str, Any]:
         """Results that exist, by the names of their files; each has :attr:`units`."""
@@ -817,35 +784,47 @@ class SampleWaves:
         return {name: result for name, result in results.items() if result is not None}
 
 
-def _read_whole(record: Record, name: str, kind: type[Result]) -> Any:
-    """Return the result of the ``kind`` that a record keeps under a ``name``; None if the record
-    keeps none.
+def restore_result(record: Record, name: str, kind: type[Result]) -> Any:
+    """Return the result of the ``kind`` that a record, made with ``whole``, keeps under a ``name``;
+    None if the record keeps none.
     """
     text = record.get(_WHOLE + name)
     return None if text is None else kind.from_dict(json.loads(text.item()))
 
 
-def read_waves(path: Path) -> Any:
-    """Return the result in the file ``path``, whose name says its kind: ``sample_dos.json``,
-    ``spectrum.json``, ``pulse.json``, ``surface.json``, ``motion.nc``. InputError if the file
-    cannot be read.
+def restore_spectra(
+    records: Sequence[Record], settings: WaveSettings, state: ContactState
+) -> PathSpectra:
+    """Return the spectral functions of the first sample of a ``state`` along the path of the
+    ``settings``, from the ``records`` of its samples.
     """
-    if path.suffix == ".nc":
-        return Motion.read(path)
-    kinds: dict[str, type[Result]] = {
-        "sample_dos": SpectralDensity,
-        "spectrum": PathSpectra,
-        "pulse": Pulse,
-        "surface": SurfaceSpectrum,
-    }
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError):
-        raise InputError(f"{path} is not JSON", mend="Run the scene again") from None
-    try:
-        return kinds[path.stem].from_dict(data)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    record = records[0]
+    assert settings.spectrum is not None
+    polarisations = settings.spectrum.polarisation
+    return PathSpectra.of(
+        [restore_result(record, name, SpectralFunction) for name in polarisations],
+        record["path_corners"],
+        record["path_distance"],
+        state.contact_lattice(),
+        state.scales,
+        list(map(np.array, settings.path)),
+        settings.labels,
+    )
+
+
+def restore_pulse(records: Sequence[Record]) -> Pulse | None:
+    """Return the mean of the pulses through the samples of the ``records``; None if no sample
+    carries one.
+    """
+    pulses = [restore_result(record, "pulse", Pulse) for record in records]
+    pulses = [pulse for pulse in pulses if pulse is not None]
+    return average_pulses(pulses) if pulses else None
+
+
+def restore_motion(record: Record) -> Motion | None:
+    """Return the motion that a record keeps; None if it keeps none."""
+    content = record.get(f"{_WHOLE}motion")
+    return None if content is None else Motion.read(io.BytesIO(content.tobytes()))
 
 
 def average_waves(

@@ -332,6 +332,11 @@ class Plan:
         :attr:`diameters`. :class:`~granphon.base.errors.InputError` if a file has no words for the
         law of contacts, or the text is too long.
         """
+        return self._text
+
+    @cached_property
+    def _text(self) -> str:
+        """The text of :meth:`to_yaml`."""
         text = dump_yaml(write_blocks(self, Context(self.packing.structure)))
         n_bytes = len(text.encode())
         if n_bytes > MOST_SCENE_BYTES:

@@ -77,6 +77,7 @@ from granphon.base.validation import (
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
+from granphon.scene.outputs import DIAMETERS_FILE, OUTPUTS
 from granphon.waves.settings import NETWORK_BLOCKS, read_drives, write_drives
 
 #: version number of the layout of a scene file, its key "schema"
@@ -98,8 +99,6 @@ SCALES = ("log", "linear")
 #: greatest number of measured diameters that a scene file lists itself; more are written to a table
 #: beside it
 MOST_DIAMETERS = 1000
-#: name of that table
-DIAMETERS_FILE = "diameters.csv"
 
 #: where the balls of a lattice of one, two or three dimensions lie, in words
 _POSITIONS = ("on a line", "in a plane", "in space")
@@ -575,10 +574,13 @@ def read_observables(value: Any) -> tuple[str, ...]:
     """Read the names of the observables of a scene, each once, and return them in the order of
     ``OBSERVABLES``.
 
-    Registered observables come behind those of the package, and bring the velocities with them if
-    they are found from velocities.
+    Registered observables and outputs come behind those of the package; observables bring the
+    velocities with them if they are found from velocities.
     """
     added = {name: entry.cost for name, entry in CATALOGUE.items() if CATALOGUE.is_added(name)}
+    for name in OUTPUTS:
+        if OUTPUTS.is_added(name):
+            added.setdefault(name, "state")
     observables = (*OBSERVABLES, *added)
     allowed = "a list of one or more of " + ", ".join(observables)
     if not isinstance(value, list | tuple) or not value:

@@ -11,8 +11,9 @@ import granphon as gp
 from granphon.media.state import ideal_lattice
 from granphon.runs.dataset import load_sweep
 from granphon.runs.store import read_entries
+from granphon.scene.outputs import expected_files
 from granphon.scene.redraw import redraw
-from granphon.scene.scene import WORK_FILE, expected_files
+from granphon.scene.scene import WORK_FILE
 from granphon.waves.path_spectra import find_path_points
 from tests.runs.conftest import Meter
 

@@ -10,9 +10,8 @@ import pytest
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.phonons.paths import BandPath
-from granphon.runs.wave_records import read_waves
+from granphon.scene.outputs import OUTPUTS, expected_files
 from granphon.scene.redraw import redraw
-from granphon.scene.scene import expected_files
 from granphon.waves.path_spectra import find_path_points, find_path_spectra
 
 HEAD = (
@@ -41,7 +40,7 @@ def test_files_hold_what_the_library_finds(done):
     for stem in ("sample_dos", "spectrum", "pulse"):
         assert {f"{stem}.json", f"{stem}.csv"} <= names
         assert f"{stem}.png" in expected_files(scene)
-        assert read_waves(folder / f"{stem}.json") == result.waves.results[stem]
+        assert OUTPUTS[stem].read(folder / f"{stem}.json") == result.waves.results[stem]
     waves = gp.Waves(scene.state().sample)
     assert waves.dos() == result.waves.dos
     assert waves.transmit(9000.0, (0, 1), 0.045, 1.5, ends="free") == result.waves.pulse
@@ -281,7 +280,7 @@ def test_damaged_results_are_named_with_their_file(done, tmp_path):
     ):
         (tmp_path / "pulse.json").write_text(text)
         with pytest.raises(gp.GranphonError, match=said) as caught:
-            read_waves(tmp_path / "pulse.json")
+            OUTPUTS["pulse"].read(tmp_path / "pulse.json")
         assert "pulse.json" in str(caught.value)
 
 
