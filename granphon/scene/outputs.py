@@ -106,6 +106,34 @@ class Export:
         # a folder, or a link to nothing, with the name of a result is an error when it is read
         return path if path is not None and os.path.lexists(path) else None
 
+    def find_value(self, run: Any) -> Any:
+        """Return the value of the output of a run; None for a view of other values."""
+        with _naming(self):
+            return None if self.find is None else self.find(run)
+
+    def write_numbers(self, results: Any, folder: Path) -> None:
+        """Write the files of numbers of the ``results`` into a ``folder``."""
+        if self.write is None:
+            return
+        with _naming(self):
+            self.write(results, folder)
+        missing = [name for name in self.numbers if not (folder / name).is_file()]
+        if missing:
+            problem = f"{OUTPUTS.describe(self.name)} has not written {', '.join(missing)}"
+            raise InputError(problem, mend="Mend its function write")
+
+    def read_value(self, path: Path) -> Any:
+        """Return the value from the file ``path``; None if the output is a view of other values."""
+        with _naming(self):
+            return None if self.read is None else self.read(path)
+
+    def make_figure(self, results: Any, **options: Any) -> Any:
+        """Return the matplotlib figure of the ``results``."""
+        if self.draw is None:
+            raise InputError(f"{OUTPUTS.describe(self.name)} has no figure")
+        with _naming(self):
+            return self.draw(results, **options)
+
     @property
     def stem(self) -> str:
         """Name of the figure without its ending; empty for no figure."""
@@ -130,9 +158,7 @@ class Results:
         if name not in self.values:
             row = OUTPUTS[name]
             path = row.find_source(self.folder)
-            with naming(row):
-                is_read = row.read is not None and path is not None
-                self.values[name] = row.read(path) if is_read else None
+            self.values[name] = None if path is None else row.read_value(path)
         return self.values[name]
 
     @property
@@ -336,6 +362,10 @@ def _write_fields(
 def _write_json(value: Any, path: Path) -> None:
     """Write a whole result as one line of JSON."""
     path.write_text(json.dumps(value.to_dict()) + "\n", encoding="utf-8")
+
+
+def _write_tradeoff(results: Any, folder: Path) -> None:
+    (folder / "tradeoff.csv").write_text(results["tradeoff"].csv(), encoding="utf-8")
 
 
 # -- how it is read --------------------------------------------------------------------------------
@@ -713,6 +743,7 @@ for _row in (
         "fit",
         ("fit.yaml", "fit.csv", "fit.png"),
         _never,
+        write=lambda results, folder: results["fit"].write(folder),
         read=_read_fit,
         draw=partial(_plot, "fit"),
         joined="fit",
@@ -726,6 +757,9 @@ for _row in (
         "tradeoff",
         ("tradeoff.csv", "tradeoff.png"),
         _never,
+        write=_write_tradeoff,
+        draw=partial(_plot, "tradeoff"),
+        source="",
         command="tradeoff",
         occasion="`granphon tradeoff`",
         words="[errors and costs](#tradeoffcsv); error over time",
@@ -775,6 +809,13 @@ def register_output(
     InputError : a name that another output has, or that is no such word; no file, one that another
         output has, or that is no plain name; empty ``words``; files without their function.
     """
+    given_name: Any = name
+    given_words: Any = words
+    if not (isinstance(given_name, str) and given_name.isidentifier()):
+        mend = "Give a word of letters, digits and underscores"
+        raise InputError(f"an output cannot have the name {brief(name)}", mend=mend)
+    if not (isinstance(given_words, str) and given_words):
+        raise InputError(f"the output {name!r} says not what it holds", mend="Give words")
     row = Export(
         name,
         tuple(files),
@@ -786,14 +827,8 @@ def register_output(
         occasion=f"`{name}`",
         words=words,
     )
-    if not (isinstance(name, str) and name.isidentifier()):
-        mend = "Give a word of letters, digits and underscores"
-        raise InputError(f"an output cannot have the name {brief(name)}", mend=mend)
-    if not (isinstance(words, str) and words):
-        raise InputError(f"the output {name!r} says not what it holds", mend="Give words")
     _require_files(row)
-    made = (row.files, find, write, draw)
-    return OUTPUTS.add(name, row, made)
+    return OUTPUTS.add(name, row, write or draw)
 
 
 def _require_files(row: Export) -> None:
@@ -801,9 +836,10 @@ def _require_files(row: Export) -> None:
     them.
     """
     holders = {file: other.name for other in OUTPUTS.values() for file in other.files}
-    for file in row.files:
-        is_plain = isinstance(file, str) and Path(file).name == file and Path(file).suffix
-        if not is_plain or file.startswith("."):
+    given_files: tuple[Any, ...] = row.files
+    for file in given_files:
+        is_name = isinstance(file, str) and Path(file).name == file
+        if not is_name or file.startswith(".") or not Path(file).suffix:
             mend = "Give a plain name with an ending, such as impedance.csv"
             raise InputError(f"{brief(file)} is no file of an output", mend=mend)
         if holders.get(file, row.name) != row.name:
@@ -823,7 +859,7 @@ def _require_files(row: Export) -> None:
 
 
 @contextmanager
-def naming(row: Export) -> Iterator[None]:
+def _naming(row: Export) -> Iterator[None]:
     """Raise what a function of a row that was added raises in the with-block as an InputError that
     names the output; errors of granphon and of the file system pass.
     """
@@ -845,7 +881,7 @@ def list_outputs(scene: Any) -> list[Export]:
     """Return the rows of the outputs that a run of a ``scene`` has."""
     rows = []
     for row in OUTPUTS.values():
-        with naming(row):
+        with _naming(row):
             if row.when(scene):
                 rows.append(row)
     return rows

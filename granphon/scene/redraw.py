@@ -7,13 +7,14 @@ import os
 import re
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, MissingFileError
 from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_bytes, read_yaml
-from granphon.scene.outputs import OUTPUTS, Export, Results, naming, read_summary
+from granphon.scene.outputs import OUTPUTS, Export, Results, read_summary
 
 if TYPE_CHECKING:
     from granphon.dynamics.contact_lattice import ContactLattice
@@ -58,24 +59,23 @@ def redraw(
     """
     source = Path(folder)
     row = _choose_output(source, None if out is None else Path(out).stem, variable)
-    results = Results(source)
-    options: dict[str, Any] = {}
-    if variable is not None:
-        if row.joined != "dataset" and row.name != "sweep":
-            why = "Only a sweep has variables to draw"
-            raise InputError(f"{source} holds no sweep", why, "Leave variable out")
-        options["variable"] = variable
-    if asymptotes and row.name in ("sweep", "fit"):
-        problem = f"{source} holds a {row.name}"
+    known_options = signature(row.draw).parameters if row.draw is not None else {}
+    if asymptotes and "asymptotes" not in known_options:
+        problem = f"{source} holds a {row.label}"
         raise InputError(problem, "Long waves are drawn beside bands only", "Leave asymptotes out")
+    if variable is not None and "variable" not in known_options:
+        why = "Only a sweep has variables to draw"
+        raise InputError(f"{source} holds no sweep", why, "Leave variable out")
     target = source / row.figure if out is None else Path(out)
 
     def draw() -> Any:
-        assert row.draw is not None
-        if asymptotes and row.joined == "bands":
+        results = Results(source)
+        options: dict[str, Any] = {}
+        if variable is not None:
+            options["variable"] = variable
+        if asymptotes and results["bands"] is not None:
             options["asymptotes"] = _find_lattice(source)
-        with naming(row):
-            return row.draw(results, **options)
+        return row.make_figure(results, **options)
 
     return _draw(target, force, draw, [source], backend)
 
@@ -91,10 +91,10 @@ def _choose_output(source: Path, stem: str | None, variable: str | None) -> Expo
     for row in named_rows:
         if row in rows:
             return row
-        # the names of the other figures, which stand for a whole run, serve for any figure
-        if row.rank == 0 or row.of_states:
+        # the names of figures of a whole run, its bands or curves, serve for any figure
+        if row.source not in [joined.source for joined in _list_joined()]:
             mend = "Give the figure another name"
-            why = "" if row.source else f"{row.figure} is drawn by 'granphon run' alone"
+            why = "" if row.source else _explain_unkept(row)
             raise InputError(f"{source} holds no {stem} to draw", why, mend)
     if not rows:
         raise _explain_no_result(source)
@@ -107,14 +107,15 @@ def _choose_output(source: Path, stem: str | None, variable: str | None) -> Expo
     return first_row
 
 
+def _explain_unkept(row: Export) -> str:
+    """Return a sentence on a figure of which no folder holds the numbers."""
+    return f"{row.figure} is drawn by 'granphon {row.command}' alone"
+
+
 def _explain_no_result(source: Path) -> InputError:
     """Return the error of a folder without a result that can be drawn."""
-    alone = [row for row in OUTPUTS.values() if row.draw is not None and not row.source]
-    reasons = [
-        f"{row.figure} is drawn by 'granphon run' alone"
-        for row in alone
-        if (source / row.figure).is_file()
-    ]
+    unkept = [row for row in OUTPUTS.values() if row.figure and not row.source]
+    reasons = [_explain_unkept(row) for row in unkept if (source / row.figure).is_file()]
     mend = "Give a folder of 'granphon run' with bands, a density of states or a sweep"
     return InputError(f"{source} holds no result that can be drawn", "; ".join(reasons), mend)
 
@@ -241,20 +242,14 @@ def read_run(source: str | os.PathLike[str]) -> Run:
         raise InputError(f"{name} holds no results to draw with others", mend=mend)
     if "fit" in rows and "dataset" not in rows:
         # a fit is read alone, unless it stands beside a sweep
-        return Run.of(name, _read_row(rows["fit"], paths["fit"]))
-    parts = {part: _read_row(row, paths[part]) for part, row in rows.items() if part != "fit"}
+        return Run.of(name, rows["fit"].read_value(paths["fit"]))
+    parts = {part: row.read_value(paths[part]) for part, row in rows.items() if part != "fit"}
     return Run(name, **parts)
 
 
 def _list_joined() -> list[Export]:
     """Return the outputs that several runs draw together."""
     return [row for row in OUTPUTS.values() if row.joined]
-
-
-def _read_row(row: Export, path: Path) -> Any:
-    """Return the value of an output from its file."""
-    assert row.read is not None
-    return row.read(path)
 
 
 def _require_results(source: Path) -> None:

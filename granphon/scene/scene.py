@@ -48,7 +48,6 @@ from granphon.scene.outputs import (
     expected_files,
     list_files,
     list_outputs,
-    naming,
 )
 from granphon.scene.plan import Plan
 from granphon.waves.settings import POLARISATIONS, RESPONSES
@@ -249,8 +248,8 @@ class Scene(Plan):
         with self.origin.where_it_buckles():
             for row in rows:
                 if row.find is not None:
-                    with progress.step(row.label), naming(row):
-                        result.values[row.name] = row.find(result)
+                    with progress.step(row.label):
+                        result.values[row.name] = row.find_value(result)
         return result
 
     def _describe_state(
@@ -296,10 +295,7 @@ def _write_result(
         progress.step("writing", len(names)) as step,
     ):
         for row in written_rows:
-            if row.write is not None:
-                with naming(row):
-                    row.write(result, stage)
-                _require_written(row, stage)
+            row.write_numbers(result, stage)
             step.advance(len(row.numbers))
         failures: dict[str, str] = {}
         if figure_files:
@@ -312,14 +308,6 @@ def _write_result(
         # the last file, as the summary names the files and the failures
         (stage / "summary.yaml").write_text(_write_summary(written_result), encoding="utf-8")
     return written_result
-
-
-def _require_written(row: Export, folder: Path) -> None:
-    """Raise InputError unless the function of a row has written its files into a ``folder``."""
-    missing = [name for name in row.numbers if not (folder / name).is_file()]
-    if missing:
-        problem = f"{OUTPUTS.describe(row.name)} has not written {', '.join(missing)}"
-        raise InputError(problem, mend="Mend its function write")
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,12 +336,12 @@ class RunResult(Results):
     @property
     def bands(self) -> Bands | None:
         """Of a single state, frequencies along the path, Hz; None if they were not asked for."""
-        return self._value("bands")
+        return self._value("bands")  # type: ignore[no-any-return]
 
     @property
     def dos(self) -> DensityOfStates | None:
         """Of a single state, the density of states, 1/Hz; None if it was not asked for."""
-        return self._value("dos")
+        return self._value("dos")  # type: ignore[no-any-return]
 
     @property
     def gaps(self) -> Any:
@@ -367,7 +355,7 @@ class RunResult(Results):
         """Of a single state, the spectrum of the outer layer at the edge, with its waves; None if
         it was not asked for.
         """
-        return self._value("surface")
+        return self._value("surface")  # type: ignore[no-any-return]
 
     def _value(self, name: str) -> Any:
         """Return the value of an output; None if the scene does not ask for it."""
@@ -599,8 +587,7 @@ class RunResult(Results):
         """
         rows = [row for row in OUTPUTS.values() if row.figure == name]
         (row,) = rows or [OUTPUTS["sweep"]]
-        assert row.draw is not None
-        return row.draw(self)
+        return row.make_figure(self)
 
 
 def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
