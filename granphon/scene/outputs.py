@@ -25,6 +25,7 @@ from granphon.base.errors import GranphonError, InputError, brief, one_line
 from granphon.base.registry import Registry
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import read_yaml, require_schema
+from granphon.observables.catalogue import CATALOGUE, is_free
 
 if TYPE_CHECKING:
     from granphon.runs.dataset import Dataset
@@ -785,7 +786,7 @@ def register_output(
     Parameters
     ----------
     name : its name in scenes and results, a word of letters, digits and underscores; it may be that
-        of a registered observable, which the scene then observes too.
+        of an observable that was registered before, which a scene then observes too.
     files : names of its files. One may be a figure, whose name ends in .png.
     words : what the files hold, in a few words.
     when : function of the :class:`~granphon.Scene` that says whether its run has the output; by
@@ -811,8 +812,12 @@ def register_output(
     """
     given_name: Any = name
     given_words: Any = words
-    if not (isinstance(given_name, str) and given_name.isidentifier()):
-        mend = "Give a word of letters, digits and underscores"
+    is_of_granphon = name in CATALOGUE and not CATALOGUE.is_added(name)
+    if not isinstance(given_name, str) or not is_free(name) or is_of_granphon:
+        mend = (
+            "Give a word of letters, digits and underscores that scenes and data sets do not have"
+            " yet, or that of a registered observable"
+        )
         raise InputError(f"an output cannot have the name {brief(name)}", mend=mend)
     if not (isinstance(given_words, str) and given_words):
         raise InputError(f"the output {name!r} says not what it holds", mend="Give words")
