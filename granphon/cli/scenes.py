@@ -105,7 +105,7 @@ def check_scene(scene: SceneFile) -> None:
 
     plan = Scene.from_yaml(scene)
     rows = describe_scene(plan)  # first, because it raises if there is too little memory
-    states, left_out = plan.survey()
+    states, left_out = plan.plan.survey()
     labelled = list[tuple[str, str]]()  # labels of cases, and warnings
     with plan.origin.where_it_buckles():
         for label, state in states:

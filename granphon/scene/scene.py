@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,20 +23,23 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from granphon.balls.packing import Axis
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, silent
 from granphon.base.results import write_html
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.text import dump_yaml, parse_yaml, read_yaml, versions
 from granphon.dynamics.local_field import LocalField
+from granphon.media.choice import ServingMedium
+from granphon.media.cost import Cost
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
 from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
-from granphon.runs.dataset import SweepRun, list_finite_overlap
-from granphon.runs.store import Store, TaskResult, open_store
-from granphon.runs.sweep import keep_incomplete
-from granphon.runs.tasks import SampleRecord
+from granphon.runs.dataset import list_finite_overlap
+from granphon.runs.plan import Plan, keep_incomplete
+from granphon.runs.store import Store, open_store
+from granphon.runs.tasks import Grid, Request
 from granphon.runs.workers import packages
 from granphon.scene.file import SceneSource
 from granphon.scene.outputs import (
@@ -49,8 +52,8 @@ from granphon.scene.outputs import (
     list_files,
     list_outputs,
 )
-from granphon.scene.plan import Plan
-from granphon.waves.settings import POLARISATIONS, RESPONSES
+from granphon.scene.values import SceneValues
+from granphon.waves.settings import NETWORK_BLOCKS, POLARISATIONS, RESPONSES
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -59,6 +62,7 @@ if TYPE_CHECKING:
     from granphon.phonons.dos import DensityOfStates
     from granphon.phonons.phonons import Phonons
     from granphon.phonons.surfaces import SurfaceSpectrum
+    from granphon.runs.dataset import Dataset
     from granphon.runs.wave_records import SampleWaves
 
 
@@ -88,7 +92,7 @@ _EXTENTS = (
 
 
 @dataclass(frozen=True)
-class Scene(Plan):
+class Scene(SceneValues):
     """What to compute, in SI units.
 
     Attributes
@@ -148,7 +152,7 @@ class Scene(Plan):
         with origin.at():
             scene = cls(**arguments)
         object.__setattr__(scene, "origin", origin)
-        scene.require()
+        scene.plan.require()
         return scene
 
     def _repr_html_(self) -> str:
@@ -200,7 +204,7 @@ class Scene(Plan):
             result = RunResult(target, self, files=files)
             _ = result.dataset  # an error of its file is raised now
             return result
-        self.require_waves()
+        self.plan.require_waves()
         self.to_yaml()  # raises now if the scene cannot be written
         work_file = target / WORK_FILE
         # a state that is found at once keeps no parts, but the parts of another run are not to
@@ -232,19 +236,9 @@ class Scene(Plan):
         yet, with the values of the outputs of the ``rows``; the ``store`` keeps finished tasks, if
         the scene has any.
         """
-        work = SweepRun.of(self.case_grid)
-        results = list[TaskResult]()
-        if self.has_tasks:
-            results = work.do(executor, progress, store)
-        elif store is not None:
-            store.claim(None)
-        if not self.is_single:
-            result = RunResult(target, self, values={"states": work.join(results)})
-        else:
-            # the samples of a single state are kept, with the whole results of their waves
-            state = work.grid.cases[0].restore(results) if results else self.state()
-            with self.origin.where_it_buckles():
-                result = self._describe_state(target, work, state, results, progress)
+        solution = self.plan.solve(executor, progress, store)
+        values = {"states": solution.dataset}
+        result = RunResult(target, self, solution.analysis, solution.records, values=values)
         with self.origin.where_it_buckles():
             for row in rows:
                 if row.find is not None:
@@ -252,27 +246,101 @@ class Scene(Plan):
                         result.values[row.name] = row.find_value(result)
         return result
 
-    def _describe_state(
-        self,
-        target: Path,
-        work: SweepRun,
-        state: ContactState,
-        results: Sequence[TaskResult],
-        progress: Progress,
-    ) -> RunResult:
-        """Return the result, for the folder ``target``, of a single ``state``, with its data set;
-        ``results`` are those of its samples, if it has any.
+    # -- the plan ----------------------------------------------------------------------------------
+
+    @cached_property
+    def plan(self) -> Plan:
+        """How the states of the scene are checked and found."""
+        has_velocities = "velocities" in self.observe
+        # a mechanism has other observables, but no velocities
+        of_mechanisms = {"bands", "dos", "surface", *NETWORK_BLOCKS}
+        path = None
+        if "bands" in self.observe:
+            path = (self.path.arrays, self.band_points, self.path.labels)
+        request = Request(
+            finite_overlap=self.finite_overlap,
+            path=path,
+            direction=self.direction,
+            waves=self.waves,
+            exponents=has_velocities,
+            surface=self.observed_settings("surface"),
+            bands=self.observed_settings("bands"),
+            observe=self.observe,
+            sound=has_velocities or of_mechanisms.isdisjoint(self.observe),
+            alone=self.is_single,
+        )
+        axes = tuple(Axis(*axis) for axis in self.parameters)
+        grid = Grid(self.packing, axes, self.media, self.load.applied.flat, request)
+        return Plan(grid, self.origin, self.load.kind, self.mesh, self.dim)
+
+    @property
+    def n_states(self) -> int:
+        """Number of states; a state is one case at one load."""
+        return self.plan.n_states
+
+    @property
+    def serving(self) -> ServingMedium:
+        """The medium of a scene of one state, see :attr:`granphon.runs.plan.Plan.serving`."""
+        return self.plan.serving
+
+    @property
+    def has_tasks(self) -> bool:
+        """Whether the work is cut into tasks, which can be done elsewhere: a sweep, or the samples
+        of one state.
         """
-        analysis = Analysis(state, self.direction)
-        records = [SampleRecord.from_result(result, 0) for result in results]
-        if not records:
-            has_networks = self.waves is not None and bool(self.waves.of_networks)
-            with progress.step("networks") if has_networks else nullcontext():
-                (task,) = work.grid.cases[0].media
-                records = task.record_networks(state, whole=True)
-        values = {"states": work.join_alone(analysis, records)}
-        waves = tuple(record.of_waves for record in records)
-        return RunResult(target, self, analysis, waves, values=values)
+        return self.plan.has_tasks
+
+    def place_errors(self) -> AbstractContextManager[None]:
+        """Place an error of the with-block in the file, if the error names an option of a medium, a
+        block or a load.
+        """
+        return self.plan.place_errors()
+
+    def state(self) -> ContactState:
+        """Return the state of the contacts under the load.
+
+        :class:`~granphon.base.errors.InputError` if the balls cannot carry the load, or if the
+        scene is a sweep.
+        """
+        return self.plan.state()
+
+    def states(self, quick: bool = False) -> Iterator[tuple[str, ContactState]]:
+        """Return label and state of every medium at every combination of parameters, one after the
+        other.
+
+        Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if
+        the scene has one load. A state is solved when its turn comes; with ``quick`` simulations
+        and effective media of long lists are left out.
+        :class:`~granphon.base.errors.InputError` at the first medium that cannot carry the loads.
+        """
+        return self.plan.states(quick)
+
+    def expect_warnings(self) -> list[tuple[str, str]]:
+        """Return the warnings that are known before simulations are run, as pairs of the label of a
+        case and a sentence; none of simulations that were chosen automatically.
+        """
+        return self.plan.expect_warnings()
+
+    def sweep(
+        self, progress: Progress = silent, executor: Executor | None = None, **options: Any
+    ) -> Dataset:
+        """Compute every state of the scene as one data set.
+
+        ``options`` are keywords of :func:`granphon.runs.sweep.sweep` besides those that the scene
+        answers: ``path``, ``resume``, ``overwrite`` and ``store``. A load that cannot be carried
+        raises :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one
+        that a computation does not reach :class:`~granphon.base.errors.ConvergenceError`.
+        """
+        return self.plan.sweep(progress, executor, **options)
+
+    def cost(self) -> Cost | None:
+        """Memory and time that the scene will take, its parts done one after the other; None if
+        both are negligible.
+
+        :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this
+        machine now, or more than 10,000 days on one processor.
+        """
+        return self.plan.cost()
 
 
 def _write_result(

@@ -211,7 +211,7 @@ def test_settings_are_checked_in_python_too():
 
 def count_products(text):
     """Products with a vector times balls, of the waves of a scene."""
-    return gp.Scene.from_text(text).parts[-1][-1].units[0].number
+    return gp.Scene.from_text(text).plan.parts[-1][-1].units[0].number
 
 
 def test_cost_of_waves_grows_with_what_is_asked():
@@ -255,7 +255,7 @@ def test_cost_of_a_pulse_of_low_frequency_counts_its_readings():
 
 
 def test_the_time_of_a_product_is_that_of_a_network_of_the_same_kind(steel):
-    from granphon.scene.plan import _measure_product
+    from granphon.runs.plan import _measure_product
 
     network = gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force(5.0).network
     assert 0.0 < _measure_product(network, 10**9) < 1e-3
