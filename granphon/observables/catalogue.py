@@ -52,6 +52,8 @@ CostClass = Literal[
     "surface",
     "network",
 ]
+#: costs of the observables of the waves in simulated arrays, at edges, and in networks
+WAVE_COSTS: tuple[CostClass, ...] = ("pulse", "spectrum", "dos", "surface", "network")
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ from granphon.base.validation import find_unit_of
 from granphon.dynamics.elasticity import voigt_names
 from granphon.media.arrangement import Balls
 from granphon.media.choice import is_exact_label
-from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
+from granphon.observables.catalogue import CATALOGUE, WAVE_COSTS, Analysis, entry_of
 from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import (
@@ -60,7 +60,6 @@ from granphon.runs.tasks import (
     SWEEP_SCHEMA,
     Grid,
     SampleRecord,
-    add_waves,
     drop_marks,
     explain_end,
     find_reached,
@@ -81,8 +80,6 @@ else:
 
 
 Array = NDArray[Any]
-#: costs of the observables of the waves in simulated arrays, at edges, and in networks
-_WAVE_COSTS = ("pulse", "spectrum", "dos", "surface", "network")
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
 #: last dimensions of variables of which some states have fewer values than others
@@ -213,10 +210,7 @@ class SweepRun:
         of the ``records``, one for each sample of the state.
         """
         (task,) = self.grid.cases[0].media
-        result = task.observe(analysis)
-        if task.request.waves is not None:
-            result = add_waves(result, task, task.load, records)
-        return fill(self.frame, self.grid, [result])
+        return fill(self.frame, self.grid, [task.tabulate(analysis, task.load, records)])
 
 
 def _require_sound(grid: Grid) -> None:
@@ -694,7 +688,7 @@ def _explain_gaps(result: TaskResult, gaps: Sequence[str]) -> str:
 
 def _may_be_gap(name: str) -> bool:
     """Whether some cases of a sweep may have a variable that others lack."""
-    is_of_waves = name in CATALOGUE and CATALOGUE[name].cost in _WAVE_COSTS
+    is_of_waves = name in CATALOGUE and CATALOGUE[name].cost in WAVE_COSTS
     return name == "pressure" or is_of_waves or _is_of_sound(name)
 
 
@@ -980,7 +974,7 @@ def _find_fault(name: str, values: Array, may_lack: bool) -> str:
     entry = CATALOGUE[name]
     is_error = entry.sampled or name == "exponent_error"
     # standard errors, waves and registered observables are nan where they are not known
-    is_nan_of_kind = is_error or entry.cost in _WAVE_COSTS or CATALOGUE.is_added(name)
+    is_nan_of_kind = is_error or entry.cost in WAVE_COSTS or CATALOGUE.is_added(name)
     is_nan_of_sweep = may_lack and (entry.cost == "velocities" or name == "pressure")
     is_bad = values == -np.inf if name in _MAY_BE_INFINITE else np.isinf(values)
     if not (is_nan_of_kind or is_nan_of_sweep):

@@ -251,43 +251,44 @@ def record_waves(sample: Sample, settings: WaveSettings, whole: bool = False) ->
     """
     waves = Waves(sample)
     numbers = dict[str, Array]()
-    results = dict[str, Result]()
-    if settings.dos:
-        # random vectors differ from sample to sample, so that their noise is part of the standard
-        # error over samples
-        dos = waves.dos(seed=sample.seed or 0)
-        numbers["dos"] = np.array([dos.frequencies, dos.translational, dos.rotational, dos.error])
-        results["dos"] = dos
-    if settings.spectrum is not None:
-        spectra, numbers_of_spectra = _record_spectra(
-            waves, sample, settings.spectrum, settings.path
-        )
-        numbers |= numbers_of_spectra
-        results |= spectra
-    if settings.pulse is not None:
-        pulse, numbers_of_pulse = _record_pulse(waves.network, settings.pulse, settings.direction)
-        numbers |= numbers_of_pulse
-        if pulse is not None:
-            results["pulse"] = pulse
-    if whole:
-        for name, result in results.items():
-            numbers[_WHOLE + name] = np.array(json.dumps(result.to_dict()).encode())
+    for name in settings.names:
+        record, _average = SAMPLE_RECORDS[name]
+        arrays, results = record(waves, sample, settings)
+        numbers |= arrays
+        if whole:
+            for key, result in results.items():
+                numbers[_WHOLE + key] = np.array(json.dumps(result.to_dict()).encode())
     return numbers | record_networks(sample, settings, whole)
 
 
+def _record_dos(
+    waves: Waves, sample: Sample, _settings: WaveSettings
+) -> tuple[dict[str, Array], dict[str, Result]]:
+    """Return the density of states of a ``sample``: rows of frequencies, Hz, translational and
+    rotational density, 1/Hz, and their error, and the result itself.
+    """
+    # random vectors differ from sample to sample, so that their noise is part of the standard
+    # error over samples
+    dos = waves.dos(seed=sample.seed or 0)
+    table = np.array([dos.frequencies, dos.translational, dos.rotational, dos.error])
+    return {"dos": table}, {"dos": dos}
+
+
 def _record_spectra(
-    waves: Waves, sample: Sample, spectrum: SpectrumSettings, path: Any
-) -> tuple[dict[str, SpectralFunction], dict[str, Array]]:
-    """Return the spectral functions of a ``sample`` along a ``path``, by polarisation, and their
-    numbers.
+    waves: Waves, sample: Sample, settings: WaveSettings
+) -> tuple[dict[str, Array], dict[str, SpectralFunction]]:
+    """Return the numbers of the spectral functions of a ``sample`` along the path, and the
+    functions by polarisation.
 
     ``lines`` (polarisations, 3, n) holds the peak, Hz, the width, Hz, and whether the line is
     resolved, at n wave vectors; ``wavenumber`` (n,), ``path_corners`` and ``path_distance`` (n,)
     are in 1/m.
     """
     packing = sample.packing
+    spectrum = settings.spectrum
+    assert spectrum is not None
     points = find_path_points(
-        waves.network, ideal_lattice(packing), packing.diameter, path, spectrum.points
+        waves.network, ideal_lattice(packing), packing.diameter, settings.path, spectrum.points
     )
     spectra = {
         polarisation: waves.spectral_function(points.q, polarisation, spectrum.resolution)
@@ -300,31 +301,35 @@ def _record_spectra(
         "lines": np.array(lines, float),
         "wavenumber": spectra[spectrum.polarisation[0]].wavenumber,
     }
-    return spectra, numbers
+    return numbers, spectra
 
 
 def _record_pulse(
-    network: ContactNetwork, settings: PulseSettings, direction: Any
-) -> tuple[Pulse | None, dict[str, Array]]:
-    """Return a pulse through a network along a ``direction``, None if no pulse can be sent, and the
-    numbers ``pulse_velocity``, m/s, ``time_of_flight``, s, and ``coherent_fraction``.
+    waves: Waves, _sample: Sample, settings: WaveSettings
+) -> tuple[dict[str, Array], dict[str, Pulse]]:
+    """Return the numbers ``pulse_velocity``, m/s, ``time_of_flight``, s, and ``coherent_fraction``
+    of a pulse through a sample, and the pulse, if one can be sent.
 
     A number that cannot be known is nan, and the text ``pulse_note`` says why; ``pulse_echo`` holds
     the other warnings of the pulse.
     """
     numbers = dict.fromkeys(_PULSE, math.nan)
-    pulse = None
+    pulses: dict[str, Pulse] = {}
     echo = ""
+    assert settings.pulse is not None
     try:
-        pulse = transmit(network, PulseSource.of(settings, network, direction))
-        numbers = {name: getattr(pulse, source) for name, source in _PULSE.items()}
+        source = PulseSource.of(settings.pulse, waves.network, settings.direction)
+        pulse = transmit(waves.network, source)
+        pulses["pulse"] = pulse
+        numbers = {name: getattr(pulse, attribute) for name, attribute in _PULSE.items()}
         note = pulse.why_unknown
         echo = " ".join(text for text in pulse.warnings if not note or note not in text)
     except GranphonError as error:
         # what could be known before the simulation has been refused by now
         note = str(error)
     arrays = {name: np.array(value) for name, value in numbers.items()}
-    return pulse, arrays | {"pulse_note": np.array(note), "pulse_echo": np.array(echo)}
+    notes = {"pulse_note": np.array(note), "pulse_echo": np.array(echo)}
+    return arrays | notes, pulses
 
 
 def record_networks(x: Any, settings: WaveSettings, whole: bool = False) -> dict[str, Array]:
@@ -838,21 +843,14 @@ def average_waves(
     """
     observables = dict[str, Array]()
     notes = list[str]()
-    if settings.dos:
-        observables |= _average_densities([record["dos"] for record in records])
-    if settings.spectrum is not None:
-        spectra, notes_on_spectra = _average_spectra(records, settings.spectrum)
-        observables |= spectra
-        notes += notes_on_spectra
-    if settings.pulse is not None:
-        pulses, notes_on_pulses = _average_pulse_numbers(records)
-        observables |= pulses
-        notes += notes_on_pulses
-    for block in settings.of_networks:
-        _record, average = RECORDS[block.block]
-        means, notes_on_block = average(records, block)
+    averages: list[tuple[Callable[..., Any], Any]] = [
+        (SAMPLE_RECORDS[name][1], settings) for name in settings.names
+    ]
+    averages += [(RECORDS[block.block][1], block) for block in settings.of_networks]
+    for average, settings_of_average in averages:
+        means, notes_on_means = average(records, settings_of_average)
         observables |= means
-        notes += notes_on_block
+        notes += notes_on_means
     return observables, notes
 
 
@@ -873,30 +871,34 @@ def _interpolate_densities(table: Array, points: Array) -> Array:
     return np.where(points <= frequencies[-1], interpolated, 0.0)
 
 
-def _average_densities(tables: Sequence[Array]) -> dict[str, Array]:
-    """Return the mean over samples of densities of states, arrays (n_f,) by name.
+def _average_densities(
+    records: Sequence[Record], _settings: WaveSettings
+) -> tuple[dict[str, Array], list[str]]:
+    """Return the mean over samples of densities of states, arrays (n_f,) by name, and no notes.
 
-    Each of the ``tables`` (4, n) has, of one sample, rows of frequencies, Hz, translational and
-    rotational density, 1/Hz, and their error. The mean is taken at the frequencies of the sample
+    The record of each sample has a table (4, n) of frequencies, Hz, translational and rotational
+    density, 1/Hz, and their error. The mean is taken at the frequencies of the sample
     that reaches highest, where the densities of the other samples are interpolated.
     """
+    tables = [record["dos"] for record in records]
     points = max((table[0] for table in tables), key=lambda frequencies: float(frequencies[-1]))
     densities = [_interpolate_densities(table, points) for table in tables]
     translational, rotational, error = np.mean(densities, axis=0)
     if len(tables) > 1:
         totals = [rows[0] + rows[1] for rows in densities]
         error = standard_error(np.array(totals), axis=0)
-    return {
+    densities_of_states = {
         "dos_frequency": points,
         "dos_total": translational + rotational,
         "dos_translational": translational,
         "dos_rotational": rotational,
         "dos_error": error,
     }
+    return densities_of_states, []
 
 
 def _average_spectra(
-    records: Sequence[Record], settings: SpectrumSettings
+    records: Sequence[Record], settings: WaveSettings
 ) -> tuple[dict[str, Array], list[str]]:
     """Return the observables of the mean lines of plane waves, (polarisations, n) at n wave
     vectors, by name, and notes: peaks and widths, Hz, are averaged, and the other observables are
@@ -928,7 +930,8 @@ def _average_spectra(
         observables["line_width_error"] = standard_error(widths, axis=0)
         observables["phase_velocity_error"] = 2.0 * np.pi * peak_error / q
         observables["attenuation_error"] = standard_error(attenuations, axis=0)
-    for number, name in enumerate(settings.polarisation):
+    assert settings.spectrum is not None
+    for number, name in enumerate(settings.spectrum.polarisation):
         why = "their mean free path is longer than 1/|q| all along the path"
         crossing = None
         try:
@@ -945,7 +948,9 @@ def _average_spectra(
     return observables, notes
 
 
-def _average_pulse_numbers(records: Sequence[Record]) -> tuple[dict[str, Array], list[str]]:
+def _average_pulse_numbers(
+    records: Sequence[Record], _settings: WaveSettings
+) -> tuple[dict[str, Array], list[str]]:
     """Return the means over samples of the numbers of pulses, in SI units by name, and notes, which
     say in how many samples the numbers are not known, and why; the means are those of the others.
     """
@@ -984,3 +989,14 @@ def _jackknife(q: Array, lines: Array) -> float:
     if len(frequencies) < n_samples or None in frequencies:
         return math.nan
     return math.sqrt(n_samples - 1) * float(np.std(np.array(frequencies, float)))
+
+
+#: for each result of the waves in samples, the function that records a sample, and the function
+#: that averages the records of samples
+SAMPLE_RECORDS: dict[
+    str, tuple[Callable[..., tuple[dict[str, Array], dict[str, Any]]], Callable[..., Any]]
+] = {
+    "dos": (_record_dos, _average_densities),
+    "spectrum": (_record_spectra, _average_spectra),
+    "pulse": (_record_pulse, _average_pulse_numbers),
+}

@@ -26,6 +26,7 @@ from granphon.base.registry import Registry
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import read_yaml, require_schema
 from granphon.observables.catalogue import CATALOGUE, is_free
+from granphon.waves.settings import RESPONSES
 
 if TYPE_CHECKING:
     from granphon.runs.dataset import Dataset
@@ -49,6 +50,8 @@ class Export:
     when : function of a scene that says whether its run has the output.
     find : function of the results of a run that returns the value of the output, None where there
         is nothing to write; without a function the output is a view of other values.
+    summarise : function of the results of a single state that returns numbers of the output for
+        summary.yaml, plain data by name.
     write : function that writes the files of numbers of the results into a folder.
     read : function that returns the value from the path of the file ``source``.
     draw : function that returns the figure of the results.
@@ -70,6 +73,7 @@ class Export:
     files: tuple[str, ...]
     when: Callable[[Any], Any]
     find: Callable[[Any], Any] | None = None
+    summarise: Callable[[Any], dict[str, Any]] | None = None
     write: Callable[[Any, Path], None] | None = None
     read: Callable[[Path], Any] | None = None
     draw: Callable[..., Any] | None = None
@@ -111,6 +115,13 @@ class Export:
         """Return the value of the output of a run; None for a view of other values."""
         with _naming(self):
             return None if self.find is None else self.find(run)
+
+    def collect_numbers(self, run: Any) -> dict[str, Any]:
+        """Return the numbers of the output of a single state for summary.yaml, by name; empty if
+        the output has no value, or no such numbers.
+        """
+        has_value = self.find is None or run[self.name] is not None
+        return self.summarise(run) if self.summarise is not None and has_value else {}
 
     def write_numbers(self, results: Any, folder: Path) -> None:
         """Write the files of numbers of the ``results`` into a ``folder``."""
@@ -268,6 +279,28 @@ def _find_motion(run: Any) -> Any:
     from granphon.runs.wave_records import restore_motion
 
     return restore_motion(run.records[0])
+
+
+def _list_peaks(run: Any) -> dict[str, Any]:
+    """Return the peaks of the response at each receiver: frequency, Hz, height and Q."""
+    data = run.dataset
+    receivers = data["receiver"].values.tolist()
+    peaks: dict[str, list[dict[str, float]]] = {receiver: [] for receiver in receivers}
+    if "peaks_frequency" not in data:
+        return {"peaks": peaks}
+    quantity = next(name for name in RESPONSES.values() if name in data)
+    # (receivers, peaks), nan beyond the number of peaks
+    shape = (len(peaks), -1)
+    frequencies = data["peaks_frequency"].values.reshape(shape).tolist()
+    heights = data[f"peaks_{quantity}"].values.reshape(shape).tolist()
+    qualities = data["peaks_quality"].values.reshape(shape).tolist()
+    for index, receiver in enumerate(peaks):
+        rows = zip(frequencies[index], heights[index], qualities[index], strict=True)
+        for frequency, height, quality in rows:
+            if np.isfinite(frequency):
+                peak = {"frequency": frequency, "height": height, "quality": quality}
+                peaks[receiver].append(peak)
+    return {"peaks": peaks}
 
 
 # -- how it is written -----------------------------------------------------------------------------
@@ -546,6 +579,7 @@ for _row in (
         "response",
         ("response.csv", "response.png"),
         partial(_observes, "response"),
+        summarise=_list_peaks,
         write=partial(_write_table, "response.csv", ("response_frequency", "receiver")),
         draw=partial(_draw_states, "response"),
         rank=5,
@@ -630,6 +664,7 @@ for _row in (
         ("band.yaml", "bands.png"),
         partial(_alone, "bands"),
         find=_find_bands,
+        summarise=lambda run: {"top_frequency": float(run.bands.frequencies.max())},
         write=_write_bands,
         read=_read_bands,
         draw=_draw_bands,
@@ -677,6 +712,7 @@ for _row in (
         (),
         partial(_alone, "gaps"),
         find=lambda run: run.phonons.gaps(),
+        summarise=lambda run: {"gaps": run.gaps.tolist()},
         read=_read_gaps,
         source="summary.yaml",
     ),
@@ -726,6 +762,7 @@ for _row in (
         ("pulse.json", "pulse.csv", "pulse.png"),
         partial(_alone, "pulse"),
         find=_find_pulse,
+        summarise=lambda run: {"pulse_distance": run["pulse"].distance},
         write=partial(_write_fields, "pulse", _PULSE_COLUMNS),
         read=partial(_read_json, "Pulse"),
         draw=partial(_plot, "pulse"),
@@ -890,6 +927,13 @@ def list_outputs(scene: Any) -> list[Export]:
             if row.when(scene):
                 rows.append(row)
     return rows
+
+
+def list_figures(folder: Path) -> list[Export]:
+    """Return the rows of the outputs whose figures can be drawn from the files in a ``folder``:
+    ``row.make_figure(Results(folder))`` draws one.
+    """
+    return [row for row in OUTPUTS.values() if row.draw is not None and row.find_source(folder)]
 
 
 def list_files(rows: Sequence[Export], figures: bool = True) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from granphon.base.errors import InputError, MissingFileError
 from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_bytes, read_yaml
-from granphon.scene.outputs import OUTPUTS, Export, Results, read_summary
+from granphon.scene.outputs import OUTPUTS, Export, Results, list_figures, read_summary
 
 if TYPE_CHECKING:
     from granphon.dynamics.contact_lattice import ContactLattice
@@ -86,7 +86,7 @@ def _choose_output(source: Path, stem: str | None, variable: str | None) -> Expo
     the folder has no result, or not that of the name.
     """
     _require_results(source)
-    rows = [row for row in OUTPUTS.values() if row.draw is not None and row.find_source(source)]
+    rows = list_figures(source)
     named_rows = [row for row in OUTPUTS.values() if row.draw is not None and row.stem == stem]
     for row in named_rows:
         if row in rows:

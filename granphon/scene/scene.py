@@ -33,7 +33,14 @@ from granphon.dynamics.local_field import LocalField
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import Cost
 from granphon.media.state import ContactState
-from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
+from granphon.observables.catalogue import (
+    CATALOGUE,
+    WAVE_COSTS,
+    Analysis,
+    Observable,
+    entry_of,
+    find_all,
+)
 from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
 from granphon.runs.dataset import list_finite_overlap
@@ -53,7 +60,7 @@ from granphon.scene.outputs import (
     list_outputs,
 )
 from granphon.scene.values import SceneValues
-from granphon.waves.settings import NETWORK_BLOCKS, POLARISATIONS, RESPONSES
+from granphon.waves.settings import NETWORK_BLOCKS, POLARISATIONS
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -561,50 +568,22 @@ class RunResult(Results):
             }
         if "velocities" in observed:
             numbers |= find_all(analysis, ("velocities",))
-        if self.bands is not None:
-            numbers["top_frequency"] = float(self.bands.frequencies.max())
-        if self.gaps is not None:
-            numbers["gaps"] = self.gaps.tolist()
-        if self.waves is not None and self.waves.pulse is not None:
-            numbers["pulse_distance"] = self.waves.pulse.distance
-        if "response_phase" in self.dataset:
-            numbers["peaks"] = self._list_peaks()
+        for row in list_outputs(self.scene):
+            numbers |= row.collect_numbers(self)
         return numbers | self._collect_wave_values()
 
     def _collect_wave_values(self) -> dict[str, float]:
         """Return the observables of waves that are one number, by name, in SI units; those that are
         not finite are left out.
         """
-        costs = ("pulse", "spectrum", "surface", "network")
         values: dict[str, float] = {}
         for name, entry in CATALOGUE.items():
-            is_number_of_waves = entry.cost in costs and not entry.dims
+            is_number_of_waves = entry.cost in WAVE_COSTS and not entry.dims
             if is_number_of_waves and name in self.dataset:
                 value = self.dataset[name].item()
                 if np.isfinite(value):
                     values[name] = value
         return values
-
-    def _list_peaks(self) -> dict[str, list[dict[str, float]]]:
-        """Return the peaks of the response at each receiver: frequency, Hz, height and Q."""
-        data = self.dataset
-        receivers = data["receiver"].values.tolist()
-        peaks: dict[str, list[dict[str, float]]] = {receiver: [] for receiver in receivers}
-        if "peaks_frequency" not in data:
-            return peaks
-        quantity = next(name for name in RESPONSES.values() if name in data)
-        # (receivers, peaks), nan beyond the number of peaks
-        shape = (len(peaks), -1)
-        frequencies = data["peaks_frequency"].values.reshape(shape).tolist()
-        heights = data[f"peaks_{quantity}"].values.reshape(shape).tolist()
-        qualities = data["peaks_quality"].values.reshape(shape).tolist()
-        for index, receiver in enumerate(peaks):
-            rows = zip(frequencies[index], heights[index], qualities[index], strict=True)
-            for frequency, height, quality in rows:
-                if np.isfinite(frequency):
-                    peak = {"frequency": frequency, "height": height, "quality": quality}
-                    peaks[receiver].append(peak)
-        return peaks
 
     def _summarise_states(self) -> dict[str, Any]:
         """Return the numbers of several states, see :meth:`summary`."""
