@@ -455,7 +455,7 @@ def _as_code(text: str) -> str:
 def files() -> str:
     """Which file is written when: the files of each output, by the table of outputs."""
     rows = []
-    for output in OUTPUTS.values():
+    for _name, output in OUTPUTS.items():
         if not output.files:
             continue
         first, *others = output.files

@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -22,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granphon.base.errors import GranphonError, InputError, brief, one_line
-from granphon.base.registry import Registry
+from granphon.base.registry import Registry, list_added
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import read_yaml, require_schema
 from granphon.observables.catalogue import CATALOGUE, is_free
@@ -67,6 +66,8 @@ class Export:
     command : the command of granphon that writes the files.
     label : the name in words, of the work that finds the output.
     occasion, words : which runs have the output, and what its files hold, for the reference.
+    numbers : the files that hold numbers.
+    figure, stem : the file of the figure, and its name without the ending; empty for none.
     """
 
     name: str
@@ -87,21 +88,20 @@ class Export:
     occasion: str = ""
     words: str = ""
 
+    numbers: tuple[str, ...] = field(init=False)
+    figure: str = field(init=False)
+    stem: str = field(init=False)
+
     def __post_init__(self) -> None:
-        if not self.label:
-            object.__setattr__(self, "label", self.name.replace("_", " "))
+        # the dataclass is frozen: what follows from the arguments is put in place here
+        assign = partial(object.__setattr__, self)
+        figures = [name for name in self.files if name.endswith(_FIGURE)]
+        assign("label", self.label or self.name.replace("_", " "))
+        assign("numbers", tuple(name for name in self.files if name not in figures))
+        assign("figure", figures[0] if figures else "")
+        assign("stem", self.figure.removesuffix(_FIGURE))
         if self.source is None:
-            object.__setattr__(self, "source", next(iter(self.files), ""))
-
-    @property
-    def numbers(self) -> tuple[str, ...]:
-        """Names of the files that hold numbers."""
-        return tuple(name for name in self.files if not name.endswith(_FIGURE))
-
-    @property
-    def figure(self) -> str:
-        """Name of the file of the figure; empty for none."""
-        return next((name for name in self.files if name.endswith(_FIGURE)), "")
+            assign("source", self.files[0] if self.files else "")
 
     def find_source(self, folder: Path) -> Path | None:
         """Return the path of the file ``source`` in a folder; None if the folder does not hold the
@@ -111,24 +111,27 @@ class Export:
         # a folder, or a link to nothing, with the name of a result is an error when it is read
         return path if path is not None and os.path.lexists(path) else None
 
+    def is_of(self, scene: Any) -> bool:
+        """Whether a run of a ``scene`` has the output."""
+        return bool(self._call(self.when, scene))
+
     def find_value(self, run: Any) -> Any:
         """Return the value of the output of a run; None for a view of other values."""
-        with _naming(self):
-            return None if self.find is None else self.find(run)
+        return None if self.find is None else self._call(self.find, run)
 
     def collect_numbers(self, run: Any) -> dict[str, Any]:
         """Return the numbers of the output of a single state for summary.yaml, by name; empty if
         the output has no value, or no such numbers.
         """
-        has_value = self.find is None or run[self.name] is not None
-        return self.summarise(run) if self.summarise is not None and has_value else {}
+        if self.summarise is None or (self.find is not None and run[self.name] is None):
+            return {}
+        return self.summarise(run)
 
     def write_numbers(self, results: Any, folder: Path) -> None:
         """Write the files of numbers of the ``results`` into a ``folder``."""
         if self.write is None:
             return
-        with _naming(self):
-            self.write(results, folder)
+        self._call(self.write, results, folder)
         missing = [name for name in self.numbers if not (folder / name).is_file()]
         if missing:
             problem = f"{OUTPUTS.describe(self.name)} has not written {', '.join(missing)}"
@@ -136,20 +139,27 @@ class Export:
 
     def read_value(self, path: Path) -> Any:
         """Return the value from the file ``path``; None if the output is a view of other values."""
-        with _naming(self):
-            return None if self.read is None else self.read(path)
+        return None if self.read is None else self._call(self.read, path)
 
     def make_figure(self, results: Any, **options: Any) -> Any:
         """Return the matplotlib figure of the ``results``."""
         if self.draw is None:
             raise InputError(f"{OUTPUTS.describe(self.name)} has no figure")
-        with _naming(self):
-            return self.draw(results, **options)
+        return self._call(self.draw, results, **options)
 
-    @property
-    def stem(self) -> str:
-        """Name of the figure without its ending; empty for no figure."""
-        return self.figure.removesuffix(_FIGURE)
+    def _call(self, function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        """Call one of the functions. What the function of a row that was added raises becomes an
+        InputError that names the output; errors of granphon and of the file system pass.
+        """
+        try:
+            return function(*arguments, **options)
+        except (GranphonError, OSError):
+            raise
+        except Exception as error:
+            if not OUTPUTS.is_added(self.name):
+                raise
+            fault = f"{OUTPUTS.describe(self.name)} fails: {type(error).__name__}: {error}"
+            raise InputError(one_line(fault), mend="Mend its function") from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -877,7 +887,7 @@ def _require_files(row: Export) -> None:
     """Raise InputError unless a row that is to be added has files of its own, and functions for
     them.
     """
-    holders = {file: other.name for other in OUTPUTS.values() for file in other.files}
+    holders = {file: other.name for _name, other in OUTPUTS.items() for file in other.files}
     given_files: tuple[Any, ...] = row.files
     for file in given_files:
         is_name = isinstance(file, str) and Path(file).name == file
@@ -900,32 +910,16 @@ def _require_files(row: Export) -> None:
             raise InputError(problem, "Its files need it", f"Give {word}")
 
 
-@contextmanager
-def _naming(row: Export) -> Iterator[None]:
-    """Raise what a function of a row that was added raises in the with-block as an InputError that
-    names the output; errors of granphon and of the file system pass.
-    """
-    try:
-        yield
-    except (GranphonError, OSError):
-        raise
-    except Exception as error:
-        if not OUTPUTS.is_added(row.name):
-            raise
-        fault = f"{OUTPUTS.describe(row.name)} fails: {type(error).__name__}: {error}"
-        raise InputError(one_line(fault), mend="Mend its function") from error
-
-
 # -- lists of outputs and files --------------------------------------------------------------------
 
 
 def list_outputs(scene: Any) -> list[Export]:
     """Return the rows of the outputs that a run of a ``scene`` has."""
+    added = list_added("output")
     rows = []
-    for row in OUTPUTS.values():
-        with _naming(row):
-            if row.when(scene):
-                rows.append(row)
+    for name, row in OUTPUTS.items():
+        if row.is_of(scene) if name in added else row.when(scene):
+            rows.append(row)
     return rows
 
 
@@ -933,7 +927,9 @@ def list_figures(folder: Path) -> list[Export]:
     """Return the rows of the outputs whose figures can be drawn from the files in a ``folder``:
     ``row.make_figure(Results(folder))`` draws one.
     """
-    return [row for row in OUTPUTS.values() if row.draw is not None and row.find_source(folder)]
+    return [
+        row for _name, row in OUTPUTS.items() if row.draw is not None and row.find_source(folder)
+    ]
 
 
 def list_files(rows: Sequence[Export], figures: bool = True) -> tuple[str, ...]:
@@ -955,7 +951,7 @@ def expected_files(scene: Any, figures: bool = True) -> tuple[str, ...]:
 
 def every_file() -> tuple[str, ...]:
     """Return the names of all files that any run of a scene may write."""
-    return list_files([row for row in OUTPUTS.values() if row.command == "run"])
+    return list_files([row for _name, row in OUTPUTS.items() if row.command == "run"])
 
 
 def read_summary(folder: Path) -> dict[str, Any]:

@@ -87,7 +87,9 @@ def _choose_output(source: Path, stem: str | None, variable: str | None) -> Expo
     """
     _require_results(source)
     rows = list_figures(source)
-    named_rows = [row for row in OUTPUTS.values() if row.draw is not None and row.stem == stem]
+    named_rows = [
+        row for _name, row in OUTPUTS.items() if row.draw is not None and row.stem == stem
+    ]
     for row in named_rows:
         if row in rows:
             return row
@@ -114,7 +116,7 @@ def _explain_unkept(row: Export) -> str:
 
 def _explain_no_result(source: Path) -> InputError:
     """Return the error of a folder without a result that can be drawn."""
-    unkept = [row for row in OUTPUTS.values() if row.figure and not row.source]
+    unkept = [row for _name, row in OUTPUTS.items() if row.figure and not row.source]
     reasons = [_explain_unkept(row) for row in unkept if (source / row.figure).is_file()]
     mend = "Give a folder of 'granphon run' with bands, a density of states or a sweep"
     return InputError(f"{source} holds no result that can be drawn", "; ".join(reasons), mend)
@@ -249,7 +251,7 @@ def read_run(source: str | os.PathLike[str]) -> Run:
 
 def _list_joined() -> list[Export]:
     """Return the outputs that several runs draw together."""
-    return [row for row in OUTPUTS.values() if row.joined]
+    return [row for _name, row in OUTPUTS.items() if row.joined]
 
 
 def _require_results(source: Path) -> None:

@@ -55,6 +55,7 @@ from granphon.base.quantities import (
     load_quantities,
     tensor_quantities,
 )
+from granphon.base.registry import list_added
 from granphon.base.text import closest, show
 from granphon.base.validation import (
     Rule,
@@ -77,7 +78,7 @@ from granphon.base.validation import (
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
-from granphon.scene.outputs import DIAMETERS_FILE, OUTPUTS
+from granphon.scene.outputs import DIAMETERS_FILE
 from granphon.waves.settings import NETWORK_BLOCKS, read_drives, write_drives
 
 #: version number of the layout of a scene file, its key "schema"
@@ -578,9 +579,8 @@ def read_observables(value: Any) -> tuple[str, ...]:
     velocities with them if they are found from velocities.
     """
     added = {name: entry.cost for name, entry in CATALOGUE.items() if CATALOGUE.is_added(name)}
-    for name in OUTPUTS:
-        if OUTPUTS.is_added(name):
-            added.setdefault(name, "state")
+    for name in list_added("output"):
+        added.setdefault(name, "state")
     observables = (*OBSERVABLES, *added)
     allowed = "a list of one or more of " + ", ".join(observables)
     if not isinstance(value, list | tuple) or not value:

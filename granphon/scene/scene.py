@@ -16,7 +16,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -228,7 +228,8 @@ class Scene(SceneValues):
                 except GranphonError as error:
                     if error.reached is None or store is None:
                         raise
-                    raise keep_incomplete(error, locked, "sweep.nc", store) from None
+                    name = str(OUTPUTS["states"].source)
+                    raise keep_incomplete(error, locked, name, store) from None
             return _write_result(result, locked, rows, figures, progress)
 
     def _compute(
@@ -245,7 +246,9 @@ class Scene(SceneValues):
         """
         solution = self.plan.solve(executor, progress, store)
         values = {"states": solution.dataset}
-        result = RunResult(target, self, solution.analysis, solution.records, values=values)
+        result = RunResult(
+            target, self, solution.analysis, solution.records, tuple(rows), values=values
+        )
         with self.origin.where_it_buckles():
             for row in rows:
                 if row.find is not None:
@@ -399,12 +402,14 @@ class RunResult(Results):
     given : the analysis of a single state; None after reading the result from its folder.
     records : of each sample of a single state, or of the state, what is kept of its waves, arrays
         by name; empty after reading the result from its folder.
+    rows : the outputs that were found; empty after reading the result from its folder.
     failures : one sentence for each figure that could not be drawn, with the reason.
     """
 
     scene: Scene
-    given: Analysis | None = None
-    records: tuple[Mapping[str, Any], ...] = ()
+    given: Analysis | None = field(default=None, repr=False)
+    records: tuple[Mapping[str, Any], ...] = field(default=(), repr=False)
+    rows: tuple[Export, ...] = field(default=(), repr=False)
     files: tuple[Path, ...] = ()
     failures: tuple[str, ...] = ()
 
@@ -434,15 +439,14 @@ class RunResult(Results):
 
     def _value(self, name: str) -> Any:
         """Return the value of an output; None if the scene does not ask for it."""
-        return self[name] if OUTPUTS[name].when(self.scene) else None
+        return self[name] if OUTPUTS[name].is_of(self.scene) else None
 
     @cached_property
     def phonons(self) -> Phonons | None:
         """Of a single state, the source of ``bands``, ``dos`` and ``gaps``; None if none of these
         was asked for.
         """
-        has_phonons = not {"bands", "dos", "gaps"}.isdisjoint(self.scene.observe)
-        if not (self.scene.is_single and has_phonons):
+        if not any(OUTPUTS[name].is_of(self.scene) for name in ("bands", "dos", "gaps")):
             return None
         from granphon.phonons.phonons import Phonons
 
@@ -568,7 +572,7 @@ class RunResult(Results):
             }
         if "velocities" in observed:
             numbers |= find_all(analysis, ("velocities",))
-        for row in list_outputs(self.scene):
+        for row in self.rows or list_outputs(self.scene):
             numbers |= row.collect_numbers(self)
         return numbers | self._collect_wave_values()
 
@@ -577,10 +581,10 @@ class RunResult(Results):
         not finite are left out.
         """
         values: dict[str, float] = {}
+        data = self.dataset
         for name, entry in CATALOGUE.items():
-            is_number_of_waves = entry.cost in WAVE_COSTS and not entry.dims
-            if is_number_of_waves and name in self.dataset:
-                value = self.dataset[name].item()
+            if entry.cost in WAVE_COSTS and not entry.dims and name in data:
+                value = data[name].item()
                 if np.isfinite(value):
                     values[name] = value
         return values
@@ -632,7 +636,7 @@ class RunResult(Results):
         """Return the matplotlib figure of the file ``name``; the curves over the load for a file
         that no output has.
         """
-        rows = [row for row in OUTPUTS.values() if row.figure == name]
+        rows = [row for _name, row in OUTPUTS.items() if row.figure == name]
         (row,) = rows or [OUTPUTS["sweep"]]
         return row.make_figure(self)
 

@@ -171,7 +171,7 @@ class SceneValues:
             of_networks=networks,
         )
 
-    @property
+    @cached_property
     def is_single(self) -> bool:
         """Whether the scene has one state alone: one load, one medium, and no swept parameter."""
         return len(self.load.values) == len(self.media) == 1 and not self.parameters
