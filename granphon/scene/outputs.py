@@ -457,8 +457,14 @@ def _read_densities(path: Path) -> Any:
 
 def _read_gaps(path: Path) -> Any:
     """Return the gaps (n, 2), Hz, that a summary tells; None if it tells none."""
-    gaps = read_summary(path.parent).get("gaps") or None
-    return None if gaps is None else np.array(gaps, float)
+    gaps = read_summary(path.parent).get("gaps")
+    if gaps is None:
+        return None
+    try:
+        return np.array(gaps, float).reshape(-1, 2)
+    except (TypeError, ValueError):
+        why = "They are pairs of frequencies"
+        raise InputError(f"{path} is damaged at gaps", why, "Run the scene again") from None
 
 
 def _read_fit(path: Path) -> Any:
