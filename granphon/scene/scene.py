@@ -384,7 +384,9 @@ def _write_result(
         files = tuple(result.folder / name for name in names if name not in failures)
         written_result = replace(result, files=files, failures=tuple(failures.values()))
         # the last file, as the summary names the files and the failures
-        (stage / "summary.yaml").write_text(_write_summary(written_result), encoding="utf-8")
+        (stage / "summary.yaml").write_text(
+            _write_summary(written_result, result.package_versions), encoding="utf-8"
+        )
     return written_result
 
 
@@ -439,6 +441,8 @@ class RunResult(Results):
 
     def _value(self, name: str) -> Any:
         """Return the value of an output; None if the scene does not ask for it."""
+        if name in self.values:
+            return self.values[name]
         return self[name] if OUTPUTS[name].is_of(self.scene) else None
 
     @cached_property
@@ -659,9 +663,9 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
     return is_whole(target, expected_files(scene, figures=False))
 
 
-def _write_summary(result: RunResult) -> str:
-    """Return the text of summary.yaml, with the numbers, their units, and the versions of
-    packages.
+def _write_summary(result: RunResult, package_versions: Mapping[str, str]) -> str:
+    """Return the text of summary.yaml, with the numbers, their units, and the
+    ``package_versions`` by name.
     """
     scene = result.scene
     numbers = result.summary()
@@ -674,7 +678,7 @@ def _write_summary(result: RunResult) -> str:
     return dump_yaml(
         {
             "schema": SUMMARY_SCHEMA,
-            "versions": result.package_versions,
+            "versions": package_versions,
             "source": None if scene.source is None else scene.source.name,
             "observe": scene.observe,
             "finite_overlap": result.finite_overlap,
