@@ -355,26 +355,15 @@ def _write_motion(run: Any, folder: Path) -> None:
     write_contacts(motion, folder / "motion_contacts.csv", run.scene.motion)
 
 
-def _write_surface(run: Any, folder: Path) -> None:
-    _write_json(run["surface"], folder / "surface.json")
-    run["surface"].write_csv(folder / "surface.csv")
+def _write_with_table(name: str, run: Any, folder: Path) -> None:
+    """Write the value ``name`` as JSON, and its own table."""
+    _write_json(run[name], folder / f"{name}.json")
+    run[name].write_csv(folder / f"{name}.csv")
 
 
-def _write_spectra(run: Any, folder: Path) -> None:
-    _write_json(run["spectrum"], folder / "spectrum.json")
-    run["spectrum"].write_csv(folder / "spectrum.csv")
-
-
-def _write_bands(run: Any, folder: Path) -> None:
-    run["bands"].write(folder / "band.yaml")
-
-
-def _write_force_constants(run: Any, folder: Path) -> None:
-    run["force_constants"].save(folder / "phonopy_params.yaml")
-
-
-def _write_densities(run: Any, folder: Path) -> None:
-    run["dos"].write_csv(folder / "dos.csv")
+def _write_value(name: str, file: str, method: str, run: Any, folder: Path) -> None:
+    """Write a ``file`` by a ``method`` of the value ``name``."""
+    getattr(run[name], method)(folder / file)
 
 
 def _write_sample(run: Any, folder: Path) -> None:
@@ -437,22 +426,11 @@ def _read_json(kind: str, path: Path) -> Any:
         raise InputError(f"{path}: {error}") from None
 
 
-def _read_motion(path: Path) -> Any:
-    from granphon.waves.motion import Motion
+def _read_by(kind: str, method: str, path: Path) -> Any:
+    """Return the result of the class ``kind`` of granphon that its ``method`` reads from a file."""
+    import granphon
 
-    return Motion.read(path)
-
-
-def _read_bands(path: Path) -> Any:
-    from granphon.phonons.bands import Bands
-
-    return Bands.read(path)
-
-
-def _read_densities(path: Path) -> Any:
-    from granphon.phonons.dos import DensityOfStates
-
-    return DensityOfStates.read_csv(path)
+    return getattr(getattr(granphon, kind), method)(path)
 
 
 def _read_gaps(path: Path) -> Any:
@@ -658,7 +636,7 @@ for _row in (
         partial(_alone, "motion"),
         find=_find_motion,
         write=_write_motion,
-        read=_read_motion,
+        read=partial(_read_by, "Motion", "read"),
         occasion="`motion`, one state",
         words="balls at all times, network, forces of contacts; of each contact arrival and"
         " greatest force",
@@ -668,7 +646,7 @@ for _row in (
         ("surface.json", "surface.csv", "surface.png"),
         partial(_alone, "surface"),
         find=_find_surface,
-        write=_write_surface,
+        write=partial(_write_with_table, "surface"),
         read=partial(_read_json, "SurfaceSpectrum"),
         draw=partial(_plot, "surface"),
         rank=4,
@@ -681,8 +659,8 @@ for _row in (
         partial(_alone, "bands"),
         find=_find_bands,
         summarise=lambda run: {"top_frequency": float(run.bands.frequencies.max())},
-        write=_write_bands,
-        read=_read_bands,
+        write=partial(_write_value, "bands", "band.yaml", "write"),
+        read=partial(_read_by, "Bands", "read"),
         draw=_draw_bands,
         joined="bands",
         marks=(rb"\nphonon:",),
@@ -696,7 +674,7 @@ for _row in (
         ("phonopy_params.yaml",),
         partial(_alone, "bands"),
         find=_find_force_constants,
-        write=_write_force_constants,
+        write=partial(_write_value, "force_constants", "phonopy_params.yaml", "save"),
         occasion="`bands`, one state",
         words="[force constants](#phonopy_paramsyaml) for phonopy and Euphonic",
     ),
@@ -705,8 +683,8 @@ for _row in (
         ("dos.csv",),
         partial(_alone, "dos"),
         find=lambda run: run.phonons.dos(mesh=run.scene.mesh),
-        write=_write_densities,
-        read=_read_densities,
+        write=partial(_write_value, "dos", "dos.csv", "write_csv"),
+        read=partial(_read_by, "DensityOfStates", "read_csv"),
         joined="dos",
         marks=(rb"\Afrequency_Hz",),  # other tables are for spreadsheets
         label="density of states",
@@ -767,7 +745,7 @@ for _row in (
         ("spectrum.json", "spectrum.csv", "spectrum.png"),
         partial(_alone, "spectrum"),
         find=_find_spectra,
-        write=_write_spectra,
+        write=partial(_write_with_table, "spectrum"),
         read=partial(_read_json, "PathSpectra"),
         draw=partial(_plot, "spectrum"),
         occasion="`spectrum`, one state",
