@@ -36,13 +36,12 @@ def redraw(
 
     Parameters
     ----------
-    folder : folder of the run, with sweep.nc, or fit.yaml, or band.yaml, dos.csv, or both, or the
-        file of a result of waves.
-    out : file of the figure, whose ending .pdf, .png or .svg is the format. A name surface means
-        the waves of an edge, spectrum, pulse or sample_dos that result of a simulation, sweep_dos
-        or sweep_spectra that of a sweep of simulations, response or motion that of the networks.
-        By default, in the folder, bands.png (dos.png without bands), fit.png or sweep.png; of one
-        state without bands the png of its surface, response or motion.
+    folder : folder of the run or fit.
+    out : file of the figure, whose ending .pdf, .png or .svg is the format. The name of a figure of
+        the table of outputs, as surface, spectrum or motion, or one of a plug-in, means that
+        figure. By default, in the folder, the figure that comes first: bands.png (dos.png without
+        bands); of one state without bands that of its motion, surface or response; else sweep.png
+        or fit.png.
     force : overwrite a file that granphon wrote and that was not changed since.
     asymptotes : add to the bands the long waves (equations 13-15) of the scene in the folder.
     variable : name of the one variable of a sweep to draw.
