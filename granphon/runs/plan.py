@@ -1042,10 +1042,11 @@ def _incomplete_files(name: str) -> list[str]:
 
 
 def keep_incomplete(
-    error: GranphonError, files: ResultFiles, name: str, store: Store
+    error: GranphonError, files: ResultFiles, name: str, store: Store | None
 ) -> GranphonError:
     """Write the data set that an ``error`` has ``reached`` into the locked folder of ``files``,
-    clear the ``store``, and return the error with the names of the files in its message.
+    clear the ``store``, if one is given, and return the error with the names of the files in its
+    message.
 
     ``name`` is the name of the file of the whole sweep. If the files cannot be written, the store
     stays, and the error is returned as it is.
@@ -1056,7 +1057,8 @@ def keep_incomplete(
     try:
         with incomplete_files.staging() as stage:
             write_sweep(error.reached, stage / names[0])
-        store.clear()
+        if store is not None:
+            store.clear()
     except OutputError:
         return error
     loads = "The load that was reached is"
