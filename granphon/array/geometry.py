@@ -416,6 +416,10 @@ class Loaded(Protocol):
     def boundary(self) -> float:
         """Size of the cell's boundary, over that with y = 0."""
 
+    @property
+    def press(self) -> Callable[..., float]:
+        """The force whose work on dy is that of the load, of the forces of contacts."""
+
 
 def find_boundary_force(place: Loaded, *forces: Array) -> float:
     """Return the mean contact force f* at which the pressure is the same where the cell keeps its
