@@ -66,6 +66,7 @@ class Export:
     command : the command of granphon that writes the files.
     label : the name in words, of the work that finds the output.
     occasion, words : which runs have the output, and what its files hold, for the reference.
+    caption : what the figure shows; by default the ``words``.
     numbers : the files that hold numbers.
     figure, stem : the file of the figure, and its name without the ending; empty for none.
     """
@@ -87,6 +88,7 @@ class Export:
     label: str = ""
     occasion: str = ""
     words: str = ""
+    caption: str = ""
 
     numbers: tuple[str, ...] = field(init=False)
     figure: str = field(init=False)
@@ -96,6 +98,7 @@ class Export:
         # the dataclass is frozen: what follows from the arguments is put in place here
         assign = partial(object.__setattr__, self)
         figures = [name for name in self.files if name.endswith(_FIGURE)]
+        assign("caption", self.caption or self.words)
         assign("label", self.label or self.name.replace("_", " "))
         assign("numbers", tuple(name for name in self.files if name not in figures))
         assign("figure", figures[0] if figures else "")
@@ -580,6 +583,7 @@ for _row in (
         of_states=True,
         occasion="`response`",
         words="magnitude and phase for each state, frequency and receiver",
+        caption="Response of the network",
     ),
     Export(
         "motion",
@@ -591,6 +595,7 @@ for _row in (
         of_states=True,
         occasion="`motion`",
         words="energies and the greatest force for each state and time",
+        caption="Motion of the balls",
     ),
     Export(
         "damped_bands",
@@ -611,6 +616,7 @@ for _row in (
         rank=6,
         occasion="a sweep of at most one parameter",
         words="velocities and exponents over the load",
+        caption="Sound velocities over the load, or the parameter, and their local exponent",
     ),
     Export(
         "sweep_dos",
@@ -620,6 +626,7 @@ for _row in (
         draw=_draw_sweep_dos,
         occasion="`dos`, a sweep",
         words="densities of states of the arrays",
+        caption="Densities of states of the simulated arrays",
     ),
     Export(
         "sweep_spectra",
@@ -629,6 +636,7 @@ for _row in (
         draw=_draw_sweep_spectra,
         occasion="`spectrum`, a sweep",
         words="[lines of plane waves](#waves-in-arrays)",
+        caption="Spectral functions of the simulated arrays",
     ),
     Export(
         "balls_in_motion",
@@ -652,6 +660,7 @@ for _row in (
         rank=4,
         occasion="`surface`, one state",
         words="spectrum of the outer layer: `gp.SurfaceSpectrum.from_dict`; waves of the edge; map",
+        caption="Waves of the edge",
     ),
     Export(
         "bands",
@@ -668,6 +677,7 @@ for _row in (
         occasion="`bands`, one state",
         words="[bands](#bandyaml) in phonopy's format; the bands, with the density of states if"
         " asked for",
+        caption="Frequencies along the path of wave vectors, and the density of states",
     ),
     Export(
         "force_constants",
@@ -700,6 +710,7 @@ for _row in (
         rank=2,
         occasion="the same without `bands`",
         words="the same",
+        caption="Density of states",
     ),
     Export(
         "gaps",
@@ -719,6 +730,7 @@ for _row in (
         source="",
         occasion="a simulation, one state",
         words="[balls of the first sample](#sampleextxyz); force chains, distribution of forces",
+        caption="Contact forces in the first sample, and their distribution",
     ),
     Export(
         "network",
@@ -739,6 +751,7 @@ for _row in (
         draw=partial(_plot, "sample_dos"),
         occasion="`dos`, a simulation, one state",
         words="density of states of the first sample: `gp.SpectralDensity.from_dict`",
+        caption="Density of states of the simulated arrays",
     ),
     Export(
         "spectrum",
@@ -750,6 +763,7 @@ for _row in (
         draw=partial(_plot, "spectrum"),
         occasion="`spectrum`, one state",
         words="spectral functions of the first sample; their peaks, widths, mean free paths; map",
+        caption="Spectral functions of the simulated arrays",
     ),
     Export(
         "pulse",
@@ -763,6 +777,7 @@ for _row in (
         occasion="`pulse`, one state",
         words="what was sent and heard: `gp.Pulse.from_dict`; force, coherent signal, speckle;"
         " figure",
+        caption="A pulse through the simulated arrays",
     ),
     Export(
         "sweep_incomplete",
@@ -784,6 +799,7 @@ for _row in (
         command="fit",
         occasion="`granphon fit`",
         words="[the fit](#fityaml-and-fitcsv)",
+        caption="Measured values, the fit, and the residuals",
     ),
     Export(
         "tradeoff",
@@ -795,6 +811,7 @@ for _row in (
         command="tradeoff",
         occasion="`granphon tradeoff`",
         words="[errors and costs](#tradeoffcsv); error over time",
+        caption="Error against time of the media",
     ),
 ):
     OUTPUTS.own(_row.name, _row)
