@@ -289,17 +289,17 @@ class Plan:
         if not self.written:
             object.__setattr__(self, "written", self.grid.load.kind)
 
-    @property
+    @cached_property
     def observe(self) -> tuple[str, ...]:
         """The names of the observables."""
         return self.grid.request.observe
 
-    @property
+    @cached_property
     def waves(self) -> WaveSettings | None:
         """The waves that are observed in arrays and in networks; None for none."""
         return self.grid.request.waves
 
-    @property
+    @cached_property
     def is_single(self) -> bool:
         """Whether there is one state alone: one load, one medium, and no swept parameter."""
         return self.grid.request.alone
@@ -322,7 +322,7 @@ class Plan:
             with placing:
                 raise
 
-    @property
+    @cached_property
     def n_cases(self) -> int:
         """Number of cases; a case is one medium at one combination of parameters."""
         return len(self.grid.media) * math.prod(len(axis.values) for axis in self.axes)
@@ -332,7 +332,7 @@ class Plan:
         """Number of states; a state is one case at one load."""
         return self.n_cases * self.grid.load.size
 
-    @property
+    @cached_property
     def axes(self) -> Sequence[Axis]:
         """The swept parameters, each with its values."""
         return self.grid.axes

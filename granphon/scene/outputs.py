@@ -69,9 +69,9 @@ class Export:
     of_states : whether the figure has a panel or curve for each state, so that the curves over the
         load come before it where there are several states.
     command : the command of granphon that writes the files.
-    caption : what the figure shows, for a report; by default ``words``.
     label : the name in words, of the work that finds the output.
     occasion, words : which runs have the output, and what its files hold, for the reference.
+    caption : what the figure shows; by default the ``words``.
     numbers : the files that hold numbers.
     figure, stem : the file of the figure, and its name without the ending; empty for none.
     """
@@ -90,10 +90,10 @@ class Export:
     rank: int = 0
     of_states: bool = False
     command: str = "run"
-    caption: str = ""
     label: str = ""
     occasion: str = ""
     words: str = ""
+    caption: str = ""
 
     numbers: tuple[str, ...] = field(init=False)
     figure: str = field(init=False)
@@ -103,8 +103,8 @@ class Export:
         # the dataclass is frozen: what follows from the arguments is put in place here
         assign = partial(object.__setattr__, self)
         figures = [name for name in self.files if name.endswith(_FIGURE)]
-        assign("label", self.label or self.name.replace("_", " "))
         assign("caption", self.caption or self.words)
+        assign("label", self.label or self.name.replace("_", " "))
         assign("numbers", tuple(name for name in self.files if name not in figures))
         assign("figure", figures[0] if figures else "")
         assign("stem", self.figure.removesuffix(_FIGURE))
@@ -600,9 +600,9 @@ for _row in (
         draw=partial(_draw_states, "response"),
         rank=5,
         of_states=True,
-        caption="Response of the network",
         occasion="`response`",
         words="magnitude and phase for each state, frequency and receiver",
+        caption="Response of the network",
     ),
     Export(
         "motion",
@@ -612,9 +612,9 @@ for _row in (
         draw=_draw_motion,
         rank=3,
         of_states=True,
-        caption="Motion of the balls",
         occasion="`motion`",
         words="energies and the greatest force for each state and time",
+        caption="Motion of the balls",
     ),
     Export(
         "damped_bands",
@@ -633,9 +633,9 @@ for _row in (
         draw=draw_curves,
         source="sweep.nc",
         rank=6,
-        caption="Sound velocities over the load, or the parameter, and their local exponent",
         occasion="a sweep",
         words="velocities and exponents over the load",
+        caption="Sound velocities over the load, or the parameter, and their local exponent",
     ),
     Export(
         "sweep_dos",
@@ -643,9 +643,9 @@ for _row in (
         partial(_together, "dos"),
         write=partial(_write_table, "sweep_dos.csv", ("node",)),
         draw=partial(_draw_waves, "sweep_dos"),
-        caption="Densities of states of the simulated arrays",
         occasion="`dos`, a sweep",
         words="densities of states of the arrays",
+        caption="Densities of states of the simulated arrays",
     ),
     Export(
         "sweep_spectra",
@@ -653,9 +653,9 @@ for _row in (
         partial(_together, "spectrum"),
         write=partial(_write_table, "sweep_spectra.csv", ("polarisation", "wavevector")),
         draw=partial(_draw_waves, "sweep_spectra"),
-        caption="Spectral functions of the simulated arrays",
         occasion="`spectrum`, a sweep",
         words="[lines of plane waves](#waves-in-arrays)",
+        caption="Spectral functions of the simulated arrays",
     ),
     Export(
         "sweep_gaps",
@@ -663,10 +663,10 @@ for _row in (
         partial(_together, "gaps"),
         write=partial(_write_table, "sweep_gaps.csv", ("gap",), numbered=True),
         draw=partial(_draw_waves, "sweep_gaps"),
-        caption="Gaps between the branches, and the top frequency",
         occasion="`gaps`, a sweep",
         words="edges of each gap, by the number of branches below; gaps and top frequency over the"
         " load",
+        caption="Gaps between the branches, and the top frequency",
     ),
     Export(
         "sweep_surface",
@@ -676,9 +676,9 @@ for _row in (
             _write_table, "sweep_surface.csv", ("surface_point", "surface_wave"), numbered=True
         ),
         draw=partial(_draw_waves, "sweep_surface"),
-        caption="Waves of the edge at the end of the path",
         occasion="`surface`, a sweep",
         words="waves of the edge along the path; those at its end over the load",
+        caption="Waves of the edge at the end of the path",
     ),
     Export(
         "balls_in_motion",
@@ -700,9 +700,9 @@ for _row in (
         read=partial(_read_json, "SurfaceSpectrum"),
         draw=partial(_plot, "surface"),
         rank=4,
-        caption="Waves of the edge",
         occasion="`surface`, one state",
         words="spectrum of the outer layer: `gp.SurfaceSpectrum.from_dict`; waves of the edge; map",
+        caption="Waves of the edge",
     ),
     Export(
         "bands",
@@ -716,10 +716,10 @@ for _row in (
         joined="bands",
         marks=(rb"\nphonon:",),
         rank=1,
-        caption="Frequencies along the path of wave vectors, and the density of states",
         occasion="`bands`, one state",
         words="[bands](#bandyaml) in phonopy's format; the bands, with the density of states if"
         " asked for",
+        caption="Frequencies along the path of wave vectors, and the density of states",
     ),
     Export(
         "force_constants",
@@ -750,9 +750,9 @@ for _row in (
         draw=_draw_bands,
         source="dos.csv",
         rank=2,
-        caption="Density of states",
         occasion="the same without `bands`",
         words="the same",
+        caption="Density of states",
     ),
     Export(
         "gaps",
@@ -770,9 +770,9 @@ for _row in (
         write=_write_sample,
         draw=_plot_sample,
         source="",
-        caption="Contact forces in the first sample, and their distribution",
         occasion="a simulation, one state",
         words="[balls of the first sample](#sampleextxyz); force chains, distribution of forces",
+        caption="Contact forces in the first sample, and their distribution",
     ),
     Export(
         "network",
@@ -791,9 +791,9 @@ for _row in (
         write=partial(_write_fields, "sample_dos", _DENSITY_COLUMNS),
         read=partial(_read_json, "SpectralDensity"),
         draw=partial(_plot, "sample_dos"),
-        caption="Density of states of the simulated arrays",
         occasion="`dos`, a simulation, one state",
         words="density of states of the first sample: `gp.SpectralDensity.from_dict`",
+        caption="Density of states of the simulated arrays",
     ),
     Export(
         "spectrum",
@@ -803,9 +803,9 @@ for _row in (
         write=partial(_write_with_table, "spectrum"),
         read=partial(_read_json, "PathSpectra"),
         draw=partial(_plot, "spectrum"),
-        caption="Spectral functions of the simulated arrays",
         occasion="`spectrum`, one state",
         words="spectral functions of the first sample; their peaks, widths, mean free paths; map",
+        caption="Spectral functions of the simulated arrays",
     ),
     Export(
         "pulse",
@@ -816,10 +816,10 @@ for _row in (
         write=partial(_write_fields, "pulse", _PULSE_COLUMNS),
         read=partial(_read_json, "Pulse"),
         draw=partial(_plot, "pulse"),
-        caption="A pulse through the simulated arrays",
         occasion="`pulse`, one state",
         words="what was sent and heard: `gp.Pulse.from_dict`; force, coherent signal, speckle;"
         " figure",
+        caption="A pulse through the simulated arrays",
     ),
     Export(
         "sweep_incomplete",
@@ -847,9 +847,9 @@ for _row in (
         marks=(b"class: WidthFit", b"class: DampingFit"),
         rank=7,
         command="fit",
-        caption="Measured values, the fit, and the residuals",
         occasion="`granphon fit`",
         words="[the fit](#fityaml-and-fitcsv)",
+        caption="Measured values, the fit, and the residuals",
     ),
     Export(
         "tradeoff",
@@ -859,9 +859,9 @@ for _row in (
         draw=partial(_plot, "tradeoff"),
         source="",
         command="tradeoff",
-        caption="Error against time of the media",
         occasion="`granphon tradeoff`",
         words="[errors and costs](#tradeoffcsv); error over time",
+        caption="Error against time of the media",
     ),
 ):
     OUTPUTS.own(_row.name, _row)

@@ -51,6 +51,7 @@ def test_every_row_says_what_it_writes_and_has_the_functions_for_it(name):
     is_of_command = name in ("summary", "sweep_incomplete", "report")
     assert (row.write is not None) == (bool(row.numbers) and not is_of_command)
     assert (row.draw is not None) == bool(row.figure)
+    assert row.caption or not row.figure
     assert set(row.files) == {*row.numbers, *filter(None, [row.figure])}
 
 
