@@ -33,7 +33,6 @@ from _meanings import (
     DEFAULTS,
     FIELD_UNITS,
     FIELDS,
-    FILES,
     FITTED,
     MEASURED,
     PACKINGS,
@@ -59,7 +58,7 @@ from granphon.base.tables import Table
 from granphon.base.text import plain_yaml
 from granphon.cli.commands import app
 from granphon.cli.commands import main as granphon
-from granphon.fits.fit import FIT_FILES, WidthFit
+from granphon.fits.fit import WidthFit
 from granphon.media.choice import MEDIA
 from granphon.media.simulation import DEFAULT_SHAPES
 from granphon.media.state import ContactState
@@ -67,9 +66,10 @@ from granphon.observables.catalogue import CATALOGUE
 from granphon.runs.dataset import load_sweep
 from granphon.scene import rules
 from granphon.scene.file import FIELDS as SCENE_FIELDS
+from granphon.scene.outputs import OUTPUTS
 from granphon.scene.rules import PARTS, Context
-from granphon.scene.scene import RESULT_FILES, Scene
-from granphon.tradeoffs.measure import TRADEOFF_FILES, TradeOff
+from granphon.scene.scene import Scene
+from granphon.tradeoffs.measure import TradeOff
 from granphon.waves.settings import DriveSettings, Shaker
 
 HERE = Path(__file__).parent
@@ -469,16 +469,16 @@ def _as_code(text: str) -> str:
 
 
 def files() -> str:
-    """Which file is written when: files of one stem share a row, if none of them has its own."""
-    endings: dict[str, list[str]] = {}
-    for name in (*RESULT_FILES, *FIT_FILES, *TRADEOFF_FILES):
-        stem, _, ending = name.rpartition(".")
-        endings.setdefault(name if name in FILES else stem, []).append(ending)
+    """Which file is written when: the files of each output, by the table of outputs."""
     rows = []
-    for name, (first, *others) in endings.items():
-        whole = name if name in FILES and "." in name else f"{name}.{first}"
-        shown = ", ".join([f"`{whole}`", *(f"`.{ending}`" for ending in others)])
-        rows.append([shown, *meaning(FILES, name)])
+    for _name, output in OUTPUTS.items():
+        if not output.files:
+            continue
+        first, *others = output.files
+        stem = first.partition(".")[0]
+        shown = [first]
+        shown += [re.sub(rf"\A{stem}\.", ".", name) for name in others]
+        rows.append([", ".join(f"`{name}`" for name in shown), output.occasion, output.words])
     return table(("file", "written for", "what is in it"), rows)
 
 

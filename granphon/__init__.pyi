@@ -105,6 +105,9 @@ from .runs.dataset import load_sweep as load_sweep
 from .runs.store import Store as Store
 from .runs.sweep import sweep as sweep
 from .runs.wave_records import SampleWaves as SampleWaves
+from .scene.outputs import Export as Export
+from .scene.outputs import Results as Results
+from .scene.outputs import register_output as register_output
 from .scene.scene import RunResult as RunResult
 from .scene.scene import Scene as Scene
 from .tradeoffs.measure import MeasuredPoint as MeasuredPoint

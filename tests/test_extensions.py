@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,8 +18,9 @@ from granphon.balls.loads import Load
 from granphon.base import registry
 from granphon.base.errors import InputError
 from granphon.base.registry import Registry
+from granphon.cli.commands import main
 from granphon.observables.catalogue import CATALOGUE
-from granphon.scene.scene import Scene
+from granphon.scene.scene import Scene, is_complete
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 PACKING = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
@@ -280,8 +282,140 @@ def test_packages_add_by_entry_points_and_one_that_fails_is_named(steel):
     assert [why is None for why in loaded.values()] == [True, False]
 
 
+def read_plug_in() -> str:
+    """The plug-in of the page on extensions: an observable with a table and a figure."""
+    page = Path(__file__).parents[1] / "docs" / "how-to" / "extend.md"
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    (block,) = (block for block in blocks if "def register():" in block)
+    return block
+
+
+@pytest.fixture
+def slowness(tmp_path, monkeypatch):
+    """The plug-in of the page, in a package that is installed, and a scene that observes it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "granphon_slowness.py").write_text(read_plug_in(), encoding="utf-8")
+    description = tmp_path / "slowness-1.0.dist-info"
+    description.mkdir()
+    (description / "METADATA").write_text("Metadata-Version: 2.1\nName: slowness\nVersion: 1.0\n")
+    (description / "entry_points.txt").write_text(
+        "[granphon.plugins]\nslowness = granphon_slowness:register\n"
+    )
+    (tmp_path / "scene.yaml").write_text(
+        "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
+        "packing: {diameter: 8 mm}\nload: {force: [2 N, 20 N]}\nobserve: [slowness]\n",
+        encoding="utf-8",
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(registry, "_loaded", {})
+    yield tmp_path
+    sys.modules.pop("granphon_slowness", None)
+
+
+def test_an_output_of_thirty_lines_is_in_every_place_that_has_those_of_granphon(slowness, capsys):
+    lines = [line for line in read_plug_in().splitlines() if line.strip()]
+    assert len(lines) <= 30
+    assert main(["check", "scene.yaml"]) == 0
+    assert "slowness.csv, sweep.png, slowness.png" in capsys.readouterr().out
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    table = np.loadtxt("out/slowness.csv", delimiter=",", skiprows=1)
+    data = gp.load_sweep("out/sweep.nc")
+    np.testing.assert_array_equal(table[:, 0], data["force"].values)
+    np.testing.assert_array_equal(table[:, 1], data["slowness"].values[:, 0])
+    np.testing.assert_allclose(table[:, 1], 1.0 / data["longitudinal"].values[:, 0])
+    figure = Path("out/slowness.png")
+    drawn = figure.read_bytes()
+    assert drawn.startswith(b"\x89PNG")
+    # resumed: it is whole, and is not whole without the table
+    assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 0
+    assert "Nothing was computed" in capsys.readouterr().out
+    result = Scene.from_yaml("scene.yaml").run("out", resume=True)
+    np.testing.assert_array_equal(result["slowness"], table)
+    # drawn again, from the table
+    assert main(["plot", "out", "-o", "out/slowness.png", "--force"]) == 0
+    assert figure.read_bytes() == drawn
+    Path("out/slowness.csv").unlink()
+    assert main(["plot", "out", "-o", "slowness.pdf"]) == 2
+    assert "holds no slowness" in capsys.readouterr().err
+    assert not is_complete(Scene.from_yaml("scene.yaml"), "out")
+    # and documented
+    sys.path.insert(0, str(Path(__file__).parents[1] / "docs"))
+    try:
+        import _generate
+    finally:
+        sys.path.pop(0)
+    row = "| `slowness.csv`, `.png` | `slowness` | slowness of longitudinal waves |"
+    assert row in _generate.files()
+
+
+def test_a_single_state_has_the_output_of_a_plug_in_too(slowness):
+    text = (slowness / "scene.yaml").read_text(encoding="utf-8").replace("[2 N, 20 N]", "2 N")
+    result = Scene.from_text(text).run("out")
+    assert result["slowness"][0, 1] == result.summary()["slowness"]
+    assert Path("out/slowness.png").exists()
+
+
+def write_nothing(run, folder):
+    pass
+
+
+def fail(*arguments):
+    raise ZeroDivisionError("no such thing")
+
+
+@pytest.mark.parametrize(
+    ("functions", "told"),
+    [
+        ({"write": fail}, "'mine' fails: ZeroDivisionError"),
+        ({"write": write_nothing}, "'mine' has not written mine.csv"),
+        ({"write": write_nothing, "find": fail}, "'mine' fails: ZeroDivisionError"),
+        ({"write": write_nothing, "when": fail}, "'mine' fails: ZeroDivisionError"),
+    ],
+)
+def test_an_output_that_fails_is_named_and_nothing_is_written(functions, told, tmp_path):
+    gp.register_output("mine", ["mine.csv"], "numbers", **functions)
+    scene = Scene(PACKING, Load("force", (9.0,)), observe=("mine",))
+    assert scene.observe == ("mine",)
+    with pytest.raises(InputError, match=told):
+        scene.run(tmp_path / "out", figures=False)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_figure_that_fails_is_a_warning_and_a_value_of_none_writes_nothing(tmp_path):
+    gp.register_output("mine", ["mine.png"], "a figure", draw=fail)
+    gp.register_output("absent", ["absent.csv"], "numbers", find=lambda run: None, write=fail)
+    scene = Scene(PACKING, Load("force", (9.0,)), observe=("mine", "absent"))
+    result = scene.run(tmp_path / "out")
+    (warning,) = result.failures
+    assert "mine.png" in warning
+    assert not {"mine.png", "absent.csv"} & {path.name for path in result.files}
+
+
+@pytest.mark.parametrize(
+    ("name", "files", "functions", "told"),
+    [
+        ("two words", ["a.csv"], {"write": fail}, "'two words'"),
+        ("velocities", ["a.csv"], {"write": fail}, "'velocities'"),
+        ("force", ["a.csv"], {"write": fail}, "'force'"),
+        ("states", ["a.csv"], {"write": fail}, "'states' exists"),
+        ("mine", [], {}, "figures"),
+        ("mine", ["a.png", "b.png"], {"draw": fail}, "2 figures"),
+        ("mine", ["../a.csv"], {"write": fail}, "no file"),
+        ("mine", [".a.csv"], {"write": fail}, "no file"),
+        ("mine", ["dos.csv"], {"write": fail}, "'dos'"),
+        ("mine", ["a.csv"], {}, "no function write"),
+        ("mine", ["a.png"], {}, "no function draw"),
+    ],
+)
+def test_an_output_that_cannot_be_registered(name, files, functions, told):
+    with pytest.raises(InputError, match=told):
+        gp.register_output(name, files, "words", **functions)
+
+
 def test_every_table_is_a_registry():
-    assert {"lattice", "contact law", "medium", "observable", "reader"} <= set(Registry.every)
+    assert {"lattice", "contact law", "medium", "observable", "reader", "output"} <= set(
+        Registry.every
+    )
     for table in Registry.every.values():
         assert not any(table.is_added(name) for name in table)
         assert list(table) == list(table.keys())

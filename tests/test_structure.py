@@ -104,7 +104,7 @@ NOT_HERTZ = {
     "media/left_out.py:": "tabulated forces",
     "networks/building.py:complete": "inertia of a solid ball",
     "observables/validity.py:_find_limited_ratios": "the paper's criterion (f/E d^2)^(1/6)",
-    "scene/plan.py:_estimate_waves": "a bound with a margin",
+    "runs/plan.py:_estimate_waves": "a bound with a margin",
     "waves/propagation.py:order": "the width of Bessel functions near their turning point",
 }
 #: what states laws, averages Hertz's over distributions, or knows no contact

@@ -216,7 +216,7 @@ def make_scene_page(
     """
 
     with write_of_scene(scene, out, (".html", ".htm"), force) as (plan, staged_file):
-        packing = plan.cases[0].case.packing
+        packing = plan.plan.cases[0].case.packing
         options: dict[str, Any] = {
             "direction": next(iter(plan.directions), None),
             "title": f"{packing.structure.name} lattice, {Path(scene).name}",
@@ -239,7 +239,7 @@ def _make_crystal_page(plan: Scene, options: dict[str, Any]) -> str:
     remarks: list[str] = []
     if not plan.is_single:
         remarks.append("The scene has several states; this page is that of the first.")
-    case = plan.cases[0].case
+    case = plan.plan.cases[0].case
     medium = case.medium.of(case.packing)
     state: Any = medium.at(case.load[0], finite_overlap=plan.finite_overlap)
     return make_page(state.source, **options, remarks=remarks)
@@ -251,7 +251,7 @@ def _make_packing_page(plan: Scene, options: dict[str, Any]) -> str:
     """
     from granphon.page.page import make_page
 
-    case = plan.cases[0].case
+    case = plan.plan.cases[0].case
     remarks: list[str] = []
     if case.where:
         remarks.append(

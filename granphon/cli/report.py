@@ -45,11 +45,13 @@ def write_report(
     """
     from granphon.base.staging import ResultFiles
     from granphon.page.document import write_html, write_markdown
+    from granphon.scene.outputs import OUTPUTS
     from granphon.scene.report import read_report
-    from granphon.scene.scene import REPORT_FILES
 
     require_name("--out", out)
-    targets = [Path(folder) / name for name in REPORT_FILES] if out is None else [Path(out)]
+    targets = (
+        [Path(folder) / name for name in OUTPUTS["report"].files] if out is None else [Path(out)]
+    )
     for target in targets:
         if target.suffix not in (".html", ".md"):
             problem = f"--out is {target}, whose ending names no format of a report"

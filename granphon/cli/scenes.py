@@ -98,11 +98,12 @@ def check_scene(scene: SceneFile) -> None:
     Example:
       granphon check scene.yaml
     """
-    from granphon.scene.scene import Scene, expected_files
+    from granphon.scene.outputs import expected_files
+    from granphon.scene.scene import Scene
 
     plan = Scene.from_yaml(scene)
     rows = describe_scene(plan)  # first, because it raises if there is too little memory
-    warnings, left_out = plan.foresee_warnings()
+    warnings, left_out = plan.plan.foresee_warnings()
     plan.to_yaml()  # raises now if a run could not write the scene
     if left_out:
         rows.append(("not checked yet", left_out))

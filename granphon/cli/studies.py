@@ -4,7 +4,7 @@ with each other.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
@@ -116,16 +116,18 @@ def fit_measurements(
     """
     from granphon.base.staging import ResultFiles
     from granphon.base.tables import Table
-    from granphon.fits.fit import FIT_FILES, fit_width
+    from granphon.fits.fit import fit_width
     from granphon.fits.trace_files import has_traces
     from granphon.fits.transfer import TransferFunction
+    from granphon.scene.outputs import OUTPUTS
     from granphon.scene.scene import Scene
 
     require_name("--out", out)
     plan = Scene.from_yaml(scene)
     files = None
     if out is not None:
-        files = ResultFiles(out, FIT_FILES, force, inputs=(*plan.origin.inputs, data))
+        inputs = (*plan.origin.inputs, Path(data))
+        files = ResultFiles(out, OUTPUTS["fit"].files, force, inputs=inputs)
         files.require_free()
     parameters = _read_parameters(parameter)
     columns = _read_columns(column)
@@ -375,7 +377,7 @@ def _fit_response(
         problem = f"{scene} has {plan.n_states} states"
         raise InputError(problem, "A transfer function is of one", "Keep one load and medium")
     measured = TransferFunction.read(data, columns, settings.quantity)
-    network = settings.shape(plan.cases[0].state.network)
+    network = settings.shape(plan.plan.cases[0].state.network)
     sources = [find_place(words) for words in settings.source]
     receivers = [find_place(words) for words in settings.receiver]
     return fit_damping(
@@ -403,23 +405,15 @@ def _finish_fit(
     """Write the ``files`` of a ``fit`` into the folder ``out``, if both are given, and print the
     ``notes`` as warnings, and the rows of the ``table``.
     """
-    from granphon.fits.fit import FIT_FILES
-
-    def draw_fit(_name: str) -> Any:
-        # imported here, so that a failed import counts as a failed figure
-        from granphon.figures.plot import plot
-
-        return plot(fit)
-
     failures: dict[str, str] = {}
     if files is not None:
         with files.open() as locked:
-            failures = _stage_study(locked, fit.write, draw_fit)
+            failures = _stage_study(locked, "fit", fit)
     state_of_folder = NOTHING_WRITTEN if out is None else f"the result was written into {out}."
     with tell_interruption(lambda: state_of_folder):
         warn((*notes, *failures.values()))
         say_table(table)
-        _say_written(out, FIT_FILES, failures)
+        _say_written(out, "fit", failures)
 
 
 def _read_direction(value: str) -> list[float]:
@@ -477,8 +471,9 @@ def measure_tradeoff(
     from granphon.base.validation import require
     from granphon.runs.store import open_store
     from granphon.runs.workers import open_executor, require_workers
+    from granphon.scene.outputs import OUTPUTS
     from granphon.scene.scene import WORK_FILE, Scene
-    from granphon.tradeoffs.measure import TRADEOFF_FILES, tradeoff
+    from granphon.tradeoffs.measure import tradeoff
 
     require_name("--out", out)
     require_workers(workers, scheduler)
@@ -486,7 +481,7 @@ def measure_tradeoff(
     plan = Scene.from_yaml(scene)
     files = None
     if out is not None:
-        files = ResultFiles(out, TRADEOFF_FILES, force, inputs=plan.origin.inputs)
+        files = ResultFiles(out, OUTPUTS["tradeoff"].files, force, inputs=plan.origin.inputs)
         files.require_free()
     packing = _require_one_packing("A trade-off", scene, plan)
     load = plan.load.applied
@@ -506,15 +501,6 @@ def measure_tradeoff(
         if failures is not None:
             return f"the result was written into {out}."
         return f"{NOTHING_WRITTEN} {GO_ON}" if work_file.is_file() else NOTHING_WRITTEN
-
-    def write_table(folder: Path) -> None:
-        (folder / "tradeoff.csv").write_text(measured.csv(), encoding="utf-8")
-
-    def draw_tradeoff(_name: str) -> Any:
-        # imported here, so that a failed import counts as a failed figure
-        from granphon.figures.work_precision import tradeoff_figure
-
-        return tradeoff_figure(measured)
 
     opened_files = nullcontext() if files is None else files.open()
     with (
@@ -537,13 +523,13 @@ def measure_tradeoff(
                 store=store,
             )
         # assigned after the files have been written, as an interruption before says otherwise
-        failures = {} if locked is None else _stage_study(locked, write_table, draw_tradeoff)
+        failures = {} if locked is None else _stage_study(locked, "tradeoff", measured)
     with tell_interruption(describe_folder):
         warn(tuple(failures.values()))
         if not quiet:
             for line in describe_tradeoff(measured, packing.structure.periods):
                 say(line)
-            _say_written(out, TRADEOFF_FILES, failures)
+            _say_written(out, "tradeoff", failures)
 
 
 def _choose_reference(scene: str, plan: Scene) -> dict[str, Any]:
@@ -561,26 +547,28 @@ def _choose_reference(scene: str, plan: Scene) -> dict[str, Any]:
     return {name: reference.options[name] for name in REFERENCE_OPTIONS}
 
 
-def _stage_study(
-    locked: ResultFiles, write: Callable[[Path], None], draw_figure: Callable[[str], Any]
-) -> dict[str, str]:
-    """Write the ``locked`` files into their folder, and return the reasons for which figures could
-    not be drawn, by their names.
-
-    ``write`` writes the tables into a folder, and ``draw_figure`` returns the figure of a name.
+def _stage_study(locked: ResultFiles, name: str, value: Any) -> dict[str, str]:
+    """Write the ``locked`` files of the output ``name``, whose value is a study, into their folder,
+    and return the reasons for which its figure could not be drawn, by the name of the file.
     """
     from granphon.figures.style import draw
+    from granphon.scene.outputs import OUTPUTS, Results
 
-    figure_names = [name for name in locked.names if name.endswith(".png")]
-    with locked.staging(figure_names) as stage:
-        write(stage)
-        return draw(draw_figure, figure_names, stage)
+    row = OUTPUTS[name]
+    results = Results(Path(locked.folder), values={name: value})
+    with locked.staging([row.figure]) as stage:
+        row.write_numbers(results, stage)
+        return draw(lambda _file: row.make_figure(results), [row.figure], stage)
 
 
-def _say_written(out: str | None, names: Sequence[str], failures: Mapping[str, str]) -> None:
-    """Print the ``names`` of the files in the folder ``out``, without the figures that failed."""
+def _say_written(out: str | None, name: str, failures: Mapping[str, str]) -> None:
+    """Print the names of the files of the output ``name`` in the folder ``out``, without the
+    figures that failed.
+    """
+    from granphon.scene.outputs import OUTPUTS
+
     if out is not None:
-        written_names = [name for name in names if name not in failures]
+        written_names = [file for file in OUTPUTS[name].files if file not in failures]
         say(f"Wrote {', '.join(written_names)} into {out}")
 
 

@@ -402,10 +402,11 @@ def _shade_by_edges(bands: Bands) -> _Shades:
     colours = _mix_edge_colours(weight)  # (s, p, b, 3)
     shades: _Shades = {}
     for s, b in np.ndindex(len(bands.distances), bands.n_branches):
-        greatest_weight = weight[s, :, b].sum(axis=-1).max()
+        is_of_edge = weight[s, :, b].sum(axis=-1).max() > _MOSTLY
+        # of branches that coincide the later one, which is narrower, stands above
         shades[s, b] = {
             "colors": colours[s, :, b].clip(0.0, 1.0),
-            "zorder": 2.0 + greatest_weight,
+            "zorder": 2.0 + float(is_of_edge) + 0.1 * b / bands.n_branches,
         }
     return shades
 

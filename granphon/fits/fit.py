@@ -855,10 +855,6 @@ class WidthFit(Fitted):
         return columns
 
 
-#: files of a fit: those of :meth:`Fitted.write`, and its figure
-FIT_FILES = ("fit.yaml", "fit.csv", "fit.png")
-
-
 def fit_width(
     packing: Packing,
     force: ArrayLike,

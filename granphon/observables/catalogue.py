@@ -53,6 +53,8 @@ CostClass = Literal[
     "gaps",
     "network",
 ]
+#: costs of the observables of the waves in simulated arrays, at edges, beside gaps, and in networks
+WAVE_COSTS: tuple[CostClass, ...] = ("pulse", "spectrum", "dos", "surface", "gaps", "network")
 
 
 @dataclass(frozen=True)
@@ -766,7 +768,7 @@ def register_observable(
     requirements: dict[str, tuple[Any, Callable[[str], bool], str]] = {
         "name": (
             name,
-            _is_free,
+            is_free,
             "a word of letters, digits and underscores that scenes and data sets do not have yet",
         ),
         "unit": (unit, is_si, 'a unit of SI without a factor, such as "N/m", or "1"'),
@@ -786,7 +788,7 @@ def register_observable(
     return CATALOGUE.add(name, entry, find)
 
 
-def _is_free(name: str) -> bool:
+def is_free(name: str) -> bool:
     """Return whether a name is an identifier that neither a dimension of data sets has nor a part
     that scenes observe.
     """

@@ -52,7 +52,7 @@ from granphon.base.validation import find_unit_of
 from granphon.dynamics.elasticity import voigt_names
 from granphon.media.arrangement import Balls
 from granphon.media.choice import is_exact_label
-from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
+from granphon.observables.catalogue import CATALOGUE, WAVE_COSTS, Analysis, entry_of
 from granphon.runs.execution import solve_all
 from granphon.runs.notes import CaseNotes, tell_notes
 from granphon.runs.store import Store, TaskResult
@@ -61,7 +61,6 @@ from granphon.runs.tasks import (
     SWEEP_SCHEMA,
     Grid,
     SampleRecord,
-    add_waves,
     drop_marks,
     explain_end,
     find_reached,
@@ -81,20 +80,8 @@ else:
 
 
 Array = NDArray[Any]
-#: costs of the observables of the waves in simulated arrays, at edges, beside gaps, and in networks
-_WAVE_COSTS = ("pulse", "spectrum", "dos", "surface", "gaps", "network")
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
-#: dimensions of tables of waves besides the dimensions of states, by the stem of the file
-_TABLE_DIMS = {
-    "sweep_dos": ("node",),
-    "sweep_spectra": ("polarisation", "wavevector"),
-    "sweep_gaps": ("gap",),
-    "sweep_surface": ("surface_point", "surface_wave"),
-    "response": ("response_frequency", "receiver"),
-    "motion": ("motion_time",),
-    "damped_bands": ("segment", "point", "branch"),
-}
 #: last dimensions of variables of which some states have fewer values than others
 _UNEVEN = (("surface_wave",), ("gap",), ("response_peak",))
 #: name of the attribute with the sha256 digest of the numbers
@@ -224,10 +211,7 @@ class SweepRun:
         of the ``records``, one for each sample of the state.
         """
         (task,) = self.grid.cases[0].media
-        result = task.observe(analysis)
-        if task.request.waves is not None:
-            result = add_waves(result, task, task.load, records)
-        return fill(self.frame, self.grid, [result])
+        return fill(self.frame, self.grid, [task.tabulate(analysis, task.load, records)])
 
 
 def _require_sound(grid: Grid) -> None:
@@ -709,7 +693,7 @@ def _explain_gaps(result: TaskResult, gaps: Sequence[str]) -> str:
 
 def _may_be_gap(name: str) -> bool:
     """Whether some cases of a sweep may have a variable that others lack."""
-    is_of_waves = name in CATALOGUE and CATALOGUE[name].cost in _WAVE_COSTS
+    is_of_waves = name in CATALOGUE and CATALOGUE[name].cost in WAVE_COSTS
     return name == "pressure" or is_of_waves or _is_of_sound(name)
 
 
@@ -842,19 +826,17 @@ def _digest_numbers(dataset: Dataset) -> str:
     return digest({"variables": variables, "attributes": attributes})
 
 
-def write_waves(dataset: Dataset, path: Path) -> None:
-    """Write the table ``path`` of waves in simulated arrays, in networks, or of damped bands; the
-    stem of its name says which.
+def write_waves(
+    dataset: Dataset, path: Path, wave_dims: Sequence[str], numbered: bool = False
+) -> None:
+    """Write the table ``path`` of the variables that have the dimensions ``wave_dims`` besides
+    those of the states, with a row for each of their points in every state.
 
-    Each table has rows for every state. Of a state, sweep_dos.csv has a row for each frequency,
-    sweep_spectra.csv for each polarisation and wave vector, sweep_gaps.csv for each number of
-    branches below a gap, sweep_surface.csv for each point and wave, response.csv for each frequency
-    and receiver, motion.csv for each time, and damped_bands.csv for each segment, point and branch.
+    The dimensions that are ``numbered`` have no coordinates: their numbers, from zero, tell rows
+    apart.
     """
-    wave_dims = _TABLE_DIMS[path.stem]
     dims = (*dataset["valid"].dims, *wave_dims)
-    if path.stem in ("damped_bands", "sweep_gaps", "sweep_surface"):
-        # These dimensions have no coordinates: their numbers, from zero, tell rows apart.
+    if numbered:
         numbers = {name: np.arange(dataset.sizes[name]) for name in wave_dims}
         dataset = dataset.assign_coords(numbers)
     coordinates = [name for name in wave_dims if name in dataset.coords]
@@ -998,7 +980,7 @@ def _find_fault(name: str, values: Array, may_lack: bool) -> str:
     entry = CATALOGUE[name]
     is_error = entry.sampled or name == "exponent_error"
     # standard errors, waves and registered observables are nan where they are not known
-    is_nan_of_kind = is_error or entry.cost in _WAVE_COSTS or CATALOGUE.is_added(name)
+    is_nan_of_kind = is_error or entry.cost in WAVE_COSTS or CATALOGUE.is_added(name)
     is_nan_of_sweep = may_lack and (entry.cost == "velocities" or name == "pressure")
     is_bad = values == -np.inf if name in _MAY_BE_INFINITE else np.isinf(values)
     if not (is_nan_of_kind or is_nan_of_sweep):

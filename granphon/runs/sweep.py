@@ -7,14 +7,10 @@ interrupted sweep goes on from what it has.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import nullcontext
-from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,10 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Axis, Packing, find_double
-from granphon.base.errors import ConvergenceError, GranphonError, InputError, OutputError
+from granphon.base.errors import InputError
 from granphon.base.progress import Progress, silent
 from granphon.base.settings import IN_PYTHON, make_rules, read_block
-from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.validation import block, require, truth
 from granphon.media.arrangement import Arrangement, given_balls
 from granphon.media.choice import MediumChoice, default_medium, require_finite_overlap
@@ -34,14 +29,10 @@ from granphon.media.crystal import Crystal
 from granphon.phonons.paths import BandPath
 from granphon.runs.dataset import (
     Dataset,
-    SweepRun,
-    collect_identity,
-    file_names,
-    load_sweep,
-    write_sweep,
 )
-from granphon.runs.store import Store, open_store
-from granphon.runs.tasks import INCOMPLETE, Grid, Request, require_arrays, to_json
+from granphon.runs.plan import Plan
+from granphon.runs.store import Store
+from granphon.runs.tasks import Grid, Request, require_arrays
 from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings
 
 Array = NDArray[Any]
@@ -192,11 +183,9 @@ def sweep(
     grid = Grid(packing, axes, choices, load, request)
     if waves is not None:
         require_arrays(choices, parameters, waves.names)
-        _require_waves(grid, waves)
-    return sweep_grid(
-        grid,
-        executor=executor,
-        progress=progress,
+    return Plan(grid).sweep(
+        progress,
+        executor,
         path=path,
         resume=resume,
         overwrite=overwrite,
@@ -214,20 +203,6 @@ def _choose_load(load: Load | None, **loads: ArrayLike | None) -> Load:
         mend = "Give load alone, or one of force, pressure, overlap"
         raise InputError("a load is given twice", mend=mend)
     return load.applied.flat
-
-
-def _require_waves(grid: Grid, waves: WaveSettings) -> None:
-    """Raise GranphonError if it is known that the arrays of a case do not have the ``waves``; the
-    error names the case.
-    """
-    # imported here: a sweep without waves does not need the module
-    from granphon.runs.wave_records import require_waves
-
-    for case in grid.cases:
-        try:
-            require_waves(case.serving_media, waves)
-        except GranphonError as error:
-            raise type(error)(f"{case.label}: {error}") from None
 
 
 def _read_media(media: Any, lattice: Lattice, packing: Packing | Arrangement) -> list[MediumChoice]:
@@ -323,100 +298,3 @@ def _read_pulse(pulse: PulseSettings | Mapping[str, Any] | None) -> PulseSetting
         "pulse", partial(read_block, PulseSettings, context=IN_PYTHON), pulse
     )
     return settings
-
-
-def sweep_grid(
-    grid: Grid,
-    *,
-    executor: Executor | None = None,
-    progress: Progress = silent,
-    path: str | os.PathLike[str] | None = None,
-    resume: bool = False,
-    overwrite: bool = False,
-    store: Store | None = None,
-) -> Dataset:
-    """Carry out :func:`sweep` for the cases of a ``grid`` and return the data set; what the cases
-    know, such as a choice of media, is not found again.
-
-    Arguments and errors are those of :func:`sweep`. The load is an applied one, of at most one
-    dimension.
-    """
-    run = SweepRun.of(grid)
-    target = None if path is None else Path(path)
-    if target is None and resume:
-        problem = "a sweep without a path cannot be resumed"
-        why = "Its finished parts are kept beside its file"
-        raise InputError(problem, why, "Give path")
-    if target is None:
-        opened_store = open_store(None) if store is None else nullcontext(store)
-        with opened_store as task_store:
-            return run.join(run.do(executor, progress, task_store))
-    if target.suffix != ".nc":
-        why = "It is a netCDF file, with a .csv beside it"
-        raise InputError(f"{target} does not end in .nc", why)
-    if resume and not overwrite:
-        earlier_sweep = _load_same(run, target)
-        if earlier_sweep is not None:
-            return earlier_sweep
-    incomplete_names = _incomplete_files(target.name)
-    files = ResultFiles(target.parent, file_names(target), overwrite, earlier=incomplete_names)
-    store_beside = open_store(target.with_name(f".{target.name}.partial"), overwrite)
-    opened_store = store_beside if store is None else nullcontext(store)
-    with files.open() as locked, opened_store as task_store:
-        try:
-            dataset = run.join(run.do(executor, progress, task_store))
-        except ConvergenceError as error:
-            if error.reached is None:
-                raise
-            # a store of the caller is not cleared
-            own_store = task_store if store is None else None
-            raise keep_incomplete(error, locked, target.name, own_store) from None
-        with locked.staging() as stage:
-            write_sweep(dataset, stage / target.name)
-    return dataset
-
-
-def _load_same(run: SweepRun, path: Path) -> Dataset | None:
-    """Return the sweep in ``path`` if its files are whole and its inputs and versions are those of
-    ``run``; None otherwise.
-    """
-    if not is_whole(path.parent, file_names(path)):
-        return None
-    earlier_sweep = load_sweep(path)
-    # as JSON and back, as the identity in the file has been
-    identity = json.loads(to_json(collect_identity(run.frame)))
-    return earlier_sweep if collect_identity(earlier_sweep) == identity else None
-
-
-def _incomplete_files(name: str) -> list[str]:
-    """Return the names of the files of a sweep that lacks loads, where the whole one would be in
-    the file ``name``.
-    """
-    path = Path(name)
-    return file_names(path.with_stem(f"{path.stem}_{INCOMPLETE}"))
-
-
-def keep_incomplete(
-    error: GranphonError, files: ResultFiles, name: str, store: Store | None
-) -> GranphonError:
-    """Write the data set that an ``error`` has ``reached`` into the locked folder of ``files``,
-    clear the ``store``, if one is given, and return the error with the names of the files in its
-    message.
-
-    ``name`` is the name of the file of the whole sweep. If the files cannot be written, the store
-    stays, and the error is returned as it is.
-    """
-    names = _incomplete_files(name)
-    n_loads = error.reached.sizes["load"]
-    incomplete_files = replace(files, names=names, force=True, earlier=())
-    try:
-        with incomplete_files.staging() as stage:
-            write_sweep(error.reached, stage / names[0])
-        if store is not None:
-            store.clear()
-    except OutputError:
-        return error
-    loads = "The load that was reached is"
-    if n_loads > 1:
-        loads = f"The {n_loads} loads that were reached are"
-    return error.restate(f"{error} {loads} in {' and '.join(names)} in {files.folder}.")

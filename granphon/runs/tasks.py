@@ -440,9 +440,7 @@ class MediumTask(Task):
             SampleRecord.from_result(sample, index) for index in reached for sample in samples
         ]
         state = SimulatedState.of(self.simulation, records, load)
-        averages = self.observe(Analysis(state, self.request.direction))
-        if self.request.waves is not None:
-            averages = add_waves(averages, self, load, records)
+        averages = self.tabulate(Analysis(state, self.request.direction), load, records)
         marks = _join_marks(results, [np.arange(n_loads)] * len(results))
         return _expand_loads(averages, reached, n_loads) | marks
 
@@ -463,8 +461,23 @@ class MediumTask(Task):
             raise self._locate(error) from error
         if self.serving.arrays:
             return variables
-        records = self.record_networks(analysis.state)
-        return add_waves(variables, self, self.load, records) if records else variables
+        return self._add_waves(variables, self.load, self.record_networks(analysis.state))
+
+    def tabulate(
+        self, analysis: Analysis, load: Load, records: Sequence[SampleRecord]
+    ) -> TaskResult:
+        """Return the variables of a state (loads, ...) by name at its ``load``, with the waves of
+        the ``records`` of its samples or networks.
+        """
+        return self._add_waves(self.observe(analysis), load, records)
+
+    def _add_waves(
+        self, variables: TaskResult, load: Load, records: Sequence[SampleRecord]
+    ) -> TaskResult:
+        """Return ``variables`` with the waves of the ``records``, if waves are requested."""
+        if self.request.waves is None:
+            return variables
+        return add_waves(variables, self, load, records)
 
     def observe(self, analysis: Analysis) -> TaskResult:
         """Return the variables of a state (loads, ...) by name, and its "warnings".
@@ -674,7 +687,8 @@ def _observe_bands(
         from granphon.phonons.phonons import Phonons
 
         damped = [
-            Phonons(single).damped(q, losses.damping, losses.loss_factor) for single in states
+            single.cached(Phonons, None).damped(q, losses.damping, losses.loss_factor)
+            for single in states
         ]
         damped_frequencies = np.array([bands.frequencies.real for bands in damped])
         decays = np.array([bands.decay for bands in damped])

@@ -54,7 +54,6 @@ from granphon.media.crystal import CrystalState
 from granphon.media.medium import AveragedLattice
 from granphon.media.state import ContactState, NetworkState, ideal_lattice
 from granphon.networks.network import ContactNetwork, given_network
-from granphon.phonons.surfaces import SurfaceSpectrum
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.motion import Motion, fit_velocity
@@ -252,43 +251,44 @@ def record_waves(sample: Sample, settings: WaveSettings, whole: bool = False) ->
     """
     waves = Waves(sample)
     numbers = dict[str, Array]()
-    results = dict[str, Result]()
-    if settings.dos:
-        # random vectors differ from sample to sample, so that their noise is part of the standard
-        # error over samples
-        dos = waves.dos(seed=sample.seed or 0)
-        numbers["dos"] = np.array([dos.frequencies, dos.translational, dos.rotational, dos.error])
-        results["dos"] = dos
-    if settings.spectrum is not None:
-        spectra, numbers_of_spectra = _record_spectra(
-            waves, sample, settings.spectrum, settings.path
-        )
-        numbers |= numbers_of_spectra
-        results |= spectra
-    if settings.pulse is not None:
-        pulse, numbers_of_pulse = _record_pulse(waves.network, settings.pulse, settings.direction)
-        numbers |= numbers_of_pulse
-        if pulse is not None:
-            results["pulse"] = pulse
-    if whole:
-        for name, result in results.items():
-            numbers[_WHOLE + name] = np.array(json.dumps(result.to_dict()).encode())
+    for name in settings.names:
+        record, _average = SAMPLE_RECORDS[name]
+        arrays, results = record(waves, sample, settings)
+        numbers |= arrays
+        if whole:
+            for key, result in results.items():
+                numbers[_WHOLE + key] = np.array(json.dumps(result.to_dict()).encode())
     return numbers | record_networks(sample, settings, whole)
 
 
+def _record_dos(
+    waves: Waves, sample: Sample, _settings: WaveSettings
+) -> tuple[dict[str, Array], dict[str, Result]]:
+    """Return the density of states of a ``sample``: rows of frequencies, Hz, translational and
+    rotational density, 1/Hz, and their error, and the result itself.
+    """
+    # random vectors differ from sample to sample, so that their noise is part of the standard
+    # error over samples
+    dos = waves.dos(seed=sample.seed or 0)
+    table = np.array([dos.frequencies, dos.translational, dos.rotational, dos.error])
+    return {"dos": table}, {"dos": dos}
+
+
 def _record_spectra(
-    waves: Waves, sample: Sample, spectrum: SpectrumSettings, path: Any
-) -> tuple[dict[str, SpectralFunction], dict[str, Array]]:
-    """Return the spectral functions of a ``sample`` along a ``path``, by polarisation, and their
-    numbers.
+    waves: Waves, sample: Sample, settings: WaveSettings
+) -> tuple[dict[str, Array], dict[str, SpectralFunction]]:
+    """Return the numbers of the spectral functions of a ``sample`` along the path, and the
+    functions by polarisation.
 
     ``lines`` (polarisations, 3, n) holds the peak, Hz, the width, Hz, and whether the line is
     resolved, at n wave vectors; ``wavenumber`` (n,), ``path_corners`` and ``path_distance`` (n,)
     are in 1/m.
     """
     packing = sample.packing
+    spectrum = settings.spectrum
+    assert spectrum is not None
     points = find_path_points(
-        waves.network, ideal_lattice(packing), packing.diameter, path, spectrum.points
+        waves.network, ideal_lattice(packing), packing.diameter, settings.path, spectrum.points
     )
     spectra = {
         polarisation: waves.spectral_function(points.q, polarisation, spectrum.resolution)
@@ -301,32 +301,36 @@ def _record_spectra(
         "lines": np.array(lines, float),
         "wavenumber": spectra[spectrum.polarisation[0]].wavenumber,
     }
-    return spectra, numbers
+    return numbers, spectra
 
 
 def _record_pulse(
-    network: ContactNetwork, settings: PulseSettings, direction: Any
-) -> tuple[Pulse | None, dict[str, Array]]:
-    """Return a pulse through a network along a ``direction``, None if no pulse can be sent, and the
-    numbers ``pulse_velocity``, m/s, ``time_of_flight``, s, and ``coherent_fraction``.
+    waves: Waves, _sample: Sample, settings: WaveSettings
+) -> tuple[dict[str, Array], dict[str, Pulse]]:
+    """Return the numbers ``pulse_velocity``, m/s, ``time_of_flight``, s, and ``coherent_fraction``
+    of a pulse through a sample, and the pulse, if one can be sent.
 
     Where the arrival of the pulse is not known, the first two are nan, and where no pulse can be
     sent all three; the text ``pulse_note`` says why. ``pulse_echo`` holds all other warnings of the
     pulse, not of echoes alone.
     """
     numbers = dict.fromkeys(_PULSE, math.nan)
-    pulse = None
+    pulses: dict[str, Pulse] = {}
     echo = ""
+    assert settings.pulse is not None
     try:
-        pulse = transmit(network, PulseSource.of(settings, network, direction))
-        numbers = {name: getattr(pulse, source) for name, source in _PULSE.items()}
+        source = PulseSource.of(settings.pulse, waves.network, settings.direction)
+        pulse = transmit(waves.network, source)
+        pulses["pulse"] = pulse
+        numbers = {name: getattr(pulse, attribute) for name, attribute in _PULSE.items()}
         note = pulse.why_unknown
         echo = " ".join(text for text in pulse.warnings if not note or note not in text)
     except GranphonError as error:
         # what could be known before the simulation has been refused by now
         note = str(error)
     arrays = {name: np.array(value) for name, value in numbers.items()}
-    return pulse, arrays | {"pulse_note": np.array(note), "pulse_echo": np.array(echo)}
+    notes = {"pulse_note": np.array(note), "pulse_echo": np.array(echo)}
+    return arrays | notes, pulses
 
 
 def record_networks(x: Any, settings: WaveSettings, whole: bool = False) -> dict[str, Array]:
@@ -781,38 +785,6 @@ class SampleWaves:
     pulse: Pulse | None = None
     motion: Motion | None = None
 
-    @classmethod
-    def of(
-        cls, settings: WaveSettings | None, state: ContactState, records: Sequence[Record]
-    ) -> Self:
-        """Return the waves in the samples of a ``state`` from their ``records``, which
-        :func:`record_waves` has made with ``whole``.
-        """
-        first_record = records[0]
-        spectra = None
-        if settings is not None and settings.spectrum is not None:
-            polarisations = settings.spectrum.polarisation
-            spectra = PathSpectra.of(
-                [_read_whole(first_record, name, SpectralFunction) for name in polarisations],
-                first_record["path_corners"],
-                first_record["path_distance"],
-                state.contact_lattice(),
-                state.scales,
-                list(map(np.array, settings.path)),
-                settings.labels,
-            )
-        pulses = [_read_whole(record, "pulse", Pulse) for record in records]
-        pulses = [pulse for pulse in pulses if pulse is not None]
-        motion = None
-        if f"{_WHOLE}motion" in first_record:
-            motion = Motion.read(io.BytesIO(first_record[f"{_WHOLE}motion"].tobytes()))
-        return cls(
-            dos=_read_whole(first_record, "dos", SpectralDensity),
-            spectra=spectra,
-            pulse=average_pulses(pulses) if pulses else None,
-            motion=motion,
-        )
-
     @property
     def results(self) -> dict[str, Any]:
         """Results that exist, by the names of their files; each has :attr:`units`."""
@@ -825,35 +797,47 @@ class SampleWaves:
         return {name: result for name, result in results.items() if result is not None}
 
 
-def _read_whole(record: Record, name: str, kind: type[Result]) -> Any:
-    """Return the result of the ``kind`` that a record keeps under a ``name``; None if the record
-    keeps none.
+def restore_result(record: Record, name: str, kind: type[Result]) -> Any:
+    """Return the result of the ``kind`` that a record, made with ``whole``, keeps under a ``name``;
+    None if the record keeps none.
     """
     text = record.get(_WHOLE + name)
     return None if text is None else kind.from_dict(json.loads(text.item()))
 
 
-def read_waves(path: Path) -> Any:
-    """Return the result in the file ``path``, whose name says its kind: ``sample_dos.json``,
-    ``spectrum.json``, ``pulse.json``, ``surface.json``, ``motion.nc``. InputError if the file
-    cannot be read.
+def restore_spectra(
+    records: Sequence[Record], settings: WaveSettings, state: ContactState
+) -> PathSpectra:
+    """Return the spectral functions of the first sample of a ``state`` along the path of the
+    ``settings``, from the ``records`` of its samples.
     """
-    if path.suffix == ".nc":
-        return Motion.read(path)
-    kinds: dict[str, type[Result]] = {
-        "sample_dos": SpectralDensity,
-        "spectrum": PathSpectra,
-        "pulse": Pulse,
-        "surface": SurfaceSpectrum,
-    }
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError):
-        raise InputError(f"{path} is not JSON", mend="Run the scene again") from None
-    try:
-        return kinds[path.stem].from_dict(data)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    record = records[0]
+    assert settings.spectrum is not None
+    polarisations = settings.spectrum.polarisation
+    return PathSpectra.of(
+        [restore_result(record, name, SpectralFunction) for name in polarisations],
+        record["path_corners"],
+        record["path_distance"],
+        state.contact_lattice(),
+        state.scales,
+        list(map(np.array, settings.path)),
+        settings.labels,
+    )
+
+
+def restore_pulse(records: Sequence[Record]) -> Pulse | None:
+    """Return the mean of the pulses through the samples of the ``records``; None if no sample
+    carries one.
+    """
+    pulses = [restore_result(record, "pulse", Pulse) for record in records]
+    pulses = [pulse for pulse in pulses if pulse is not None]
+    return average_pulses(pulses) if pulses else None
+
+
+def restore_motion(record: Record) -> Motion | None:
+    """Return the motion that a record keeps; None if it keeps none."""
+    content = record.get(f"{_WHOLE}motion")
+    return None if content is None else Motion.read(io.BytesIO(content.tobytes()))
 
 
 def average_waves(
@@ -867,21 +851,14 @@ def average_waves(
     """
     observables = dict[str, Array]()
     notes = list[str]()
-    if settings.dos:
-        observables |= _average_densities([record["dos"] for record in records])
-    if settings.spectrum is not None:
-        spectra, notes_on_spectra = _average_spectra(records, settings.spectrum)
-        observables |= spectra
-        notes += notes_on_spectra
-    if settings.pulse is not None:
-        pulses, notes_on_pulses = _average_pulses(records)
-        observables |= pulses
-        notes += notes_on_pulses
-    for block in settings.of_networks:
-        _record, average = RECORDS[block.block]
-        means, notes_on_block = average(records, block)
+    averages: list[tuple[Callable[..., Any], Any]] = [
+        (SAMPLE_RECORDS[name][1], settings) for name in settings.names
+    ]
+    averages += [(RECORDS[block.block][1], block) for block in settings.of_networks]
+    for average, settings_of_average in averages:
+        means, notes_on_means = average(records, settings_of_average)
         observables |= means
-        notes += notes_on_block
+        notes += notes_on_means
     return observables, notes
 
 
@@ -902,30 +879,34 @@ def _interpolate_densities(table: Array, points: Array) -> Array:
     return np.where(points <= frequencies[-1], interpolated, 0.0)
 
 
-def _average_densities(tables: Sequence[Array]) -> dict[str, Array]:
-    """Return the mean over samples of densities of states, arrays (n_f,) by name.
+def _average_densities(
+    records: Sequence[Record], _settings: WaveSettings
+) -> tuple[dict[str, Array], list[str]]:
+    """Return the mean over samples of densities of states, arrays (n_f,) by name, and no notes.
 
-    Each of the ``tables`` (4, n) has, of one sample, rows of frequencies, Hz, translational and
-    rotational density, 1/Hz, and their error. The mean is taken at the frequencies of the sample
+    The record of each sample has a table (4, n) of frequencies, Hz, translational and rotational
+    density, 1/Hz, and their error. The mean is taken at the frequencies of the sample
     that reaches highest, where the densities of the other samples are interpolated.
     """
+    tables = [record["dos"] for record in records]
     points = max((table[0] for table in tables), key=lambda frequencies: float(frequencies[-1]))
     densities = [_interpolate_densities(table, points) for table in tables]
     translational, rotational, error = np.mean(densities, axis=0)
     if len(tables) > 1:
         totals = [rows[0] + rows[1] for rows in densities]
         error = standard_error(np.array(totals), axis=0)
-    return {
+    densities_of_states = {
         "dos_frequency": points,
         "dos_total": translational + rotational,
         "dos_translational": translational,
         "dos_rotational": rotational,
         "dos_error": error,
     }
+    return densities_of_states, []
 
 
 def _average_spectra(
-    records: Sequence[Record], settings: SpectrumSettings
+    records: Sequence[Record], settings: WaveSettings
 ) -> tuple[dict[str, Array], list[str]]:
     """Return the observables of the mean lines of plane waves, (polarisations, n) at n wave
     vectors, by name, and notes: peaks and widths, Hz, are averaged, and the other observables are
@@ -962,7 +943,8 @@ def _average_spectra(
         observables["line_width_error"] = standard_error(widths, axis=0)
         observables["phase_velocity_error"] = 2.0 * np.pi * peak_error / q
         observables["attenuation_error"] = standard_error(attenuations, axis=0)
-    for number, name in enumerate(settings.polarisation):
+    assert settings.spectrum is not None
+    for number, name in enumerate(settings.spectrum.polarisation):
         why = "their mean free path is longer than 1/|q| all along the path"
         crossing = None
         try:
@@ -979,7 +961,9 @@ def _average_spectra(
     return observables, notes
 
 
-def _average_pulses(records: Sequence[Record]) -> tuple[dict[str, Array], list[str]]:
+def _average_pulses(
+    records: Sequence[Record], _settings: WaveSettings
+) -> tuple[dict[str, Array], list[str]]:
     """Return the means over samples of velocity, time of flight and coherent fraction of pulses,
     and the standard error of the velocity, ``pulse_velocity_error``, in SI units by name, and
     notes.
@@ -1026,3 +1010,14 @@ def _jackknife(q: Array, lines: Array) -> float:
     if len(frequencies) < n_samples or None in frequencies:
         return math.nan
     return math.sqrt(n_samples - 1) * float(np.std(np.array(frequencies, float)))
+
+
+#: for each result of the waves in samples, the function that records a sample, and the function
+#: that averages the records of samples
+SAMPLE_RECORDS: dict[
+    str, tuple[Callable[..., tuple[dict[str, Array], dict[str, Any]]], Callable[..., Any]]
+] = {
+    "dos": (_record_dos, _average_densities),
+    "spectrum": (_record_spectra, _average_spectra),
+    "pulse": (_record_pulse, _average_pulses),
+}

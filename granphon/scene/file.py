@@ -39,6 +39,7 @@ from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.base.validation import block, read_inside, refuse_unknown_key
 from granphon.media.arrangement import Arrangement
 from granphon.phonons.paths import BandPath, read_labels
+from granphon.runs.plan import Places
 from granphon.scene import rules
 from granphon.scene.rules import (
     PARTS,
@@ -789,7 +790,7 @@ def _find_place_of_value(values: Any, index: int, is_list: bool) -> tuple[str, t
 
 
 @dataclass(frozen=True)
-class SceneSource:
+class SceneSource(Places):
     """The document that a scene was read from, and the path of its file; both are None for a scene
     made in Python.
 

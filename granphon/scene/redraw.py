@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import os
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, MissingFileError
 from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_bytes, read_yaml
-from granphon.scene.scene import KEPT, MOTION_FILES, SWEEP_FIGURES, draw_sweep, read_summary
-from granphon.waves.settings import NETWORK_BLOCKS
+from granphon.scene.outputs import OUTPUTS, Export, Results, list_figures, read_summary
 
 if TYPE_CHECKING:
     from granphon.dynamics.contact_lattice import ContactLattice
@@ -21,11 +23,6 @@ if TYPE_CHECKING:
 
 
 _FORMATS = (".pdf", ".png", ".svg")
-#: the files of results that are drawn over the load, as bands, and as densities of states
-DRAWN = ("sweep.nc", "fit.yaml", "band.yaml", "dos.csv")
-#: stems of the files, each of one figure, of waves in the arrays of a sweep or in the networks of
-#: states
-_SWEEP_STEMS = {*(Path(name).stem for name in SWEEP_FIGURES), *NETWORK_BLOCKS}
 
 
 @dataclass(frozen=True)
@@ -66,13 +63,12 @@ def redraw(
 
     Parameters
     ----------
-    folder : folder of the run, with sweep.nc, or fit.yaml, or band.yaml, dos.csv, or both, or the
-        file of a result of waves.
-    out : file of the figure, whose ending .pdf, .png or .svg is the format. A name surface means
-        the waves of an edge, spectrum, pulse or sample_dos that result of a simulation, sweep_dos
-        or sweep_spectra that of a sweep of simulations, response or motion that of the networks.
-        By default, in the folder, bands.png (dos.png without bands), fit.png or sweep.png; of one
-        state without bands the png of its surface, response or motion.
+    folder : folder of the run or fit.
+    out : file of the figure, whose ending .pdf, .png or .svg is the format. The name of a figure of
+        the table of outputs, as surface, spectrum or motion, or one of a plug-in, means that
+        figure. By default, in the folder, the figure that comes first: bands.png (dos.png without
+        bands); of one state without bands that of its motion, surface or response; else sweep.png
+        or fit.png.
     force : overwrite a file that granphon wrote and that was not changed since.
     asymptotes : add to the bands the long waves (equations 13-15) of the scene in the folder.
     variable : name of the one variable of a sweep to draw.
@@ -92,28 +88,33 @@ def redraw(
     """
     source = Path(folder)
     asks_for_sweep = variable is not None or view != WHOLE
-    choice = _choose_results(source, None if out is None else Path(out).stem, asks_for_sweep)
-    is_fit = "fit.yaml" in choice.files
-    is_sweep = "sweep.nc" in choice.files
-    if (is_sweep or is_fit) and asymptotes:
-        result = "sweep" if is_sweep else "fit"
-        problem = f"{source} holds a {result}"
+    row = _choose_output(source, None if out is None else Path(out).stem, asks_for_sweep)
+    known_options = signature(row.draw).parameters if row.draw is not None else {}
+    if asymptotes and "asymptotes" not in known_options:
+        problem = f"{source} holds a {row.label}"
         raise InputError(problem, "Long waves are drawn beside bands only", "Leave asymptotes out")
-    if variable is not None and not is_sweep:
+    if variable is not None and "variable" not in known_options:
         why = "Only a sweep has variables to draw"
         raise InputError(f"{source} holds no sweep", why, "Leave variable out")
-    if view != WHOLE and not is_sweep:
-        why = "Only the states of a sweep are chosen, or have rows and columns"
-        raise InputError(f"{source} is drawn as no sweep", why, "Leave where, rows and columns out")
-    target = source / f"{choice.name}.png" if out is None else Path(out)
-    # a figure of the sweep is that which the name of its file says
-    figure_name = target.name if choice.name == "sweep" else choice.name
+    wishes = {name: wish for name, wish in vars(view).items() if wish}
+    unknown_wishes = [name for name in wishes if name not in known_options]
+    if unknown_wishes:
+        names = " and ".join(unknown_wishes)
+        problem = f"{row.figure} of {source} has no choice of {names}"
+        why = "Only states of a sweep are chosen, and only its curves have rows and columns"
+        raise InputError(problem, why, f"Leave {names} out")
+    target = source / row.figure if out is None else Path(out)
 
     def draw() -> Any:
-        if is_sweep:
-            dataset = _choose_of_run(_read_files(str(source), choice.files), view).dataset
-            return draw_sweep(dataset, figure_name, variable, view.rows, view.columns, tell)
-        return _draw_results(source, choice, asymptotes)
+        results = Results(source)
+        options: dict[str, Any] = dict(wishes)
+        if variable is not None:
+            options["variable"] = variable
+        if "tell" in known_options:
+            options["tell"] = tell
+        if asymptotes and results["bands"] is not None:
+            options["asymptotes"] = _find_lattice(source)
+        return row.make_figure(results, **options)
 
     return _draw(target, force, draw, [source], backend)
 
@@ -127,92 +128,46 @@ def _choose_of_run(run: Run, view: View) -> Run:
     return replace(run, dataset=choose_states(run.dataset, view.where, run.name))
 
 
-def _draw_results(source: Path, choice: _Choice, asymptotes: bool) -> Any:
-    """Return the figure of the results ``choice``, no sweep, in the folder ``source``; with
-    ``asymptotes`` the long waves are drawn beside bands.
+def _choose_output(source: Path, stem: str | None, asks_for_sweep: bool) -> Export:
+    """Return the output in the folder ``source`` whose figure is drawn, by the ``stem`` of the
+    figure's file, None if the user names no file, and whether an option of sweeps is given;
+    InputError if the folder has no result, or not that of the name.
     """
-    if choice.wave_file is not None:
-        from granphon.figures.plot import plot
-        from granphon.runs.wave_records import read_waves
-
-        return plot(read_waves(choice.wave_file))
-    if "fit.yaml" in choice.files and "sweep.nc" not in choice.files:
-        from granphon.figures.plot import plot
-        from granphon.fits.transfer import read_fit
-
-        return plot(read_fit(read_yaml(choice.files["fit.yaml"])))
-    from granphon.figures.bands import bands_figure
-
-    run = _read_files(str(source), choice.files)
-    lattice = None
-    if asymptotes and run.bands is not None:
-        lattice = _find_lattice(source)
-    gaps = None
-    if (source / "summary.yaml").is_file():
-        gaps = read_summary(source).get("gaps") or None
-    return bands_figure(run.bands, run.dos, asymptotes=lattice, gaps=gaps)
-
-
-class _Choice(NamedTuple):
-    """The results of a folder that are drawn.
-
-    Attributes
-    ----------
-    name : the stem of the figure's file by default.
-    files : the files over the load, of bands and of densities of states, by name.
-    wave_file : the file of the one result of waves that is drawn in place of these; None for none.
-    """
-
-    name: str
-    files: dict[str, Path]
-    wave_file: Path | None = None
-
-
-def _choose_results(source: Path, stem: str | None, wants_sweep: bool) -> _Choice:
-    """Return the results in the folder ``source`` that are drawn, by the ``stem`` of the figure's
-    file, None if the user names no file, and whether an option of sweeps is given; InputError if
-    the folder has no result, or not that of the name.
-    """
-    files = _find_results(source)
-    wave_files = {name: source / f"{name}.json" for name in KEPT}
-    wave_files["motion"] = source / MOTION_FILES[0]
-    waves = [name for name, path in wave_files.items() if path.exists()]
-    tables = [name for name in _SWEEP_STEMS if (source / f"{name}.csv").exists()]
-    missing_names = {*wave_files, *_SWEEP_STEMS} - {*waves, *tables}
-    if stem in missing_names:
-        raise InputError(f"{source} holds no {stem} to draw", mend="Give the figure another name")
-    if not files and not waves:
+    _require_results(source)
+    rows = list_figures(source)
+    named_rows = [
+        row for _name, row in OUTPUTS.items() if row.draw is not None and row.stem == stem
+    ]
+    for row in named_rows:
+        if row in rows:
+            return row
+        # the names of figures of a whole run, its bands or curves, serve for any figure
+        if row.source not in [joined.source for joined in _list_joined()]:
+            mend = "Give the figure another name"
+            why = "" if row.source else _explain_unkept(row)
+            raise InputError(f"{source} holds no {stem} to draw", why, mend)
+    if not rows:
         raise _explain_no_result(source)
-    if stem in waves:
-        return _Choice(stem, {}, wave_files[stem])
-    # the waves of an edge or a motion of one state are the figure of their run
-    is_wave_run = waves in (["surface"], ["motion"]) and set(files) == {"sweep.nc"}
-    asks_for_sweep = stem == "sweep" or wants_sweep
-    if not files or (is_wave_run and not asks_for_sweep):
-        return _Choice(waves[0], {}, wave_files[waves[0]])
-    spectra = {name: path for name, path in files.items() if name in ("band.yaml", "dos.csv")}
-    if spectra and not wants_sweep and stem not in _SWEEP_STEMS:
-        # of a single state bands and density of states are the figure
-        return _Choice("bands" if "band.yaml" in spectra else "dos", spectra)
-    if "sweep.nc" not in files:
-        names = {"fit.yaml": "fit", "band.yaml": "bands", "dos.csv": "dos"}
-        name = next(name for file, name in names.items() if file in files)
-        return _Choice(name, files)
-    blocks = [name for name in NETWORK_BLOCKS if name in {*waves, *tables}]
-    if not blocks or asks_for_sweep or stem in _SWEEP_STEMS:
-        return _Choice("sweep", files)
-    # a sweep of one state has no line over the load
-    has_several_states = "states" in read_summary(source)
-    return _Choice("sweep" if has_several_states else blocks[0], files)
+    curves = [row for row in rows if row.name == "sweep"]
+    if curves and asks_for_sweep:
+        return curves[0]
+    first_row = min(rows, key=lambda row: row.rank or math.inf)
+    if curves and first_row.of_states and Results(source).dataset["valid"].size > 1:
+        return curves[0]
+    return first_row
+
+
+def _explain_unkept(row: Export) -> str:
+    """Return a sentence on a figure of which no folder holds the numbers."""
+    return f"{row.figure} is drawn by 'granphon {row.command}' alone"
 
 
 def _explain_no_result(source: Path) -> InputError:
     """Return the error of a folder without a result that can be drawn."""
-    why = ""
-    if (source / "forces.png").is_file():
-        why = "forces.png is drawn by 'granphon run' alone"
+    unkept = [row for _name, row in OUTPUTS.items() if row.figure and not row.source]
+    reasons = [_explain_unkept(row) for row in unkept if (source / row.figure).is_file()]
     mend = "Give a folder of 'granphon run' with bands, a density of states or a sweep"
-    return InputError(f"{source} holds no result that can be drawn", why, mend)
+    return InputError(f"{source} holds no result that can be drawn", "; ".join(reasons), mend)
 
 
 def draw_together(
@@ -353,92 +308,75 @@ def read_run(source: str | os.PathLike[str]) -> Run:
     Raises :class:`~granphon.base.errors.MissingFileError` if no folder or file has the name, and
     :class:`~granphon.base.errors.InputError` if ``source`` holds no results, or damaged ones.
     """
+    from granphon.figures.curves import Run
+
     path = Path(source)
     name = str(source)
     if path.name == "summary.yaml" and path.is_file():
         read_summary(path.parent)
         path = path.with_name("sweep.nc")  # the summary tells numbers of this file
-    files = {_name_kind(path): path} if path.is_file() else _find_results(path)
-    if not files:
+    if path.is_file():
+        row = _recognise(path)
+        paths = {row.joined: path}
+        rows = {row.joined: row}
+    else:
+        _require_results(path)
+        rows = {row.joined: row for row in _list_joined() if row.find_source(path)}
+        paths = {part: path / str(row.source) for part, row in rows.items()}
+    if not rows:
         mend = "Give the folder of a run or of a fit, or one of its files, such as sweep.nc"
         raise InputError(f"{name} holds no results to draw with others", mend=mend)
-    return _read_files(name, files)
+    if "fit" in rows and "dataset" not in rows:
+        # a fit is read alone, unless it stands beside a sweep
+        return Run.of(name, rows["fit"].read_value(paths["fit"]))
+    parts = {part: row.read_value(paths[part]) for part, row in rows.items() if part != "fit"}
+    return Run(name, **parts)
 
 
-def _read_files(name: str, files: dict[str, Path]) -> Run:
-    """Return the results in the ``files``, by their kind, of the run or fit ``name``; a fit is read
-    alone, unless it stands beside a sweep.
-    """
-    from granphon.figures.curves import Run
-
-    if "fit.yaml" in files and "sweep.nc" not in files:
-        from granphon.fits.transfer import read_fit
-
-        return Run.of(name, read_fit(read_yaml(files["fit.yaml"])))
-    dataset = None
-    bands = None
-    dos = None
-    if "sweep.nc" in files:
-        from granphon.runs.dataset import load_sweep
-
-        dataset = load_sweep(files["sweep.nc"])
-    if "band.yaml" in files:
-        from granphon.phonons.bands import Bands
-
-        bands = Bands.read(files["band.yaml"])
-    if "dos.csv" in files:
-        from granphon.phonons.dos import DensityOfStates
-
-        dos = DensityOfStates.read_csv(files["dos.csv"])
-    return Run(name, dataset=dataset, bands=bands, dos=dos)
+def _list_joined() -> list[Export]:
+    """Return the outputs that several runs draw together."""
+    return [row for _name, row in OUTPUTS.items() if row.joined]
 
 
-def _find_results(source: Path) -> dict[str, Path]:
-    """Return the files of the run in a folder that are drawn, by name.
-
-    Raises :class:`~granphon.base.errors.MissingFileError` if there is no such folder, or a file is
-    missing that a run wrote.
+def _require_results(source: Path) -> None:
+    """Raise :class:`~granphon.base.errors.MissingFileError` if there is no folder ``source``, or a
+    file is missing that a run wrote and that is drawn.
     """
     if not source.is_dir():
         problem = f"there is no folder {source}"
         if os.path.lexists(source):
             problem = f"{source} is no folder"
         raise MissingFileError(problem, mend="Give the folder of a run")
-    # A folder, or a link to nothing, with the name of a result is an error when it is read.
-    files = {name: source / name for name in DRAWN if os.path.lexists(source / name)}
     written_names = set(read_written_files(source))
     # without a summary that can be read, the hidden list of written files alone counts
     with suppress(InputError, AttributeError, TypeError):
         written_names |= set(read_yaml(source / "summary.yaml").get("files", ()))
-    missing_names = [name for name in DRAWN if name not in files and name in written_names]
+    drawn = [str(row.source) for row in _list_joined()]
+    missing_names = [
+        name for name in drawn if name in written_names and not os.path.lexists(source / name)
+    ]
     if missing_names:
         names = " and no ".join(missing_names)
         problem = f"{source} holds no {names}, though a run wrote it there"
         mend = "Run the scene again, or copy what is to be drawn into a folder of its own"
         raise MissingFileError(problem, "The figure would leave it out", mend)
-    return files
 
 
-def _name_kind(path: Path) -> str:
-    """Return the one of :data:`DRAWN` that says what a file of results holds: its own name, or, if
-    it was renamed, by its ending and content. InputError for any other file.
+def _recognise(path: Path) -> Export:
+    """Return the output that a file of results holds, which several runs draw together: by its
+    name, or, if the file was renamed, by its ending and content. InputError for any other file.
     """
-    if path.name in DRAWN:
-        return path.name
+    rows = _list_joined()
     content = read_bytes(path) if path.suffix in (".csv", ".yaml") else b""
-    if path.suffix == ".nc":
-        return "sweep.nc"
-    if path.suffix == ".csv" and content.startswith(b"frequency_Hz"):
-        # other tables are for spreadsheets
-        return "dos.csv"
-    is_fit = b"class: WidthFit" in content or b"class: DampingFit" in content
-    if path.suffix == ".yaml" and is_fit:
-        return "fit.yaml"
-    if path.suffix == ".yaml" and b"\nphonon:" in content:
-        return "band.yaml"
-    mend = (
-        "Give the folder of a run or of a fit, or sweep.nc, fit.yaml, band.yaml or dos.csv of one"
-    )
+    for row in rows:
+        if row.source == path.name:
+            return row
+    for row in rows:
+        has_ending = path.suffix == Path(str(row.source)).suffix
+        if has_ending and any(re.search(mark, content) for mark in row.marks):
+            return row
+    names = ", ".join(str(row.source) for row in rows)
+    mend = f"Give the folder of a run or of a fit, or a file of one: {names}"
     raise InputError(f"{path} is no folder, and no file of results that is drawn", mend=mend)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,27 +22,8 @@ from granphon.base.staging import read_written_files
 from granphon.base.text import read_bytes, read_text, read_yaml, spell
 from granphon.observables.catalogue import CATALOGUE
 from granphon.page.document import Block, Code, Items, Picture, Rows, Section, Text
-from granphon.scene.scene import read_summary
+from granphon.scene.outputs import OUTPUTS, Export, read_summary
 
-#: what the figures of a folder show, by the stem of their file, in the order of the report
-FIGURES = {
-    "sweep": "Sound velocities over the load, or the parameter, and their local exponent",
-    "bands": "Frequencies along the path of wave vectors, and the density of states",
-    "dos": "Density of states",
-    "forces": "Contact forces in the first sample, and their distribution",
-    "surface": "Waves of the edge",
-    "sample_dos": "Density of states of the simulated arrays",
-    "spectrum": "Spectral functions of the simulated arrays",
-    "pulse": "A pulse through the simulated arrays",
-    "sweep_dos": "Densities of states of the simulated arrays",
-    "sweep_spectra": "Spectral functions of the simulated arrays",
-    "sweep_gaps": "Gaps between the branches, and the top frequency",
-    "sweep_surface": "Waves of the edge at the end of the path",
-    "response": "Response of the network",
-    "motion": "Motion of the balls",
-    "fit": "Measured values, the fit, and the residuals",
-    "tradeoff": "Error against time of the media",
-}
 #: endings of the files of figures that a page can hold
 _PICTURES = (".png", ".svg")
 #: keys of summary.yaml that are no numbers of the result
@@ -296,25 +277,28 @@ def _read_fit(source: Path) -> list[Block]:
 def _read_figures(source: Path) -> list[Block]:
     """Return the figures that granphon has drawn into a folder."""
     pictures: list[Block] = []
-    for name in _list_figures(source):
-        stem = Path(name).stem
-        caption = FIGURES.get(stem, spell(stem))
+    for name, row in _list_figures(source):
+        caption = spell(Path(name).stem) if row is None else row.caption
         pictures.append(Picture(name, read_bytes(source / name), caption))
     return pictures or [Text("None is in the folder; 'granphon plot' draws them.")]
 
 
-def _list_figures(source: Path) -> Iterator[str]:
-    """Yield the names of the files of figures in a folder, in the order of :data:`FIGURES`, then
-    those of other names.
+def _list_figures(source: Path) -> list[tuple[str, Export | None]]:
+    """Return the names of the files of figures in a folder, each with the output that it shows, in
+    the order of the table of outputs; then those of other names, each with None.
     """
+    rows: dict[str, Export | None] = {}
+    for _name, row in OUTPUTS.items():
+        if row.figure:
+            rows.setdefault(row.stem, row)
     names = [
         name
         for name in sorted(read_written_files(source))
         if name.endswith(_PICTURES) and (source / name).is_file()
     ]
-    for stem in FIGURES:
-        yield from (name for name in names if Path(name).stem == stem)
-    yield from (name for name in names if Path(name).stem not in FIGURES)
+    figures = [(name, rows.get(Path(name).stem)) for name in names]
+    order = [*rows.values(), None]
+    return sorted(figures, key=lambda figure: order.index(figure[1]))
 
 
 def _read_scene(source: Path) -> list[Block]:

@@ -49,6 +49,7 @@ from granphon.base.quantities import (
     load_quantities,
     tensor_quantities,
 )
+from granphon.base.registry import list_added
 from granphon.base.settings import (
     Kind,
     ValueContext,
@@ -83,6 +84,7 @@ from granphon.base.validation import (
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
+from granphon.scene.outputs import DIAMETERS_FILE
 from granphon.waves.settings import NETWORK_BLOCKS
 
 #: version number of the layout of a scene file, its key "schema"
@@ -102,8 +104,6 @@ OBSERVABLES = (
 #: greatest number of measured diameters that a scene file lists itself; more are written to a table
 #: beside it
 MOST_DIAMETERS = 1000
-#: name of that table
-DIAMETERS_FILE = "diameters.csv"
 
 #: where the balls of a lattice of one, two or three dimensions lie, in words
 _POSITIONS = ("on a line", "in a plane", "in space")
@@ -488,10 +488,12 @@ def read_observables(value: Any) -> tuple[str, ...]:
     """Read the names of the observables of a scene, each once, and return them in the order of
     ``OBSERVABLES``.
 
-    Registered observables come behind those of the package, and bring the velocities with them if
-    they are found from velocities.
+    Registered observables and outputs come behind those of the package; observables bring the
+    velocities with them if they are found from velocities.
     """
     added = {name: entry.cost for name, entry in CATALOGUE.added.items()}
+    for name in list_added("output"):
+        added.setdefault(name, "state")
     observables = (*OBSERVABLES, *added)
     allowed = "a list of one or more of " + ", ".join(observables)
     if not isinstance(value, list | tuple) or not value:

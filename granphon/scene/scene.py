@@ -5,103 +5,64 @@ Quantities have units ("8 mm") in the file only; a :class:`Scene` holds numbers 
 mistake in a file raises a :class:`~granphon.base.errors.SceneError` that names file, line and key,
 what was found, what is allowed, and the likely intention.
 
-A run computes everything first, and then writes it into one folder. The result is a data set of all
-states, and of a single state its samples, bands and densities of states. A single state is a sweep
-of one, with the same data set. Every figure and file is a view of the data set, or an export of the
-single state for other programs. The files are these:
-
-====================== ============================================================================
-file                   holds
-====================== ============================================================================
-scene.yaml             the scene with its defaults written out, in SI
-summary.yaml           the numbers, under the names of the library's attributes, with units,
-                       versions, warnings
-band.yaml              of a single state: bands, phonopy's format with eigenvectors
-phonopy_params.yaml    force constants, for the phonopy command
-dos.csv                density of states
-surface.*              of a single state: spectrum of the outer layer at an edge, and its waves;
-                       .json, .csv and .png
-sample.extxyz          of a simulation at one load: the first sample, its balls with positions,
-                       sizes and forces
-sample_balls.csv       of a simulation with friction_history at one load: the network of the first
-                       sample, whose contacts
-sample_contacts.csv    have their normal and tangential forces
-forces.png             force chains of that sample, and the distribution of the forces in all
-                       samples
-bands.png              bands, with the density of states beside them; dos.png if that alone was
-                       asked for
-sweep.nc, sweep.csv    every state, with velocities, moduli and bands; sweep.csv leaves out the
-                       bands
-sweep.png              of several states: velocities and exponents over the load, and the velocity
-                       of pulses
-sweep_incomplete.*     of a sweep with a path of loads that ends early: .nc and .csv of the loads
-                       before, and nothing else
-sweep_dos.*            of a sweep of simulations: densities of states of the arrays, .csv and .png
-sweep_spectra.*        of such a sweep: frequency, width, mean free path of plane waves in the
-                       arrays, .csv and .png
-sample_dos.*           of a simulation: density of states of the first sample; .json, .csv and .png
-                       of it
-spectrum.*, pulse.*    spectral functions of the first sample along the path; a pulse through all
-                       samples
-damped_bands.csv       frequencies, decay and Q of bands whose contacts lose energy, if the block
-                       bands asks for them
-response.*             response in frequency of the network of each state: .csv and .png
-motion.csv, .png       energies of balls in motion over time, and the greatest force, of each state
-motion.nc              of a single state: the balls at all times; motion_contacts.csv, when the
-                       wave comes to each contact
-diameters.csv          the measured diameters, if they are too many for scene.yaml
-====================== ============================================================================
+A run computes everything first, and then writes it into one folder. Its result has the data set of
+all states, of one state too, and the values of the outputs that the scene asks for: the rows of
+:data:`granphon.scene.outputs.OUTPUTS`, which say what files a run writes, and when.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from granphon.array.atoms import write_extxyz
+from granphon.balls.packing import Axis
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import find_load_unit
 from granphon.base.results import write_html
 from granphon.base.scales import write_quantity
 from granphon.base.staging import ResultFiles, is_whole
-from granphon.base.tables import Heading, table_text
-from granphon.base.text import (
-    counted,
-    dump_yaml,
-    parse_yaml,
-    read_yaml,
-    require_schema,
-    versions,
-)
+from granphon.base.text import counted, dump_yaml, parse_yaml, read_yaml, versions
 from granphon.dynamics.local_field import LocalField
+from granphon.media.choice import ServingMedium
+from granphon.media.cost import Cost
 from granphon.media.state import ContactState
-from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
+from granphon.observables.catalogue import (
+    CATALOGUE,
+    WAVE_COSTS,
+    Analysis,
+    Observable,
+    entry_of,
+    find_all,
+)
 from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
-from granphon.runs.dataset import (
-    SweepRun,
-    list_finite_overlap,
-    load_sweep,
-    write_sweep,
-    write_waves,
-)
-from granphon.runs.store import Store, TaskResult, open_store
-from granphon.runs.sweep import keep_incomplete
-from granphon.runs.tasks import SampleRecord
+from granphon.runs.dataset import list_finite_overlap
+from granphon.runs.plan import Plan, keep_incomplete
+from granphon.runs.store import Store, open_store
+from granphon.runs.tasks import Grid, Request, Written
 from granphon.runs.workers import packages
 from granphon.scene.file import SceneSource
-from granphon.scene.plan import Plan
-from granphon.scene.rules import DIAMETERS_FILE
-from granphon.waves.settings import NETWORK_BLOCKS, POLARISATIONS, RESPONSES
+from granphon.scene.outputs import (
+    OUTPUTS,
+    SUMMARY_SCHEMA,
+    Export,
+    Results,
+    every_file,
+    expected_files,
+    list_files,
+    list_outputs,
+)
+from granphon.scene.values import SceneValues
+from granphon.waves.settings import NETWORK_BLOCKS, POLARISATIONS
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -114,72 +75,9 @@ if TYPE_CHECKING:
     from granphon.runs.wave_records import SampleWaves
 
 
-#: version number of summary.yaml, its key "schema"
-SUMMARY_SCHEMA = 1
 #: the file, in the folder of the result, in which finished tasks are kept until the result has been
 #: written
 WORK_FILE = ".granphon-sweep"
-#: figures of the waves in simulated arrays of a sweep, each with its observable
-SWEEP_FIGURES = {
-    "sweep_dos.png": "dos",
-    "sweep_spectra.png": "spectrum",
-    "sweep_gaps.png": "gaps",
-    "sweep_surface.png": "surface",
-}
-#: stems of these files
-_SWEEP_STEMS = tuple(name.removesuffix(".png") for name in SWEEP_FIGURES)
-#: observables of the waves in the samples of one state, by the stems of their files
-SAMPLE_WAVES = {"sample_dos": "dos", "spectrum": "spectrum", "pulse": "pulse"}
-#: results that are kept in a file .json and drawn in a figure, with their observables
-KEPT = {**SAMPLE_WAVES, "surface": "surface"}
-#: files of a motion of a single state besides those of every state
-MOTION_FILES = ("motion.nc", "motion_contacts.csv")
-#: columns of a table: heading, unit, and the field of the result
-_COLUMNS = {
-    "sample_dos": [
-        ("frequency", "Hz", "frequencies"),
-        *((name, "1/Hz", name) for name in ("total", "translational", "rotational", "error")),
-    ],
-    "pulse": [
-        ("time", "s", "times"),
-        ("force_sent", "N", "sent"),
-        ("coherent", "m/s", "coherent"),
-        ("speckle", "m/s", "speckle_amplitude"),
-    ],
-}
-#: names of the files of a report about a folder, which a later run in the folder makes outdated
-REPORT_FILES = ("report.html", "report.md")
-#: names of all files that a run may write, or a report about it
-RESULT_FILES = (
-    "scene.yaml",
-    "summary.yaml",
-    "sweep.nc",
-    "sweep.csv",
-    "sweep_dos.csv",
-    "sweep_spectra.csv",
-    "sweep_gaps.csv",
-    "sweep_surface.csv",
-    "band.yaml",
-    "damped_bands.csv",
-    "phonopy_params.yaml",
-    "dos.csv",
-    "sample.extxyz",
-    "sample_balls.csv",
-    "sample_contacts.csv",
-    *(f"{stem}.{ending}" for stem in KEPT for ending in ("json", "csv")),
-    *(f"{name}.{ending}" for name in NETWORK_BLOCKS for ending in ("csv", "png")),
-    *MOTION_FILES,
-    "sweep.png",
-    *SWEEP_FIGURES,
-    "bands.png",
-    "dos.png",
-    "forces.png",
-    *(f"{stem}.png" for stem in KEPT),
-    "sweep_incomplete.nc",
-    "sweep_incomplete.csv",
-    DIAMETERS_FILE,
-    *REPORT_FILES,
-)
 #: variables of which the summary of several states lists the least and the greatest value
 _EXTENTS = (
     "force",
@@ -204,7 +102,7 @@ _EXTENTS = (
 
 
 @dataclass(frozen=True)
-class Scene(Plan):
+class Scene(SceneValues):
     """What to compute, in SI units.
 
     Attributes
@@ -264,7 +162,7 @@ class Scene(Plan):
         with origin.at():
             scene = cls(**arguments)
         object.__setattr__(scene, "origin", origin)
-        scene.require()
+        scene.plan.require()
         return scene
 
     def __str__(self) -> str:
@@ -336,84 +234,175 @@ class Scene(Plan):
         """
         self.cost()  # raises if there is too little memory
         target = Path(folder)
-        numbers, figure_files = list_files(self)
-        figure_files = figure_files if figures else ()
-        names = (*numbers, *figure_files)
+        rows = list_outputs(self)
+        names = list_files(rows, figures)
         if resume and not force and is_complete(self, target):
             files = tuple(target / name for name in names if (target / name).exists())
-            return RunResult(self, target, load_sweep(target / "sweep.nc"), files=files)
-        self.require_waves()
-        text = self.to_yaml()
+            result = RunResult(target, self, files=files)
+            _ = result.dataset  # an error of its file is raised now
+            return result
+        self.plan.require_waves()
+        self.to_yaml()  # raises now if the scene cannot be written
         work_file = target / WORK_FILE
         # a state that is found at once keeps no parts, but the parts of another run are not to
         # stand beside its result
         has_store = self.has_tasks or os.path.lexists(work_file)
         opened_store = open_store(work_file, force) if has_store else nullcontext()
         result_files = ResultFiles(
-            target, names, force, earlier=RESULT_FILES, inputs=self.origin.inputs
+            target, names, force, earlier=every_file(), inputs=self.origin.inputs
         )
         with result_files.open() as locked, opened_store as store:
             with self.place_errors():
                 try:
-                    result = self._compute(target, executor, progress, store)
+                    result = self._compute(target, rows, executor, progress, store)
                 except GranphonError as error:
                     if error.reached is None or store is None:
                         raise
-                    raise keep_incomplete(error, locked, "sweep.nc", store) from None
-            return _write_result(result, locked, text, names, figure_files, progress)
+                    name = str(OUTPUTS["states"].source)
+                    raise keep_incomplete(error, locked, name, store) from None
+            return _write_result(result, locked, rows, figures, progress)
 
     def _compute(
-        self, target: Path, executor: Executor | None, progress: Progress, store: Store | None
+        self,
+        target: Path,
+        rows: Sequence[Export],
+        executor: Executor | None,
+        progress: Progress,
+        store: Store | None,
     ) -> RunResult:
         """Return the result of the scene for the folder ``target``, into which nothing is written
-        yet; the ``store`` keeps finished tasks, if the scene has any.
+        yet, with the values of the outputs of the ``rows``; the ``store`` keeps finished tasks, if
+        the scene has any.
         """
-        work = SweepRun.of(self.case_grid)
-        results = list[TaskResult]()
-        if self.has_tasks:
-            results = work.do(executor, progress, store)
-        elif store is not None:
-            store.claim(None)
-        if not self.is_single:
-            return RunResult(self, target, work.join(results))
-        # a single state alone has samples, bands and densities of states
-        state = work.grid.cases[0].restore(results) if results else self.state()
+        solution = self.plan.solve(executor, progress, store)
+        values = {"states": solution.dataset}
+        result = RunResult(
+            target, self, solution.analysis, solution.records, tuple(rows), values=values
+        )
         with self.origin.where_it_buckles():
-            return _describe_alone(self, target, work, state, results, progress)
+            for row in rows:
+                if row.find is not None:
+                    with progress.step(row.label):
+                        result.values[row.name] = row.find_value(result)
+        return result
+
+    # -- the plan ----------------------------------------------------------------------------------
+
+    @cached_property
+    def plan(self) -> Plan:
+        """How the states of the scene are checked and found."""
+        has_velocities = "velocities" in self.observe
+        # a mechanism has other observables, but no velocities
+        of_mechanisms = {"bands", "gaps", "dos", "surface", *NETWORK_BLOCKS}
+        path = None
+        if "bands" in self.observe:
+            path = (self.path.arrays, self.band_points, self.path.labels)
+        request = Request(
+            finite_overlap=self.finite_overlap,
+            path=path,
+            direction=self.direction,
+            waves=self.waves,
+            exponents=has_velocities,
+            surface=self.observed_settings("surface"),
+            # those of a single state are found with its phonons
+            gaps="gaps" in self.observe and not self.is_single,
+            bands=self.observed_settings("bands"),
+            observe=self.observe,
+            sound=has_velocities or of_mechanisms.isdisjoint(self.observe),
+            alone=self.is_single,
+        )
+        axes = tuple(Axis(*axis) for axis in self.parameters)
+        written_load = None if self.load.balls_per_side is None else self.load.flat
+        written = Written(self.origin.written_units, written_load)
+        grid = Grid(self.packing, axes, self.media, self.load.applied.flat, request, written)
+        return Plan(grid, self.origin, self.load.kind, self.mesh, self.dim)
+
+    @property
+    def n_states(self) -> int:
+        """Number of states; a state is one case at one load."""
+        return self.plan.n_states
+
+    @property
+    def serving(self) -> ServingMedium:
+        """The medium of a scene of one state, see :attr:`granphon.runs.plan.Plan.serving`."""
+        return self.plan.serving
+
+    @property
+    def has_tasks(self) -> bool:
+        """Whether the work is cut into tasks, which can be done elsewhere: a sweep, or the samples
+        of one state.
+        """
+        return self.plan.has_tasks
+
+    def place_errors(self) -> AbstractContextManager[None]:
+        """Place an error of the with-block in the file, if the error names an option of a medium, a
+        block or a load.
+        """
+        return self.plan.place_errors()
+
+    def state(self) -> ContactState:
+        """Return the state of the contacts under the load.
+
+        :class:`~granphon.base.errors.InputError` if the balls cannot carry the load, or if the
+        scene is a sweep.
+        """
+        return self.plan.state()
+
+    def states(self, quick: bool = False) -> Iterator[tuple[str, ContactState]]:
+        """Return label and state of every medium at every combination of parameters, one after the
+        other.
+
+        Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if
+        the scene has one load. A state is solved when its turn comes; with ``quick`` simulations
+        and effective media of long lists are left out.
+        :class:`~granphon.base.errors.InputError` at the first medium that cannot carry the loads.
+        """
+        return self.plan.states(quick)
+
+    def sweep(
+        self, progress: Progress = silent, executor: Executor | None = None, **options: Any
+    ) -> Dataset:
+        """Compute every state of the scene as one data set.
+
+        ``options`` are keywords of :func:`granphon.runs.sweep.sweep` besides those that the scene
+        answers: ``path``, ``resume``, ``overwrite`` and ``store``. A load that cannot be carried
+        raises :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one
+        that a computation does not reach :class:`~granphon.base.errors.ConvergenceError`.
+        """
+        return self.plan.sweep(progress, executor, **options)
+
+    def cost(self) -> Cost | None:
+        """Memory and time that the scene will take, its parts done one after the other; None if
+        both are negligible.
+
+        :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this
+        machine now, or more than 10,000 days on one processor.
+        """
+        return self.plan.cost()
 
 
 def _write_result(
     result: RunResult,
     locked: ResultFiles,
-    text: str,
-    names: Sequence[str],
-    figure_files: Sequence[str],
+    rows: Sequence[Export],
+    figures: bool,
     progress: Progress,
 ) -> RunResult:
-    """Write the files ``names`` of a result, the ``figure_files`` among them, with ``text`` as its
-    scene, and return the result with the paths of those that are written: not of those that it
-    leaves out, nor of figures that cannot be drawn, whose ``failures`` it has.
+    """Write the files of the outputs of the ``rows`` of a result, with their ``figures`` or
+    without, and return the result with the paths of those that are written: not of outputs without
+    a value, nor of figures that cannot be drawn, whose ``failures`` it has.
     """
-    scene = result.scene
-    libraries: tuple[str, ...] = ()
-    if result.phonons is not None:
-        libraries = ("ase", "phonopy", "spglib")
-    elif result.waves is not None:
-        libraries = ("ase",)
-    package_versions = versions("numpy", "scipy", "xarray", "h5netcdf", *libraries)
-    names = tuple(name for name in names if name not in result.left_out)
-    figure_files = tuple(name for name in figure_files if name not in result.left_out)
+    written_rows = [row for row in rows if row.find is None or result[row.name] is not None]
+    names = list_files(written_rows, figures)
+    figure_files = [row.figure for row in written_rows if figures and row.figure]
+    left_out = [name for name in list_files(rows, figures) if name not in names]
     with (
-        locked.staging((*figure_files, *result.left_out)) as stage,
+        locked.staging((*figure_files, *left_out)) as stage,
         progress.step("writing", len(names)) as step,
     ):
-        head = "# The scene as it was run, in SI units.\n"
-        for package, version in package_versions.items():
-            head += f"# {package} {version}\n"
-        (stage / "scene.yaml").write_text(head + text, encoding="utf-8")
-        if scene.diameters is not None:
-            (stage / DIAMETERS_FILE).write_text(scene.diameters, encoding="utf-8")
-        write_numbers(result, stage, step.advance)
+        for row in written_rows:
+            row.write_numbers(result, stage)
+            step.advance(len(row.numbers))
         failures: dict[str, str] = {}
         if figure_files:
             from granphon.figures.style import draw
@@ -423,107 +412,95 @@ def _write_result(
         files = tuple(result.folder / name for name in names if name not in failures)
         written_result = replace(result, files=files, failures=tuple(failures.values()))
         # the last file, as the summary names the files and the failures
-        summary = _write_summary(written_result, package_versions)
-        (stage / "summary.yaml").write_text(summary, encoding="utf-8")
+        (stage / "summary.yaml").write_text(
+            _write_summary(written_result, result.package_versions), encoding="utf-8"
+        )
     return written_result
 
 
-def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of the files of numbers, and the names of the figures, that a run of a
-    ``scene`` writes.
-    """
-    observed = scene.observe
-    names = ["scene.yaml", "summary.yaml"]
-    if scene.diameters is not None:
-        names.append(DIAMETERS_FILE)
-    names += ["sweep.nc", "sweep.csv"]
-    blocks = [name for name in NETWORK_BLOCKS if name in observed]
-    names += [f"{name}.csv" for name in blocks]
-    if scene.observed_settings("bands") is not None:
-        names.append("damped_bands.csv")
-    figures = [f"{name}.png" for name in blocks]
-    if not scene.is_single:
-        wave_figures = [name for name, subject in SWEEP_FIGURES.items() if subject in observed]
-        names += [Path(name).with_suffix(".csv").name for name in wave_figures]
-        figures += ["sweep.png", *wave_figures]
-        return tuple(names), tuple(figures)
-    names_alone, figures_alone = _list_files_alone(scene)
-    return (*names, *names_alone), (*figures, *figures_alone)
-
-
-def _list_files_alone(scene: Scene) -> tuple[list[str], list[str]]:
-    """Return the names of the files of numbers, and names of the figures, that a run of a single
-    state writes besides those of any run.
-    """
-    observed = scene.observe
-    names: list[str] = []
-    figures: list[str] = []
-    if "motion" in observed:
-        names += MOTION_FILES
-    if "bands" in observed:
-        names += ["band.yaml", "phonopy_params.yaml"]
-    if "dos" in observed:
-        names.append("dos.csv")
-    if "surface" in observed:
-        names += ["surface.json", "surface.csv"]
-        figures.append("surface.png")
-    if "bands" in observed:
-        figures.append("bands.png")
-    elif "dos" in observed:
-        figures.append("dos.png")
-    for medium in scene.serving.arrays:  # one at most
-        names.append("sample.extxyz")
-        if medium.friction_history:
-            names += ["sample_balls.csv", "sample_contacts.csv"]
-        figures.append("forces.png")
-        for stem, subject in SAMPLE_WAVES.items():
-            if subject in observed:
-                names += [f"{stem}.json", f"{stem}.csv"]
-                figures.append(f"{stem}.png")
-    return names, figures
-
-
-def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
-    """Return the names of the files that a run of a ``scene`` writes, with its ``figures`` or
-    without.
-    """
-    numbers, figure_files = list_files(scene)
-    return numbers + (figure_files if figures else ())
-
-
 @dataclass(frozen=True, eq=False)
-class RunResult:
-    """Results of a scene.
+class RunResult(Results):
+    """Results of a scene. ``result["bands"]`` is the value of the output of this name, one of
+    :data:`granphon.scene.outputs.OUTPUTS`; after reading the result from its folder, the value is
+    read from its file.
 
     Attributes
     ----------
     scene : the scene that was run.
     folder, files : folder of the results, and the paths of the files written there.
-    dataset : every state, with velocities, moduli and bands, as :func:`granphon.runs.sweep.sweep`
-        returns it.
+    values : the values of outputs by their names.
     given : the analysis of a single state; None after reading the result from its folder.
-    phonons : of a single state, the source of ``bands`` and ``dos``; None if neither was asked for,
-        as of several states, and after reading the result from its folder, where files hold these.
-    bands, dos, gaps : of a single state, frequencies along the path, Hz, their density of states,
-        1/Hz, and intervals without a branch, (n, 2) Hz; likewise.
-    surface : of a single state, the spectrum of the outer layer at the edge, with its waves;
-        likewise.
-    waves : the waves in the samples of a single state; likewise.
+    records : of each sample of a single state, or of the state, what is kept of its waves, arrays
+        by name; empty after reading the result from its folder.
+    rows : the outputs that were found; empty after reading the result from its folder.
     failures : one sentence for each figure that could not be drawn, with the reason.
     """
 
     scene: Scene
-    folder: Path
-    dataset: Dataset
-    given: Analysis | None = None
-    phonons: Phonons | None = None
-    bands: Bands | None = None
-    dos: DensityOfStates | None = None
-    gaps: Any = None
-    surface: SurfaceSpectrum | None = None
-    waves: SampleWaves | None = None
+    given: Analysis | None = field(default=None, repr=False)
+    records: tuple[Mapping[str, Any], ...] = field(default=(), repr=False)
+    rows: tuple[Export, ...] = field(default=(), repr=False)
     files: tuple[Path, ...] = ()
     failures: tuple[str, ...] = ()
+
+    @property
+    def bands(self) -> Bands | None:
+        """Of a single state, frequencies along the path, Hz; None if they were not asked for."""
+        return self._value("bands")  # type: ignore[no-any-return]
+
+    @property
+    def dos(self) -> DensityOfStates | None:
+        """Of a single state, the density of states, 1/Hz; None if it was not asked for."""
+        return self._value("dos")  # type: ignore[no-any-return]
+
+    @property
+    def gaps(self) -> Any:
+        """Of a single state, intervals without a branch, (n, 2) Hz; None if they were not asked
+        for.
+        """
+        return self._value("gaps")
+
+    @property
+    def surface(self) -> SurfaceSpectrum | None:
+        """Of a single state, the spectrum of the outer layer at the edge, with its waves; None if
+        it was not asked for.
+        """
+        return self._value("surface")  # type: ignore[no-any-return]
+
+    def _value(self, name: str) -> Any:
+        """Return the value of an output; None if the scene does not ask for it."""
+        if name in self.values:
+            return self.values[name]
+        return self[name] if OUTPUTS[name].is_of(self.scene) else None
+
+    @cached_property
+    def phonons(self) -> Phonons | None:
+        """Of a single state, the source of ``bands``, ``dos`` and ``gaps``; None if none of these
+        was asked for.
+        """
+        if not any(OUTPUTS[name].is_of(self.scene) for name in ("bands", "dos", "gaps")):
+            return None
+        from granphon.phonons.phonons import Phonons
+
+        return self.state.cached(Phonons, self.scene.dim)
+
+    @cached_property
+    def waves(self) -> SampleWaves | None:
+        """The waves in the samples of a single state, or in its network; None without samples and
+        networks.
+        """
+        scene = self.scene
+        has_networks = scene.waves is not None and bool(scene.waves.of_networks)
+        if not (scene.is_single and (has_networks or scene.serving.arrays)):
+            return None
+        from granphon.runs.wave_records import SampleWaves
+
+        return SampleWaves(
+            dos=self._value("sample_dos"),
+            spectra=self._value("spectrum"),
+            pulse=self._value("pulse"),
+            motion=self._value("balls_in_motion"),
+        )
 
     # -- a single state ----------------------------------------------------------------------------
 
@@ -627,50 +604,22 @@ class RunResult:
             }
         if "velocities" in observed:
             numbers |= find_all(analysis, ("velocities",))
-        if self.bands is not None:
-            numbers["top_frequency"] = float(self.bands.frequencies.max())
-        if self.gaps is not None:
-            numbers["gaps"] = self.gaps.tolist()
-        if self.waves is not None and self.waves.pulse is not None:
-            numbers["pulse_distance"] = self.waves.pulse.distance
-        if "response_phase" in self.dataset:
-            numbers["peaks"] = self._list_peaks()
+        for row in self.rows or list_outputs(self.scene):
+            numbers |= row.collect_numbers(self)
         return numbers | self._collect_wave_values()
 
     def _collect_wave_values(self) -> dict[str, float]:
         """Return the observables of waves that are one number, by name, in SI units; those that are
         not finite are left out.
         """
-        costs = ("pulse", "spectrum", "surface", "network")
         values: dict[str, float] = {}
+        data = self.dataset
         for name, entry in CATALOGUE.items():
-            is_number_of_waves = entry.cost in costs and not entry.dims
-            if is_number_of_waves and name in self.dataset:
-                value = self.dataset[name].item()
+            if entry.cost in WAVE_COSTS and not entry.dims and name in data:
+                value = data[name].item()
                 if np.isfinite(value):
                     values[name] = value
         return values
-
-    def _list_peaks(self) -> dict[str, list[dict[str, float]]]:
-        """Return the peaks of the response at each receiver: frequency, Hz, height and Q."""
-        data = self.dataset
-        receivers = data["receiver"].values.tolist()
-        peaks: dict[str, list[dict[str, float]]] = {receiver: [] for receiver in receivers}
-        if "peaks_frequency" not in data:
-            return peaks
-        quantity = next(name for name in RESPONSES.values() if name in data)
-        # (receivers, peaks), nan beyond the number of peaks
-        shape = (len(peaks), -1)
-        frequencies = data["peaks_frequency"].values.reshape(shape).tolist()
-        heights = data[f"peaks_{quantity}"].values.reshape(shape).tolist()
-        qualities = data["peaks_quality"].values.reshape(shape).tolist()
-        for index, receiver in enumerate(peaks):
-            rows = zip(frequencies[index], heights[index], qualities[index], strict=True)
-            for frequency, height, quality in rows:
-                if np.isfinite(frequency):
-                    peak = {"frequency": frequency, "height": height, "quality": quality}
-                    peaks[receiver].append(peak)
-        return peaks
 
     def _summarise_states(self) -> dict[str, Any]:
         """Return the numbers of several states, see :meth:`summary`."""
@@ -705,92 +654,23 @@ class RunResult:
 
     # -- files -------------------------------------------------------------------------------------
 
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """Names of files and figures that have nothing to hold, as no pulse could be sent."""
-        if self.waves is None or "pulse" not in self.scene.observe or self.waves.pulse is not None:
-            return ()
-        return ("pulse.json", "pulse.csv", "pulse.png")
+    @cached_property
+    def package_versions(self) -> dict[str, str]:
+        """The installed versions of the packages of which the results are made, by name."""
+        libraries: tuple[str, ...] = ()
+        if self.phonons is not None:
+            libraries = ("ase", "phonopy", "spglib")
+        elif self.waves is not None:
+            libraries = ("ase",)
+        return versions("numpy", "scipy", "xarray", "h5netcdf", *libraries)
 
     def figure(self, name: str) -> Any:
-        """Return the matplotlib figure of the file ``name``."""
-        stem = name.removesuffix(".png")
-        waves = {} if self.waves is None else self.waves.results
-        if stem in ("forces", "surface", *waves):
-            from granphon.figures.plot import plot
-
-            if stem == "forces":
-                return plot(self.state)
-            return plot(self.surface if stem == "surface" else waves[stem])
-        if stem in ("bands", "dos"):
-            from granphon.figures.bands import bands_figure
-
-            return bands_figure(self.bands, self.dos, gaps=self.gaps)
-        return draw_sweep(self.dataset, name)
-
-
-def _describe_alone(
-    scene: Scene,
-    target: Path,
-    work: SweepRun,
-    state: ContactState,
-    results: Sequence[TaskResult],
-    progress: Progress,
-) -> RunResult:
-    """Return the result, for the folder ``target``, of a single ``state`` with all that its scene
-    observes; ``results`` are those of its samples, if it has any.
-    """
-    analysis = Analysis(state, scene.direction)
-    records = [SampleRecord.from_result(result, 0) for result in results]
-    if not records:
-        has_networks = scene.waves is not None and bool(scene.waves.of_networks)
-        with progress.step("networks") if has_networks else nullcontext():
-            (task,) = work.grid.cases[0].media
-            records = task.record_networks(state, whole=True)
-    surface = None
-    surface_settings = scene.observed_settings("surface")
-    if surface_settings is not None:
-        from granphon.phonons.surfaces import Surface
-
-        with progress.step("surface"):
-            half_space = state.cached(Surface, surface_settings.axis, surface_settings.edge)
-            surface = half_space.map(surface_settings.points)
-    dataset = work.join_alone(analysis, records)
-    waves = None
-    if records:
-        from granphon.runs.wave_records import SampleWaves
-
-        waves = SampleWaves.of(scene.waves, state, [record.of_waves for record in records])
-    result = RunResult(scene, target, dataset, analysis, waves=waves, surface=surface)
-    if {"bands", "dos", "gaps"}.isdisjoint(scene.observe):
-        return result
-    return _add_phonons(result, state, progress)
-
-
-def _add_phonons(result: RunResult, state: ContactState, progress: Progress) -> RunResult:
-    """Return the ``result`` of a single ``state`` with its phonons, and with the bands, the density
-    of states and the gaps that its scene observes.
-    """
-    from granphon.phonons.phonons import Phonons
-
-    scene = result.scene
-    with progress.step("force constants"):
-        phonons = Phonons(state, dim=scene.dim)
-        if "bands" in scene.observe:
-            _ = phonons.phonopy  # found within this step, and kept
-    result = replace(result, phonons=phonons)
-    if "bands" in scene.observe:
-        with progress.step("bands"):
-            path = scene.path
-            bands = phonons.bands(path.arrays, npoints=scene.band_points, labels=path.labels)
-        result = replace(result, bands=bands)
-    if "dos" in scene.observe:
-        with progress.step("density of states"):
-            result = replace(result, dos=phonons.dos(mesh=scene.mesh))
-    if "gaps" in scene.observe:
-        with progress.step("gaps"):
-            result = replace(result, gaps=phonons.gaps())
-    return result
+        """Return the matplotlib figure of the file ``name``; the curves over the load for a file
+        that no output has.
+        """
+        rows = [row for _name, row in OUTPUTS.items() if row.figure == name]
+        (row,) = rows or [OUTPUTS["sweep"]]
+        return row.make_figure(self)
 
 
 def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
@@ -809,69 +689,6 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
     if run_scene != scene or not has_same_versions:
         return False
     return is_whole(target, expected_files(scene, figures=False))
-
-
-def write_numbers(result: Any, folder: Path, advance: Callable[[int], None]) -> None:
-    """Write the files of numbers of a result into a ``folder``, and call ``advance`` after each.
-
-    The run itself writes the scene, its diameters and the summary, which are counted here. Files
-    that are ``left_out`` are neither written nor counted.
-    """
-    for name in list_files(result.scene)[0]:
-        path = folder / name
-        stem = name.partition(".")[0]
-        match name:
-            case "scene.yaml" | "summary.yaml" | "diameters.csv":
-                pass
-            case _ if name in result.left_out:
-                continue
-            case "sweep.nc":  # and sweep.csv beside it
-                write_sweep(result.dataset, path)
-            case "motion.nc":
-                result.waves.motion.write(path)
-            case "motion_contacts.csv":
-                # imported here: other runs do not need motions
-                from granphon.runs.wave_records import write_contacts
-
-                write_contacts(result.waves.motion, path, result.scene.motion)
-            case _ if stem in ("damped_bands", *_SWEEP_STEMS, *NETWORK_BLOCKS):
-                write_waves(result.dataset, path)
-            case "band.yaml":
-                result.bands.write(path)
-            case "phonopy_params.yaml":
-                result.phonons.save(path)
-            case "dos.csv":
-                result.dos.write_csv(path)
-            case "sample.extxyz":
-                write_extxyz(path, result.state.samples[0].atoms())
-            case "sample_balls.csv":  # and sample_contacts.csv
-                result.state.samples[0].network.write_tables(path, folder / "sample_contacts.csv")
-            case "spectrum.csv":
-                result.waves.spectra.write_csv(path)
-            case "sample_dos.csv" | "pulse.csv":
-                _write_columns(result.waves.results[stem], stem, path)
-            case "surface.json":
-                _write_json(result.surface, path)
-            case "surface.csv":
-                result.surface.write_csv(path)
-            case "sample_dos.json" | "spectrum.json" | "pulse.json":
-                _write_json(result.waves.results[stem], path)
-        advance(1)
-
-
-def _write_columns(waves: Any, stem: str, path: Path) -> None:
-    """Write the table ``path`` of the fields of ``waves``, arrays (n,), that :data:`_COLUMNS` lists
-    for the ``stem`` of a file.
-    """
-    headings = [Heading(name, unit) for name, unit, _ in _COLUMNS[stem]]
-    columns = [getattr(waves, field) for _, _, field in _COLUMNS[stem]]
-    rows = np.transpose(columns).tolist()
-    path.write_text(table_text(headings, rows), encoding="utf-8")
-
-
-def _write_json(result: Any, path: Path) -> None:
-    """Write a whole result as one line of JSON."""
-    path.write_text(json.dumps(result.to_dict()) + "\n", encoding="utf-8")
 
 
 def _write_summary(result: RunResult, package_versions: Mapping[str, str]) -> str:
@@ -915,46 +732,3 @@ def _describe_limits(validity: Validity) -> dict[str, Any]:
         for check in validity.checks
     ]
     return {"ok": bool(validity.ok), "validity": checks}
-
-
-def read_summary(folder: Path) -> dict[str, Any]:
-    """Return the content of summary.yaml in the ``folder`` of a run; raises
-    :class:`~granphon.base.errors.InputError` if the file is no summary.
-    """
-    path = folder / "summary.yaml"
-    summary = read_yaml(path)
-    if not isinstance(summary, dict):
-        why = "Granphon did not write it so"
-        raise InputError(f"{path} holds no keys", why, "Run the scene again")
-    require_schema(path, summary.get("schema"), SUMMARY_SCHEMA)
-    return summary
-
-
-# -- figures ---------------------------------------------------------------------------------------
-
-
-def draw_sweep(
-    dataset: Any,
-    name: str,
-    variable: str | None = None,
-    rows: str | None = None,
-    columns: str | None = None,
-    tell: Callable[[str], object] | None = None,
-) -> Any:
-    """Return the matplotlib figure of one ``variable`` of a data set. Without a variable the
-    ``name`` of the figure's file chooses: a block about networks, or one of ``SWEEP_FIGURES``; any
-    other name means the curves of :func:`~granphon.figures.curves.sweep_figure`, which takes the
-    other arguments.
-    """
-    stem = Path(name).stem
-    if variable is None and stem in NETWORK_BLOCKS:
-        from granphon.figures.plot import draw_states
-
-        return draw_states(dataset, stem)
-    if variable is None and f"{stem}.png" in SWEEP_FIGURES:
-        from granphon.figures.plot import draw_waves_of_sweep
-
-        return draw_waves_of_sweep(dataset, stem)
-    from granphon.figures.curves import sweep_figure
-
-    return sweep_figure(dataset, variable=variable, rows=rows, columns=columns, tell=tell)

@@ -107,8 +107,6 @@ _UNTIMED_RUNS = 4.0
 LEAST_RUNS = 5
 #: local fields of the effective medium
 _Field = Literal["computed", "paper"]
-#: files of a trade-off
-TRADEOFF_FILES = ("tradeoff.csv", "tradeoff.png")
 
 
 def observe(state: ContactState) -> Array:

@@ -16,7 +16,8 @@ from granphon.base.errors import FileExistsInRunError
 from granphon.base.progress import Silent, Terminal, on_stderr, silent
 from granphon.base.staging import LIST
 from granphon.cli.commands import main
-from granphon.scene.scene import Scene, expected_files
+from granphon.scene.outputs import expected_files
+from granphon.scene.scene import Scene
 from tests.conftest import one_error
 from tests.scene.mistakes import MISTAKES, SCENE
 
@@ -497,7 +498,7 @@ def test_progress_is_told_of_long_work(work):
     (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
     listener = Listener()
     Scene.from_yaml("scene.yaml").run("out", progress=listener, figures=False)
-    assert listener.labels == ["force constants", "bands", "density of states", "writing"]
+    assert listener.labels == ["bands", "force constants", "density of states", "writing"]
     assert listener.left["writing"] == 0
 
 

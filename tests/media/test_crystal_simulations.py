@@ -98,7 +98,7 @@ def test_the_default_shape_is_that_of_the_dimension(lattice, default):
     # to write the default out is to say the same
     assert Scene.from_text(written) == scene
     assert scene.media == (MediumChoice("simulation"),)
-    assert scene.case.case.medium.label == "simulation"
+    assert scene.plan.case.case.medium.label == "simulation"
     assert scene.cost().balls == np.prod(default) * (2 if lattice == "hcp" else 1)
     # the default of one dimension is no default of another
     assert (

@@ -31,14 +31,8 @@ from granphon.runs.dataset import load_sweep
 from granphon.runs.store import read_entries
 from granphon.runs.sweep import sweep
 from granphon.runs.workers import Workers
-from granphon.scene.scene import (
-    RESULT_FILES,
-    WORK_FILE,
-    RunResult,
-    Scene,
-    expected_files,
-    is_complete,
-)
+from granphon.scene.outputs import every_file, expected_files
+from granphon.scene.scene import WORK_FILE, RunResult, Scene, is_complete
 from tests.conftest import one_error
 from tests.runs.calls import end_within_a_result, raise_unpicklable
 from tests.runs.conftest import full_disk
@@ -626,7 +620,7 @@ def test_a_result_of_another_kind_is_replaced_as_a_whole(work, whole, kinds, fig
         text, files, pictures = KINDS_OF_RESULTS[kind]
         Scene.from_text(text).run("out", force=True, figures=figures)
         assert listed(work / "out") == (files | pictures if figures else files)
-        assert set(RESULT_FILES) >= files | pictures
+        assert set(every_file()) >= files | pictures
 
 
 # -- side by side, and cut off ---------------------------------------------------------------------
@@ -1127,7 +1121,7 @@ def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
     )
     scene = Scene.from_text(text)
     assert scene.has_tasks
-    run = SweepRun.of(scene.case_grid)
+    run = SweepRun.of(scene.plan.grid)
     state = run.grid.cases[0].restore(run.do())
     expected = scene.state()
     for name in (

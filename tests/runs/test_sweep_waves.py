@@ -11,8 +11,9 @@ import granphon as gp
 from granphon.media.state import ideal_lattice
 from granphon.runs.dataset import load_sweep
 from granphon.runs.store import read_entries
+from granphon.scene.outputs import expected_files
 from granphon.scene.redraw import redraw
-from granphon.scene.scene import WORK_FILE, expected_files
+from granphon.scene.scene import WORK_FILE
 from granphon.waves.path_spectra import find_path_points
 from tests.runs.conftest import Meter
 
@@ -270,7 +271,7 @@ def test_pulse_that_cannot_be_is_refused_before_a_simulation(text, more, said):
 
 
 def test_large_arrays_are_checked_when_they_are_run(monkeypatch, tmp_path):
-    monkeypatch.setattr("granphon.scene.plan.QUICK_BALLS", 50)
+    monkeypatch.setattr("granphon.runs.plan.QUICK_BALLS", 50)
     scene = gp.Scene.from_text(_with_pulse(ONE, distance="1 nm"))
     with pytest.raises(gp.GranphonError, match="source itself"):
         scene.run(tmp_path / "out")
@@ -398,7 +399,7 @@ def test_array_too_large_for_the_memory_is_refused_with_an_estimate(memory, monk
 
     def count(scene):
         """Products with a vector times balls."""
-        waves = next(work for *_, work in scene.parts if "waves" in "".join(work.parts))
+        waves = next(work for *_, work in scene.plan.parts if "waves" in "".join(work.parts))
         return sum(number for number, _ in waves.units)
 
     # spectra and pulses, at two loads and in two samples

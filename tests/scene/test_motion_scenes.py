@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.base.errors import ConvergenceError, InputError, SceneError
 from granphon.runs.wave_records import write_contacts
+from granphon.scene.outputs import draw_curves
 from granphon.scene.redraw import redraw
-from granphon.scene.scene import draw_sweep
 from granphon.waves.settings import DriveSettings, MotionSettings
 from tests.waves.test_nonlinear_exact import meeting
 
@@ -231,7 +231,8 @@ def test_balls_that_have_met_are_in_the_table_of_contacts(tmp_path):
 )
 def test_a_sweep_has_the_numbers_of_single_states(layers, time, figures, tmp_path):
     loads = chain("[1 N, 20 N]", layers, "0.1 m/s", time, 401)
-    data = loads.run(tmp_path, figures=figures).dataset
+    result = loads.run(tmp_path, figures=figures)
+    data = result.dataset
     for index, force in enumerate(("1 N", "20 N")):
         alone = chain(force, layers, "0.1 m/s", time, 401).sweep()
         for name in (
@@ -247,7 +248,7 @@ def test_a_sweep_has_the_numbers_of_single_states(layers, time, figures, tmp_pat
     assert ({"sweep.png", "motion.png"} <= files) == figures
     if figures:
         assert redraw(tmp_path, tmp_path / "motion.pdf").exists()
-        assert draw_sweep(data, "sweep.png").axes[0].get_ylabel() == "Peak velocity (m/s)"
+        assert draw_curves(result).axes[0].get_ylabel() == "Peak velocity (m/s)"
 
 
 def test_what_diffuses_has_no_velocity():

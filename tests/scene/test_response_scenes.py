@@ -231,7 +231,7 @@ def test_samples_are_averaged_with_their_standard_error():
     found = complex_of(data, "mobility")[..., 0]
     error = data["mobility_error"].values[..., 0]
     every = []
-    for sample in one.cases[0].case.medium.of(one.packing).at_force(40.0).samples:
+    for sample in one.plan.cases[0].case.medium.of(one.packing).at_force(40.0).samples:
         waves = gp.Waves(sample.network.cut(1, 1, "free"))
         options = {"damping": (2e-6, 1e-6), "loss_factor": 0.01, "quantity": "velocity"}
         every.append(waves.response([2e3, 5e3, 9e3], "plane", "plane", **options).coherent)

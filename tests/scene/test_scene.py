@@ -1047,7 +1047,7 @@ WIDTHS = (
 def test_of_very_many_packings_the_ends_are_looked_at(medium):
     scene = Scene.from_text(BALLS.replace("5 N", "50 N") + f"medium: {medium}\n" + WIDTHS)
     cost = scene.cost()
-    states, left = scene.survey()
+    states, left = scene.plan.survey()
     assert len(list(states)) == (0 if medium == "simulation" else 4)
     assert left == "all but the ends of 100,000 states"
     assert "100,000 states" in cost.text
@@ -1137,7 +1137,7 @@ def test_what_takes_longer_than_any_run_is_refused_before_anything_is_done(
     text, words, memory, monkeypatch, tmp_path
 ):
     monkeypatch.setattr("granphon.media.cost._time_array", lambda *_: (1.0, 0.0))
-    monkeypatch.setattr("granphon.scene.plan._measure_product", lambda *_: 1e-7)
+    monkeypatch.setattr("granphon.runs.plan._measure_product", lambda *_: 1e-7)
     scene = Scene.from_text(BALLS + text)
     memory(math.inf)
     with pytest.raises(
@@ -1157,7 +1157,7 @@ def test_long_lists_are_left_to_the_run(tmp_path):
     text = BALLS.replace("8 mm", f"{mean!r} m").replace("uniform: 2 um", "measured: lot.csv")
     for medium, few in (("ema", 0), ("[ala, ema]", 1)):
         (tmp_path / "scene.yaml").write_text(text + f"medium: {medium}\n")
-        states, left = Scene.from_yaml(tmp_path / "scene.yaml").survey()
+        states, left = Scene.from_yaml(tmp_path / "scene.yaml").plan.survey()
         assert len(list(states)) == few
         assert left == "the effective medium of long lists of diameters"
 

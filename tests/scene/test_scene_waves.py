@@ -10,9 +10,8 @@ import pytest
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.phonons.paths import BandPath
-from granphon.runs.wave_records import read_waves
+from granphon.scene.outputs import OUTPUTS, expected_files
 from granphon.scene.redraw import redraw
-from granphon.scene.scene import expected_files
 from granphon.waves.path_spectra import find_path_points, find_path_spectra
 
 HEAD = (
@@ -41,7 +40,7 @@ def test_files_hold_what_the_library_finds(done):
     for stem in ("sample_dos", "spectrum", "pulse"):
         assert {f"{stem}.json", f"{stem}.csv"} <= names
         assert f"{stem}.png" in expected_files(scene)
-        assert read_waves(folder / f"{stem}.json") == result.waves.results[stem]
+        assert OUTPUTS[stem].read(folder / f"{stem}.json") == result.waves.results[stem]
     waves = gp.Waves(scene.state().sample)
     assert waves.dos() == result.waves.dos
     assert waves.transmit(9000.0, (0, 1), 0.045, 1.5, ends="free") == result.waves.pulse
@@ -212,7 +211,7 @@ def test_settings_are_checked_in_python_too():
 
 def count_products(text):
     """Products with a vector times balls, of the waves of a scene."""
-    return gp.Scene.from_text(text).parts[-1][-1].units[0].number
+    return gp.Scene.from_text(text).plan.parts[-1][-1].units[0].number
 
 
 def test_cost_of_waves_grows_with_what_is_asked():
@@ -256,7 +255,7 @@ def test_cost_of_a_pulse_of_low_frequency_counts_its_readings():
 
 
 def test_the_time_of_a_product_is_that_of_a_network_of_the_same_kind(steel):
-    from granphon.scene.plan import _measure_product
+    from granphon.runs.plan import _measure_product
 
     network = gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force(5.0).network
     assert 0.0 < _measure_product(network, 10**9) < 1e-3
@@ -281,7 +280,7 @@ def test_damaged_results_are_named_with_their_file(done, tmp_path):
     ):
         (tmp_path / "pulse.json").write_text(text)
         with pytest.raises(gp.GranphonError, match=said) as caught:
-            read_waves(tmp_path / "pulse.json")
+            OUTPUTS["pulse"].read(tmp_path / "pulse.json")
         assert "pulse.json" in str(caught.value)
 
 

@@ -1,67 +1,63 @@
-"""The plan of a scene: its values, checked, its cases, the media that serve the loads, and memory
-and time.
+"""The plan of many states: their cases, the media that serve the loads, what can be carried out,
+memory and time, and the work itself.
 
-Reading, checking, running and estimating the cost all use the plan of a scene, so that nothing is
-computed twice.
+Reading, checking, running and estimating the cost of a scene, and a sweep in Python, all use a
+plan, so that nothing is computed twice.
 """
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import KW_ONLY, dataclass, field, replace
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granphon.balls.contact_table import touch_once_at_most
-from granphon.balls.lattices import TRIANGULAR
-from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
-from granphon.balls.packing import Axis, Packing, change_packing, count_combinations, find_unit
+from granphon.balls.packing import Axis, change_packing, count_combinations
 from granphon.base import memory
-from granphon.base.errors import GranphonError, InputError, MechanismError, Refused
-from granphon.base.progress import Progress, silent
-from granphon.base.quantities import LENGTH, find_load_unit
-from granphon.base.settings import describe_settings
-from granphon.base.tables import Heading, table_text
-from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, spell
-from granphon.base.validation import read_inside, require
-from granphon.media import cost as costs
-from granphon.media.arrangement import Arrangement
-from granphon.media.choice import (
-    MEDIA,
-    MediumChoice,
-    ServingMedium,
-    default_medium,
-    require_finite_overlap,
+from granphon.base.errors import (
+    ConvergenceError,
+    GranphonError,
+    InputError,
+    MechanismError,
+    OutputError,
 )
+from granphon.base.progress import Progress, silent
+from granphon.base.staging import ResultFiles, is_whole
+from granphon.media import cost as costs
+from granphon.media.arrangement import Balls
+from granphon.media.choice import MEDIA, MediumChoice, ServingMedium
 from granphon.media.cost import Cost
 from granphon.media.limits import Check
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
+from granphon.observables.catalogue import Analysis
 from granphon.observables.validity import expect_checks, validity
-from granphon.phonons.paths import MESHES, BandPath, read_paths
+from granphon.runs.dataset import (
+    Dataset,
+    SweepRun,
+    collect_identity,
+    file_names,
+    load_sweep,
+    write_sweep,
+)
 from granphon.runs.notes import CaseNotes, tell_notes
-from granphon.runs.tasks import Case, Grid, Request, Written, require_arrays
-from granphon.scene import rules
-from granphon.scene.file import SceneSource, scene_rule, write_blocks
-from granphon.scene.rules import Context
-from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
+from granphon.runs.store import Store, TaskResult, open_store
+from granphon.runs.tasks import INCOMPLETE, Case, Grid, SampleRecord, to_json
 from granphon.waves.settings import (
     MOMENTS,
-    NETWORK_BLOCKS,
     READINGS,
-    WAVES,
-    BandsSettings,
     MotionSettings,
-    PulseSettings,
+    NetworkSettings,
     ResponseSettings,
     SpectrumSettings,
-    SurfaceSettings,
     WaveSettings,
 )
 
@@ -69,13 +65,8 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from granphon.networks.network import ContactNetwork
-    from granphon.runs.dataset import Dataset
 
 
-#: the settings of a spectrum by default
-_SPECTRUM = SpectrumSettings()
-#: attributes of a scene that are checked by the rules of their keys in a file
-_CHECKED = ("media", "finite_overlap", "observe", "band_points", "mesh", "dim", "direction")
 #: a part of the work: the path of the key that asks for it, how the user can make it smaller, and
 #: its cost
 CostPart = tuple[tuple[str, ...], str, Cost]
@@ -93,29 +84,75 @@ QUICK_BALLS = 100_000
 QUICK_STARTS = 5_000
 #: random vectors of a density of states: ten, each cut into translations and rotations
 _DOS_VECTORS = 20.0
-#: greatest number of directions of sound that the description of a scene names
-_MOST_DESCRIBED = 4
-#: number of cells along each period below which the smallest possible supercell is sought
-_MOST_CELLS = 100
+
+
+class Places:
+    """Where errors stand in what the user wrote; of a sweep in Python nowhere, so that errors pass
+    unchanged. The source of a scene derives from this class.
+    """
+
+    def at(self, *path: str | int, prefix: str = "") -> AbstractContextManager[None]:
+        """Place errors of the with-block at the key ``path``, with ``prefix`` before their text."""
+        return nullcontext()
+
+    def at_medium(self, label: str, allowed: str) -> AbstractContextManager[None]:
+        """Place errors of the with-block at the key of the medium ``label``; ``allowed`` are words
+        for the values of that key.
+        """
+        return nullcontext()
+
+    def at_index(
+        self, block: str, key: str, index: int, prefix: str = ""
+    ) -> AbstractContextManager[None]:
+        """Place errors of the with-block at the value number ``index``, from 0, of the ``key`` of a
+        block, "load" or "sweep", with ``prefix`` before their text.
+        """
+        return nullcontext()
+
+    def where_it_buckles(self) -> AbstractContextManager[None]:
+        """Place an InstabilityError of the with-block at the key that keeps static forces."""
+        return nullcontext()
+
+
+#: the places of errors of what was not read from a file
+NOWHERE = Places()
+
+
+def list_parameters_of_branches(
+    packing: Balls, parameters: Iterable[tuple[str, Sequence[Any]]]
+) -> list[str]:
+    """Return the names of those of the swept ``parameters`` of a ``packing``, each with its values,
+    on which the number of branches or the zone depends: bands are not swept over them.
+    """
+    changing = []
+    for name, values in parameters:
+        motions = set[Any]()
+        if name in ("motions", "torsion", "bending"):
+            # a value that the packing cannot have is refused later, with its place
+            with suppress(InputError):
+                packings = [change_packing(packing, {name: value}) for value in values]
+                motions = {changed.ball_motions for changed in packings}
+        if name in ("friction", "lattice") or len(motions) > 1:
+            changing.append(name)
+    return changing
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedCase:
-    """A case of a scene, whose errors are placed in the file: one medium on one packing, at all
-    loads.
+    """A case of a plan, whose errors have places: one medium on one packing, at all loads.
 
     The load of the ``case`` is a load of the contacts: a force, pressure or overlap; ``written`` is
-    the kind of load that the scene gives, which may be a side force instead.
+    the kind of load that the user gives, which may be a side force instead.
     """
 
     case: Case
     written: str
-    origin: SceneSource
+    places: Places
 
     @property
     def serving_media(self) -> list[ServingMedium]:
         """The media that serve the loads, see :attr:`granphon.runs.tasks.Case.serving_media`."""
-        with self.origin.at_medium(self.case.medium.label, "a tolerance that is met at every load"):
+        with self.places.at_medium(self.case.medium.label, "a tolerance that is met at every load"):
             return self.case.serving_media
 
     @cached_property
@@ -175,9 +212,9 @@ class PlannedCase:
 
     def at_load(self, index: int, prefix: str = "") -> AbstractContextManager[None]:
         """Place errors of the with-block at the load number ``index``, with ``prefix`` before their
-        text; see :class:`SceneSource`.
+        text; see :class:`Places`.
         """
-        return self.origin.at_index("load", self.written, index, prefix)
+        return self.places.at_index("load", self.written, index, prefix)
 
     def _find_state(self, index: int) -> ContactState:
         """Return the state under the load number ``index``; InputError if double precision does not
@@ -213,302 +250,101 @@ def _note_limits(planned: PlannedCase) -> CaseNotes:
     return CaseNotes(planned.case, tuple(checks.values()), served)
 
 
-class Conflict(NamedTuple):
-    """A reason for which an observable cannot be observed.
+class Solution(NamedTuple):
+    """What the work of a plan has found.
 
     Attributes
     ----------
-    name : the observable.
-    holds : whether the reason holds in the scene, as the truth of any value.
-    problem, allowed, mend : the parts of the message, of which the first follows the name.
+    dataset : every state.
+    analysis : that of a single state; None for several states.
+    records : of each sample of a single state, or of the state, what is kept of its waves, arrays
+        by name; empty for several states.
     """
 
-    name: str
-    holds: Any
-    problem: str
-    allowed: str
-    mend: str
+    dataset: Dataset
+    analysis: Analysis | None = None
+    records: tuple[Mapping[str, Any], ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plan:
-    """The values of a :class:`~granphon.scene.scene.Scene`, which describes each of them, and how a
-    scene is carried out.
+    """How the states of a grid of cases are checked and found.
+
+    Attributes
+    ----------
+    grid : the cases, and what is requested of their states.
+    places : where errors stand in what the user wrote.
+    written : the kind of load that the user gives; by default that of the grid.
+    mesh : wave vectors of the density of states of a single state; None for none.
+    dim : supercell of its force constants; None for the smallest that suffices.
     """
 
-    schema: ClassVar[int] = rules.SCENE_SCHEMA
-
-    packing: Packing | Arrangement
-    load: Load
-    _: KW_ONLY
-    media: tuple[MediumChoice, ...] = ()
-    parameters: tuple[tuple[str, tuple[Any, ...]], ...] = ()
-    finite_overlap: bool = False
-    observe: tuple[str, ...] = ("velocities",)
-    direction: tuple[Any, ...] | None = None
-    band: BandPath | None = None
-    band_points: int = 101
-    mesh: tuple[int, ...] = ()  # the default of the lattice
+    grid: Grid
+    places: Places = NOWHERE
+    written: str = ""
+    mesh: tuple[int, ...] | None = None
     dim: tuple[int, ...] | None = None
-    surface: SurfaceSettings | None = None
-    spectrum: SpectrumSettings = _SPECTRUM
-    pulse: PulseSettings | None = None
-    response: ResponseSettings | None = None
-    motion: MotionSettings | None = None
-    bands: BandsSettings | None = None
-    source: Path | None = field(default=None, compare=False)
-    #: document and file that the scene was read from; a copy made by ``replace`` has none, as its
-    #: values may differ
-    origin: SceneSource = field(default=SceneSource(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        # the dataclass is frozen: read values and defaults are put in place of the arguments
-        assign = partial(object.__setattr__, self)
-        axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
-        assign("parameters", tuple((axis.name, axis.values) for axis in axes))
-        lattices = dict(self.parameters).get("lattice", ())
-        lattice = rules.choose_lattice(self.packing.structure, lattices)
-        if lattice != self.packing.structure:
-            assign("packing", change_packing(self.packing, {"lattice": lattices[0]}))
-        if not self.mesh:
-            assign("mesh", MESHES[lattice.periods - 1])
-        # media of another type are refused below
-        if isinstance(cast("object", self.media), tuple | list) and not self.media:
-            assign("media", default_medium(self.packing, self.balls_differ))
-        context = Context(lattice, written=False, kinds=self.packing.kind_names)
-        for name in _CHECKED:
-            value = getattr(self, name)
-            if value is not None:
-                assign(name, require(name, scene_rule(name, context), value))
-        if all(choice.is_exact for choice in self.media) and self.balls_differ:
-            assign("finite_overlap", True)
-        # a scene without bands in space does not ask ASE, which knows the path there
-        has_path = lattice.periods == 2 or bool({"bands", "spectrum"} & set(self.observe))
-        if self.band is None and has_path:
-            assign("band", BandPath.default(lattice))
-        if self.load.array.ndim > 1:
-            problem = f"the load has the shape {self.load.shape}"
-            raise InputError(problem, mend="Give one number, or a list of them")
-        self._require_consistency()
+        if not self.written:
+            object.__setattr__(self, "written", self.grid.load.kind)
 
-    @property
-    def path(self) -> BandPath:
-        """Path of the bands in reciprocal space; never None, unlike the argument ``band``."""
-        return BandPath.default(self.packing.structure) if self.band is None else self.band
-
-    @property
-    def directions(self) -> tuple[tuple[float, ...], ...]:
-        """The directions of sound that the scene names, one or many; empty for none."""
-        if not self.direction:
-            return ()
-        return self.direction if isinstance(self.direction[0], tuple) else (self.direction,)
-
-    @property
-    def balls_differ(self) -> bool:
-        """Whether the diameters of the balls differ, or differ in a sweep over "width" or
-        "spread".
-        """
-        return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
-
-    def observed_settings(self, block: str) -> Any:
-        """Return the settings of a block whose subject the scene observes; None for another."""
-        return getattr(self, block) if block in self.observe else None
+    @cached_property
+    def observe(self) -> tuple[str, ...]:
+        """The names of the observables."""
+        return self.grid.request.observe
 
     @cached_property
     def waves(self) -> WaveSettings | None:
-        """The waves that are observed in arrays, where media simulate them, and in networks; None
-        for none.
-        """
-        blocks = map(self.observed_settings, NETWORK_BLOCKS)
-        networks = tuple(settings for settings in blocks if settings is not None)
-        if not networks and not set(WAVES) & set(self.observe):
-            return None
-        spectrum = self.observed_settings("spectrum")
-        pulse = self.observed_settings("pulse")
-        return WaveSettings(
-            dos="dos" in self.observe,
-            spectrum=spectrum,
-            path=() if spectrum is None else self.path.paths,
-            labels=() if spectrum is None else self.path.names,
-            pulse=pulse,
-            direction=None if pulse is None else self.direction,
-            of_networks=networks,
-        )
-
-    @property
-    def is_single(self) -> bool:
-        """Whether the scene has one state alone: one load, one medium, and no swept parameter."""
-        return len(self.load.values) == len(self.media) == 1 and not self.parameters
-
-    def to_yaml(self) -> str:
-        """Return the text of the scene, in which defaults are written out as by
-        :func:`~granphon.scene.file.write_blocks`, and quantities are in SI units.
-
-        The text gives the same scene, to the last bit, when it is read again. A measured spread of
-        more than 1000 diameters is written as the name of a table, whose text is
-        :attr:`diameters`. :class:`~granphon.base.errors.InputError` if a file has no words for the
-        law of contacts, or the text is too long.
-        """
-        text = dump_yaml(write_blocks(self, Context(self.packing.structure)))
-        n_bytes = len(text.encode())
-        if n_bytes > MOST_SCENE_BYTES:
-            problem = (
-                f"the scene takes {n_bytes // 1000} kB as a text; a scene file holds"
-                f" {MOST_SCENE_BYTES // 1000} kB"
-            )
-            raise InputError(problem, mend="Give long lists as a range, or call granphon.sweep")
-        return text
-
-    def describe(self) -> list[tuple[str, Any, str]]:
-        """Return names, values and SI units of the settings of the scene; no state is computed."""
-        # imported here: a run does not need words for figures
-        from granphon.figures.words import describe_medium
-
-        load = self.load
-        structure = self.packing.structure
-        media = [
-            describe_medium(choice.label, structure.periods, structure.n_balls)
-            for choice in self.media
-        ]
-        if len(media) > 1 and not self.balls_differ:
-            media.append("the same for equal balls")
-        load_unit = find_load_unit(load.kind, structure.periods, structure.pressed_axes)
-        sweeps = [
-            (f"sweep of {spell(name)}", values, find_unit(name) or "")
-            for name, values in self.parameters
-        ]
-        directions = [
-            ("direction", direction, "") for direction in self.directions[:_MOST_DESCRIBED]
-        ]
-        rows: list[tuple[str, Any, str]] = [
-            *self.packing.describe(),
-            (load.kind.replace("_", " "), load.array, load_unit),
-            ("components", load.tensor, "of that"),
-            ("balls per side", load.balls_per_side, ""),
-            ("gravity", load.gravity, "m/s^2"),
-            ("medium", media, ""),
-            *sweeps,
-            ("finite overlap", self.finite_overlap, ""),
-            ("observe", self.observe, ""),
-            *directions,
-            *self._describe_observed(),
-        ]
-        return [(name, value, unit) for name, value, unit in rows if value is not None]
-
-    def _describe_observed(self) -> list[tuple[str, Any, str]]:
-        """Return names, values and SI units of the settings of the observables that the scene
-        observes.
-        """
-        rows: list[tuple[str, Any, str]] = []
-        if {"bands", "spectrum"} & set(self.observe):
-            path = " ".join(self.path.labels) if self.path.labels else str(self.path)
-            rows.append(("path", path, ""))
-        if "bands" in self.observe:
-            rows.append(("points of a segment", self.band_points, ""))
-        for name in WAVE_BLOCKS:
-            settings = self.observed_settings(name)
-            if settings is not None:
-                rows += describe_settings(settings)
-        if "dos" in self.observe:
-            rows.append(("mesh", " x ".join(map(str, self.mesh)), ""))
-        return rows
+        """The waves that are observed in arrays and in networks; None for none."""
+        return self.grid.request.waves
 
     @cached_property
-    def diameters(self) -> str | None:
-        """Text of ``diameters.csv``: the measured diameters, m, if they are too many for the scene
-        file; else None.
-        """
-        spread: Any = self.packing.spread
-        if not rules.is_long(spread):
-            return None
-        rows = ([diameter] for diameter in spread.diameters)
-        return table_text([Heading("diameter", LENGTH.unit)], rows)
-
-    @property
-    def parameters_of_branches(self) -> list[str]:
-        """Names of swept parameters on which the number of branches or the zone depends: bands are
-        not swept over them.
-        """
-        changing = []
-        for name, values in self.parameters:
-            motions = set[Any]()
-            if name in ("motions", "torsion", "bending"):
-                # a value that the packing cannot have is refused later, with its place
-                with suppress(InputError):
-                    packings = [change_packing(self.packing, {name: value}) for value in values]
-                    motions = {packing.ball_motions for packing in packings}
-            if name in ("friction", "lattice") or len(motions) > 1:
-                changing.append(name)
-        return changing
+    def is_single(self) -> bool:
+        """Whether there is one state alone: one load, one medium, and no swept parameter."""
+        return self.grid.request.alone
 
     @contextmanager
     def place_errors(self) -> Iterator[None]:
-        """Place an error of the with-block in the file, if the error names an option of a medium, a
-        block or a load.
+        """Place an error of the with-block, if the error names an option of a medium, a block or a
+        load.
         """
         try:
             yield
         except GranphonError as error:
             if error.option is not None or error.block is not None:
                 # such an error knows its own place, which goes before the medium
-                placing: AbstractContextManager[None] = self.origin.at("medium")
+                placing: AbstractContextManager[None] = self.places.at("medium")
             elif error.load_index is None:
                 raise
             else:
-                placing = self.origin.at_index("load", self.load.kind, error.load_index)
+                placing = self.places.at_index("load", self.written, error.load_index)
             with placing:
                 raise
 
-    @property
+    @cached_property
     def n_cases(self) -> int:
         """Number of cases; a case is one medium at one combination of parameters."""
-        return len(self.media) * math.prod(len(axis.values) for axis in self.axes)
+        return len(self.grid.media) * math.prod(len(axis.values) for axis in self.axes)
 
     @property
     def n_states(self) -> int:
         """Number of states; a state is one case at one load."""
-        return self.n_cases * self.load.size
+        return self.n_cases * self.grid.load.size
 
     @cached_property
-    def axes(self) -> tuple[Axis, ...]:
+    def axes(self) -> Sequence[Axis]:
         """The swept parameters, each with its values."""
-        return tuple(Axis(*axis) for axis in self.parameters)
-
-    @cached_property
-    def case_grid(self) -> Grid:
-        """The cases without their places in the file, which a sweep carries out."""
-        has_velocities = "velocities" in self.observe
-        # a mechanism has other observables, but no velocities
-        of_mechanisms = {"bands", "gaps", "dos", "surface", *NETWORK_BLOCKS}
-        path = None
-        if "bands" in self.observe:
-            path = (self.path.arrays, self.band_points, self.path.labels)
-        request = Request(
-            finite_overlap=self.finite_overlap,
-            path=path,
-            direction=self.direction,
-            waves=self.waves,
-            exponents=has_velocities,
-            surface=self.observed_settings("surface"),
-            # those of a single state are found with its phonons
-            gaps="gaps" in self.observe and not self.is_single,
-            bands=self.observed_settings("bands"),
-            observe=self.observe,
-            sound=has_velocities or of_mechanisms.isdisjoint(self.observe),
-            alone=self.is_single,
-        )
-        written_load = None if self.load.balls_per_side is None else self.load.flat
-        written = Written(self.origin.written_units, written_load)
-        return Grid(self.packing, self.axes, self.media, self.load.applied.flat, request, written)
+        return self.grid.axes
 
     @cached_property
     def cases(self) -> tuple[PlannedCase, ...]:
         """The cases: every medium at every combination of parameters, the media running fastest."""
-        return self._plan_cases(self.case_grid)
+        return self._plan_cases(self.grid)
 
     def _plan_cases(self, grid: Grid) -> tuple[PlannedCase, ...]:
-        """Return the cases of a grid, whose errors are placed in the file."""
-        return tuple(PlannedCase(case, self.load.kind, self.origin) for case in grid.cases)
+        """Return the cases of a grid, whose errors have places."""
+        return tuple(PlannedCase(case, self.written, self.places) for case in grid.cases)
 
     @property
     def case(self) -> PlannedCase:
@@ -547,7 +383,7 @@ class Plan:
         """
         if self.n_cases <= MOST_CASES:
             return self.cases
-        return self._plan_cases(replace(self.case_grid, axes=[axis.ends for axis in self.axes]))
+        return self._plan_cases(replace(self.grid, axes=[axis.ends for axis in self.axes]))
 
     # -- what can be carried out -------------------------------------------------------------------
 
@@ -558,7 +394,7 @@ class Plan:
         observed. Only the :attr:`checked_cases` and small arrays are looked at.
         """
         self._require_parameters()
-        with self.origin.at("sweep"):
+        with self.places.at("sweep"):
             count_combinations(self.axes)
             checked_cases = self.checked_cases
         most_balls: float = QUICK_STARTS
@@ -574,18 +410,18 @@ class Plan:
             try:
                 # between values that a packing can have are no others
                 for value in axis.ends.values:
-                    change_packing(self.packing, {axis.name: value})
+                    change_packing(self.grid.packing, {axis.name: value})
             except (GranphonError, ArithmeticError):
                 for index, value in enumerate(axis.values):
-                    with self.origin.at_index("sweep", axis.name, index):
-                        change_packing(self.packing, {axis.name: value})
+                    with self.places.at_index("sweep", axis.name, index):
+                        change_packing(self.grid.packing, {axis.name: value})
 
     @property
     def _path_of_lattice(self) -> tuple[str, ...]:
         """The keys of a scene file at which the lattice stands."""
-        if "lattice" in dict(self.parameters):
+        if "lattice" in [axis.name for axis in self.axes]:
             return ("sweep", "lattice")
-        return ("crystal",) if self.packing.kind_names else ("packing", "lattice")
+        return ("crystal",) if self.grid.packing.kind_names else ("packing", "lattice")
 
     def _require_case(self, planned: PlannedCase, most_balls: float) -> float:
         """Raise GranphonError, placed in the file, if a case cannot be carried out; return, of the
@@ -599,10 +435,10 @@ class Plan:
         if case.where:
             refusal += f"{case.where}: "
         allowed_medium = f"a medium for the {lattice} lattice"
-        with self.origin.at_medium(case.medium.label, allowed_medium):
+        with self.places.at_medium(case.medium.label, allowed_medium):
             medium = case.medium.of(case.packing)
         if has_velocities:
-            with self.origin.at(*path, prefix=refusal):
+            with self.places.at(*path, prefix=refusal):
                 try:
                     medium.require_sound()
                 except MechanismError as error:
@@ -610,18 +446,19 @@ class Plan:
         # where a medium is solved anew for each packing, the processes of a sweep solve it
         is_solved_later = not self.is_single and medium.is_solved_anew
         if not is_solved_later:
-            with self.origin.at_medium(case.medium.label, allowed_medium):
+            with self.places.at_medium(case.medium.label, allowed_medium):
                 medium.prepare()
             _ = planned.is_possible
             is_quick = all(serving.is_quick for serving in planned.serving_media)
             if has_velocities and is_quick:
-                with self.origin.at(*path, prefix=refusal):
+                with self.places.at(*path, prefix=refusal):
                     planned.state.reference_lattice.require_rigid()
         return planned.require_start(most_balls)
 
     def _mend_mechanism(self) -> str:
         """Return a sentence on how a scene is mended whose lattice has no velocities."""
-        if self.parameters_of_branches:
+        parameters = [(axis.name, axis.values) for axis in self.axes]
+        if list_parameters_of_branches(self.grid.packing, parameters):
             return (
                 "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
             )
@@ -649,14 +486,27 @@ class Plan:
         from granphon.runs.wave_records import require_network, require_waves
 
         for planned in self.checked_cases:
+            named = partial(self._naming, planned.case)
             for settings in waves.of_networks:
                 for key in settings.of_network:
-                    with self.origin.at(settings.block, key):
+                    with self.places.at(settings.block, key), named():
                         require_network(planned.serving_media, settings, key, most)
-            with self.origin.at("spectrum"):
+            with self.places.at("spectrum"), named():
                 require_waves(planned.serving_media, replace(waves, pulse=None), most)
-            with self.origin.at("pulse"):
+            with self.places.at("pulse"), named():
                 require_waves(planned.serving_media, replace(waves, spectrum=None), most)
+
+    @contextmanager
+    def _naming(self, case: Case) -> Iterator[None]:
+        """Raise errors of the with-block with the label of a ``case`` before their text, unless it
+        is the only one.
+        """
+        try:
+            yield
+        except GranphonError as error:
+            if self.n_cases == 1:
+                raise
+            raise error.restate(f"{case.label}: {error}") from None
 
     # -- states ------------------------------------------------------------------------------------
 
@@ -706,14 +556,14 @@ class Plan:
         if self.n_cases <= MOST_CASES and self.n_states <= MOST_STATES:
             cases = self.cases
         else:
-            load_ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
-            load = replace(self.load, array=load_ends)
-            written = self.case_grid.written
+            loads = self.grid.load
+            ends = [*dict.fromkeys((int(np.argmin(loads.array)), int(np.argmax(loads.array))))]
+            written = self.grid.written
             grid = replace(
-                self.case_grid,
+                self.grid,
                 axes=[axis.ends for axis in self.axes],
-                load=load.applied.flat,
-                written=replace(written, load=None if written.load is None else load.flat),
+                load=loads[ends],
+                written=replace(written, load=None if written.load is None else written.load[ends]),
             )
             cases = self._plan_cases(grid)
             left_out.append(f"all but the ends of {self.n_states:,} states")
@@ -734,7 +584,7 @@ class Plan:
         and those of simulations, and words for the states that are left out, as :meth:`survey`.
         """
         entries, left_out = self.survey()
-        with self.origin.where_it_buckles():
+        with self.places.where_it_buckles():
             notes = list(entries)
         return tell_notes([*notes, *self._expect_notes()]), left_out
 
@@ -751,21 +601,102 @@ class Plan:
                         entries.append(CaseNotes(planned.case, checks, serving.loads))
         return entries
 
-    def sweep(
-        self, progress: Progress = silent, executor: Executor | None = None, **options: Any
-    ) -> Dataset:
-        """Compute every state of the scene as one data set, from its :attr:`cases`.
+    # -- work --------------------------------------------------------------------------------------
 
-        ``options`` are keywords of :func:`granphon.runs.sweep.sweep` besides those that the scene
-        answers: ``path``, ``resume``, ``overwrite`` and ``store``. A load that cannot be carried
-        raises :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one
-        that a computation does not reach :class:`~granphon.base.errors.ConvergenceError`.
+    def solve(
+        self,
+        executor: Executor | None = None,
+        progress: Progress = silent,
+        store: Store | None = None,
+    ) -> Solution:
+        """Do the work, and return what it has found; of a single state the balls of its samples,
+        and the whole results of waves, are kept. The ``store`` keeps finished tasks, if there are
+        any.
         """
-        from granphon.runs.sweep import sweep_grid
+        work = SweepRun.of(self.grid)
+        results = list[TaskResult]()
+        if self.has_tasks:
+            results = work.do(executor, progress, store)
+        elif store is not None:
+            store.claim(None)
+        if not self.is_single:
+            return Solution(work.join(results))
+        state = self.grid.cases[0].restore(results) if results else self.state()
+        analysis = Analysis(state, self.grid.request.direction)
+        with self.places.where_it_buckles():
+            records = [SampleRecord.from_result(result, 0) for result in results]
+            if not records:
+                (task,) = self.grid.cases[0].media
+                has_networks = self.waves is not None and bool(self.waves.of_networks)
+                with progress.step("networks") if has_networks else nullcontext():
+                    records = task.record_networks(state, whole=True)
+            dataset = work.join_alone(analysis, records)
+        return Solution(dataset, analysis, tuple(record.of_waves for record in records))
 
+    def sweep(
+        self,
+        progress: Progress = silent,
+        executor: Executor | None = None,
+        *,
+        path: str | os.PathLike[str] | None = None,
+        resume: bool = False,
+        overwrite: bool = False,
+        store: Store | None = None,
+    ) -> Dataset:
+        """Compute every state as one data set; arguments and errors are those of
+        :func:`granphon.runs.sweep.sweep`.
+
+        A load that cannot be carried raises :class:`~granphon.base.errors.SceneError` if a scene
+        was read from a file, and one that a computation does not reach
+        :class:`~granphon.base.errors.ConvergenceError`.
+        """
         self.require_waves()
         with self.place_errors():
-            return sweep_grid(self.case_grid, progress=progress, executor=executor, **options)
+            return self._sweep(progress, executor, path, resume, overwrite, store)
+
+    def _sweep(
+        self,
+        progress: Progress,
+        executor: Executor | None,
+        path: str | os.PathLike[str] | None,
+        resume: bool,
+        overwrite: bool,
+        store: Store | None,
+    ) -> Dataset:
+        """Carry out :meth:`sweep`."""
+        run = SweepRun.of(self.grid)
+        target = None if path is None else Path(path)
+        if target is None and resume:
+            problem = "a sweep without a path cannot be resumed"
+            why = "Its finished parts are kept beside its file"
+            raise InputError(problem, why, "Give path")
+        if target is None:
+            opened_store = open_store(None) if store is None else nullcontext(store)
+            with opened_store as task_store:
+                return run.join(run.do(executor, progress, task_store))
+        if target.suffix != ".nc":
+            why = "It is a netCDF file, with a .csv beside it"
+            raise InputError(f"{target} does not end in .nc", why)
+        if resume and not overwrite:
+            earlier_sweep = _load_same(run, target)
+            if earlier_sweep is not None:
+                return earlier_sweep
+        incomplete_names = _incomplete_files(target.name)
+        files = ResultFiles(target.parent, file_names(target), overwrite, earlier=incomplete_names)
+        store_beside = open_store(target.with_name(f".{target.name}.partial"), overwrite)
+        opened_store = store_beside if store is None else nullcontext(store)
+        with files.open() as locked, opened_store as task_store:
+            try:
+                dataset = run.join(run.do(executor, progress, task_store))
+            except ConvergenceError as error:
+                if error.reached is None:
+                    raise
+                # a store of the caller is not cleared
+                own_store = task_store if store is None else None
+                raise keep_incomplete(error, locked, target.name, own_store) from None
+            with locked.staging() as stage:
+                write_sweep(dataset, stage / target.name)
+        return dataset
 
     # -- cost --------------------------------------------------------------------------------------
 
@@ -791,7 +722,7 @@ class Plan:
             return total if parts else None
         # the error stands at the key of the largest part
         path, mend, _ = parts[sizes.index(max(sizes))]
-        with self.origin.at(*path):
+        with self.places.at(*path):
             raise InputError(f"{total.text}, and {limit}", mend=mend)
 
     @cached_property
@@ -864,10 +795,10 @@ class Plan:
             ("motion", _estimate_motion, "a shorter motion.duration or fewer motion.frames"),
             ("response", _estimate_response, "fewer response.frequencies, or give more damping"),
         ):
-            settings = self.observed_settings(block)
+            settings = self._find_network_settings(block)
             if settings is None:
                 continue
-            with self.origin.at(block):
+            with self.places.at(block):
                 works = [
                     estimate(serving, settings)
                     for case in self.checked_cases
@@ -879,28 +810,35 @@ class Plan:
             parts.append(((block,), mend, replace(total, parts=total.parts[:1])))
         return parts
 
+    def _find_network_settings(self, block: str) -> Any:
+        """Return the settings of the ``block`` about networks; None if it is not observed."""
+        networks: Sequence[NetworkSettings] = self.waves.of_networks if self.waves else ()
+        return next((settings for settings in networks if settings.block == block), None)
+
     @property
     def _n_branches(self) -> int:
         """Number of branches of the lattice."""
-        return self.packing.structure.n_balls * self.packing.ball_motions.count
+        packing = self.grid.packing
+        return packing.structure.n_balls * packing.ball_motions.count
 
     @property
     def _n_path_points(self) -> int:
         """Number of wave vectors along the path of the bands; 0 without bands."""
-        if "bands" not in self.observe:
+        if self.grid.request.path is None:
             return 0
-        return self.band_points * sum(len(path) - 1 for path in self.path.paths)
+        pieces, n_points, _labels = self.grid.request.path
+        return n_points * sum(len(piece) - 1 for piece in pieces)
 
     def _cost_states(self) -> CostPart:
         """Return the part of the work of a sweep that finds its states, with their bands."""
-        path: tuple[str, ...] = ("sweep",) if self.axes else ("load", self.load.kind)
+        path: tuple[str, ...] = ("sweep",) if self.axes else ("load", self.written)
         mend = "Take fewer loads or values"
         n_points = self._n_path_points
         if n_points:
             path = ("phonopy", "band_points")
             mend += ", or points of the bands (phonopy.band_points)"
         n_frequencies = n_points * self._n_branches
-        return path, mend, costs.sweep_states(self.n_cases, self.load.size, n_frequencies)
+        return path, mend, costs.sweep_states(self.n_cases, self.grid.load.size, n_frequencies)
 
     def _cost_spectra(self) -> list[CostPart]:
         """Return the parts of the work that find the bands and the density of states of a single
@@ -910,7 +848,7 @@ class Plan:
         if "bands" in self.observe:
             cost = costs.bands(self._n_path_points, self._n_branches)
             parts.append((("phonopy", "band_points"), "Take fewer points", cost))
-        if "dos" in self.observe:
+        if "dos" in self.observe and self.mesh is not None:
             cost = costs.density_of_states(self.mesh, self._n_branches)
             parts.append((("phonopy", "mesh"), "Take a coarser mesh", cost))
         return parts
@@ -922,174 +860,8 @@ class Plan:
         if self.dim is None or not {"bands", "dos"} & set(self.observe):
             return []
         mend = "Take a smaller supercell: bands and densities of states do not depend on it"
-        cost = costs.force_constants(self.dim, self.packing.structure.n_balls)
+        cost = costs.force_constants(self.dim, self.grid.packing.structure.n_balls)
         return [(("phonopy", "dim"), mend, cost)]
-
-    # -- values that exclude each other, by the key in the file ------------------------------------
-
-    def _list_conflicts(self) -> list[Conflict]:
-        """Return every reason for which an observable cannot be observed, whether or not it holds
-        in this scene.
-        """
-        held = Conflict(
-            "velocities",
-            self.packing.is_held,
-            "of balls that are held",
-            "bands, gaps, dos of these",
-            "Long waves move all balls together, which a floor or clamp holds: write"
-            " observe: [bands].",
-        )
-        first_block = next(iter(NETWORK_BLOCKS))
-        without_period = [
-            Conflict(
-                name,
-                not self.packing.repeats,
-                "of what repeats nowhere",
-                f"{', '.join(NETWORK_BLOCKS)} of these",
-                f"Waves of this kind need a period: write observe: [{first_block}].",
-            )
-            for name in ("velocities", "bands", "gaps", "dos", "surface")
-        ]
-        pulse = Conflict(
-            "pulse",
-            self.pulse is None,
-            "without a frequency",
-            "pulse with a block 'pulse'",
-            "Add a block such as pulse: {frequency: 6.5 kHz}.",
-        )
-        return [
-            held,
-            *without_period,
-            *self._list_conflicts_of_surface(),
-            pulse,
-            *self._list_conflicts_of_networks(),
-            *self._list_conflicts_of_bands(),
-        ]
-
-    def _list_conflicts_of_surface(self) -> list[Conflict]:
-        """Return the reasons for which the waves of an edge cannot be observed."""
-        changing = [name for name in dict(self.parameters) if name in ("lattice", "motions")]
-        return [
-            Conflict(
-                "surface",
-                self.surface is None,
-                "without an axis",
-                "surface with a block 'surface'",
-                "Add a block such as surface: {axis: 1}.",
-            ),
-            Conflict(
-                "surface",
-                any(choice.simulates for choice in self.media),
-                "of a simulation",
-                "surface of a lattice or crystal",
-                "An array has no edge of its own: take another medium.",
-            ),
-            Conflict(
-                "surface",
-                changing,
-                f"with a sweep over {' and '.join(changing)}",
-                "surface of one lattice",
-                "Make a scene of each.",
-            ),
-        ]
-
-    def _list_conflicts_of_networks(self) -> list[Conflict]:
-        """Return the reasons for which a response or motion of networks cannot be observed."""
-        without_settings = [
-            Conflict(
-                name,
-                getattr(self, name) is None,
-                "without its settings",
-                f"{name} with a block '{name}'",
-                f"Add a block '{name}'.",
-            )
-            for name in NETWORK_BLOCKS
-        ]
-        of_mixed_media = [
-            Conflict(
-                name,
-                len({choice.simulates for choice in self.media}) > 1,
-                "of lattices and of arrays",
-                f"{name} of one or the other",
-                "Make a scene of each.",
-            )
-            for name in NETWORK_BLOCKS
-        ]
-        return without_settings + of_mixed_media
-
-    def _list_conflicts_of_bands(self) -> list[Conflict]:
-        """Return the reasons for which bands cannot be observed."""
-        changing = self.parameters_of_branches
-        return [
-            Conflict(
-                "bands",
-                self.bands is not None and any(choice.simulates for choice in self.media),
-                "with losses of a simulation",
-                "damped bands of a lattice or crystal",
-                "Observe the response of the array, or leave the block 'bands' out.",
-            ),
-            Conflict(
-                "bands",
-                changing,
-                f"with a sweep over {' and '.join(changing)}",
-                "velocities, as the branches differ in number or zone",
-                "Make a scene of each.",
-            ),
-        ]
-
-    def _require_consistency(self) -> None:
-        """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one
-        exclude each other.
-        """
-        structure = self.packing.structure
-        self._require_supercell()
-        if self.finite_overlap:
-            with rules.refusing(True, "false, with a simulation", "packing", "finite_overlap"):
-                require_finite_overlap(self.media)
-        for choice in self.media:
-            with rules.refusing(choice.label, "a medium of these balls", "medium"):
-                choice.require_for(self.packing)
-        # the density of states of one state is that of its lattice; a simulation adds the density
-        # of states of the array
-        waves = [name for name in WAVES if name in self.observe]
-        if self.is_single:
-            waves = [name for name in waves if name != "dos"]
-        kinds = "one state, or of arrays" if waves == ["dos"] else "arrays"
-        allowed_waves = f"{', '.join(waves)} of {kinds} that a medium: simulation makes"
-        first_waves = waves[0] if waves else ""
-        with rules.refusing(first_waves, allowed_waves, "observe"):
-            require_arrays(self.media, dict(self.parameters), waves)
-        for conflict in self._list_conflicts():
-            if conflict.name in self.observe and conflict.holds:
-                found = f"{conflict.name!r} {conflict.problem}"
-                raise Refused(found, conflict.allowed, conflict.mend, ("observe",))
-        surface = self.observed_settings("surface")
-        if surface is not None:
-            allowed = "an axis across which the balls repeat"
-            with rules.refusing(surface.axis, allowed, "surface", "axis"):
-                Layers.across(surface.axis, structure.vectors)
-        if "pulse" in waves and len(self.directions) > 1:
-            raise Refused("several directions with a pulse", "one direction", path=("direction",))
-        if self.band is not None:
-            # a path of another dimension is refused, with its key in the block
-            rule = partial(read_paths, periods=structure.periods)
-            read_inside("phonopy", partial(read_inside, "band", rule), str(self.band))
-        if self.load.kind == "side_force" and structure != TRIANGULAR:
-            allowed = "on the triangular lattice only, whose frame is a hexagon"
-            raise Refused("a side_force", allowed, path=("load", "side_force"))
-
-    def _require_supercell(self) -> None:
-        """Raise :class:`~granphon.base.errors.Refused` if two balls of the supercell would touch
-        through two images.
-        """
-        structure = self.packing.structure
-        touch_once = partial(touch_once_at_most, structure.vectors, contact=structure.reach)
-        if self.dim is None or touch_once(self.dim):
-            return
-        supercells = ((n_cells,) * structure.periods for n_cells in range(1, _MOST_CELLS))
-        smallest = next(supercell for supercell in supercells if touch_once(supercell))
-        allowed = f"{rules.write_grid(smallest)} or more"
-        raise Refused(rules.write_grid(self.dim), allowed, path=("phonopy", "dim"))
 
 
 def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings) -> Iterator[Cost]:
@@ -1247,3 +1019,49 @@ def _estimate_motion(serving: ServingMedium, settings: MotionSettings) -> Cost |
     )
     n_samples = 1 if array is None else array.samples
     return cost_of_motion.times(serving.load.size * n_samples)
+
+
+def _load_same(run: SweepRun, path: Path) -> Dataset | None:
+    """Return the sweep in ``path`` if its files are whole and its inputs and versions are those of
+    ``run``; None otherwise.
+    """
+    if not is_whole(path.parent, file_names(path)):
+        return None
+    earlier_sweep = load_sweep(path)
+    # as JSON and back, as the identity in the file has been
+    identity = json.loads(to_json(collect_identity(run.frame)))
+    return earlier_sweep if collect_identity(earlier_sweep) == identity else None
+
+
+def _incomplete_files(name: str) -> list[str]:
+    """Return the names of the files of a sweep that lacks loads, where the whole one would be in
+    the file ``name``.
+    """
+    path = Path(name)
+    return file_names(path.with_stem(f"{path.stem}_{INCOMPLETE}"))
+
+
+def keep_incomplete(
+    error: GranphonError, files: ResultFiles, name: str, store: Store | None
+) -> GranphonError:
+    """Write the data set that an ``error`` has ``reached`` into the locked folder of ``files``,
+    clear the ``store``, if one is given, and return the error with the names of the files in its
+    message.
+
+    ``name`` is the name of the file of the whole sweep. If the files cannot be written, the store
+    stays, and the error is returned as it is.
+    """
+    names = _incomplete_files(name)
+    n_loads = error.reached.sizes["load"]
+    incomplete_files = replace(files, names=names, force=True, earlier=())
+    try:
+        with incomplete_files.staging() as stage:
+            write_sweep(error.reached, stage / names[0])
+        if store is not None:
+            store.clear()
+    except OutputError:
+        return error
+    loads = "The load that was reached is"
+    if n_loads > 1:
+        loads = f"The {n_loads} loads that were reached are"
+    return error.restate(f"{error} {loads} in {' and '.join(names)} in {files.folder}.")

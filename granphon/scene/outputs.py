@@ -1,0 +1,1022 @@
+"""The table of the outputs of runs: for each output its name, its files, when a run has it, and the
+functions that find, write, read and draw it.
+
+Whatever lists, writes, checks, resumes, draws again or documents files of results reads this table.
+An output of granphon is one row here and its functions; others come by :func:`register_output`. The
+functions take the results of a run, which give the value of any output by its name,
+``results["bands"]``, and the data set of all states, ``results.dataset``. A single state is a data
+set too: its rows differ from those of many states by when a run has them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granphon.base.errors import GranphonError, InputError, brief, one_line
+from granphon.base.registry import Registry, list_added
+from granphon.base.tables import Heading, table_text
+from granphon.base.text import read_yaml, require_schema
+from granphon.observables.catalogue import CATALOGUE, is_free
+from granphon.waves.settings import RESPONSES
+
+if TYPE_CHECKING:
+    from granphon.runs.dataset import Dataset
+
+#: version number of summary.yaml, its key "schema"
+SUMMARY_SCHEMA = 1
+#: name of the table of measured diameters that are too many for the scene file
+DIAMETERS_FILE = "diameters.csv"
+#: ending of the files that hold figures
+_FIGURE = ".png"
+#: commands whose files a later run in the same folder replaces
+_OF_RUNS = ("run", "report")
+#: the states that a figure shows: texts of values by the name of a parameter, see
+#: :func:`granphon.figures.choices.choose_states`
+Wishes = Mapping[str, Sequence[str]]
+
+
+@dataclass(frozen=True)
+class Export:
+    """An output of a run: a row of :data:`OUTPUTS`.
+
+    Attributes
+    ----------
+    name : its name in the table.
+    files : names of its files. The figure, one at most, ends in .png; the other files hold numbers.
+    when : function of a scene that says whether its run has the output.
+    find : function of the results of a run that returns the value of the output, None where there
+        is nothing to write; without a function the output is a view of other values.
+    summarise : function of the results of a single state that returns numbers of the output for
+        summary.yaml, plain data by name.
+    write : function that writes the files of numbers of the results into a folder.
+    read : function that returns the value from the path of the file ``source``.
+    draw : function that returns the figure of the results.
+    source : the file by which a folder is known to hold the output; by default the first of
+        ``files``, empty where no folder holds what the figure is drawn from.
+    joined : the part of :class:`granphon.figures.curves.Run` that the value is, where several runs
+        are drawn together; empty for none.
+    marks : patterns, of which one is in such a value's file also where the file was renamed.
+    rank : place among the figures of a folder of which one is drawn by default: the least comes
+        first; 0 of a figure that comes last.
+    of_states : whether the figure has a panel or curve for each state, so that the curves over the
+        load come before it where there are several states.
+    command : the command of granphon that writes the files.
+    label : the name in words, of the work that finds the output.
+    occasion, words : which runs have the output, and what its files hold, for the reference.
+    caption : what the figure shows; by default the ``words``.
+    numbers : the files that hold numbers.
+    figure, stem : the file of the figure, and its name without the ending; empty for none.
+    """
+
+    name: str
+    files: tuple[str, ...]
+    when: Callable[[Any], Any]
+    find: Callable[[Any], Any] | None = None
+    summarise: Callable[[Any], dict[str, Any]] | None = None
+    write: Callable[[Any, Path], None] | None = None
+    read: Callable[[Path], Any] | None = None
+    draw: Callable[..., Any] | None = None
+    source: str | None = None
+    joined: str = ""
+    marks: tuple[bytes, ...] = ()
+    rank: int = 0
+    of_states: bool = False
+    command: str = "run"
+    label: str = ""
+    occasion: str = ""
+    words: str = ""
+    caption: str = ""
+
+    numbers: tuple[str, ...] = field(init=False)
+    figure: str = field(init=False)
+    stem: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        # the dataclass is frozen: what follows from the arguments is put in place here
+        assign = partial(object.__setattr__, self)
+        figures = [name for name in self.files if name.endswith(_FIGURE)]
+        assign("caption", self.caption or self.words)
+        assign("label", self.label or self.name.replace("_", " "))
+        assign("numbers", tuple(name for name in self.files if name not in figures))
+        assign("figure", figures[0] if figures else "")
+        assign("stem", self.figure.removesuffix(_FIGURE))
+        if self.source is None:
+            assign("source", self.files[0] if self.files else "")
+
+    def find_source(self, folder: Path) -> Path | None:
+        """Return the path of the file ``source`` in a folder; None if the folder does not hold the
+        output.
+        """
+        path = folder / self.source if self.source else None
+        # a folder, or a link to nothing, with the name of a result is an error when it is read
+        return path if path is not None and os.path.lexists(path) else None
+
+    def is_of(self, scene: Any) -> bool:
+        """Whether a run of a ``scene`` has the output."""
+        return bool(self._call(self.when, scene))
+
+    def find_value(self, run: Any) -> Any:
+        """Return the value of the output of a run; None for a view of other values."""
+        return None if self.find is None else self._call(self.find, run)
+
+    def collect_numbers(self, run: Any) -> dict[str, Any]:
+        """Return the numbers of the output of a single state for summary.yaml, by name; empty if
+        the output has no value, or no such numbers.
+        """
+        if self.summarise is None or (self.find is not None and run[self.name] is None):
+            return {}
+        return self.summarise(run)
+
+    def write_numbers(self, results: Any, folder: Path) -> None:
+        """Write the files of numbers of the ``results`` into a ``folder``."""
+        if self.write is None:
+            return
+        self._call(self.write, results, folder)
+        missing = [name for name in self.numbers if not (folder / name).is_file()]
+        if missing:
+            problem = f"{OUTPUTS.describe(self.name)} has not written {', '.join(missing)}"
+            raise InputError(problem, mend="Mend its function write")
+
+    def read_value(self, path: Path) -> Any:
+        """Return the value from the file ``path``; None if the output is a view of other values."""
+        return None if self.read is None else self._call(self.read, path)
+
+    def make_figure(self, results: Any, **options: Any) -> Any:
+        """Return the matplotlib figure of the ``results``."""
+        if self.draw is None:
+            raise InputError(f"{OUTPUTS.describe(self.name)} has no figure")
+        return self._call(self.draw, results, **options)
+
+    def _call(self, function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        """Call one of the functions. What the function of a row that was added raises becomes an
+        InputError that names the output; errors of granphon and of the file system pass.
+        """
+        try:
+            return function(*arguments, **options)
+        except (GranphonError, OSError):
+            raise
+        except Exception as error:
+            if not OUTPUTS.is_added(self.name):
+                raise
+            fault = f"{OUTPUTS.describe(self.name)} fails: {type(error).__name__}: {error}"
+            raise InputError(one_line(fault), mend="Mend its function") from error
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """The results in a folder, by the names of outputs: each is read when it is first asked for.
+
+    Attributes
+    ----------
+    folder : the folder of the results.
+    values : the values that have been found or read, by the names of outputs.
+    """
+
+    folder: Path
+    values: dict[str, Any] = field(default_factory=dict, kw_only=True, repr=False)
+
+    def __getitem__(self, name: str) -> Any:
+        """Return the value of the output ``name``; None if the folder does not hold it."""
+        if name not in self.values:
+            row = OUTPUTS[name]
+            path = row.find_source(self.folder)
+            self.values[name] = None if path is None else row.read_value(path)
+        return self.values[name]
+
+    @property
+    def dataset(self) -> Dataset:
+        """Every state, with velocities, moduli and bands, as :func:`granphon.runs.sweep.sweep`
+        returns it; :class:`~granphon.base.errors.InputError` if the folder does not hold it.
+        """
+        dataset = self["states"]
+        if dataset is None:
+            problem = f"{self.folder} holds no {OUTPUTS['states'].source}"
+            raise InputError(problem, "It has every state", "Run the scene again")
+        return dataset  # type: ignore[no-any-return]
+
+
+# -- when a run has an output ----------------------------------------------------------------------
+
+
+def _always(_scene: Any) -> bool:
+    return True
+
+
+def _never(_scene: Any) -> bool:
+    """Of files that other commands write, or that stand where a run has failed."""
+    return False
+
+
+def _observes(name: str, scene: Any) -> bool:
+    """Whether a scene observes what has this ``name``."""
+    return name in scene.observe
+
+
+def _alone(name: str, scene: Any) -> bool:
+    """Whether a scene of one state observes what has this ``name``."""
+    return scene.is_single and name in scene.observe
+
+
+def _together(name: str, scene: Any) -> bool:
+    """Whether a scene of several states observes what has this ``name``."""
+    return not scene.is_single and name in scene.observe
+
+
+def _of_sample(name: str, scene: Any) -> bool:
+    """Whether the one state of a scene, which observes what has this ``name``, is simulated."""
+    return _alone(name, scene) and bool(scene.serving.arrays)
+
+
+def _has_sample(scene: Any) -> bool:
+    """Whether a scene has one state, which is simulated."""
+    return scene.is_single and bool(scene.serving.arrays)
+
+
+def _has_friction(scene: Any) -> bool:
+    """Whether the one state of a scene is simulated with a history of friction."""
+    return _has_sample(scene) and any(array.friction_history for array in scene.serving.arrays)
+
+
+# -- how it is found -------------------------------------------------------------------------------
+
+
+def _find_surface(run: Any) -> Any:
+    """Return the spectrum of the outer layer at the edge of a scene."""
+    from granphon.phonons.surfaces import Surface
+
+    settings = run.scene.surface
+    half_space = run.state.cached(Surface, settings.axis, settings.edge)
+    return half_space.map(settings.points)
+
+
+def _find_force_constants(run: Any) -> Any:
+    """Return the phonons of the state with their force constants."""
+    _ = run.phonons.phonopy  # found now, and kept
+    return run.phonons
+
+
+def _find_bands(run: Any) -> Any:
+    path = run.scene.path
+    return run.phonons.bands(path.arrays, npoints=run.scene.band_points, labels=path.labels)
+
+
+def _find_spectra(run: Any) -> Any:
+    """Return the spectral functions of the first sample along the path."""
+    from granphon.runs.wave_records import restore_spectra
+
+    return restore_spectra(run.records, run.scene.waves, run.state)
+
+
+def _find_kept(name: str, kind: str, run: Any) -> Any:
+    """Return the result of the class ``kind`` that the record of the first sample keeps under a
+    ``name``.
+    """
+    import granphon
+    from granphon.runs.wave_records import restore_result
+
+    return restore_result(run.records[0], name, getattr(granphon, kind))
+
+
+def _find_pulse(run: Any) -> Any:
+    """Return the mean of the pulses through the samples; None if no sample carries one."""
+    from granphon.runs.wave_records import restore_pulse
+
+    return restore_pulse(run.records)
+
+
+def _find_motion(run: Any) -> Any:
+    """Return the motion of the first sample, or of the state if it has none."""
+    from granphon.runs.wave_records import restore_motion
+
+    return restore_motion(run.records[0])
+
+
+def _list_peaks(run: Any) -> dict[str, Any]:
+    """Return the peaks of the response at each receiver: frequency, Hz, height and Q."""
+    data = run.dataset
+    receivers = data["receiver"].values.tolist()
+    peaks: dict[str, list[dict[str, float]]] = {receiver: [] for receiver in receivers}
+    if "peaks_frequency" not in data:
+        return {"peaks": peaks}
+    quantity = next(name for name in RESPONSES.values() if name in data)
+    # (receivers, peaks), nan beyond the number of peaks
+    shape = (len(peaks), -1)
+    frequencies = data["peaks_frequency"].values.reshape(shape).tolist()
+    heights = data[f"peaks_{quantity}"].values.reshape(shape).tolist()
+    qualities = data["peaks_quality"].values.reshape(shape).tolist()
+    for index, receiver in enumerate(peaks):
+        rows = zip(frequencies[index], heights[index], qualities[index], strict=True)
+        for frequency, height, quality in rows:
+            if np.isfinite(frequency):
+                peak = {"frequency": frequency, "height": height, "quality": quality}
+                peaks[receiver].append(peak)
+    return {"peaks": peaks}
+
+
+# -- how it is written -----------------------------------------------------------------------------
+
+
+def _write_scene(run: Any, folder: Path) -> None:
+    """Write the scene, with defaults and in SI units, below the versions of packages."""
+    head = "# The scene as it was run, in SI units.\n"
+    for package, version in run.package_versions.items():
+        head += f"# {package} {version}\n"
+    (folder / "scene.yaml").write_text(head + run.scene.to_yaml(), encoding="utf-8")
+
+
+def _write_diameters(run: Any, folder: Path) -> None:
+    (folder / DIAMETERS_FILE).write_text(run.scene.diameters, encoding="utf-8")
+
+
+def _write_states(run: Any, folder: Path) -> None:
+    """Write every state, and a table of them beside it."""
+    from granphon.runs.dataset import write_sweep
+
+    write_sweep(run.dataset, folder / "sweep.nc")
+
+
+def _write_table(
+    name: str, dims: Sequence[str], run: Any, folder: Path, *, numbered: bool = False
+) -> None:
+    """Write the table ``name`` of the variables of the data set that have the dimensions ``dims``,
+    which may be ``numbered``, besides those of the states.
+    """
+    from granphon.runs.dataset import write_waves
+
+    write_waves(run.dataset, folder / name, dims, numbered)
+
+
+def _write_motion(run: Any, folder: Path) -> None:
+    """Write the balls at all times, and a table of the contacts."""
+    from granphon.runs.wave_records import write_contacts
+
+    motion = run["balls_in_motion"]
+    motion.write(folder / "motion.nc")
+    write_contacts(motion, folder / "motion_contacts.csv", run.scene.motion)
+
+
+def _write_with_table(name: str, run: Any, folder: Path) -> None:
+    """Write the value ``name`` as JSON, and its own table."""
+    _write_json(run[name], folder / f"{name}.json")
+    run[name].write_csv(folder / f"{name}.csv")
+
+
+def _write_value(name: str, file: str, method: str, run: Any, folder: Path) -> None:
+    """Write a ``file`` by a ``method`` of the value ``name``."""
+    getattr(run[name], method)(folder / file)
+
+
+def _write_sample(run: Any, folder: Path) -> None:
+    """Write the balls of the first sample."""
+    from granphon.array.atoms import write_extxyz
+
+    write_extxyz(folder / "sample.extxyz", run.state.samples[0].atoms())
+
+
+def _write_network(run: Any, folder: Path) -> None:
+    """Write tables of the balls and contacts of the first sample."""
+    network = run.state.samples[0].network
+    network.write_tables(folder / "sample_balls.csv", folder / "sample_contacts.csv")
+
+
+def _write_fields(
+    name: str, columns: Sequence[tuple[str, str, str]], run: Any, folder: Path
+) -> None:
+    """Write the value ``name`` as JSON, and as a table of its fields, arrays (n,): heading, unit
+    and field of each of the ``columns``.
+    """
+    value = run[name]
+    _write_json(value, folder / f"{name}.json")
+    headings = [Heading(heading, unit) for heading, unit, _ in columns]
+    rows = np.transpose([getattr(value, field) for _, _, field in columns]).tolist()
+    (folder / f"{name}.csv").write_text(table_text(headings, rows), encoding="utf-8")
+
+
+def _write_json(value: Any, path: Path) -> None:
+    """Write a whole result as one line of JSON."""
+    path.write_text(json.dumps(value.to_dict()) + "\n", encoding="utf-8")
+
+
+def _write_tradeoff(results: Any, folder: Path) -> None:
+    (folder / "tradeoff.csv").write_text(results["tradeoff"].csv(), encoding="utf-8")
+
+
+# -- how it is read --------------------------------------------------------------------------------
+
+
+def _read_states(path: Path) -> Any:
+    from granphon.runs.dataset import load_sweep
+
+    return load_sweep(path)
+
+
+def _read_json(kind: str, path: Path) -> Any:
+    """Return the result of the class ``kind`` of granphon in a file; InputError if the file cannot
+    be read.
+    """
+    import granphon
+
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError):
+        raise InputError(f"{path} is not JSON", mend="Run the scene again") from None
+    try:
+        return getattr(granphon, kind).from_dict(data)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _read_by(kind: str, method: str, path: Path) -> Any:
+    """Return the result of the class ``kind`` of granphon that its ``method`` reads from a file."""
+    import granphon
+
+    return getattr(getattr(granphon, kind), method)(path)
+
+
+def _read_gaps(path: Path) -> Any:
+    """Return the gaps (n, 2), Hz, that a summary tells; None if it tells none."""
+    gaps = read_summary(path.parent).get("gaps")
+    if gaps is None:
+        return None
+    try:
+        return np.array(gaps, float).reshape(-1, 2)
+    except (TypeError, ValueError):
+        why = "They are pairs of frequencies"
+        raise InputError(f"{path} is damaged at gaps", why, "Run the scene again") from None
+
+
+def _read_fit(path: Path) -> Any:
+    from granphon.fits.transfer import read_fit
+
+    return read_fit(read_yaml(path))
+
+
+# -- how it is drawn -------------------------------------------------------------------------------
+
+
+def _plot(name: str, results: Any) -> Any:
+    """Return the default figure of the value ``name``."""
+    from granphon.figures.plot import plot
+
+    return plot(results[name])
+
+
+def _plot_sample(run: Any) -> Any:
+    """Return the force chains of the first sample, and the forces of all."""
+    from granphon.figures.plot import plot
+
+    return plot(run.state)
+
+
+def _choose_states(results: Any, where: Wishes | None) -> Dataset:
+    """Return the data set of the results, or of those of their states that ``where`` chooses."""
+    dataset: Dataset = results.dataset
+    if where:
+        from granphon.figures.choices import choose_states
+
+        dataset = choose_states(dataset, where, str(results.folder))
+    return dataset
+
+
+def _draw_states(name: str, results: Any, where: Wishes | None = None) -> Any:
+    """Return the figure of the networks of the states, for the block ``name`` of a scene."""
+    from granphon.figures.plot import draw_states
+
+    return draw_states(_choose_states(results, where), name)
+
+
+def _draw_motion(results: Any, where: Wishes | None = None) -> Any:
+    """Return the figure of the motion of a single state, or of the energies of several."""
+    if not where and results["balls_in_motion"] is not None:
+        return _plot("balls_in_motion", results)
+    return _draw_states("motion", results, where)
+
+
+def draw_curves(
+    results: Any,
+    variable: str | None = None,
+    where: Wishes | None = None,
+    rows: str | None = None,
+    columns: str | None = None,
+    tell: Callable[[str], object] | None = None,
+) -> Any:
+    """Return the figure of the states over the load: velocities and exponents, or one ``variable``;
+    the other arguments are those of :func:`granphon.figures.choices.choose_states` and
+    :func:`granphon.figures.curves.sweep_figure`.
+    """
+    from granphon.figures.curves import sweep_figure
+
+    dataset = _choose_states(results, where)
+    return sweep_figure(dataset, variable=variable, rows=rows, columns=columns, tell=tell)
+
+
+def _draw_waves(stem: str, results: Any, where: Wishes | None = None) -> Any:
+    """Return the figure of the waves of all states that the ``stem`` of its file names."""
+    from granphon.figures.plot import draw_waves_of_sweep
+
+    return draw_waves_of_sweep(_choose_states(results, where), stem)
+
+
+def _draw_bands(results: Any, asymptotes: Any = None) -> Any:
+    """Return the figure of bands and densities of states, with the long waves of the lattice
+    ``asymptotes`` beside them if it is given.
+    """
+    from granphon.figures.bands import bands_figure
+
+    bands = results["bands"]
+    gaps = results["gaps"]
+    lattice = None if bands is None else asymptotes
+    return bands_figure(bands, results["dos"], asymptotes=lattice, gaps=gaps)
+
+
+# -- the table -------------------------------------------------------------------------------------
+
+#: every output by its name, in the order in which files are written and named
+OUTPUTS: Registry[Export] = Registry("output")
+_DENSITY_COLUMNS = (
+    ("frequency", "Hz", "frequencies"),
+    ("total", "1/Hz", "total"),
+    ("translational", "1/Hz", "translational"),
+    ("rotational", "1/Hz", "rotational"),
+    ("error", "1/Hz", "error"),
+)
+_PULSE_COLUMNS = (
+    ("time", "s", "times"),
+    ("force_sent", "N", "sent"),
+    ("coherent", "m/s", "coherent"),
+    ("speckle", "m/s", "speckle_amplitude"),
+)
+for _row in (
+    Export(
+        "scene",
+        ("scene.yaml",),
+        _always,
+        write=_write_scene,
+        occasion="every run",
+        words="the scene in SI units with every default, and versions",
+    ),
+    # which the run itself writes as its last file, as it names the others
+    Export(
+        "summary",
+        ("summary.yaml",),
+        _always,
+        occasion="every run",
+        words="[the numbers](#quantities-of-a-state)",
+    ),
+    Export(
+        "diameters",
+        (DIAMETERS_FILE,),
+        lambda scene: scene.diameters is not None,
+        write=_write_diameters,
+        occasion="a measured spread of more than 1000 balls",
+        words="`diameter (m)`",
+    ),
+    Export(
+        "states",
+        ("sweep.nc", "sweep.csv"),
+        _always,
+        write=_write_states,
+        read=_read_states,
+        joined="dataset",
+        marks=(b"",),
+        occasion="every run",
+        words="[every state](#sweepnc-and-sweepcsv), also a single one: netCDF for xarray, and a"
+        " table",
+    ),
+    Export(
+        "response",
+        ("response.csv", "response.png"),
+        partial(_observes, "response"),
+        summarise=_list_peaks,
+        write=partial(_write_table, "response.csv", ("response_frequency", "receiver")),
+        draw=partial(_draw_states, "response"),
+        rank=5,
+        of_states=True,
+        occasion="`response`",
+        words="magnitude and phase for each state, frequency and receiver",
+        caption="Response of the network",
+    ),
+    Export(
+        "motion",
+        ("motion.csv", "motion.png"),
+        partial(_observes, "motion"),
+        write=partial(_write_table, "motion.csv", ("motion_time",)),
+        draw=_draw_motion,
+        rank=3,
+        of_states=True,
+        occasion="`motion`",
+        words="energies and the greatest force for each state and time",
+        caption="Motion of the balls",
+    ),
+    Export(
+        "damped_bands",
+        ("damped_bands.csv",),
+        lambda scene: scene.observed_settings("bands") is not None,
+        write=partial(
+            _write_table, "damped_bands.csv", ("segment", "point", "branch"), numbered=True
+        ),
+        occasion="`bands` with a block `bands`",
+        words="bands, and frequency, decay and Q with losses",
+    ),
+    Export(
+        "sweep",
+        ("sweep.png",),
+        lambda scene: not scene.is_single,
+        draw=draw_curves,
+        source="sweep.nc",
+        rank=6,
+        occasion="a sweep",
+        words="velocities and exponents over the load",
+        caption="Sound velocities over the load, or the parameter, and their local exponent",
+    ),
+    Export(
+        "sweep_dos",
+        ("sweep_dos.csv", "sweep_dos.png"),
+        partial(_together, "dos"),
+        write=partial(_write_table, "sweep_dos.csv", ("node",)),
+        draw=partial(_draw_waves, "sweep_dos"),
+        occasion="`dos`, a sweep",
+        words="densities of states of the arrays",
+        caption="Densities of states of the simulated arrays",
+    ),
+    Export(
+        "sweep_spectra",
+        ("sweep_spectra.csv", "sweep_spectra.png"),
+        partial(_together, "spectrum"),
+        write=partial(_write_table, "sweep_spectra.csv", ("polarisation", "wavevector")),
+        draw=partial(_draw_waves, "sweep_spectra"),
+        occasion="`spectrum`, a sweep",
+        words="[lines of plane waves](#waves-in-arrays)",
+        caption="Spectral functions of the simulated arrays",
+    ),
+    Export(
+        "sweep_gaps",
+        ("sweep_gaps.csv", "sweep_gaps.png"),
+        partial(_together, "gaps"),
+        write=partial(_write_table, "sweep_gaps.csv", ("gap",), numbered=True),
+        draw=partial(_draw_waves, "sweep_gaps"),
+        occasion="`gaps`, a sweep",
+        words="edges of each gap, by the number of branches below; gaps and top frequency over the"
+        " load",
+        caption="Gaps between the branches, and the top frequency",
+    ),
+    Export(
+        "sweep_surface",
+        ("sweep_surface.csv", "sweep_surface.png"),
+        partial(_together, "surface"),
+        write=partial(
+            _write_table, "sweep_surface.csv", ("surface_point", "surface_wave"), numbered=True
+        ),
+        draw=partial(_draw_waves, "sweep_surface"),
+        occasion="`surface`, a sweep",
+        words="waves of the edge along the path; those at its end over the load",
+        caption="Waves of the edge at the end of the path",
+    ),
+    Export(
+        "balls_in_motion",
+        ("motion.nc", "motion_contacts.csv"),
+        partial(_alone, "motion"),
+        find=_find_motion,
+        write=_write_motion,
+        read=partial(_read_by, "Motion", "read"),
+        occasion="`motion`, one state",
+        words="balls at all times, network, forces of contacts; of each contact arrival and"
+        " greatest force",
+    ),
+    Export(
+        "surface",
+        ("surface.json", "surface.csv", "surface.png"),
+        partial(_alone, "surface"),
+        find=_find_surface,
+        write=partial(_write_with_table, "surface"),
+        read=partial(_read_json, "SurfaceSpectrum"),
+        draw=partial(_plot, "surface"),
+        rank=4,
+        occasion="`surface`, one state",
+        words="spectrum of the outer layer: `gp.SurfaceSpectrum.from_dict`; waves of the edge; map",
+        caption="Waves of the edge",
+    ),
+    Export(
+        "bands",
+        ("band.yaml", "bands.png"),
+        partial(_alone, "bands"),
+        find=_find_bands,
+        summarise=lambda run: {"top_frequency": float(run.bands.frequencies.max())},
+        write=partial(_write_value, "bands", "band.yaml", "write"),
+        read=partial(_read_by, "Bands", "read"),
+        draw=_draw_bands,
+        joined="bands",
+        marks=(rb"\nphonon:",),
+        rank=1,
+        occasion="`bands`, one state",
+        words="[bands](#bandyaml) in phonopy's format; the bands, with the density of states if"
+        " asked for",
+        caption="Frequencies along the path of wave vectors, and the density of states",
+    ),
+    Export(
+        "force_constants",
+        ("phonopy_params.yaml",),
+        partial(_alone, "bands"),
+        find=_find_force_constants,
+        write=partial(_write_value, "force_constants", "phonopy_params.yaml", "save"),
+        occasion="`bands`, one state",
+        words="[force constants](#phonopy_paramsyaml) for phonopy and Euphonic",
+    ),
+    Export(
+        "dos",
+        ("dos.csv",),
+        partial(_alone, "dos"),
+        find=lambda run: run.phonons.dos(mesh=run.scene.mesh),
+        write=partial(_write_value, "dos", "dos.csv", "write_csv"),
+        read=partial(_read_by, "DensityOfStates", "read_csv"),
+        joined="dos",
+        marks=(rb"\Afrequency_Hz",),  # other tables are for spreadsheets
+        label="density of states",
+        occasion="`dos`, one state",
+        words="[density of states](#doscsv)",
+    ),
+    Export(
+        "dos_figure",
+        ("dos.png",),
+        lambda scene: _alone("dos", scene) and not _alone("bands", scene),
+        draw=_draw_bands,
+        source="dos.csv",
+        rank=2,
+        occasion="the same without `bands`",
+        words="the same",
+        caption="Density of states",
+    ),
+    Export(
+        "gaps",
+        (),
+        partial(_alone, "gaps"),
+        find=lambda run: run.phonons.gaps(),
+        summarise=lambda run: {"gaps": run.gaps.tolist()},
+        read=_read_gaps,
+        source="summary.yaml",
+    ),
+    Export(
+        "sample",
+        ("sample.extxyz", "forces.png"),
+        _has_sample,
+        write=_write_sample,
+        draw=_plot_sample,
+        source="",
+        occasion="a simulation, one state",
+        words="[balls of the first sample](#sampleextxyz); force chains, distribution of forces",
+        caption="Contact forces in the first sample, and their distribution",
+    ),
+    Export(
+        "network",
+        ("sample_balls.csv", "sample_contacts.csv"),
+        _has_friction,
+        write=_write_network,
+        occasion="the same with `friction_history`",
+        words="[balls of the first sample, and its contacts that carry load]"
+        "(#sample_ballscsv-and-sample_contactscsv)",
+    ),
+    Export(
+        "sample_dos",
+        ("sample_dos.json", "sample_dos.csv", "sample_dos.png"),
+        partial(_of_sample, "dos"),
+        find=partial(_find_kept, "dos", "SpectralDensity"),
+        write=partial(_write_fields, "sample_dos", _DENSITY_COLUMNS),
+        read=partial(_read_json, "SpectralDensity"),
+        draw=partial(_plot, "sample_dos"),
+        occasion="`dos`, a simulation, one state",
+        words="density of states of the first sample: `gp.SpectralDensity.from_dict`",
+        caption="Density of states of the simulated arrays",
+    ),
+    Export(
+        "spectrum",
+        ("spectrum.json", "spectrum.csv", "spectrum.png"),
+        partial(_alone, "spectrum"),
+        find=_find_spectra,
+        write=partial(_write_with_table, "spectrum"),
+        read=partial(_read_json, "PathSpectra"),
+        draw=partial(_plot, "spectrum"),
+        occasion="`spectrum`, one state",
+        words="spectral functions of the first sample; their peaks, widths, mean free paths; map",
+        caption="Spectral functions of the simulated arrays",
+    ),
+    Export(
+        "pulse",
+        ("pulse.json", "pulse.csv", "pulse.png"),
+        partial(_alone, "pulse"),
+        find=_find_pulse,
+        summarise=lambda run: {"pulse_distance": run["pulse"].distance},
+        write=partial(_write_fields, "pulse", _PULSE_COLUMNS),
+        read=partial(_read_json, "Pulse"),
+        draw=partial(_plot, "pulse"),
+        occasion="`pulse`, one state",
+        words="what was sent and heard: `gp.Pulse.from_dict`; force, coherent signal, speckle;"
+        " figure",
+        caption="A pulse through the simulated arrays",
+    ),
+    Export(
+        "sweep_incomplete",
+        ("sweep_incomplete.nc", "sweep_incomplete.csv"),
+        _never,
+        occasion="a path that ends early",
+        words="the loads that all media reached, as `sweep`",
+    ),
+    Export(
+        "report",
+        ("report.html", "report.md"),
+        _never,
+        command="report",
+        occasion="`granphon report`",
+        words="[one page](../how-to/report.md) about the folder",
+    ),
+    Export(
+        "fit",
+        ("fit.yaml", "fit.csv", "fit.png"),
+        _never,
+        write=lambda results, folder: results["fit"].write(folder),
+        read=_read_fit,
+        draw=partial(_plot, "fit"),
+        joined="fit",
+        marks=(b"class: WidthFit", b"class: DampingFit"),
+        rank=7,
+        command="fit",
+        occasion="`granphon fit`",
+        words="[the fit](#fityaml-and-fitcsv)",
+        caption="Measured values, the fit, and the residuals",
+    ),
+    Export(
+        "tradeoff",
+        ("tradeoff.csv", "tradeoff.png"),
+        _never,
+        write=_write_tradeoff,
+        draw=partial(_plot, "tradeoff"),
+        source="",
+        command="tradeoff",
+        occasion="`granphon tradeoff`",
+        words="[errors and costs](#tradeoffcsv); error over time",
+        caption="Error against time of the media",
+    ),
+):
+    OUTPUTS.own(_row.name, _row)
+
+
+def register_output(
+    name: str,
+    files: Sequence[str],
+    words: str,
+    *,
+    when: Callable[[Any], Any] | None = None,
+    find: Callable[[Any], Any] | None = None,
+    write: Callable[[Any, Path], None] | None = None,
+    read: Callable[[Path], Any] | None = None,
+    draw: Callable[..., Any] | None = None,
+) -> Export:
+    """Make an output of runs known by its name: to scenes, which may observe it, to ``check``,
+    ``run``, ``plot``, and to the table of the reference.
+
+    Parameters
+    ----------
+    name : its name in scenes and results, a word of letters, digits and underscores; it may be that
+        of an observable that was registered before, which a scene then observes too.
+    files : names of its files. One may be a figure, whose name ends in .png.
+    words : what the files hold, in a few words.
+    when : function of the :class:`~granphon.Scene` that says whether its run has the output; by
+        default a run has it if the scene observes the ``name``.
+    find : function of the :class:`~granphon.RunResult` that returns the value of the output, which
+        ``result[name]`` is then; None where there is nothing to write.
+    write : function of the result and of a folder, a path, that writes the files but the figure;
+        needed if there are such files.
+    read : function of the path of the first file that returns the value from it, for a figure that
+        is drawn again.
+    draw : function of the result that returns a matplotlib figure; needed if there is a figure. The
+        same function draws it again: the results of a folder have ``dataset`` and ``[name]``. Of
+        the keywords ``variable``, ``where``, ``rows``, ``columns`` and ``tell`` it is given those
+        that it has, with what the user of ``granphon plot`` asks for; the others are refused.
+
+    Returns
+    -------
+    The row of the output. Where ``when``, ``find``, ``write`` or ``read`` fails, the run is an
+    error that names the output, and nothing is written; where ``draw`` fails, a run has a warning.
+
+    Raises
+    ------
+    InputError : a name that another output has, or that is no such word; no file, one that another
+        output has, or that is no plain name; empty ``words``; files without their function.
+    """
+    given_name: Any = name
+    given_words: Any = words
+    is_of_granphon = name in CATALOGUE and not CATALOGUE.is_added(name)
+    if not isinstance(given_name, str) or not is_free(name) or is_of_granphon:
+        mend = (
+            "Give a word of letters, digits and underscores that scenes and data sets do not have"
+            " yet, or that of a registered observable"
+        )
+        raise InputError(f"an output cannot have the name {brief(name)}", mend=mend)
+    if not (isinstance(given_words, str) and given_words):
+        raise InputError(f"the output {name!r} says not what it holds", mend="Give words")
+    row = Export(
+        name,
+        tuple(files),
+        when or partial(_observes, name),
+        find=find,
+        write=write,
+        read=read,
+        draw=draw,
+        occasion=f"`{name}`",
+        words=words,
+    )
+    _require_files(row)
+    return OUTPUTS.add(name, row, write or draw)
+
+
+def _require_files(row: Export) -> None:
+    """Raise InputError unless a row that is to be added has files of its own, and functions for
+    them.
+    """
+    holders = {file: other.name for _name, other in OUTPUTS.items() for file in other.files}
+    given_files: tuple[Any, ...] = row.files
+    for file in given_files:
+        is_name = isinstance(file, str) and Path(file).name == file
+        if not is_name or file.startswith(".") or not Path(file).suffix:
+            mend = "Give a plain name with an ending, such as impedance.csv"
+            raise InputError(f"{brief(file)} is no file of an output", mend=mend)
+        if holders.get(file, row.name) != row.name:
+            why = f"The output {holders[file]!r} has it"
+            raise InputError(f"the output {row.name!r} cannot have the file {file}", why)
+    n_figures = sum(file.endswith(_FIGURE) for file in row.files)
+    if not row.files or n_figures > 1:
+        mend = "Give at least one file, and one figure at most"
+        raise InputError(f"the output {row.name!r} has {n_figures} figures", mend=mend)
+    for function, word, is_needed in (
+        (row.write, "write", bool(row.numbers)),
+        (row.draw, "draw", bool(row.figure)),
+    ):
+        if is_needed and not callable(function):
+            problem = f"the output {row.name!r} has no function {word}"
+            raise InputError(problem, "Its files need it", f"Give {word}")
+
+
+# -- lists of outputs and files --------------------------------------------------------------------
+
+
+def list_outputs(scene: Any) -> list[Export]:
+    """Return the rows of the outputs that a run of a ``scene`` has."""
+    added = list_added("output")
+    rows = []
+    for name, row in OUTPUTS.items():
+        if row.is_of(scene) if name in added else row.when(scene):
+            rows.append(row)
+    return rows
+
+
+def list_figures(folder: Path) -> list[Export]:
+    """Return the rows of the outputs whose figures can be drawn from the files in a ``folder``:
+    ``row.make_figure(Results(folder))`` draws one.
+    """
+    return [
+        row for _name, row in OUTPUTS.items() if row.draw is not None and row.find_source(folder)
+    ]
+
+
+def list_files(rows: Sequence[Export], figures: bool = True) -> tuple[str, ...]:
+    """Return the names of the files of the ``rows``, those of numbers first, then the ``figures``
+    if they are drawn.
+    """
+    names = [name for row in rows for name in row.numbers]
+    if figures:
+        names += [row.figure for row in rows if row.figure]
+    return tuple(names)
+
+
+def expected_files(scene: Any, figures: bool = True) -> tuple[str, ...]:
+    """Return the names of the files that a run of a ``scene`` writes, with its ``figures`` or
+    without.
+    """
+    return list_files(list_outputs(scene), figures)
+
+
+def every_file() -> tuple[str, ...]:
+    """Return the names of all files that any run of a scene may write, or a report about it, which
+    a later run makes outdated.
+    """
+    return list_files([row for _name, row in OUTPUTS.items() if row.command in _OF_RUNS])
+
+
+def read_summary(folder: Path) -> dict[str, Any]:
+    """Return the content of summary.yaml in the ``folder`` of a run; raises
+    :class:`~granphon.base.errors.InputError` if the file is no summary.
+    """
+    path = folder / "summary.yaml"
+    summary = read_yaml(path)
+    if not isinstance(summary, dict):
+        why = "Granphon did not write it so"
+        raise InputError(f"{path} holds no keys", why, "Run the scene again")
+    require_schema(path, summary.get("schema"), SUMMARY_SCHEMA)
+    return summary

@@ -1,0 +1,441 @@
+"""The values of a scene, checked one by one and against each other, and their text."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass, field
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple, cast
+
+from granphon.balls.contact_table import touch_once_at_most
+from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.layers import Layers
+from granphon.balls.loads import Load
+from granphon.balls.packing import Axis, Packing, change_packing, find_unit
+from granphon.base.errors import InputError, Refused
+from granphon.base.quantities import LENGTH, find_load_unit
+from granphon.base.settings import describe_settings
+from granphon.base.tables import Heading, table_text
+from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, spell
+from granphon.base.validation import read_inside, require
+from granphon.media.arrangement import Arrangement
+from granphon.media.choice import (
+    MediumChoice,
+    default_medium,
+    require_finite_overlap,
+)
+from granphon.phonons.paths import MESHES, BandPath, read_paths
+from granphon.runs.plan import list_parameters_of_branches
+from granphon.runs.tasks import require_arrays
+from granphon.scene import rules
+from granphon.scene.file import SceneSource, scene_rule, write_blocks
+from granphon.scene.rules import Context
+from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
+from granphon.waves.settings import (
+    NETWORK_BLOCKS,
+    WAVES,
+    BandsSettings,
+    MotionSettings,
+    PulseSettings,
+    ResponseSettings,
+    SpectrumSettings,
+    SurfaceSettings,
+    WaveSettings,
+)
+
+#: the settings of a spectrum by default
+_SPECTRUM = SpectrumSettings()
+#: attributes of a scene that are checked by the rules of their keys in a file
+_CHECKED = ("media", "finite_overlap", "observe", "band_points", "mesh", "dim", "direction")
+#: greatest number of directions of sound that the description of a scene names
+_MOST_DESCRIBED = 4
+#: number of cells along each period below which the smallest possible supercell is sought
+_MOST_CELLS = 100
+
+
+class Conflict(NamedTuple):
+    """A reason for which an observable cannot be observed.
+
+    Attributes
+    ----------
+    name : the observable.
+    holds : whether the reason holds in the scene, as the truth of any value.
+    problem, allowed, mend : the parts of the message, of which the first follows the name.
+    """
+
+    name: str
+    holds: Any
+    problem: str
+    allowed: str
+    mend: str
+
+
+@dataclass(frozen=True)
+class SceneValues:
+    """The values of a :class:`~granphon.scene.scene.Scene`, which describes each of them."""
+
+    schema: ClassVar[int] = rules.SCENE_SCHEMA
+
+    packing: Packing | Arrangement
+    load: Load
+    _: KW_ONLY
+    media: tuple[MediumChoice, ...] = ()
+    parameters: tuple[tuple[str, tuple[Any, ...]], ...] = ()
+    finite_overlap: bool = False
+    observe: tuple[str, ...] = ("velocities",)
+    direction: tuple[Any, ...] | None = None
+    band: BandPath | None = None
+    band_points: int = 101
+    mesh: tuple[int, ...] = ()  # the default of the lattice
+    dim: tuple[int, ...] | None = None
+    surface: SurfaceSettings | None = None
+    spectrum: SpectrumSettings = _SPECTRUM
+    pulse: PulseSettings | None = None
+    response: ResponseSettings | None = None
+    motion: MotionSettings | None = None
+    bands: BandsSettings | None = None
+    source: Path | None = field(default=None, compare=False)
+    #: document and file that the scene was read from; a copy made by ``replace`` has none, as its
+    #: values may differ
+    origin: SceneSource = field(default=SceneSource(), init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        # the dataclass is frozen: read values and defaults are put in place of the arguments
+        assign = partial(object.__setattr__, self)
+        axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
+        assign("parameters", tuple((axis.name, axis.values) for axis in axes))
+        lattices = dict(self.parameters).get("lattice", ())
+        lattice = rules.choose_lattice(self.packing.structure, lattices)
+        if lattice != self.packing.structure:
+            assign("packing", change_packing(self.packing, {"lattice": lattices[0]}))
+        if not self.mesh:
+            assign("mesh", MESHES[lattice.periods - 1])
+        # media of another type are refused below
+        if isinstance(cast("object", self.media), tuple | list) and not self.media:
+            assign("media", default_medium(self.packing, self.balls_differ))
+        context = Context(lattice, written=False, kinds=self.packing.kind_names)
+        for name in _CHECKED:
+            value = getattr(self, name)
+            if value is not None:
+                assign(name, require(name, scene_rule(name, context), value))
+        if all(choice.is_exact for choice in self.media) and self.balls_differ:
+            assign("finite_overlap", True)
+        # a scene without bands in space does not ask ASE, which knows the path there
+        has_path = lattice.periods == 2 or bool({"bands", "spectrum"} & set(self.observe))
+        if self.band is None and has_path:
+            assign("band", BandPath.default(lattice))
+        if self.load.array.ndim > 1:
+            problem = f"the load has the shape {self.load.shape}"
+            raise InputError(problem, mend="Give one number, or a list of them")
+        self._require_consistency()
+
+    @property
+    def path(self) -> BandPath:
+        """Path of the bands in reciprocal space; never None, unlike the argument ``band``."""
+        return BandPath.default(self.packing.structure) if self.band is None else self.band
+
+    @property
+    def directions(self) -> tuple[tuple[float, ...], ...]:
+        """The directions of sound that the scene names, one or many; empty for none."""
+        if not self.direction:
+            return ()
+        return self.direction if isinstance(self.direction[0], tuple) else (self.direction,)
+
+    @property
+    def balls_differ(self) -> bool:
+        """Whether the diameters of the balls differ, or differ in a sweep over "width" or
+        "spread".
+        """
+        return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
+
+    def observed_settings(self, block: str) -> Any:
+        """Return the settings of a block whose subject the scene observes; None for another."""
+        return getattr(self, block) if block in self.observe else None
+
+    @cached_property
+    def waves(self) -> WaveSettings | None:
+        """The waves that are observed in arrays, where media simulate them, and in networks; None
+        for none.
+        """
+        blocks = map(self.observed_settings, NETWORK_BLOCKS)
+        networks = tuple(settings for settings in blocks if settings is not None)
+        if not networks and not set(WAVES) & set(self.observe):
+            return None
+        spectrum = self.observed_settings("spectrum")
+        pulse = self.observed_settings("pulse")
+        return WaveSettings(
+            dos="dos" in self.observe,
+            spectrum=spectrum,
+            path=() if spectrum is None else self.path.paths,
+            labels=() if spectrum is None else self.path.names,
+            pulse=pulse,
+            direction=None if pulse is None else self.direction,
+            of_networks=networks,
+        )
+
+    @cached_property
+    def is_single(self) -> bool:
+        """Whether the scene has one state alone: one load, one medium, and no swept parameter."""
+        return len(self.load.values) == len(self.media) == 1 and not self.parameters
+
+    def to_yaml(self) -> str:
+        """Return the text of the scene, in which defaults are written out as by
+        :func:`~granphon.scene.file.write_blocks`, and quantities are in SI units.
+
+        The text gives the same scene, to the last bit, when it is read again. A measured spread of
+        more than 1000 diameters is written as the name of a table, whose text is
+        :attr:`diameters`. :class:`~granphon.base.errors.InputError` if a file has no words for the
+        law of contacts, or the text is too long.
+        """
+        return self._text
+
+    @cached_property
+    def _text(self) -> str:
+        """The text of :meth:`to_yaml`."""
+        text = dump_yaml(write_blocks(self, Context(self.packing.structure)))
+        n_bytes = len(text.encode())
+        if n_bytes > MOST_SCENE_BYTES:
+            problem = (
+                f"the scene takes {n_bytes // 1000} kB as a text; a scene file holds"
+                f" {MOST_SCENE_BYTES // 1000} kB"
+            )
+            raise InputError(problem, mend="Give long lists as a range, or call granphon.sweep")
+        return text
+
+    def describe(self) -> list[tuple[str, Any, str]]:
+        """Return names, values and SI units of the settings of the scene; no state is computed."""
+        # imported here: a run does not need words for figures
+        from granphon.figures.words import describe_medium
+
+        load = self.load
+        structure = self.packing.structure
+        media = [
+            describe_medium(choice.label, structure.periods, structure.n_balls)
+            for choice in self.media
+        ]
+        if len(media) > 1 and not self.balls_differ:
+            media.append("the same for equal balls")
+        load_unit = find_load_unit(load.kind, structure.periods, structure.pressed_axes)
+        sweeps = [
+            (f"sweep of {spell(name)}", values, find_unit(name) or "")
+            for name, values in self.parameters
+        ]
+        directions = [
+            ("direction", direction, "") for direction in self.directions[:_MOST_DESCRIBED]
+        ]
+        rows: list[tuple[str, Any, str]] = [
+            *self.packing.describe(),
+            (load.kind.replace("_", " "), load.array, load_unit),
+            ("components", load.tensor, "of that"),
+            ("balls per side", load.balls_per_side, ""),
+            ("gravity", load.gravity, "m/s^2"),
+            ("medium", media, ""),
+            *sweeps,
+            ("finite overlap", self.finite_overlap, ""),
+            ("observe", self.observe, ""),
+            *directions,
+            *self._describe_observed(),
+        ]
+        return [(name, value, unit) for name, value, unit in rows if value is not None]
+
+    def _describe_observed(self) -> list[tuple[str, Any, str]]:
+        """Return names, values and SI units of the settings of the observables that the scene
+        observes.
+        """
+        rows: list[tuple[str, Any, str]] = []
+        if {"bands", "spectrum"} & set(self.observe):
+            path = " ".join(self.path.labels) if self.path.labels else str(self.path)
+            rows.append(("path", path, ""))
+        if "bands" in self.observe:
+            rows.append(("points of a segment", self.band_points, ""))
+        for name in WAVE_BLOCKS:
+            settings = self.observed_settings(name)
+            if settings is not None:
+                rows += describe_settings(settings)
+        if "dos" in self.observe:
+            rows.append(("mesh", " x ".join(map(str, self.mesh)), ""))
+        return rows
+
+    @cached_property
+    def diameters(self) -> str | None:
+        """Text of ``diameters.csv``: the measured diameters, m, if they are too many for the scene
+        file; else None.
+        """
+        spread: Any = self.packing.spread
+        if not rules.is_long(spread):
+            return None
+        rows = ([diameter] for diameter in spread.diameters)
+        return table_text([Heading("diameter", LENGTH.unit)], rows)
+
+    @property
+    def parameters_of_branches(self) -> list[str]:
+        """Names of swept parameters on which the number of branches or the zone depends: bands are
+        not swept over them.
+        """
+        return list_parameters_of_branches(self.packing, self.parameters)
+
+    # -- values that exclude each other, by the key in the file ------------------------------------
+
+    def _list_conflicts(self) -> list[Conflict]:
+        """Return every reason for which an observable cannot be observed, whether or not it holds
+        in this scene.
+        """
+        held = Conflict(
+            "velocities",
+            self.packing.is_held,
+            "of balls that are held",
+            "bands, gaps, dos of these",
+            "Long waves move all balls together, which a floor or clamp holds: write"
+            " observe: [bands].",
+        )
+        first_block = next(iter(NETWORK_BLOCKS))
+        without_period = [
+            Conflict(
+                name,
+                not self.packing.repeats,
+                "of what repeats nowhere",
+                f"{', '.join(NETWORK_BLOCKS)} of these",
+                f"Waves of this kind need a period: write observe: [{first_block}].",
+            )
+            for name in ("velocities", "bands", "gaps", "dos", "surface")
+        ]
+        pulse = Conflict(
+            "pulse",
+            self.pulse is None,
+            "without a frequency",
+            "pulse with a block 'pulse'",
+            "Add a block such as pulse: {frequency: 6.5 kHz}.",
+        )
+        return [
+            held,
+            *without_period,
+            *self._list_conflicts_of_surface(),
+            pulse,
+            *self._list_conflicts_of_networks(),
+            *self._list_conflicts_of_bands(),
+        ]
+
+    def _list_conflicts_of_surface(self) -> list[Conflict]:
+        """Return the reasons for which the waves of an edge cannot be observed."""
+        changing = [name for name in dict(self.parameters) if name in ("lattice", "motions")]
+        return [
+            Conflict(
+                "surface",
+                self.surface is None,
+                "without an axis",
+                "surface with a block 'surface'",
+                "Add a block such as surface: {axis: 1}.",
+            ),
+            Conflict(
+                "surface",
+                any(choice.simulates for choice in self.media),
+                "of a simulation",
+                "surface of a lattice or crystal",
+                "An array has no edge of its own: take another medium.",
+            ),
+            Conflict(
+                "surface",
+                changing,
+                f"with a sweep over {' and '.join(changing)}",
+                "surface of one lattice",
+                "Make a scene of each.",
+            ),
+        ]
+
+    def _list_conflicts_of_networks(self) -> list[Conflict]:
+        """Return the reasons for which a response or motion of networks cannot be observed."""
+        without_settings = [
+            Conflict(
+                name,
+                getattr(self, name) is None,
+                "without its settings",
+                f"{name} with a block '{name}'",
+                f"Add a block '{name}'.",
+            )
+            for name in NETWORK_BLOCKS
+        ]
+        of_mixed_media = [
+            Conflict(
+                name,
+                len({choice.simulates for choice in self.media}) > 1,
+                "of lattices and of arrays",
+                f"{name} of one or the other",
+                "Make a scene of each.",
+            )
+            for name in NETWORK_BLOCKS
+        ]
+        return without_settings + of_mixed_media
+
+    def _list_conflicts_of_bands(self) -> list[Conflict]:
+        """Return the reasons for which bands cannot be observed."""
+        changing = self.parameters_of_branches
+        return [
+            Conflict(
+                "bands",
+                self.bands is not None and any(choice.simulates for choice in self.media),
+                "with losses of a simulation",
+                "damped bands of a lattice or crystal",
+                "Observe the response of the array, or leave the block 'bands' out.",
+            ),
+            Conflict(
+                "bands",
+                changing,
+                f"with a sweep over {' and '.join(changing)}",
+                "velocities, as the branches differ in number or zone",
+                "Make a scene of each.",
+            ),
+        ]
+
+    def _require_consistency(self) -> None:
+        """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one
+        exclude each other.
+        """
+        structure = self.packing.structure
+        self._require_supercell()
+        if self.finite_overlap:
+            with rules.refusing(True, "false, with a simulation", "packing", "finite_overlap"):
+                require_finite_overlap(self.media)
+        for choice in self.media:
+            with rules.refusing(choice.label, "a medium of these balls", "medium"):
+                choice.require_for(self.packing)
+        # the density of states of one state is that of its lattice; a simulation adds the density
+        # of states of the array
+        waves = [name for name in WAVES if name in self.observe]
+        if self.is_single:
+            waves = [name for name in waves if name != "dos"]
+        kinds = "one state, or of arrays" if waves == ["dos"] else "arrays"
+        allowed_waves = f"{', '.join(waves)} of {kinds} that a medium: simulation makes"
+        first_waves = waves[0] if waves else ""
+        with rules.refusing(first_waves, allowed_waves, "observe"):
+            require_arrays(self.media, dict(self.parameters), waves)
+        for conflict in self._list_conflicts():
+            if conflict.name in self.observe and conflict.holds:
+                found = f"{conflict.name!r} {conflict.problem}"
+                raise Refused(found, conflict.allowed, conflict.mend, ("observe",))
+        surface = self.observed_settings("surface")
+        if surface is not None:
+            allowed = "an axis across which the balls repeat"
+            with rules.refusing(surface.axis, allowed, "surface", "axis"):
+                Layers.across(surface.axis, structure.vectors)
+        if "pulse" in waves and len(self.directions) > 1:
+            raise Refused("several directions with a pulse", "one direction", path=("direction",))
+        if self.band is not None:
+            # a path of another dimension is refused, with its key in the block
+            rule = partial(read_paths, periods=structure.periods)
+            read_inside("phonopy", partial(read_inside, "band", rule), str(self.band))
+        if self.load.kind == "side_force" and structure != TRIANGULAR:
+            allowed = "on the triangular lattice only, whose frame is a hexagon"
+            raise Refused("a side_force", allowed, path=("load", "side_force"))
+
+    def _require_supercell(self) -> None:
+        """Raise :class:`~granphon.base.errors.Refused` if two balls of the supercell would touch
+        through two images.
+        """
+        structure = self.packing.structure
+        touch_once = partial(touch_once_at_most, structure.vectors, contact=structure.reach)
+        if self.dim is None or touch_once(self.dim):
+            return
+        supercells = ((n_cells,) * structure.periods for n_cells in range(1, _MOST_CELLS))
+        smallest = next(supercell for supercell in supercells if touch_once(supercell))
+        allowed = f"{rules.write_grid(smallest)} or more"
+        raise Refused(rules.write_grid(self.dim), allowed, path=("phonopy", "dim"))

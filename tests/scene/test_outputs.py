@@ -1,0 +1,127 @@
+"""The table of outputs: what each row says, and that whatever is written is read and drawn again."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+import granphon as gp
+from granphon.base.errors import InputError
+from granphon.figures.style import save_figure
+from granphon.scene.outputs import (
+    OUTPUTS,
+    Results,
+    every_file,
+    expected_files,
+    list_figures,
+    list_outputs,
+)
+from granphon.scene.redraw import redraw
+from granphon.scene.scene import Scene
+
+STEEL = (
+    "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
+    "packing: {diameter: 8 mm, lattice: square}\nload: {force: 5 N}\n"
+)
+ALL = (
+    "observe: [velocities, bands, gaps, dos, surface]\nsurface: {axis: 1, points: 3}\n"
+    "phonopy: {band_points: 3, mesh: 6 6 1}\n"
+)
+#: the commands that write files of results
+COMMANDS = ("run", "report", "fit", "tradeoff")
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A run of a single state that has bands, gaps, a density of states and an edge."""
+    return Scene.from_text(STEEL + ALL).run(tmp_path_factory.mktemp("all") / "out", figures=False)
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_every_row_says_what_it_writes_and_has_the_functions_for_it(name):
+    row = OUTPUTS[name]
+    assert row.name == name
+    assert row.command in COMMANDS
+    assert row.words or not row.files
+    assert row.occasion or not row.files
+    # the run itself writes the summary, which names the other files, and those of a path that ends
+    # early; a report is written where its user says
+    is_of_command = name in ("summary", "sweep_incomplete", "report")
+    assert (row.write is not None) == (bool(row.numbers) and not is_of_command)
+    assert (row.draw is not None) == bool(row.figure)
+    assert row.caption or not row.figure
+    assert set(row.files) == {*row.numbers, *filter(None, [row.figure])}
+
+
+def test_a_file_is_of_one_row_and_a_fit_is_no_earlier_result_of_a_run():
+    counts = Counter(name for row in OUTPUTS.values() for name in row.files)
+    assert set(counts.values()) == {1}
+    assert set(counts) - set(every_file()) == {*OUTPUTS["fit"].files, *OUTPUTS["tradeoff"].files}
+
+
+def test_values_are_those_of_the_files(done):
+    assert {path.name for path in done.files} == set(expected_files(done.scene, figures=False))
+    read = Results(done.folder)
+    kept = [row for row in list_outputs(done.scene) if row.find is not None and row.read]
+    assert [row.name for row in kept] == ["surface", "bands", "dos", "gaps"]
+    assert read["surface"] == done.surface
+    np.testing.assert_array_equal(read["gaps"], done.gaps)
+    for name in ("bands", "dos"):
+        frequencies = done[name].frequencies
+        np.testing.assert_allclose(
+            read[name].frequencies, frequencies, atol=1e-8 * frequencies.max()
+        )
+    assert read.dataset.identical(done.dataset)
+    assert read["pulse"] is None  # which the run did not observe
+
+
+def test_a_result_that_is_read_has_what_was_written(done):
+    read = done.scene.run(done.folder, resume=True)
+    assert read.given is None
+    assert (read.surface, read.waves) == (done.surface, None)
+    assert read.phonons is not None
+    told = read.summary()
+    for name, value in done.summary().items():
+        if name == "top_frequency":  # from band.yaml, which has ten decimals
+            assert told[name] == pytest.approx(value, rel=1e-9)
+        else:
+            np.testing.assert_array_equal(told[name], value, name)
+
+
+def test_every_figure_of_a_folder_is_drawn_by_its_name(done, tmp_path):
+    rows = list_figures(done.folder)
+    assert {row.stem for row in rows} == {"sweep", "surface", "bands", "dos"}
+    read = Results(done.folder)
+    for row in rows:
+        target = redraw(done.folder, tmp_path / row.figure)
+        save_figure(row.make_figure(read), tmp_path / "again.png")
+        assert target.read_bytes() == (tmp_path / "again.png").read_bytes()
+    assert redraw(done.folder, tmp_path / "any.pdf").exists()
+
+
+@pytest.mark.parametrize("stem", ["pulse", "forces", "tradeoff", "response", "sweep_dos"])
+def test_a_figure_that_a_folder_cannot_give_is_named(done, tmp_path, stem):
+    with pytest.raises(InputError, match=f"holds no {stem}"):
+        redraw(done.folder, tmp_path / f"{stem}.png")
+
+
+def test_a_folder_without_states_says_so(tmp_path):
+    with pytest.raises(InputError, match=r"holds no sweep\.nc"):
+        _ = Results(tmp_path).dataset
+
+
+def test_several_states_have_the_same_rows_but_those_of_one():
+    one = {row.name for row in list_outputs(Scene.from_text(STEEL + "observe: [bands, dos]"))}
+    loads = STEEL.replace("5 N", "[5 N, 9 N]")
+    many = {row.name for row in list_outputs(Scene.from_text(loads + "observe: [bands]"))}
+    assert one - many == {"bands", "force_constants", "dos"}
+    assert many - one == {"sweep"}
+
+
+def test_a_sweep_in_python_and_a_scene_refuse_waves_with_the_case(steel):
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6))
+    media = [{"simulation": {"shape": (4, 4), "seed": seed}} for seed in (0, 1)]
+    with pytest.raises(InputError, match=r"^simulation\(shape=4 4\): "):
+        gp.sweep(packing, force=[5.0], media=media, pulse={"frequency": 1e9})
