@@ -94,7 +94,7 @@ def test_the_check_of_a_scene_tells_the_same(tmp_path, capsys):
 
 def test_sentences_of_several_cases_are_told_once_with_their_cases():
     scene = Scene.from_text(SCENE)
-    cases = scene.case_grid.cases
+    cases = scene.plan.grid.cases
     check = check_limit("contact_radius", np.full(5, 0.05))
     entries = [
         CaseNotes(case, [check, *["it rains"] * (n in (1, 3))]) for n, case in enumerate(cases)
