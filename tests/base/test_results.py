@@ -296,7 +296,12 @@ def make_fits(packing, results):
     response = gp.Waves(strip).response(hertz, (0, "y"), "plane", damping=1e-6, **places)
     measured = np.abs(response.coherent)
     transfer = gp.TransferFunction(hertz, measured, None, 0.01 * measured)
+    times = 1e-6 * np.arange(600)
+    phase = np.clip((times - np.array([[2e-4], [3e-4]])) * 5e3, 0.0, 1.0)
+    traces = gp.Traces(times, np.sin(np.pi * phase) ** 2, [0.0, 0.05])
     return [
+        traces,
+        traces.velocity(),
         Measurements(force, 500.0 * force ** (1 / 6), 1.0),
         gp.fit_width(spread, force, velocities, 2.0),
         point,

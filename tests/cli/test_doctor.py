@@ -91,7 +91,7 @@ def test_commands_stand_in_groups(capsys):
     assert listed["Scenes"] == ["init", "check", "run"]
     pictures = ["mode", "animate", "page", "export", "report", "plot"]
     assert listed["Pictures"] == pictures
-    assert listed["Comparisons"] == ["fit", "tradeoff"]
+    assert listed["Comparisons"] == ["fit", "tradeoff", "velocity"]
 
 
 def test_options_of_a_run_stand_in_groups(capsys):

@@ -89,7 +89,7 @@ def test_labels_say_what_is_not_the_default():
         (
             {"simulation": {"sampels": 1}},
             "medium.simulation.sampels: found an unknown key; allowed: shape, seed, samples,"
-            " geometry, friction_history,",
+            " geometry, boundary, friction_history,",
         ),
         (
             {"simulation": {"samples": 1.0}},
@@ -103,7 +103,7 @@ def test_labels_say_what_is_not_the_default():
         (
             {"simulation": 4},
             "medium.simulation: found 4; allowed: a block of keys: shape, seed, samples,"
-            " geometry, friction_history,",
+            " geometry, boundary, friction_history,",
         ),
         (
             {"ema": {"local_field": None}},

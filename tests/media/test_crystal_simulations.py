@@ -435,7 +435,7 @@ def test_a_lattice_given_as_data_runs_from_a_scene(tmp_path):
 def test_a_chain_at_a_load_that_is_not_simulated_knows_of_no_threshold(load):
     ((kind, value),) = load.items()
     chain = simulate(packing("chain"), shape=(5,))
-    with pytest.raises(InputError, match=r"1e-08.*line") as error:
+    with pytest.raises(InputError, match="line") as error:
         getattr(chain, f"at_{kind}")(value)
     assert "threshold" not in str(error.value)
     # where it is simulated it is right down to that load

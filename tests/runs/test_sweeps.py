@@ -272,7 +272,7 @@ def test_media_that_sample_nothing_have_no_error(rough):
     assert not set(ERRORS) & set(alone.data_vars)
     assert "ema" in json.loads(ds.attrs["media"])[0]
     assert json.loads(ds.attrs["media"])[1] == {
-        "simulation": {"shape": [6, 6], "seed": 2, "samples": 3}
+        "simulation": {"shape": [6, 6], "seed": 2, "samples": 3, "boundary": "isotropic"}
     }
 
 
