@@ -20,7 +20,6 @@ from .balls.contact_laws import PowerLaw as PowerLaw
 from .balls.contact_laws import TabulatedLaw as TabulatedLaw
 from .balls.contact_laws import register_law as register_law
 from .balls.contact_model import ContactModel as ContactModel
-from .balls.contact_table import ContactTable as ContactTable
 from .balls.diameters import Discrete as Discrete
 from .balls.diameters import Measured as Measured
 from .balls.diameters import Normal as Normal
@@ -34,6 +33,7 @@ from .balls.layers import Layers as Layers
 from .balls.loads import Load as Load
 from .balls.material import Material as Material
 from .balls.motions import Motions as Motions
+from .balls.neighbours import ContactTable as ContactTable
 from .balls.packing import Packing as Packing
 from .base.errors import GranphonError as GranphonError
 from .base.scales import HertzPrefix as HertzPrefix
@@ -124,6 +124,10 @@ from .waves.path_spectra import PathSpectra as PathSpectra
 from .waves.pulses import Pulse as Pulse
 from .waves.response import Peaks as Peaks
 from .waves.response import Response as Response
+from .waves.scattering import ScatteringLengths as ScatteringLengths
+from .waves.scattering import Transmission as Transmission
+from .waves.scattering import scattering_lengths as scattering_lengths
+from .waves.scattering import transmission as transmission
 from .waves.settings import BandsSettings as BandsSettings
 from .waves.settings import DriveSettings as DriveSettings
 from .waves.settings import MotionSettings as MotionSettings
@@ -134,10 +138,6 @@ from .waves.settings import Signal as Signal
 from .waves.settings import SpectrumSettings as SpectrumSettings
 from .waves.settings import SurfaceSettings as SurfaceSettings
 from .waves.spectral_functions import SpectralFunction as SpectralFunction
-from .waves.transmission import ScatteringLengths as ScatteringLengths
-from .waves.transmission import Transmission as Transmission
-from .waves.transmission import scattering_lengths as scattering_lengths
-from .waves.transmission import transmission as transmission
 from .waves.waves import Waves as Waves
 
 __version__: str

@@ -37,10 +37,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from granphon.array.stencils import Motion, Stencils
-from granphon.balls.contact_table import contact_frames
+from granphon.balls.neighbours import contact_frames
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
-from granphon.dynamics.rows import Row
+from granphon.dynamics.deformation_rows import Row
 
 #: approximate inverse of C^T K C
 Inverse = Callable[[Array], Array]

@@ -18,7 +18,7 @@ from numpy.typing import DTypeLike, NDArray
 from granphon.array.contact_lists import find_grid
 from granphon.array.geometry import require_small, shrink_boundary
 from granphon.array.stencils import Stencils
-from granphon.balls.contact_table import contact_frames
+from granphon.balls.neighbours import contact_frames
 from granphon.base.arrays import Array
 from granphon.contacts.friction import Configuration, RollingContacts, Tangent, by_contact
 

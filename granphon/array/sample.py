@@ -17,9 +17,9 @@ from granphon.array.geometry import ReducedLoad
 from granphon.array.sheared_equilibrium import equilibrate_as
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.contact_model import ContactModel
-from granphon.balls.contact_table import contact_frames
 from granphon.balls.hertz import COUNTED_FORCE
 from granphon.balls.lattices import BALL
+from granphon.balls.neighbours import contact_frames
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief, needing

@@ -24,9 +24,9 @@ from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
+from granphon.dynamics.deformation_rows import Row, contact_rows, strain_rows
 from granphon.dynamics.elasticity import voigt_pairs
 from granphon.dynamics.factors import factorise
-from granphon.dynamics.rows import Row, contact_rows, strain_rows
 from granphon.statics.line_search import find_length
 
 #: largest number of steps of Newton's method, each with an LU factorisation

@@ -25,7 +25,7 @@ from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.motions import allowed_motions, select_motions
 from granphon.base.arrays import Array
-from granphon.dynamics.rows import Row, contact_rows, strain_rows
+from granphon.dynamics.deformation_rows import Row, contact_rows, strain_rows
 
 #: number of elements of one array that are worked on at a time, so that they stay in the
 #: processor's cache

@@ -1,7 +1,7 @@
 """Lattices of equal balls in one, two and three dimensions, and directions in them.
 
 A lattice is data: a cell, in units of the distance between touching balls, and the sites in it. Its
-:class:`~granphon.balls.contact_table.ContactTable` says which of its balls touch, and in what
+:class:`~granphon.balls.neighbours.ContactTable` says which of its balls touch, and in what
 direction.
 """
 
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts
+from granphon.balls.neighbours import TOUCH, ContactTable, find_contacts
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.registry import Registry

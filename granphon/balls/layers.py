@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from granphon.balls.contact_table import TOUCH, contact_frames
+from granphon.balls.neighbours import TOUCH, contact_frames
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, Refused, brief
 from granphon.base.text import counted, show

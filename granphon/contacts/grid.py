@@ -16,7 +16,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.balls.contact_table import ContactTable
+from granphon.balls.neighbours import ContactTable
 from granphon.base.arrays import Array
 
 #: cells of a grid, at most, whose balls of contacts are kept: 16 bytes a contact

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InstabilityError
+from granphon.dynamics.deformation_rows import WaveRows, bend
 from granphon.dynamics.linalg import (
     cholesky_factor,
     find_dependent,
@@ -32,7 +33,6 @@ from granphon.dynamics.linalg import (
     graded_svd,
     lapack_svd,
 )
-from granphon.dynamics.rows import WaveRows, bend
 
 #: number of motions from which those that cost nothing at any wave vector are split off by LAPACK
 _MANY_FREE = 48

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import as_direction, one_direction
+from granphon.balls.neighbours import steps_within
 from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import GranphonError, UnreachableFrequencyError
 from granphon.base.validation import real_array

@@ -2,8 +2,8 @@
 its balls.
 
 Every quantity of the lattice follows from it. Its rows C are those of
-:mod:`granphon.dynamics.rows`. With K the stiffnesses and M the masses, D(q) = M^-1/2 C(q)^H K C(q)
-M^-1/2. All of it is in reduced units: length d, stiffness k, mass M. A ball's rotation is carried
+:mod:`granphon.dynamics.deformation_rows`. With K the stiffnesses and M the masses,
+D(q) = M^-1/2 C(q)^H K C(q) M^-1/2. All of it is in reduced units: length d, stiffness k, mass M. A ball's rotation is carried
 by w = R_g phi, R_g = (I/M)^1/2, so that its mass is the ball's own.
 """
 
@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.contact_table import ContactTable
 from granphon.balls.motions import IN_PLANE, Motions, select_motions
+from granphon.balls.neighbours import ContactTable
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, InstabilityError, PrecisionError
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, not_negative, real_array
-from granphon.dynamics.rows import (
+from granphon.dynamics.deformation_rows import (
     Row,
     WaveRows,
     carry_rows,
@@ -99,8 +99,9 @@ class Compatibility:
     torsion : stiffness of twist over that of elongation times d^2; a number, or (n_c,).
     bending : stiffness of rolling, over the same; a number, or (n_c,).
     tangential_force : (n_c, d) static forces across contacts, with which ball i acts on ball j;
-        none by default. They act on motions as in :func:`~granphon.dynamics.rows.carry_rows`, but
-        for the part that has no potential.
+        none by default. They act on motions as in
+        :func:`~granphon.dynamics.deformation_rows.carry_rows`, but for the part that has no
+        potential.
     distance : (n_c,) distance r of the two centres, by which tangential forces turn with the
         contact; by default the length of the vector of the contact, so it must be given if
         tangential forces act and balls touch bodies that do not move.

@@ -17,10 +17,10 @@ from typing import Annotated, Any, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.contact_table import ContactTable, freeze_contacts
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.layers import find_axes
 from granphon.balls.motions import Motions, allowed_motions
+from granphon.balls.neighbours import ContactTable, freeze_contacts
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, InstabilityError
 from granphon.base.memory import require_memory
@@ -29,10 +29,10 @@ from granphon.base.threads import share_out, single_products
 from granphon.base.validation import not_negative, positive, real_array
 from granphon.dynamics.blocks import Block, find_blocks
 from granphon.dynamics.compatibility import as_wavevectors
+from granphon.dynamics.deformation_rows import find_gyration
 from granphon.dynamics.large_cells import BYTES, LargeCell
 from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.dynamics.long_waves import LongWaves
-from granphon.dynamics.rows import find_gyration
 from granphon.networks.network import ContactNetwork
 
 _Result = TypeVar("_Result")

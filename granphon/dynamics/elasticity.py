@@ -10,8 +10,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import Lattice, as_direction
+from granphon.balls.neighbours import steps_within
 from granphon.base.arrays import Array
 from granphon.base.errors import InstabilityError
 from granphon.base.results import read_only

@@ -29,7 +29,7 @@ from granphon.base.errors import GranphonError, InputError
 from granphon.base.validation import real_array
 from granphon.dynamics.bloch_waves import Couplings
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.rows import Row, network_rows, push_rows
+from granphon.dynamics.deformation_rows import Row, network_rows, push_rows
 from granphon.networks.network import ContactNetwork
 
 #: the elimination of layers ends where the coupling that is left, over the largest block, is below

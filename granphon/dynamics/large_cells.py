@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from granphon.base.arrays import Array
 from granphon.dynamics.blocks import GENERIC
 from granphon.dynamics.compatibility import Compatibility
+from granphon.dynamics.deformation_rows import Row
 from granphon.dynamics.factors import factorise
 from granphon.dynamics.linalg import WELL_ABOVE, find_nearest
-from granphon.dynamics.rows import Row
 from granphon.dynamics.sparse_relaxation import compose_ends
 
 #: singular value of C, over the largest, from which it has eleven digits in the motions of balls

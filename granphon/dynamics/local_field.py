@@ -33,7 +33,7 @@ from granphon.base.errors import MechanismError, PrecisionError
 from granphon.base.results import Result
 from granphon.base.validation import not_negative
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.zone_quadrature import Operation, divide_zone, find_symmetries
+from granphon.dynamics.zone_means import Operation, divide_zone, find_symmetries
 
 #: numbers of points along each edge of the quadrature's triangles (two periods) and tetrahedra
 #: (three), tried in turn until two successive results agree; with one period Xi is zero

@@ -34,6 +34,7 @@ from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.base.validation import real_array
 from granphon.dynamics.compatibility import Compatibility
+from granphon.dynamics.deformation_rows import Row, push_rows, strain_rows
 from granphon.dynamics.elasticity import (
     decompose_waves,
     find_stress_part,
@@ -44,7 +45,6 @@ from granphon.dynamics.elasticity import (
     voigt_pairs,
 )
 from granphon.dynamics.linalg import MANY_COLUMNS, cholesky_factor, is_independent, jacobi_svd
-from granphon.dynamics.rows import Row, push_rows, strain_rows
 from granphon.dynamics.sparse_relaxation import SparseRelaxation, compose_ends
 
 #: ratio of the softest to the stiffest strain (singular values) below which a lattice is called a

@@ -23,8 +23,8 @@ from granphon.base.errors import InstabilityError
 from granphon.base.progress import Progress, silent
 from granphon.base.threads import single_products
 from granphon.dynamics.compatibility import Compatibility
+from granphon.dynamics.deformation_rows import Row
 from granphon.dynamics.fronts import Fronts, Layer, dissect
-from granphon.dynamics.rows import Row
 
 #: ratio of the lowest to the highest eigenvalue of a matrix with prestress below which it is
 #: rounding

@@ -23,7 +23,7 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.contact_table import steps_within
+from granphon.balls.neighbours import steps_within
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix

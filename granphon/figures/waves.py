@@ -58,9 +58,9 @@ from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.pulses import Pulse
 from granphon.waves.response import QUANTITIES, Response
+from granphon.waves.scattering import Transmission
 from granphon.waves.settings import RESPONSES
 from granphon.waves.spectral_functions import SpectralFunction
-from granphon.waves.transmission import Transmission
 
 #: ratio of the darkest to the lightest shade of a spectral function
 _SHADES = 1e3

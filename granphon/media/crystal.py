@@ -33,17 +33,17 @@ from granphon.balls.contact_laws import (
     read_laws,
 )
 from granphon.balls.contact_model import ContactModel, GivenLaw
-from granphon.balls.contact_table import (
+from granphon.balls.hertz import NO_STIFFNESS, NO_TENSION, HertzLaw
+from granphon.balls.lattices import LATTICES, Lattice, find_structure
+from granphon.balls.layers import Layers, find_faces, read_edges
+from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.balls.neighbours import (
     TOUCH,
     ContactTable,
     find_contacts,
     repeat_contacts,
     require_joined,
 )
-from granphon.balls.hertz import NO_STIFFNESS, NO_TENSION, HertzLaw
-from granphon.balls.lattices import LATTICES, Lattice, find_structure
-from granphon.balls.layers import Layers, find_faces, read_edges
-from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import read_rolling, require_shallow
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
@@ -199,7 +199,7 @@ class Crystal(Result):
     kind : (n,) the number of the kind of each ball.
     deviations : (n,) diameters of the balls of a :meth:`sample`, minus the diameters of their
         kinds, m; None if the balls were not drawn.
-    contacts : the :class:`~granphon.balls.contact_table.ContactTable`, in m.
+    contacts : the :class:`~granphon.balls.neighbours.ContactTable`, in m.
 
     Raises
     ------

@@ -20,12 +20,12 @@ from numpy.typing import ArrayLike
 
 from granphon.balls.ball import RIGID_PLANE
 from granphon.balls.contact_model import ContactModel
-from granphon.balls.contact_table import TOUCH, repeat_contacts, require_joined
 from granphon.balls.hertz import HOLDING_FORCE
 from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.balls.neighbours import TOUCH, repeat_contacts, require_joined
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import GranphonError, InconsistencyWarning, InputError, brief, message
 from granphon.base.memory import require_memory

@@ -15,7 +15,7 @@ from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.rows import Row, contact_rows, push_rows
+from granphon.dynamics.deformation_rows import Row, contact_rows, push_rows
 from granphon.phonons.paths import (
     BandPath,
     default_letters,
@@ -30,8 +30,8 @@ def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
     """Return the data of the lattice of a packing for a page, as plain numbers and texts.
 
     Lengths are in spacings of touching balls. ``rows`` are the rows of
-    :mod:`granphon.dynamics.rows`, for all six motions of each ball and stiffnesses of 1: a page
-    takes the motions that the page shows, and weights each kind by the root of its stiffness.
+    :mod:`granphon.dynamics.deformation_rows`, for all six motions of each ball and stiffnesses of
+    1: a page takes the motions that the page shows, and weights each kind by the root of its stiffness.
     ``statements`` name, for each set of motions and each choice of the kinds of stiffness, the free
     branches of the lattice and its mechanism.
     """

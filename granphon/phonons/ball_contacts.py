@@ -33,8 +33,8 @@ from granphon.balls.contact_laws import (
     read_laws,
 )
 from granphon.balls.contact_model import ContactModel
-from granphon.balls.contact_table import find_pairs
 from granphon.balls.material import Material
+from granphon.balls.neighbours import find_pairs
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief
 from granphon.base.text import list_names

@@ -30,7 +30,6 @@ from granphon.array.atoms import (
     take_arrays,
 )
 from granphon.balls.contact_model import ContactModel
-from granphon.balls.contact_table import TOUCH, find_pairs, freeze_contacts
 from granphon.balls.lattices import BALL
 from granphon.balls.motions import (
     ALL,
@@ -41,6 +40,7 @@ from granphon.balls.motions import (
     allowed_motions,
     select_motions,
 )
+from granphon.balls.neighbours import TOUCH, find_pairs, freeze_contacts
 from granphon.balls.packing import MINDLIN
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, PrecisionError, brief
@@ -49,7 +49,7 @@ from granphon.base.scales import Units
 from granphon.base.validation import is_one_of, one_of
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.rows import Row, contact_rows
+from granphon.dynamics.deformation_rows import Row, contact_rows
 from granphon.media.state import ContactState, Law, NetworkState, as_state, given_state
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.ball_contacts import VOIGT, BallContacts, ContactCalculator

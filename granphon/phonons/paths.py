@@ -23,7 +23,7 @@ from granphon.base.quantities import NUMBER
 from granphon.base.text import closest, counted, show
 from granphon.base.validation import fraction, real_array, require, texts, whole_number
 from granphon.dynamics.compatibility import require_digits
-from granphon.dynamics.zone_quadrature import shortest_vectors
+from granphon.dynamics.zone_means import shortest_vectors
 
 #: memory of a wave vector of a path, bytes
 _POINT_BYTES = 100.0

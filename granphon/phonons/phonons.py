@@ -15,7 +15,7 @@ import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.contact_table import touch_once_at_most
+from granphon.balls.neighbours import touch_once_at_most
 from granphon.base.arrays import Array, Complex, Flags, Index
 from granphon.base.errors import InputError, PrecisionError, brief, needing
 from granphon.base.memory import require_memory
@@ -48,7 +48,6 @@ from granphon.phonons.bands import Bands, ComplexBands, PhononModes
 from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
 from granphon.phonons.dos import DensityOfStates
-from granphon.phonons.mesh import ZoneMesh, find_point_group
 from granphon.phonons.paths import (
     LARGEST_COUNT,
     MESHES,
@@ -58,6 +57,7 @@ from granphon.phonons.paths import (
     special_points,
 )
 from granphon.phonons.phonopy_atoms import OFFSET, name_atoms, place_atoms
+from granphon.phonons.zone_mesh import ZoneMesh, find_point_group
 
 if TYPE_CHECKING:
     from granphon.phonons.phonopy_bridge import ContactPhonopy

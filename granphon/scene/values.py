@@ -7,10 +7,10 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, cast
 
-from granphon.balls.contact_table import touch_once_at_most
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
+from granphon.balls.neighbours import touch_once_at_most
 from granphon.balls.packing import Axis, Packing, change_packing, find_unit
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import LENGTH, find_load_unit

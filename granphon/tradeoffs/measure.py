@@ -33,11 +33,11 @@ from typing import Any, ClassVar, Literal, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.contact_table import TOUCH, select_once, steps_within
 from granphon.balls.diameters import PointShape, Spread
 from granphon.balls.hertz import EXPONENT, FREQUENCY_EXPONENT
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.loads import Load
+from granphon.balls.neighbours import TOUCH, select_once, steps_within
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError

@@ -46,8 +46,8 @@ from granphon.balls.contact_laws import (
     law_between,
     punch_stiffness,
 )
-from granphon.balls.contact_table import find_pairs, select_once
 from granphon.balls.hertz import HertzLaw
+from granphon.balls.neighbours import find_pairs, select_once
 from granphon.base.arrays import Array, Index
 from granphon.base.compiled import UNCOMPILED
 from granphon.base.errors import InputError, LimitWarning, StoppedEarlyWarning, brief

@@ -1,6 +1,7 @@
 """The dynamical matrix of a finite network as a linear operator.
 
-With the rows C of all contacts (:mod:`granphon.dynamics.rows`), the stiffnesses K and the masses M,
+With the rows C of all contacts (:mod:`granphon.dynamics.deformation_rows`), the stiffnesses K and
+the masses M,
 
     A = K^1/2 C M^-1/2,    D = A^T A - B^T (f/r) B,
 
@@ -9,8 +10,8 @@ it; f is below zero where contacts pull. The eigenvalues of D are squared angula
 (rad/s)^2, and singular values of A are angular frequencies. A vector holds, for each ball that
 moves, its mass-weighted motions: M^1/2 u and M^1/2 w, w = (I/M)^1/2 phi.
 
-Static tangential forces T add G (:func:`granphon.dynamics.rows.carry_rows`), which has no
-potential, as the law of discrete elements has none. D has the symmetric part of G. The
+Static tangential forces T add G (:func:`granphon.dynamics.deformation_rows.carry_rows`), which has
+no potential, as the law of discrete elements has none. D has the symmetric part of G. The
 antisymmetric part, which D lacks, changes an eigenvalue by a term of second order in T/(k r). The
 change shows where an eigenvalue is zero: a ball with two contacts in space turns freely about the
 line through the contacts, along which its forces are, and the eigenvalue of D is a little less than
@@ -36,7 +37,7 @@ from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.balls.lattices import Lattice
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, InstabilityError, message
-from granphon.dynamics.rows import (
+from granphon.dynamics.deformation_rows import (
     Row,
     carry_rows,
     find_gyration,

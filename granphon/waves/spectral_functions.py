@@ -21,7 +21,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.memory import require_memory
 from granphon.base.validation import finite_array, finite_list, one_of, positive
-from granphon.dynamics.zone_quadrature import shortest_vectors
+from granphon.dynamics.zone_means import shortest_vectors
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors

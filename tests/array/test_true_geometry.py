@@ -24,8 +24,8 @@ from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.rest import assemble, equilibrate
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium
-from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR
+from granphon.balls.neighbours import contact_frames
 from granphon.base.errors import InputError
 from granphon.contacts.friction import Tangent
 from granphon.dynamics.elasticity import bulk_and_shear, voigt_pairs

@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.balls.contact_table import contact_frames, steps_within, touch_once_at_most
 from granphon.balls.lattices import KAGOME, LATTICES, SQUARE, TRIANGULAR, as_direction, find_lattice
 from granphon.balls.motions import ALL
+from granphon.balls.neighbours import contact_frames, steps_within, touch_once_at_most
 from granphon.base.errors import InputError
 
 ROOT2 = math.sqrt(2.0)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.balls.contact_table import find_contacts
 from granphon.balls.motions import ALL, IN_PLANE, OUT_OF_PLANE
+from granphon.balls.neighbours import find_contacts
 
 ETA = 2 * (1 - 0.276) / (2 - 0.276)
 #: directions without symmetry

@@ -27,8 +27,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.balls.contact_table import find_contacts
 from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE
+from granphon.balls.neighbours import find_contacts
 from granphon.dynamics.contact_lattice import ContactLattice
 
 #: ratios of slip, twist and roll: shear alone, and all of them

@@ -24,7 +24,7 @@ from granphon.dynamics.local_field import (
     local_field,
     paper_local_field,
 )
-from granphon.dynamics.zone_quadrature import divide_zone
+from granphon.dynamics.zone_means import divide_zone
 from tests.dynamics.test_local_field_space import Supercell
 
 ROOT3 = np.sqrt(3.0)

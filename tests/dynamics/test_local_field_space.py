@@ -242,7 +242,7 @@ def test_the_table_of_the_page(name):
 def test_more_points_change_nothing(name, eta):
     from granphon.dynamics.contact_lattice import ContactLattice
     from granphon.dynamics.local_field import _find_operations, _Response
-    from granphon.dynamics.zone_quadrature import divide_zone
+    from granphon.dynamics.zone_means import divide_zone
 
     medium = ContactLattice.of(name, eta)
     zone = divide_zone(medium.reciprocal, 16, _find_operations(medium))

@@ -13,7 +13,7 @@ import granphon as gp
 from granphon.base.errors import InputError
 from granphon.base.quantities import Quantity
 from granphon.base.tables import Table
-from granphon.phonons.mesh import ZoneMesh
+from granphon.phonons.zone_mesh import ZoneMesh
 from tests.phonons.conftest import DIAMETER, ETA, RESISTED, at_force, every_case, phonons_of
 
 

@@ -9,7 +9,7 @@ deforms by
     roll        (1 - nn)(phi_j - phi_i)
 
 Slip and roll have two components, along the tangents of
-:func:`~granphon.balls.contact_table.contact_frames`. Each is ``head . x_j - tail . x_i``, where x
+:func:`~granphon.balls.neighbours.contact_frames`. Each is ``head . x_j - tail . x_i``, where x
 are the motions of a ball. Everything linear in the dynamics of contacts is made of these rows:
 C(q), force constants, strains, the stencils of an array.
 
@@ -26,8 +26,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.contact_table import contact_frames
 from granphon.balls.motions import Motions
+from granphon.balls.neighbours import contact_frames
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.networks.network import ContactNetwork

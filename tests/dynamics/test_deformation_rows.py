@@ -14,12 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from granphon.balls.contact_table import find_contacts
 from granphon.balls.lattices import KAGOME, TRIANGULAR
 from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, select_motions
+from granphon.balls.neighbours import find_contacts
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.rows import contact_rows, push_rows
+from granphon.dynamics.deformation_rows import contact_rows, push_rows
 from granphon.phonons.calculator import contact_blocks
 
 #: motions in the plane where nothing resists rotation: u_x, u_y

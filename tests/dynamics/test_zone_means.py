@@ -9,7 +9,7 @@ import pytest
 
 from granphon.balls.lattices import LATTICES, find_lattice
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.zone_quadrature import divide_zone, find_symmetries, shortest_vectors
+from granphon.dynamics.zone_means import divide_zone, find_symmetries, shortest_vectors
 
 NAMES = sorted(LATTICES)
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granphon.balls.contact_table import steps_within
+from granphon.balls.neighbours import steps_within
 from granphon.base.arrays import Array
 
 #: fractions of a wave vector without symmetry, at which functions are compared with their images
