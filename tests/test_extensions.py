@@ -331,6 +331,9 @@ def test_an_output_of_thirty_lines_is_in_every_place_that_has_those_of_granphon(
     assert "Nothing was computed" in capsys.readouterr().out
     result = Scene.from_yaml("scene.yaml").run("out", resume=True)
     np.testing.assert_array_equal(result["slowness"], table)
+    # on the page about the folder, with its words
+    assert main(["report", "out"]) == 0
+    assert "![slowness of longitudinal waves](slowness.png)" in Path("out/report.md").read_text()
     # drawn again, from the table
     assert main(["plot", "out", "-o", "out/slowness.png", "--force"]) == 0
     assert figure.read_bytes() == drawn

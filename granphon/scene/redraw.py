@@ -100,7 +100,7 @@ def redraw(
     unknown_wishes = [name for name in wishes if name not in known_options]
     if unknown_wishes:
         names = " and ".join(unknown_wishes)
-        problem = f"{row.figure} of {source} has no choice of {names}"
+        problem = f"{row.figure} of {source} cannot be drawn with {names}"
         why = "Only states of a sweep are chosen, and only its curves have rows and columns"
         raise InputError(problem, why, f"Leave {names} out")
     target = source / row.figure if out is None else Path(out)

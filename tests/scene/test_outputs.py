@@ -6,9 +6,11 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.figures import plot
 from granphon.figures.style import save_figure
 from granphon.scene.outputs import (
     OUTPUTS,
@@ -18,7 +20,7 @@ from granphon.scene.outputs import (
     list_figures,
     list_outputs,
 )
-from granphon.scene.redraw import redraw
+from granphon.scene.redraw import View, redraw
 from granphon.scene.scene import Scene
 
 STEEL = (
@@ -125,3 +127,51 @@ def test_a_sweep_in_python_and_a_scene_refuse_waves_with_the_case(steel):
     media = [{"simulation": {"shape": (4, 4), "seed": seed}} for seed in (0, 1)]
     with pytest.raises(InputError, match=r"^simulation\(shape=4 4\): "):
         gp.sweep(packing, force=[5.0], media=media, pulse={"frequency": 1e9})
+
+
+def test_a_figure_is_drawn_with_what_its_function_takes_and_nothing_else(tmp_path, monkeypatch):
+    text = STEEL.replace("5 N", "[1 N, 5 N]") + "observe: [gaps]\nsweep: {diameter: [4 mm, 8 mm]}\n"
+    folder = Scene.from_text(text).run(tmp_path / "out", figures=False).folder
+    diameters = []
+
+    def draw(dataset, stem):
+        diameters.append((stem, dataset["diameter"].values.tolist()))
+        return draw_waves(dataset, stem)
+
+    draw_waves = plot.draw_waves_of_sweep
+    monkeypatch.setattr(plot, "draw_waves_of_sweep", draw)
+    figure = tmp_path / "sweep_gaps.pdf"
+    redraw(folder, figure)
+    redraw(folder, figure, force=True, view=View({"diameter": ["8 mm"]}))
+    assert diameters == [("sweep_gaps", [4e-3, 8e-3]), ("sweep_gaps", [8e-3])]
+    before = figure.read_bytes()
+    with pytest.raises(InputError, match=r"sweep_gaps\.png.*rows"):
+        redraw(folder, figure, force=True, view=View(rows="diameter"))
+    with pytest.raises(InputError, match="variable"):
+        redraw(folder, figure, force=True, variable="top_frequency")
+    assert figure.read_bytes() == before
+    assert redraw(folder, tmp_path / "top.pdf", variable="top_frequency").exists()
+
+
+def test_a_figure_of_a_plug_in_may_take_the_choice_of_states(tmp_path, monkeypatch):
+    wishes = []
+
+    def draw(results, where=None):
+        wishes.append(where)
+        return figure_of(results)
+
+    gp.register_output("mine", ["mine.csv", "mine.png"], "a table", write=write_mine, draw=draw)
+    scene = Scene.from_text(STEEL.replace("5 N", "[1 N, 5 N]") + "observe: [mine]\n")
+    folder = scene.run(tmp_path / "out").folder
+    redraw(folder, tmp_path / "mine.pdf", view=View({"force": ["1 N"]}))
+    assert wishes == [None, {"force": ["1 N"]}]
+
+
+def write_mine(_results, folder):
+    (folder / "mine.csv").write_text("1\n", encoding="utf-8")
+
+
+def figure_of(_results):
+    figure = Figure()
+    figure.subplots()
+    return figure
