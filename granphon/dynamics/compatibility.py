@@ -3,8 +3,8 @@ its balls.
 
 Every quantity of the lattice follows from it. Its rows C are those of
 :mod:`granphon.dynamics.deformation_rows`. With K the stiffnesses and M the masses,
-D(q) = M^-1/2 C(q)^H K C(q) M^-1/2. All of it is in reduced units: length d, stiffness k, mass M. A ball's rotation is carried
-by w = R_g phi, R_g = (I/M)^1/2, so that its mass is the ball's own.
+D(q) = M^-1/2 C(q)^H K C(q) M^-1/2. All of it is in reduced units: length d, stiffness k, mass M. A
+ball's rotation is carried by w = R_g phi, R_g = (I/M)^1/2, so that its mass is the ball's own.
 """
 
 from __future__ import annotations
