@@ -25,7 +25,7 @@ PLACES = replace(LENGTH, least="any")
 _HDF5 = (".h5", ".hdf5", ".hdf")
 #: a line that gives the time between two samples: "# time step: 0.1 us", "Sample Interval,1e-7,s"
 _STEP_LINE = re.compile(
-    r"\s*#?\s*\"?(?:time step|step of time|sampl(?:e|ing) interval|increment)\"?"
+    r"\s*#?\s*\"?(?:time step|step of time|(?:sample|sampling) interval|increment)\"?"
     rf"\s*[:=,;\t]\s*\"?({NUMBER})\"?\s*[,;\t]?\s*\"?(.*?)\"?\s*",
     re.IGNORECASE,
 )
