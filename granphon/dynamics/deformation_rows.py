@@ -115,8 +115,10 @@ def find_gyration(network: ContactNetwork) -> Array:
 
 
 def network_rows(network: ContactNetwork) -> list[Row]:
-    """Return the deformations of the contacts of a network by u and w = R_g phi of its balls; their
-    stiffness is in N/m.
+    """Return the deformations of the contacts of a network by u and w = R_g phi of its balls.
+
+    The stiffness of elongation and slip is in N/m. That of twist and roll is in N m, and their
+    coefficients are in 1/m, as phi is w/R_g.
 
     Raises :class:`~granphon.base.errors.InputError` if there are none.
     """

@@ -1723,7 +1723,8 @@ def _draw_spectra(
     runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequence[tuple[Array, Array]]]
 ) -> _Drawn:
     """Draw for each run its lines, pairs of x and y (p,), in one look; return the entries of the
-    legend, and the facts that all runs share. Group ids of lines begin with ``name``.
+    legend, and the facts that all runs share, none of a single run, which needs no title. Group
+    ids of lines begin with ``name``.
     """
     labels, common = _label_runs(runs)
     handles = []

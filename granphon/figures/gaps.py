@@ -56,7 +56,7 @@ def sweep_gaps_figure(dataset: Dataset, x: str | None = None) -> Figure:
     _require(dataset, "gap_lower", "gaps", "gaps")
 
     def draw(states: Dataset, ax: Axes, x_values: Array, unit: HertzPrefix) -> None:
-        """Draw the gaps of the states of a panel."""
+        """Draw the gaps, and the top frequency, of the states of a panel."""
         edges = []
         for name in ("gap_lower", "gap_upper"):
             edges.append(states[name].transpose("load", "gap").values / unit.hertz)

@@ -1773,11 +1773,16 @@ class CrystalState(Result):
         return {**self.units, "stress": ("", "N", "N/m", "Pa")[self.crystal.periods]}
 
     def __getitem__(self, index: Any) -> CrystalState:
-        """Return the state at some of the loads, indexed like an array."""
+        """Return the state at some of the loads, indexed like an array.
+
+        Raises :class:`~granphon.base.errors.InputError` for the state at a single load, and for an
+        index that selects none.
+        """
         if self.is_single:
             raise InputError("the state has one load, and no index", mend="Use it as it is")
         load_count = int(np.prod(self.shape))
         load_axes = len(self.shape)
+        # the numbers of the loads are indexed, so that an index cannot reach the axes behind them
         selected_loads = np.arange(load_count).reshape(self.shape)[index]
         if not np.size(selected_loads):
             problem = f"the index {brief(index)} selects none of the loads"

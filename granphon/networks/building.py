@@ -275,10 +275,10 @@ class _Pairs:
         large = np.maximum(self.radii_i, self.radii_j)
         is_flat = np.isinf(large)
         finite_large = np.where(is_flat, small, large)
-        between_balls = harmonic_diameter(2.0 * small, finite_large * 2.0)
+        between_balls = harmonic_diameter(2.0 * small, 2.0 * finite_large)
         # the curvature of a flat wall is zero, so that the harmonic mean is twice the diameter
         diameters = np.where(is_flat, 4.0 * small, between_balls)
-        # the coefficient goes as the root of the diameter: that of balls of 1 m is the unit
+        # the coefficient goes as the root of the diameter: its unit is that of a diameter of 1 m
         return np.asarray(HertzLaw.between(material, 1.0).coefficient * np.sqrt(diameters))
 
 

@@ -777,21 +777,24 @@ class _ExactSearch(_Search):
         return slope
 
     def _search(self, configuration: Configuration, step: Array) -> Configuration:
-        """Go along a step until the energy no longer falls much: its slope is that of the forces
-        left.
+        """Return the configuration along a ``step``, at most a whole one, at which the energy falls
+        at most by the part ``options.slope`` of its fall at the start.
+
+        The fall is the work of the forces left along the step, minus the slope of the energy. A
+        length at which balls are not sound is too long; if none is sound, the last one is returned.
         """
         options = self.options
         first = float(configuration.pull @ step)
         low = 0.0
-        high = math.inf
+        high = 1.0
         length = 1.0
         ahead = configuration
         for _ in range(options.slopes):
             ahead = configuration.move(configuration.x + length * step)
-            slope = float(ahead.pull @ step) if ahead.is_sound else -math.inf
-            if abs(slope) <= options.slope * abs(first) or (slope > 0.0 and length >= 1.0):
+            fall = float(ahead.pull @ step) if ahead.is_sound else -math.inf
+            if abs(fall) <= options.slope * abs(first) or (fall > 0.0 and length >= 1.0):
                 break
-            if slope > 0.0:
+            if fall > 0.0:
                 low = length
             else:
                 high = length

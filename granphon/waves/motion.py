@@ -142,8 +142,8 @@ class Motion(Result):
         return motion
 
     def write(self, path: str | os.PathLike[str] | BinaryIO) -> None:
-        """Write the motion into a netCDF file at the path, or into an open binary file, for
-        :meth:`read`. A motion that is at the path is replaced.
+        """Write the motion into a netCDF file at the path, or into an open binary file that can
+        seek, for :meth:`read`. A motion that is at the path is replaced.
 
         Raises :class:`~granphon.base.errors.InputError` for what is no path, and
         :class:`~granphon.base.errors.OutputError` where something else than a motion is there, or

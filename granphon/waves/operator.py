@@ -208,8 +208,8 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def rows(self) -> list[Row]:
-        """Deformations of the contacts, as coefficients of u and w of their balls; their stiffness
-        is in N/m.
+        """Deformations of the contacts, as coefficients of u and w of their balls; see
+        :func:`~granphon.dynamics.deformation_rows.network_rows`.
         """
         return network_rows(self.network)
 
