@@ -311,9 +311,9 @@ def go_on(
     the step before, zero at first. Where the curvature is not above zero, no step is taken.
     """
     kinds, cells = stiffness.shape
-    fields = len(way) // cells
-    n = fields * cells
-    s = len(way) - n
+    s = strained.shape[1]
+    n = len(way) - s
+    fields = n // cells
     product = multiply(remaining, better)
     factor = product / last if last else 0.0
     for place in range(len(way)):
