@@ -89,6 +89,7 @@ LONG = (
     "how-to/page.md",
     "how-to/paper.md",
     "how-to/phonopy.md",
+    "how-to/report.md",
     "how-to/response.md",
     "how-to/simulation.md",
     "how-to/sweep.md",

@@ -312,6 +312,7 @@ def slowness(tmp_path, monkeypatch):
     sys.modules.pop("granphon_slowness", None)
 
 
+@pytest.mark.slow
 def test_an_output_of_thirty_lines_is_in_every_place_that_has_those_of_granphon(slowness, capsys):
     lines = [line for line in read_plug_in().splitlines() if line.strip()]
     assert len(lines) <= 30

@@ -126,6 +126,7 @@ def test_few_curves_have_one_panel(many):
     assert "d = 4 mm" in upper.figure.get_suptitle().replace("\u00a0", " ")
 
 
+@pytest.mark.slow
 def test_too_many_curves_are_shared_out_among_panels(many):
     said = []
     figure = sweep_figure(many, tell=said.append)
@@ -268,11 +269,21 @@ def test_a_parameter_that_is_the_axis_stands_in_no_title(many):
 @pytest.mark.parametrize(
     ("words", "content", "said"),
     [
-        ([], b"Longitudinal velocity", "columns of panels are poisson_ratio"),
+        pytest.param(
+            [],
+            b"Longitudinal velocity",
+            "columns of panels are poisson_ratio",
+            marks=pytest.mark.slow,
+        ),
         (["--where", "width=2 um, diameter=4mm", "--where", "poisson_ratio=0.1"], b"d log", ""),
         (["--columns", "width", "--where", "diameter=4 mm", "--y", "bulk"], b"Bulk", ""),
         (["--x", "width", "--rows", "medium", "--where", "force=1 N, diameter=4 mm"], b"Width", ""),
-        (["--data", "times.csv", "--distance", "400 mm", "--columns", "medium"], b"data", "rows"),
+        pytest.param(
+            ["--data", "times.csv", "--distance", "400 mm", "--columns", "medium"],
+            b"data",
+            "rows",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_the_command_draws_some_states_and_panels(

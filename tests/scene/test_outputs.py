@@ -92,6 +92,7 @@ def test_a_result_that_is_read_has_what_was_written(done):
             np.testing.assert_array_equal(told[name], value, name)
 
 
+@pytest.mark.slow
 def test_every_figure_of_a_folder_is_drawn_by_its_name(done, tmp_path):
     rows = list_figures(done.folder)
     assert {row.stem for row in rows} == {"sweep", "surface", "bands", "dos"}
@@ -129,6 +130,7 @@ def test_a_sweep_in_python_and_a_scene_refuse_waves_with_the_case(steel):
         gp.sweep(packing, force=[5.0], media=media, pulse={"frequency": 1e9})
 
 
+@pytest.mark.slow
 def test_a_figure_is_drawn_with_what_its_function_takes_and_nothing_else(tmp_path, monkeypatch):
     text = STEEL.replace("5 N", "[1 N, 5 N]") + "observe: [gaps]\nsweep: {diameter: [4 mm, 8 mm]}\n"
     folder = Scene.from_text(text).run(tmp_path / "out", figures=False).folder
