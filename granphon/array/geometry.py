@@ -1,5 +1,5 @@
-"""Where the contacts of an array are: in the geometry of the lattice, the limit of small spread,
-and in the true one.
+"""Where the contacts of an array are in its true geometry; in that of the lattice, the limit of
+small spread, they are at rest on a grid (:mod:`granphon.contacts.grid`).
 
 Units are those of :mod:`granphon.array.equilibrium`: displacements u in W; rotations phi in W/d;
 the lattice's lengths in d. In the limit contacts keep the directions e of the lattice, and all is
@@ -24,8 +24,8 @@ to |w|, so that forces exert no torque on a pair. How it slips is said in
 For eps = 0 all this is the linear map of the lattice. The coefficient of Hertz's law is that of the
 mean ball in both: its own radii change that of a contact by a part of order eps.
 
-A geometry makes places: configurations of an array, that is, the motion of its balls and where that
-leaves the contacts.
+The geometry makes places: configurations of an array, that is, the motion of its balls and where
+that leaves the contacts.
 """
 
 from __future__ import annotations
@@ -87,58 +87,6 @@ class ActingForces(NamedTuple):
 
     stiffness: Array
     forces: Array
-
-
-class LatticeGeometry:
-    """Geometry of contacts that keep the directions of the lattice: the limit of spread and overlap
-    small against d.
-
-    ``ratio`` is eps = W/d, zero in this limit.
-    """
-
-    ratio = 0.0
-
-    def __init__(self, stencils: Stencils, deviations: Array) -> None:
-        self.stencils = stencils
-        self.means = stencils.average_pairs(deviations)
-
-    def place(self, balls: Array, overlap: float) -> LatticePlace:
-        """Return the configuration with these motions ``balls`` and the overlap y."""
-        return LatticePlace(self, balls, overlap)
-
-
-class LatticePlace:
-    """Configuration of an array in its :class:`LatticeGeometry`.
-
-    Attributes
-    ----------
-    balls : (fields, L1, ..., Lp) displacements and rotations.
-    overlap : y.
-    overlaps : (n_c, L1, ..., Lp) overlaps h of the contacts.
-    boundary : size of the cell's boundary, over that with y = 0.
-    """
-
-    boundary = 1.0
-
-    def __init__(self, geometry: LatticeGeometry, balls: Array, overlap: float) -> None:
-        self._stencils = geometry.stencils
-        self.balls = balls
-        self.overlap = overlap
-        stencils = self._stencils
-        n = self._stencils.n_contacts
-        self.overlaps = overlap + geometry.means - stencils.operator.deform(balls)[:n]
-
-    def losses(self, motion: Motion) -> Array:
-        """Return (n_c, L1, ..., Lp) losses of overlap by a small motion."""
-        return self._stencils.deformations(motion)[: self._stencils.n_contacts]
-
-    def pull(self, forces: Array) -> Array:
-        """Return the forces on balls (fields, L1, ..., Lp) by normal forces f of contacts."""
-        return self._stencils.forces(forces)
-
-    def press(self, forces: Array) -> float:
-        """Return the force whose work on dy is that of the load: the mean normal force."""
-        return float(np.mean(forces))
 
 
 def require_small(ratio: float) -> None:
@@ -279,10 +227,6 @@ class ExactPlace:
         straight = self.geometry.split(Motion(self.balls, 0.0))[0] + self.geometry.strained[0]
         curved = eps * (self._square - first * self._change) / (1.0 + self.size)
         return np.asarray(self.geometry.means - straight - curved)
-
-    def losses(self, motion: Motion) -> Array:
-        """Return (n_c, L1, ..., Lp) losses of overlap by a small motion."""
-        return self.lose(self.geometry.split(motion))
 
     def lose(self, moved: Any) -> Array:
         """Return the losses of overlap by small relative displacements of the two balls."""

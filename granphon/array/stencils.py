@@ -279,12 +279,6 @@ class Stencils:
         """Return (p, *ball_shape) displacements along the axes of space, from their projections."""
         return self._turn(np.asarray(np.linalg.inv(self.basis), float), balls)
 
-    def cartesian(self, forces: Array) -> Array:
-        """Return (p, *ball_shape) forces along the axes of space, from those in the coordinates of
-        motions.
-        """
-        return self._turn(self.basis.T, forces)
-
     def spread(self, displacements: Array, rotations: Array | None = None) -> Array:
         """Return the motion (fields, L1, ..., Lp) of displacements (n p, L1, ..., Lp) and
         rotations, if there are any.

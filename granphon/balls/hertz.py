@@ -390,11 +390,6 @@ def force_of(overlap: Any) -> Any:
     return np.maximum(overlap, 0.0) ** EXPONENT
 
 
-def force_from(root: Any) -> Any:
-    """Return h_+^(3/2) of roots h_+^(1/2)."""
-    return root * root * root
-
-
 def overlap_of(force: Any) -> Any:
     """Return f^(2/3)."""
     return np.cbrt(force) ** 2

@@ -306,7 +306,7 @@ def test_the_linear_operator_is_the_derivative(lattice, shape):
         for part in (step, 0.0, -step)
     )
     loss = -(ahead.overlaps - behind.overlaps) / (2.0 * step)
-    np.testing.assert_allclose(here.losses(way), loss, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(here.lose(alone.split(way)), loss, rtol=0.0, atol=1e-9)
     acting = ActingForces(np.zeros_like(forces), forces)
     pull, push = here.respond(way, acting)
     found = (ahead.pull(forces) - behind.pull(forces)) / (2.0 * step)

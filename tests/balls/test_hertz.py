@@ -476,7 +476,6 @@ def test_reduced_law_is_the_law_with_the_coefficient_one():
     forces, roots = hertz.press(h.copy())
     assert_allclose(forces, law.force(h), rtol=1e-15)
     assert_allclose(hertz.force_of(h), forces, rtol=1e-15)
-    assert_allclose(hertz.force_from(roots), forces, rtol=1e-15)
     assert_allclose(hertz.stiffness_of(roots), law.stiffness(h), rtol=1e-15)
     assert_allclose(hertz.stiffness_under(forces), law.stiffness(h), rtol=1e-15)
     assert_allclose(hertz.slope_of(roots), law.stiffness_slope(h), rtol=1e-15)
