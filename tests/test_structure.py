@@ -175,7 +175,12 @@ def test_every_guard_of_the_budget_is_a_test_and_there_are_few():
 
 @pytest.mark.parametrize(
     ("counts", "runs", "passes"),
-    [([0.9], 1, True), ([2.0, 0.9], 2, True), ([2.0, 2.0], 2, False)],
+    [
+        ([0.9], 1, True),
+        ([2.0, 0.9], 2, True),
+        ([2.0, 2.0, 0.9], 3, True),
+        ([2.0, 2.0, 2.0], 3, False),
+    ],
 )
 def test_a_case_over_the_budget_runs_again_and_then_counts(monkeypatch, counts, runs, passes):
     """``counts`` are the seconds of processor that the case takes in each of its runs."""
@@ -195,7 +200,7 @@ def test_a_case_over_the_budget_runs_again_and_then_counts(monkeypatch, counts, 
     remaining = [budget.LIMIT * count for count in counts]
 
     def run(item, log, nextitem):
-        # a fixture that is long too does not make a first run the second
+        # a fixture that is long too does not make a first run the last
         try:
             for _ in range(2):
                 budget.require_budget(item, "it", remaining[0])

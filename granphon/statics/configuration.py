@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, get_args
 
@@ -71,6 +71,16 @@ class AppliedLoad:
         """Whether a strain is given that moves contacts."""
         return bool(np.any(self.strain))
 
+    def scale(self, factor: float) -> AppliedLoad | None:
+        """Return the load with its stress or mean force times a ``factor``; None of a load of
+        forces on balls, or of a given strain.
+        """
+        if np.any(self.force):
+            return None
+        if self.mean_force is not None:
+            return replace(self, mean_force=factor * self.mean_force)
+        return None if self.stress is None else replace(self, stress=factor * self.stress)
+
 
 class Problem:
     """An assembly under a load, and the unknowns of its rest.
@@ -84,6 +94,7 @@ class Problem:
     ) -> None:
         self.assembly = assembly
         self.load = load
+        self.boundary = boundary
         self.turns = geometry == "exact"
         p = assembly.periods
         self.n_ball_unknowns = assembly.n_balls * assembly.dimension

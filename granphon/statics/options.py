@@ -115,6 +115,8 @@ class RestOptions:
         all others are no longer moved in turn, the steps of an array too are those along which the
         energy falls, and four times as many end the search; where balls do not differ, as many end
         it.
+    detours : loads, over the given one, under which balls come to rest first where a search in
+        exact directions ends without rest: other contacts are then open on the way.
     light : force of a contact, over the mean, up to which it is light: balls with no more heavy
         contacts than dimensions are loose. The same part of what is left on others may be left on
         loose balls.
@@ -214,6 +216,7 @@ class RestOptions:
     too_far: float = 1e2
     carried: float = 10.0
     patience: int = 20
+    detours: tuple[float, ...] = (2.0, 10.0)
     light: float = 1e-3
     failed: float = 0.3
     worst: float = 1e-2

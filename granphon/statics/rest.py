@@ -170,8 +170,27 @@ def find_rest(
         # rest in exact directions is farther off than what an array is left with
         rough = numbers.loosen() if assembly.grid else numbers
         start = find_rest(assembly, load, "lattice", boundary, None, rough)
-    search = _ExactSearch(problem, numbers)
-    return search.run(search.begin(start))
+    return _find_rest_of_turning_contacts(problem, start, numbers)
+
+
+def _find_rest_of_turning_contacts(problem: Problem, start: Rest, options: RestOptions) -> Rest:
+    """Return the rest in exact directions that a search from ``start`` finds. Where the search ends
+    without rest, as loose balls at the least loads may let it, a way over more load leads round.
+    """
+    try:
+        return _ExactSearch(problem, options).run_from(start)
+    except ConvergenceError as error:
+        for factor in options.detours:
+            heavier = problem.load.scale(factor)
+            if heavier is None:
+                break
+            pressed = Problem(problem.assembly, heavier, "exact", problem.boundary)
+            try:
+                detour = _ExactSearch(pressed, options).run_from(start)
+                return _ExactSearch(problem, options).run_from(detour)
+            except ConvergenceError:
+                continue
+        raise error
 
 
 def _rest_without_load(problem: Problem) -> Rest:
@@ -204,15 +223,10 @@ def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOption
 
     on_grid = GridProblem(problem)
     if start is None and on_grid.needs_more_load(options):
-        load = problem.load
-        more = 10.0
-        heavier = replace(
-            load,
-            stress=None if load.stress is None else more * load.stress,
-            mean_force=None if load.mean_force is None else more * load.mean_force,
-        )
-        boundary: Boundary = "isotropic" if len(problem.unit_strains) == 1 else "stress"
-        start = find_rest(problem.assembly, heavier, "lattice", boundary, None, options.loosen())
+        heavier = problem.load.scale(10.0)
+        assert heavier is not None
+        loosened = options.loosen()
+        start = find_rest(problem.assembly, heavier, "lattice", problem.boundary, None, loosened)
     balls = None
     strains = on_grid.find_strains()
     if start is not None and on_grid.spread:
@@ -546,6 +560,10 @@ class _ExactSearch(_Search):
             self.tolerance = max(options.tolerance, options.iterated_tolerance)
         #: (n,) the balls that are led to rest before all others
         self.loose: Flags = np.zeros(assembly.n_balls, bool)
+
+    def run_from(self, start: Rest) -> Rest:
+        """As :meth:`run`, from a state at rest on the lattice or under another load."""
+        return self.run(self.begin(start))
 
     def begin(self, start: Rest) -> Configuration:
         """Return the configuration from which the search begins, that of ``start``. Of balls that

@@ -124,10 +124,11 @@ def test_least_loads_of_few_balls(seed):
     assert found.residual <= 1e-10
 
 
-@pytest.mark.parametrize(("side", "most"), [(6, 20), pytest.param(12, 45, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("side", "most"), [(6, 20), pytest.param(12, 200, marks=pytest.mark.slow)])
 def test_steps_at_low_loads_in_space(side, most):
-    """The count of one large array depends on how the libraries of linear algebra round, from 30
-    to 54; the median hardly does.
+    """Steps of large arrays are many and cheap: 120 to 160 on a grid take no longer than 40 with
+    factors did. The count of one array depends on how the libraries of linear algebra round; the
+    median hardly does.
     """
     steps = []
     for seed in (2, 3, 4):
@@ -136,7 +137,7 @@ def test_steps_at_low_loads_in_space(side, most):
         state = equilibrate(x, ReducedLoad(force=1e-4), Stencils(x.shape, lattice=FCC))
         assert state.residual <= 1e-10
         steps.append(state.newton)
-    assert np.median(steps) < most  # without centring large arrays take 51 and 58 steps
+    assert np.median(steps) < most
 
 
 # -- factors of the contacts that are closed -------------------------------------------------------
