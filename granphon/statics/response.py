@@ -70,7 +70,9 @@ _MOST_ITERATIONS = 60_000
 #: factors grows faster than it, to about 1 GB
 MOST_BALLS = {1: 2**20, 2: 2**16, 3: 2**12}
 #: relative residual of equations that are not symmetric
-_RESIDUAL = 1e-8
+_RESIDUAL = 1e-9
+#: the same after a round by GMRES
+_RESIDUAL_OF_ROUND = 1e-8
 #: rounding of a unit strain's forces, over the mean stiffness
 _NOISE = 1e-14
 #: vectors that GMRES keeps, and cycles of it, at most
@@ -302,7 +304,7 @@ class LinearResponse:
             motions[:, column], failed = gmres(
                 matrix,
                 forces,
-                rtol=_RESIDUAL,
+                rtol=_RESIDUAL_OF_ROUND,
                 atol=self._find_rounding(size),
                 restart=min(_KEPT, size),
                 maxiter=_CYCLES,
