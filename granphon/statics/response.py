@@ -70,7 +70,7 @@ _MOST_ITERATIONS = 60_000
 #: factors grows faster than it, to about 1 GB
 MOST_BALLS = {1: 2**20, 2: 2**16, 3: 2**12}
 #: relative residual of equations that are not symmetric
-_RESIDUAL = 1e-9
+_RESIDUAL = 1e-10
 #: the same after a round by GMRES
 _RESIDUAL_OF_ROUND = 1e-8
 #: rounding of a unit strain's forces, over the mean stiffness
