@@ -159,68 +159,41 @@ def _cross(one: Array, other: Array, out: Array) -> None:
 
 
 @compiled
-def _add_static_turn(
-    columns: Columns,
-    contact: int,
-    axes: NDArray[np.int64],
-    strained: Array,
-    work: Array,
-    block: Array,
+def _set_static_turn(
+    columns: Columns, contact: int, work: Array, push: Array, torque: Array, lever: Array
 ) -> None:
-    """Add to a ``block`` (2 m + s, 2 m + s) what the static force across the normal does as it
-    turns: forces on the m motions of ball i, on those of ball j, and on the s strains, against the
-    same. ``strained`` (s, 3) is what unit strains add to the vector; ``work`` (9, 3) is
-    overwritten.
+    """Set ``push``, ``torque`` and ``lever`` to what a unit v along each axis, and a unit sum of
+    the rotations about each, make of the static force across the normal: turn x T, turn x (n x T),
+    and (e/2) n x T, the first six rows of (6 + s, 3) each. ``work`` (4, 3) is overwritten.
     """
-    m = len(axes)
+    force, beside, tilt, turn = work
     normal = columns.normal[contact]
-    distance = columns.distance[contact]
-    force, beside, moved, turned, tilt, turn, push, torque, spare = work
+    over = 1.0 / columns.distance[contact]
+    spins = len(columns.origin) > 0
     for axis in range(3):
         force[axis] = -columns.tangential_force[contact, axis]  # as the tangent resists
     _cross(normal, force, beside)
-    for column in range(block.shape[1]):
-        # v, and the sum of the rotations
-        moved[:] = 0.0
-        turned[:] = 0.0
-        if column < 2 * m:
-            axis = axes[column % m]
-            if axis >= 3:
-                turned[axis - 3] = 1.0
-            else:
-                moved[axis] = -1.0 if column < m else 1.0
-        else:
-            moved[:] = strained[column - 2 * m]
-        elongation = normal[0] * moved[0] + normal[1] * moved[1] + normal[2] * moved[2]
-        for axis in range(3):
-            tilt[axis] = (moved[axis] - elongation * normal[axis]) / distance
+    for axis in range(3):
+        for a in range(3):
+            tilt[a] = -over * normal[axis] * normal[a]
+            lever[axis, a] = 0.5 * normal[axis] * beside[a]
+        tilt[axis] += over
         _cross(normal, tilt, turn)
-        spin = 0.0
-        if len(columns.origin):
+        if spins:
             origin = columns.origin[contact]
-            for axis in range(3):
-                spin += 0.5 * turned[axis] * origin[axis]
+            across = turn[0] * origin[0] + turn[1] * origin[1] + turn[2] * origin[2]
             along = normal[0] * origin[0] + normal[1] * origin[1] + normal[2] * origin[2]
-            for axis in range(3):
-                spin -= turn[axis] * origin[axis] / (1.0 + along)
+            for a in range(3):
+                turn[a] -= across / (1.0 + along) * normal[a]
+        _cross(turn, force, push[axis])
+        _cross(turn, beside, torque[axis])
+    if spins:
+        _cross(normal, beside, tilt)
         for axis in range(3):
-            turn[axis] += spin * normal[axis]
-        _cross(turn, force, push)
-        _cross(turn, beside, torque)
-        for motion in range(m):
-            axis = axes[motion]
-            if axis < 3:
-                block[motion, column] -= push[axis]
-                block[m + motion, column] += push[axis]
-            else:
-                lever = 0.5 * elongation * beside[axis - 3]
-                block[motion, column] -= columns.arm_i[contact] * torque[axis - 3] + lever
-                block[m + motion, column] -= columns.arm_j[contact] * torque[axis - 3] + lever
-        for strain in range(len(strained)):
-            spare[:] = strained[strain]
-            block[2 * m + strain, column] += (
-                push[0] * spare[0] + push[1] * spare[1] + push[2] * spare[2]
-            )
+            half = 0.5 * columns.origin[contact, axis]
+            for a in range(3):
+                push[3 + axis, a] = half * beside[a]
+                torque[3 + axis, a] = half * tilt[a]
 
 
 @compiled
@@ -243,33 +216,64 @@ def add_static_turn(
     """
     m = len(axes)
     s = len(strains)
-    block = np.zeros((2 * m + s, 2 * m + s))
     strained = np.zeros((s, 3))
-    work = np.zeros((9, 3))
+    push, torque, lever = np.zeros((3, 6 + s, 3))
+    work = np.zeros((4, 3))
     for contact in range(len(columns.i)):
+        held = columns.tangential_force[contact]
+        if held[0] == 0.0 and held[1] == 0.0 and held[2] == 0.0:
+            continue
         i = columns.i[contact]
         j = columns.j[contact]
-        strained[:] = 0.0
+        arm_i = columns.arm_i[contact]
+        arm_j = columns.arm_j[contact]
+        _set_static_turn(columns, contact, work, push, torque, lever)
+        # a unit strain moves the centres along all axes
         for strain in range(s):
             for axis in range(3):
+                strained[strain, axis] = 0.0
                 for a in range(3):
                     strained[strain, axis] += strains[strain, axis, a] * columns.vector[contact, a]
-        block[:] = 0.0
-        _add_static_turn(columns, contact, axes, strained, work, block)
+            for table in (push, torque, lever):
+                for a in range(3):
+                    table[6 + strain, a] = (
+                        strained[strain, 0] * table[0, a]
+                        + strained[strain, 1] * table[1, a]
+                        + strained[strain, 2] * table[2, a]
+                    )
         for line in range(m):
-            for column in range(m):
-                diagonal[line, column, i] += block[line, column]
-                diagonal[line, column, j] += block[m + line, m + column]
-                forward[line, column, contact] += block[line, m + column]
-                backward[column, line, contact] += block[m + line, column]
-            for strain in range(s):
-                ahead[i, line, strain] += block[line, 2 * m + strain]
-                ahead[j, line, strain] += block[m + line, 2 * m + strain]
-                back[i, line, strain] += block[2 * m + strain, line]
-                back[j, line, strain] += block[2 * m + strain, m + line]
-        for one in range(s):
-            for another in range(s):
-                corner[one, another] += block[2 * m + one, 2 * m + another]
+            row = axes[line]
+            for column in range(m + s):
+                axis = axes[column] if column < m else 6 + column - m
+                if row < 3:
+                    on_i = -push[axis, row]
+                    on_j = push[axis, row]
+                else:
+                    on_i = -arm_i * torque[axis, row - 3] - lever[axis, row - 3]
+                    on_j = -arm_j * torque[axis, row - 3] - lever[axis, row - 3]
+                if column >= m:
+                    ahead[i, line, column - m] += on_i
+                    ahead[j, line, column - m] += on_j
+                    continue
+                # ball i moves against v, and turns as ball j does
+                sign = -1.0 if axis < 3 else 1.0
+                diagonal[line, column, i] += sign * on_i
+                diagonal[line, column, j] += on_j
+                forward[line, column, contact] += on_i
+                backward[column, line, contact] += sign * on_j
+        for strain in range(s):
+            for column in range(m + s):
+                axis = axes[column] if column < m else 6 + column - m
+                work_done = (
+                    push[axis, 0] * strained[strain, 0]
+                    + push[axis, 1] * strained[strain, 1]
+                    + push[axis, 2] * strained[strain, 2]
+                )
+                if column >= m:
+                    corner[strain, column - m] += work_done
+                    continue
+                back[i, column, strain] += -work_done if axis < 3 else work_done
+                back[j, column, strain] += work_done
 
 
 @compiled

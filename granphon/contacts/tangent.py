@@ -11,7 +11,7 @@ it the order in which they are eliminated: both are found once for all lists wit
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -130,6 +130,12 @@ class Blocks:
     back: Array
     corner: Array
 
+    def symmetrise(self) -> Blocks:
+        """Return the blocks with A replaced by its symmetric part."""
+        diagonal = 0.5 * (self.diagonal + self.diagonal.swapaxes(0, 1))
+        between = 0.5 * (self.forward + self.backward)
+        return replace(self, diagonal=diagonal, forward=between, backward=between)
+
     def list_entries(self, pattern: Pattern) -> Array:
         """Return the entries of A, by their ``pattern``."""
         from granphon.contacts.loops import fill_entries  # imported here: averages need no Numba
@@ -192,6 +198,12 @@ class Tangent:
     def matrix(self) -> Any:
         """A, a sparse matrix (n m, n m) in columns; motions of a ball follow each other."""
         return self.pattern.make_matrix(self.data)
+
+    def symmetrise(self) -> Tangent:
+        """Return the tangent with A replaced by its symmetric part."""
+        even = Tangent(self.contacts, self.blocks.symmetrise())
+        vars(even)["pattern"] = self.pattern  # entries stand at the same places
+        return even
 
 
 def unit_strains(dimension: int) -> Array:

@@ -74,7 +74,7 @@ class GridIteration:
 
     Parameters
     ----------
-    tangent : of the list. Of a tangent that is not symmetric only :meth:`precondition` serves.
+    tangent : of the list, symmetric.
     even : whether Green's function is that of contacts that are all alike, which is the same for
         all loads and steps, and not that of contacts of each kind that have their mean stiffness.
     earlier : an even iteration on the same grid, whose Green's function serves.

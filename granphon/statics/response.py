@@ -7,18 +7,22 @@ A u = -B, and the second derivative of the energy is S + B'u, with the matrices 
 motions that cost nothing, of a ball that nothing holds, of balls that turn against each other like
 gears, of the whole, would otherwise have no bound. What the springs bear is then given to the balls
 again until it is nothing (iterative refinement), so that no spring is left in the result. The
-inertia of the factors says whether the balls are at a minimum. Where static forces act across
-normals A is not symmetric; its symmetric part is factorised, of which the rest is a small part, and
-GMRES does what is left.
+inertia of the factors says whether the balls are at a minimum.
 
 Of a list that is a grid, conjugate gradients preconditioned in Fourier space take less time
 (:mod:`granphon.statics.grid_iteration`) but near the rigidity threshold, and of one that is too
 large for factors they take less memory.
+
+Where static forces act across normals A is not symmetric. The rest is W/d of its symmetric part:
+what the motions of that part leave of forces is solved for again, by the same factors or conjugate
+gradients. Where balls are held by little else than forces that turn, this comes no nearer, and
+GMRES does it.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -27,9 +31,9 @@ import numpy as np
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.contacts.contact_list import ContactList
-from granphon.contacts.tangent import find_tangent, unit_strains
+from granphon.contacts.tangent import Tangent, find_tangent, unit_strains
 from granphon.dynamics.elasticity import find_stress_part
-from granphon.dynamics.factors import Factors, factorise
+from granphon.dynamics.factors import Factors
 
 if TYPE_CHECKING:
     from granphon.statics.grid_iteration import GridIteration
@@ -65,8 +69,10 @@ _MOST_ITERATIONS = 60_000
 #: largest number of balls on a line, in a plane, in space whose matrix is factorised: the memory of
 #: factors grows faster than it, to about 1 GB
 MOST_BALLS = {1: 2**20, 2: 2**16, 3: 2**12}
-#: relative residual of equations that are not symmetric, in a round
-_RESIDUAL = 1e-8
+#: relative residual of equations that are not symmetric
+_RESIDUAL = 1e-10
+#: the same after a round by GMRES
+_RESIDUAL_OF_ROUND = 1e-8
 #: rounding of a unit strain's forces, over the mean stiffness
 _NOISE = 1e-14
 #: vectors that GMRES keeps, and cycles of it, at most
@@ -119,25 +125,83 @@ class LinearResponse:
         """Return the motions under ``forces``, and the forces that these leave, both of the same
         shape; with the smaller error that is due ``for_motions``, or that of an energy.
         """
-        found = self._iterate(forces, for_motions) if self._may_iterate else None
+        fine = for_motions or not self._may_factorise
+        right = forces.reshape(-1, forces.shape[-1])
+        found = None
+        if self._may_iterate and self._symmetric:
+            found = self._iterate(right, _REDUCTION_OF_MOTIONS if fine else _REDUCTION)
         if found is None:
-            found = self._solve_held(forces.reshape(-1, forces.shape[-1]), for_motions)
+            found = self._refine(right, _BORNE_OF_MOTIONS if fine else _BORNE)
         motions, remaining = found
         return motions.reshape(forces.shape), remaining.reshape(forces.shape)
+
+    # -- refinement --------------------------------------------------------------------------------
+
+    def _refine(self, right: Array, borne: float) -> tuple[Array, Array]:
+        """Return the motions (n m, k) under forces ``right``, and the forces that these leave: what
+        is left by the motions of one round is solved for in the next.
+
+        Springs may bear the part ``borne`` of the energy.
+        """
+        matrix = self._tangent.matrix
+        for solve in self._list_solvers(math.sqrt(borne)):
+            motions = np.zeros_like(right)
+            remaining = right
+            for count in range(_ROUNDS):
+                change = solve(remaining)
+                if change is None:
+                    break
+                better = motions + change
+                left = right - matrix @ better
+                # forces along motions that cost nothing, as balls not quite at rest leave, stay
+                if count and np.linalg.norm(left) > _STALLED * np.linalg.norm(remaining):
+                    break
+                motions = better
+                remaining = left
+                if self._suffices(motions, remaining, right, borne):
+                    return motions, remaining
+        return motions, remaining
+
+    def _suffices(self, motions: Array, remaining: Array, right: Array, borne: float) -> bool:
+        """Return whether the motions under forces ``right`` leave little enough of them."""
+        if self._symmetric:
+            energy = abs(float(np.sum(motions * right)))
+            return abs(float(np.sum(motions * remaining))) <= borne * energy
+        aim = max(_RESIDUAL * float(np.linalg.norm(right)), self._find_rounding(right.size))
+        return float(np.linalg.norm(remaining)) <= aim
+
+    def _list_solvers(self, reduction: float) -> Iterator[Callable[[Array], Array | None]]:
+        """Yield functions that find about the motions (n m, k) under forces; each serves where what
+        is left by the one before does not become less. Conjugate gradients find no motions, None,
+        where they do not lower the error by ``reduction``.
+        """
+        if self._may_iterate:
+
+            def iterate(right: Array) -> Array | None:
+                found = self._iterate(right, reduction)
+                return None if found is None else found[0]
+
+            yield iterate
+        if self._may_factorise:
+            yield self._held[1].solve
+        if not self._symmetric:
+            yield self._solve_by_gmres
 
     # -- iterations --------------------------------------------------------------------------------
 
     @property
     def _may_factorise(self) -> bool:
-        return self._contacts.n_balls <= MOST_BALLS[self._contacts.dimension]
+        """Whether there may be factors: of a list that is no grid they are the only way."""
+        contacts = self._contacts
+        return not contacts.grid or contacts.n_balls <= MOST_BALLS[contacts.dimension]
 
     @property
     def _may_iterate(self) -> bool:
-        """Whether conjugate gradients are tried: of a grid with a symmetric tangent that is well
-        held, or too large for factors.
+        """Whether conjugate gradients are tried: of a grid that is well held, or too large for
+        factors.
         """
         contacts = self._contacts
-        if not contacts.grid or not self._symmetric:
+        if not contacts.grid:
             return False
         slips = len(contacts.motions.translations) - 1
         resisted = int(np.count_nonzero(contacts.normal_stiffness))
@@ -146,22 +210,27 @@ class LinearResponse:
         return resisted >= WELL_HELD * motions or not self._may_factorise
 
     @cached_property
+    def _even(self) -> Tangent:
+        """The tangent with the symmetric part of A alone."""
+        return self._tangent if self._symmetric else self._tangent.symmetrise()
+
+    @cached_property
     def _iteration(self) -> GridIteration:
         from granphon.statics.grid_iteration import GridIteration  # averages need no Numba
 
-        return GridIteration(self._tangent)
+        return GridIteration(self._even)
 
-    def _iterate(self, forces: Array, for_motions: bool) -> tuple[Array, Array] | None:
-        """Return what conjugate gradients find; None if they do not, and factors are to be tried.
-        ConvergenceError if there can be no factors.
+    def _iterate(self, right: Array, reduction: float) -> tuple[Array, Array] | None:
+        """Return the motions under forces ``right`` that conjugate gradients find with the
+        symmetric part of A, and the forces that they leave of it; None if they come to no end, and
+        another way is to be tried. ConvergenceError if there is none.
         """
-        fine = for_motions or not self._may_factorise
-        reduction = _REDUCTION_OF_MOTIONS if fine else _REDUCTION
         most = _PATIENCE if self._may_factorise else _MOST_ITERATIONS
+        forces = right.reshape(self._contacts.n_balls, -1, right.shape[-1])
         solution = self._iteration.solve(forces, reduction, most, _NOISE)
         if solution.has_arrived:
-            return solution.motions, solution.remaining
-        if not self._may_factorise:
+            return solution.motions.reshape(right.shape), solution.remaining.reshape(right.shape)
+        if self._symmetric and not self._may_factorise:
             raise explain_failure(solution.way_down is None)
         return None
 
@@ -174,37 +243,34 @@ class LinearResponse:
         mean = float(np.mean(stiffness)) if stiffness.size else 0.0
         return mean if 0.0 < mean < math.inf else 1.0
 
-    def _hold(self, spring: float) -> Any:
-        """Return A with springs to the ground, of ``spring`` times the mean stiffness, and of the
-        mean stiffness itself at motions that no contact resists.
+    def _hold(self, entries: Array, spring: float) -> Any:
+        """Return the matrix with these ``entries`` and springs to the ground, of ``spring`` times
+        the mean stiffness, and of the mean stiffness itself at motions that no contact resists.
         """
         contacts = self._contacts
         pattern = self._tangent.pattern
-        diagonal = self._tangent.data[pattern.diagonal].reshape(contacts.n_balls, -1)
+        diagonal = entries[pattern.diagonal].reshape(contacts.n_balls, -1)
         # a spring against a rotation is a torque
         turns = contacts.axes >= 3
         unit = self._level * np.where(turns, float(np.mean(contacts.distance)) ** 2, 1.0)
         held = np.where(diagonal == 0.0, 1.0, spring) * unit
         # nothing resists a motion of the whole: one ball keeps its place
         held[np.argmax(diagonal[:, 0])] += np.where(turns, 0.0, unit)
-        data = self._tangent.data.copy()
+        data = entries.copy()
         data[pattern.diagonal] += held.ravel()
         return pattern.make_matrix(data)
 
     @cached_property
-    def _held(self) -> tuple[Any, Factors]:
-        """A with springs to the ground, and the factors of its symmetric part; ConvergenceError if
-        these are singular, or, of an A that is symmetric, show that the balls are at no minimum.
+    def _held(self) -> tuple[float, Factors]:
+        """Springs to the ground, and the factors of the symmetric part of A with them;
+        ConvergenceError if these are singular, or, of an A that is symmetric, show that the balls
+        are at no minimum.
         """
-        pattern = self._tangent.pattern
         spring = _LEAST_SPRING
         while True:
-            matrix = self._hold(spring)
-            even = matrix if self._symmetric else (0.5 * (matrix + matrix.T)).tocsc()
+            matrix = self._hold(self._even.data, spring)
             try:
-                factors = (
-                    pattern.elimination.factorise(even) if self._symmetric else factorise(even)
-                )
+                factors = self._tangent.pattern.elimination.factorise(matrix)
             except RuntimeError:  # singular to the last digit
                 if spring >= _STRONGEST_SPRING:
                     raise explain_failure(True) from None
@@ -212,29 +278,7 @@ class LinearResponse:
                 continue
             if self._symmetric and factors.n_below:
                 raise explain_failure(False)
-            return matrix, factors
-
-    def _solve_held(self, right: Array, for_motions: bool) -> tuple[Array, Array]:
-        """Return the motions that factors find, without what springs bear, and the forces that
-        these leave.
-        """
-        borne = _BORNE_OF_MOTIONS if for_motions or not self._symmetric else _BORNE
-        matrix = self._tangent.matrix
-        solve = self._held[1].solve if self._symmetric else self._solve_by_gmres
-        motions = solve(right)
-        remaining = right - matrix @ motions
-        energy = abs(float(np.sum(motions * right)))
-        for _ in range(_ROUNDS):
-            if abs(float(np.sum(motions * remaining))) <= borne * energy:
-                break
-            better = motions + solve(remaining)
-            left = right - matrix @ better
-            # forces along motions that cost nothing, as balls not quite at rest leave, stay
-            if np.linalg.norm(left) > _STALLED * np.linalg.norm(remaining):
-                break
-            motions = better
-            remaining = left
-        return motions, remaining
+            return spring, factors
 
     def _solve_by_gmres(self, right: Array) -> Array:
         """Return the motions (n m, k) of balls that springs hold to the ground under forces
@@ -243,26 +287,25 @@ class LinearResponse:
         from scipy.sparse.linalg import LinearOperator, gmres
 
         if self._may_factorise:
-            matrix, factors = self._held
+            spring, factors = self._held
             invert = factors.solve
         else:
-            matrix = self._hold(_LEAST_SPRING)
+            spring = _LEAST_SPRING
             shape = (self._contacts.n_balls, -1, 1)
 
             def invert(vector: Array) -> Array:
                 return np.ravel(self._iteration.precondition(vector.reshape(shape)))
 
+        matrix = self._hold(self._tangent.data, spring)
         size = len(right)
         inverse = LinearOperator((size, size), matvec=invert, dtype=np.float64)
-        # where balls hardly differ, what a strain leaves is rounding of the forces that it makes
-        floor = _NOISE * self._level * math.sqrt(size)
         motions = np.empty_like(right)
         for column, forces in enumerate(right.T):
             motions[:, column], failed = gmres(
                 matrix,
                 forces,
-                rtol=_RESIDUAL,
-                atol=floor,
+                rtol=_RESIDUAL_OF_ROUND,
+                atol=self._find_rounding(size),
                 restart=min(_KEPT, size),
                 maxiter=_CYCLES,
                 M=inverse,
@@ -270,6 +313,12 @@ class LinearResponse:
             if failed:
                 raise explain_failure(True)
         return motions
+
+    def _find_rounding(self, size: int) -> float:
+        """Return the norm of ``size`` forces that are nothing but rounding: where balls hardly
+        differ, what a strain leaves is rounding of the forces that it makes.
+        """
+        return _NOISE * self._level * math.sqrt(size)
 
 
 def find_elastic_tensor(contacts: ContactList) -> Array:

@@ -96,6 +96,27 @@ def test_iterations_find_what_factors_find(monkeypatch, lattice):
     np.testing.assert_allclose(still, 0.0, rtol=0.0, atol=1e-7 * np.max(np.abs(motions)))
 
 
+@pytest.mark.parametrize(
+    "constants", [{}, {"WELL_HELD": np.inf}, {"_STALLED": 0.0}], ids=["grid", "factors", "gmres"]
+)
+@pytest.mark.parametrize("lattice", [TRIANGULAR, FCC])
+def test_all_ways_find_the_response_under_static_forces_across_normals(
+    monkeypatch, lattice, constants
+):
+    contacts = rest(lattice, 8 if lattice is TRIANGULAR else 3)._list_contacts(0.8)
+    force = np.random.default_rng(1).normal(scale=1e-4, size=contacts.normal.shape)
+    force[:, lattice.periods :] = 0.0
+    along = np.einsum("ca,ca->c", force, contacts.normal)[:, None] * contacts.normal
+    held = replace(contacts, tangential_force=force - along, origin=contacts.normal)
+    expected = solve_densely(held)
+    size = np.max(expected)
+    assert np.max(np.abs(solve_densely(contacts) - expected)) > 1e-9 * size
+    for name, value in constants.items():
+        monkeypatch.setattr(module, name, value)
+    found = LinearResponse(held).stiffness
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 * size)
+
+
 @given(st.sampled_from([2, 3]), st.integers(0, 2**16))
 def test_nothing_depends_on_the_frame_or_on_the_numbers_of_balls(dimension, seed):
     generator = np.random.default_rng(seed)
