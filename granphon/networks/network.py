@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +26,7 @@ from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.neighbours import TOUCH, repeat_contacts, require_joined
+from granphon.balls.on_site import name_springs, turn_on_site
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import GranphonError, InconsistencyWarning, InputError, brief, message
 from granphon.base.memory import require_memory
@@ -123,6 +124,8 @@ class ContactNetwork(Result):
         if they are not known.
     contact_model : the materials of the kinds and the law of their contacts, from which :meth:`cut`
         knows how balls stand on a floor; None if they are not known.
+    on_site : (n, motions) stiffnesses of springs to the ground against each of the ``motions`` of a
+        ball, displacements first, N/m, then rotations, N m; None without such springs.
 
     Raises
     ------
@@ -133,8 +136,10 @@ class ContactNetwork(Result):
         quarter of that, a contact that leaves the line or the plane, a tangential force that is not
         across the normal, periods that are not independent or leave the line or the plane, motions
         that the dimension does not have, two balls with one label, a ``shape`` that does not fit
-        the number of balls.
+        the number of balls, an ``on_site`` of another shape, below zero or not finite.
     """
+
+    _schema: ClassVar[int] = 2
 
     cell: Annotated[Array, "3 3", "m"]
     pbc: tuple[bool, bool, bool]
@@ -164,6 +169,7 @@ class ContactNetwork(Result):
     adhesive: bool = False
     kinds: Annotated[tuple[str, ...] | None, "n?"] = None
     contact_model: ContactModel | None = field(default=None, repr=False)
+    on_site: Annotated[Array | None, "n m?", "", "zero or above"] = None
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {
@@ -199,6 +205,8 @@ class ContactNetwork(Result):
             # a vector along which nothing repeats has no meaning
             is_period = np.array(checked["pbc"])[:, None]
             checked["cell"] = read_only(np.where(is_period, checked["cell"], 0.0))
+        if not np.any(checked.get("on_site")):
+            checked["on_site"] = None
         for name, values in checked.items():
             object.__setattr__(self, name, values)
         super().__post_init__()
@@ -214,6 +222,10 @@ class ContactNetwork(Result):
         if not is_one_of(self.motions, motions):
             fault = f"a network in {self.dimension} dimensions has no motions {brief(self.motions)}"
             raise InputError(fault, mend="Use " + ", ".join(motions))
+        if self.on_site is not None and self.on_site.shape[1] != motions[self.motions].count:
+            names = ", ".join(name_springs(motions[self.motions]))
+            fault = f"on_site of the network has the shape {self.on_site.shape}"
+            raise InputError(fault, mend=f"Give a stiffness for each motion of a ball: {names}")
         if not self.n_balls:
             raise InputError("the network has no ball", mend="Give one or more")
         self._check_cell()
@@ -348,11 +360,29 @@ class ContactNetwork(Result):
 
     @cached_property
     def ball_motions(self) -> Motions:
-        """The motions of each ball, without rotations if no contact resists them."""
-        allowed = allowed_motions(self.dimension)[self.motions]
+        """The motions of each ball, without rotations if no contact and no spring to the ground
+        resists them.
+        """
         return select_motions(
-            self.shear_stiffness, self.torsion_stiffness, self.bending_stiffness, allowed
+            self.shear_stiffness,
+            self.torsion_stiffness,
+            self.bending_stiffness,
+            self._named_motions,
+            self.on_site,
         )
+
+    @property
+    def _named_motions(self) -> Motions:
+        """The motions of a ball that :attr:`motions` names."""
+        return allowed_motions(self.dimension)[self.motions]
+
+    @cached_property
+    def is_anchored(self) -> Flags:
+        """(n,) whether springs to the ground resist every displacement of each ball."""
+        if self.on_site is None:
+            return np.zeros(self.n_balls, bool)
+        springs = self.on_site[:, self._named_motions.translating]
+        return np.asarray(np.all(springs > 0.0, axis=1))
 
     @cached_property
     def vector(self) -> Array:
@@ -460,10 +490,12 @@ class ContactNetwork(Result):
 
         That is so from 5e-3 of the mean force of a contact on, where nothing that the network lacks
         can hold the ball. A network without a period along some axis is not judged: walls that are
-        not in a file may stand there. Where bodies hold some balls, the one acceleration that
-        weights may give to all others is left out.
+        not in a file may stand there. Nor is one with springs to the ground, whose forces at rest
+        the network does not have. Where bodies hold some balls, the one acceleration that weights
+        may give to all others is left out.
         """
-        if self.is_balanced or not all(self.pbc[: self.dimension]):
+        may_be_held = not all(self.pbc[: self.dimension]) or self.on_site is not None
+        if self.is_balanced or may_be_held:
             return
         forces, _torques = self.unbalanced
         if not np.all(self.moving):
@@ -555,7 +587,8 @@ class ContactNetwork(Result):
         A contact counts if its force is above 8e-9 of the mean of those above zero. Under less, a
         contact of Hertz's law, whose stiffness goes as the third root of its force, is less than
         2e-3 as stiff as under the mean. If no contact of the network has a force, all contacts
-        count, as if their forces were equal. See :meth:`without_rattlers`. A wall is no rattler.
+        count, as if their forces were equal. See :meth:`without_rattlers`. Neither a wall is a
+        rattler, nor a ball whose displacements are all resisted by springs to the ground.
         """
         return read_only(self._find_rattlers())
 
@@ -653,6 +686,8 @@ class ContactNetwork(Result):
         }
         if self.kinds is not None:
             fields["kinds"] = tuple(self.kinds[ball] for ball in chosen.tolist())
+        if self.on_site is not None:
+            fields["on_site"] = self.on_site[chosen]
         return replace(self, **fields)
 
     def pieces(self) -> tuple[Self, ...]:
@@ -723,10 +758,15 @@ class ContactNetwork(Result):
             left_out=self.left_out * n_cells,
             labels=None,
             kinds=self.kinds and self.kinds * n_cells,
+            on_site=self._repeat_springs(n_cells),
             **contacts,
             lattice=self.lattice if is_cell else None,
             shape=shape if is_cell else None,
         )
+
+    def _repeat_springs(self, n_cells: int) -> Array | None:
+        """Return ``on_site`` of the balls of ``n_cells`` cells; None without springs."""
+        return None if self.on_site is None else np.tile(self.on_site, (n_cells, 1))
 
     def _require_memory(self, n_cells: int) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if ``n_cells`` cells of this network do
@@ -802,6 +842,9 @@ class ContactNetwork(Result):
                 floor.add_to(balls, contacts, n_periods)
         is_still = np.isinf(balls["masses"])
         contacts = _leave_out_still(contacts, is_still)
+        on_site = turn_on_site(self._repeat_springs(n_layers), stack.turn, self._named_motions)
+        if on_site is not None:  # floors have no springs
+            on_site = np.pad(on_site, ((0, len(is_still) - len(on_site)), (0, 0)))
         _require_motion(contacts, is_still, clamped_faces, n_layers)
         self._require_joined_cut(contacts, is_still, n_periods)
         cell = np.zeros((3, 3))
@@ -821,6 +864,7 @@ class ContactNetwork(Result):
             lattice=None,
             shape=None,
             kinds=kinds,
+            on_site=on_site,
         )
 
     def _require_joined_cut(
@@ -966,8 +1010,10 @@ class ContactNetwork(Result):
         frame. Balls have ``x``, ``y``, ``z`` (only ``x``, ``y`` in a plane, ``x`` on a line),
         ``radius`` or ``diameter``; ``mass`` if there is no material; and, if need be, ``inertia``
         (default: a solid sphere), ``id``, the whole numbers that name them (default: 0, 1, 2, ...),
-        and ``kind``, names of their kinds. Contacts have ``i`` and ``j``, which name two balls, and
-        if need be ``normal_force`` (default: Hertz's at the overlap of the two balls),
+        ``kind``, names of their kinds, and ``on_site_x``, ``on_site_y``, ``on_site_z``,
+        ``on_site_rotation_x`` and so on, springs to the ground (default: 0). Contacts have ``i``
+        and ``j``, which name two balls, and if need be ``normal_force`` (default: Hertz's at the
+        overlap of the two balls),
         ``normal_stiffness`` and ``shear_stiffness`` (default: those of Hertz and Mindlin under this
         force), ``torsion_stiffness`` and ``bending_stiffness`` (default: 0), ``nx``, ``ny``, ``nz``
         (default: along the line of the centres), ``arm_i`` and ``arm_j`` (default: the radii less
@@ -1361,7 +1407,7 @@ class _Hold:
     def __init__(self, network: ContactNetwork, held_by: int | None) -> None:
         n = network.n_balls
         slips = not np.any(network.shear_stiffness)
-        self.moving = network.moving
+        self.is_held = ~network.moving | network.is_anchored
         self.rows_hold = slips and held_by is None
         if held_by is None:
             self.least = network.dimension + 1 if slips else 2
@@ -1394,14 +1440,16 @@ class _Hold:
         self._starts = np.searchsorted(ends[self._order], np.arange(n + 1))
 
     def are_held(self, balls: Index) -> Flags:
-        """Return (m,) whether each of some ``balls`` (m,) has enough contacts, or does not move."""
+        """Return (m,) whether each of some ``balls`` (m,) has enough contacts, does not move, or
+        hangs on a spring to the ground.
+        """
         counts = self.counts[balls]
         # where contacts slip, two contacts or more whose forces are in balance, as along a straight
         # row, hold a ball
         net_force = np.linalg.norm(self.total_forces[balls], axis=1)
         is_balanced = net_force <= _BALANCED * self.total_sizes[balls]
         is_in_row = self.rows_hold & (counts >= 2) & is_balanced
-        return np.asarray((counts >= self.least) | is_in_row | ~self.moving[balls])
+        return np.asarray((counts >= self.least) | is_in_row | self.is_held[balls])
 
     def release(self, ball: int) -> Iterator[int]:
         """Remove the contacts of a ``ball`` one by one, and yield the neighbour of each, from whose

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from granphon.balls.contact_model import ContactModel
+from granphon.balls.motions import ALL, allowed_motions
+from granphon.balls.on_site import find_unit, name_springs
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import LENGTH, LOADS, Quantity
@@ -45,6 +47,8 @@ _FORCE = replace(LOADS["force"], least="zero or above")
 _ACROSS = replace(_FORCE, least="any")
 _STIFFNESS = Quantity("stiffness", "N/m", "3 MN/m", "N/m, kN/m, MN/m, N/um", "zero or above")
 _ROLLING = Quantity("torque", "N*m", "1 N*mm", "N*m, N*mm", "zero or above")
+#: columns of springs to the ground, by the names of these
+_ON_SITE = {name: f"on_site_{name}" for name in name_springs(ALL)}
 #: columns of the table of balls, and of that of contacts, with their quantities; None: numbers
 #: without a unit
 BALLS: Mapping[str, Quantity | None] = {
@@ -57,6 +61,10 @@ BALLS: Mapping[str, Quantity | None] = {
     "mass": Quantity("mass", "kg", "2 g", "kg, g, mg"),
     "inertia": Quantity("moment of inertia", "kg*m^2", "1 g*mm^2", "kg*m^2, g*mm^2"),
     "kind": None,
+    **{
+        column: _STIFFNESS if find_unit(name) == "N/m" else _ROLLING
+        for name, column in _ON_SITE.items()
+    },
 }
 CONTACTS: Mapping[str, Quantity | None] = {
     "i": None,
@@ -204,7 +212,9 @@ class _Columns:
             is_expected = key in requested or key in known
             if is_expected or len(key) <= 2:  # one or two letters are near to any name
                 continue
-            guess = closest(key, known)
+            # the names of springs are long, and like those of other vectors
+            options = known if "site" in key else set(known) - set(_ON_SITE.values())
+            guess = closest(key, options)
             if guess in lacking:
                 problem = f"{self.name} has a column {brief(str(name))}"
                 raise InputError(problem, mend=f"Did you mean {guess!r}?")
@@ -461,6 +471,9 @@ def _read_balls(columns: _Columns) -> Balls:
         rounding=columns.rounding(*_AXES),
         radius_rounding=radius_rounding,
         kinds=columns.kinds,
+        on_site={
+            name: columns.read(column) for name, column in _ON_SITE.items() if column in columns
+        },
     )
 
 
@@ -510,6 +523,12 @@ def _list_columns_of_balls(fields: Mapping[str, Any]) -> dict[str, Array]:
     columns |= {"radius": fields["radii"], "mass": fields["masses"], "inertia": fields["inertias"]}
     if fields["kinds"] is not None:
         columns["kind"] = np.array(fields["kinds"])
+    if fields["on_site"] is not None:
+        names = name_springs(allowed_motions(fields["dimension"])[fields["motions"]])
+        columns |= {
+            _ON_SITE[name]: springs
+            for name, springs in zip(names, fields["on_site"].T, strict=True)
+        }
     return columns
 
 
