@@ -702,6 +702,7 @@ class _RateBound:
         deform = abs(operator.compose(rows))
         self._pull = deform.T.tocsr()
         self._largest = deform @ np.ones(operator.size)
+        self._anchors = operator.anchors
 
     def find(self, stiffness: Array) -> float:
         """Return the bound, rad/s, of contacts of a normal ``stiffness`` (n_c,), N/m, those of the
@@ -712,7 +713,8 @@ class _RateBound:
         if len(stiffness) > count:  # balls have met
             stiffness = np.maximum(stiffness[:count], stiffness[count:].max())
         springs = np.concatenate([stiffness, *(ratio * stiffness for ratio in self._ratios)])
-        return float(np.sqrt(np.max(self._pull @ (springs * self._largest))))
+        of_contacts = self._pull @ (springs * self._largest)
+        return float(np.sqrt(np.max(of_contacts + self._anchors)))
 
 
 class _System:
