@@ -8,11 +8,14 @@ rotation turns the ball back. Springs have no length: the strain of a cell does 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from granphon.balls.hertz import ENERGY, FORCE, STIFFNESS, EnergyLaw
 from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
@@ -27,6 +30,32 @@ DISPLACEMENTS = ("x", "y", "z")
 ROTATIONS = tuple(f"{ROTATION}_{axis}" for axis in DISPLACEMENTS)
 #: part of a stiffness that couples two motions, over the largest, that is put down to rounding
 _COUPLED = 1e-9
+
+
+@dataclass(frozen=True)
+class SpringLaw(EnergyLaw):
+    """The law f = k u of a spring to the ground, which pushes and pulls; ``constant`` is k, N/m,
+    and the displacement u, m, stands for the overlap.
+    """
+
+    constant: float
+
+    @property
+    def least_overlap(self) -> float:
+        """-inf: a spring never opens."""
+        return -np.inf
+
+    def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """As :meth:`EnergyLaw._evaluate`."""
+        u = np.asarray(overlap, float)
+        derivatives = {ENERGY: 0.5 * u, FORCE: np.ones_like(u)}
+        if order in derivatives:
+            return self.constant * u * derivatives[order]
+        return np.full(u.shape, self.constant if order == STIFFNESS else 0.0)
+
+    def overlap(self, force: ArrayLike) -> Any:
+        """Return the displacement, m, at a ``force``, N."""
+        return np.asarray(force, float) / self.constant
 
 
 def name_springs(motions: Motions) -> tuple[str, ...]:

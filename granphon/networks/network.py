@@ -477,9 +477,11 @@ class ContactNetwork(Result):
     @property
     def is_balanced(self) -> bool:
         """Whether the static forces on each ball add up to no more than 1e-3 of the mean force of a
-        contact; also where static forces do not act.
+        contact; also where static forces do not act, or springs to the ground may bear the rest,
+        whose forces the network does not have.
         """
-        if not self.prestress or not self.n_contacts:
+        is_known = self.prestress and self.on_site is None
+        if not is_known or not self.n_contacts:
             return True
         _ball, _force, ratio = self.imbalance
         return ratio <= _BALANCED
@@ -490,12 +492,10 @@ class ContactNetwork(Result):
 
         That is so from 5e-3 of the mean force of a contact on, where nothing that the network lacks
         can hold the ball. A network without a period along some axis is not judged: walls that are
-        not in a file may stand there. Nor is one with springs to the ground, whose forces at rest
-        the network does not have. Where bodies hold some balls, the one acceleration that weights
-        may give to all others is left out.
+        not in a file may stand there. Where bodies hold some balls, the one acceleration that
+        weights may give to all others is left out.
         """
-        may_be_held = not all(self.pbc[: self.dimension]) or self.on_site is not None
-        if self.is_balanced or may_be_held:
+        if self.is_balanced or not all(self.pbc[: self.dimension]):
             return
         forces, _torques = self.unbalanced
         if not np.all(self.moving):

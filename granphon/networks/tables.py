@@ -18,7 +18,7 @@ from granphon.balls.motions import ALL, allowed_motions
 from granphon.balls.on_site import find_unit, name_springs
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
-from granphon.base.quantities import LENGTH, LOADS, Quantity
+from granphon.base.quantities import LENGTH, LOADS, STIFFNESS, TURN_STIFFNESS, Quantity
 from granphon.base.results import plain, restore
 from granphon.base.staging import write_text
 from granphon.base.tables import Heading, Table, table_text
@@ -45,8 +45,6 @@ from granphon.networks.building import (
 _PLACE = replace(LENGTH, least="any")
 _FORCE = replace(LOADS["force"], least="zero or above")
 _ACROSS = replace(_FORCE, least="any")
-_STIFFNESS = Quantity("stiffness", "N/m", "3 MN/m", "N/m, kN/m, MN/m, N/um", "zero or above")
-_ROLLING = Quantity("torque", "N*m", "1 N*mm", "N*m, N*mm", "zero or above")
 #: columns of springs to the ground, by the names of these
 _ON_SITE = {name: f"on_site_{name}" for name in name_springs(ALL)}
 #: columns of the table of balls, and of that of contacts, with their quantities; None: numbers
@@ -62,7 +60,7 @@ BALLS: Mapping[str, Quantity | None] = {
     "inertia": Quantity("moment of inertia", "kg*m^2", "1 g*mm^2", "kg*m^2, g*mm^2"),
     "kind": None,
     **{
-        column: _STIFFNESS if find_unit(name) == "N/m" else _ROLLING
+        column: STIFFNESS if find_unit(name) == "N/m" else TURN_STIFFNESS
         for name, column in _ON_SITE.items()
     },
 }
@@ -76,10 +74,10 @@ CONTACTS: Mapping[str, Quantity | None] = {
     "ny": None,
     "nz": None,
     "normal_force": _FORCE,
-    "normal_stiffness": _STIFFNESS,
-    "shear_stiffness": _STIFFNESS,
-    "torsion_stiffness": _ROLLING,
-    "bending_stiffness": _ROLLING,
+    "normal_stiffness": STIFFNESS,
+    "shear_stiffness": STIFFNESS,
+    "torsion_stiffness": TURN_STIFFNESS,
+    "bending_stiffness": TURN_STIFFNESS,
     "arm_i": _PLACE,
     "arm_j": _PLACE,
     "tangential_x": _ACROSS,
