@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from granphon.balls.ball import Wall
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.validation import real_array
@@ -140,7 +141,7 @@ class HalfSpace:
     network has p periods, of which p - 1 lie along the edge.
     """
 
-    def __init__(self, network: ContactNetwork, axis: Any, edge: str = "free") -> None:
+    def __init__(self, network: ContactNetwork, axis: Any, edge: str | Wall = "free") -> None:
         self.network = network
         self.edge = edge
         self.units = network.scales

@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from granphon.balls.ball import Ball
+from granphon.balls.ball import Ball, Wall
 from granphon.balls.contact_laws import Hertz
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
@@ -119,7 +119,7 @@ class Arrangement:
     cell: tuple[tuple[float, ...], ...] = ()
     sites: tuple[tuple[tuple[float, ...], str], ...] = ()
     repeat: tuple[int, ...] = ()
-    cut: tuple[tuple[Any, int, tuple[str, str]], ...] = ()
+    cut: tuple[tuple[Any, int, tuple[str | Wall, str | Wall]], ...] = ()
     replace: tuple[tuple[int, str], ...] = ()
     remove: tuple[int, ...] = ()
     law: Any = field(default_factory=Hertz)
@@ -277,7 +277,8 @@ class Arrangement:
         rows.append(("balls of the cell", balls, ""))
         rows.append(("contact law", law, ""))
         for _, layers, edges in self.cut:
-            cut = f"{counted(layers, 'layer')}, {' and '.join(edges)}"
+            words = [edge if isinstance(edge, str) else edge.describe() for edge in edges]
+            cut = f"{counted(layers, 'layer')}, {' and '.join(words)}"
             rows.append(("cut", cut, ""))
         if self.torsion:
             rows.append(("torsion", self.torsion, "k d^2"))

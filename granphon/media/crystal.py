@@ -25,7 +25,16 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
+from granphon.balls.ball import (
+    BALL_LIMITS,
+    RIGID_PLANE,
+    Ball,
+    Body,
+    ContactConstants,
+    Wall,
+    find_wall,
+    name_walls,
+)
 from granphon.balls.contact_laws import (
     PairLaw,
     check_law,
@@ -123,7 +132,7 @@ class Faces:
 
     axis: int
     thickness: float
-    edges: tuple[str, str]
+    edges: tuple[str | Wall, str | Wall]
     balls: tuple[Index, Index]
 
     @property
@@ -141,9 +150,14 @@ class Side(NamedTuple):
 
     axis: int
     sign: float
-    edge: str
+    edge: str | Wall
     balls: Index
     wall: int
+
+    @property
+    def body(self) -> Body | None:
+        """The flat body that the balls touch; None of a face without one."""
+        return find_wall(self.edge)
 
 
 class _Bodies(NamedTuple):
@@ -688,7 +702,8 @@ class Crystal(Result):
             fcc's conventional (0, 0, 1) is (1, 1, 0), and (1, 1, 1) is (1, 1, 1).
         layers : their number, in cells.
         edges : how the two faces are held: "free"; "clamped", the outer layer does not move by
-            itself; "floor", a rigid plane touches the outer balls. One word for both, or (lower,
+            itself, as beads that are glued to a wall; "floor", a rigid plane touches the outer
+            balls; or a :class:`~granphon.Wall`, an elastic one does. One for both, or (lower,
             upper).
 
         The layers follow each other along the first axis that is no longer a period, the lower face
@@ -701,7 +716,10 @@ class Crystal(Result):
         """
         count = whole_number("layers", layers, 1, _MOST_CELLS)
         _require_room(count, self)
-        face_edges = require("edges", read_edges, edges)
+        given_edges = require("edges", read_edges, edges)
+        model = self.contact_model
+        lower_edge, upper_edge = name_walls(given_edges, model.named_kinds, model.walls)
+        face_edges = (lower_edge, upper_edge)
         layering = Layers.across(axis, self.cell)
         n = self.n_balls
         normal_axis = self.periods - 1
@@ -885,8 +903,13 @@ class Crystal(Result):
 
     @property
     def _floors(self) -> list[Side]:
-        """The faces that stand on a floor."""
-        return [side for side in self._sides if side.edge == "floor"]
+        """The faces that stand on a floor or wall."""
+        return [side for side in self._sides if side.body is not None]
+
+    @property
+    def _walls(self) -> list[Body]:
+        """The different flat bodies that balls touch: floors and walls."""
+        return list(dict.fromkeys(side.body for side in self._floors if side.body is not None))
 
     @cached_property
     def _pairs(self) -> tuple[list[tuple[Body, Body, str, str]], Index]:
@@ -894,21 +917,24 @@ class Crystal(Result):
         pair of each contact.
         """
         table = self.contacts
-        floor_number = len(self.kinds)  # the floor counts as a kind after those of the balls
-        body_count = floor_number + 1
+        walls = self._walls  # these count as kinds after those of the balls
+        body_count = len(self.kinds) + len(walls)
         kinds_i = self.kind[table.i]
         kinds_j = self.kind[table.j]
         on_floors = [self.kind[floor.balls] for floor in self._floors]
         kinds_on_floors = np.concatenate([np.zeros(0, np.intp), *on_floors])
-        floor_numbers = np.full(len(kinds_on_floors), floor_number)
+        numbers = [
+            len(self.kinds) + walls.index(floor.body) for floor in self._floors if floor.body
+        ]
+        floor_numbers = np.repeat(np.array(numbers, np.intp), [len(balls) for balls in on_floors])
         lower_kind = np.concatenate([np.minimum(kinds_i, kinds_j), kinds_on_floors])
         higher_kind = np.concatenate([np.maximum(kinds_i, kinds_j), floor_numbers])
         # one whole number for each pair of kinds
         keys, pair_of_contact = np.unique(
             lower_kind * body_count + higher_kind, return_inverse=True
         )
-        bodies: list[Body] = [*self.kinds, RIGID_PLANE]
-        names = [*self.names, RIGID_PLANE.name]
+        bodies: list[Body] = [*self.kinds, *walls]
+        names = [*self.names, *(wall.name for wall in walls)]
         pairs = []
         for key in keys.tolist():
             first, second = divmod(key, body_count)
@@ -935,14 +961,18 @@ class Crystal(Result):
         return ContactLaws(groups, len(pair_of_contact), self._constants[0])
 
     def law_of(self, i: int, j: int) -> tuple[PairLaw, float, float]:
-        """Return the law of balls i and j, 4 G*/E*, and E*, Pa; numbers that no ball has are
-        floors.
+        """Return the law of balls i and j, 4 G*/E*, and E*, Pa; numbers behind those of the balls
+        are those of the floors and walls of faces, in their order, and others a rigid floor.
         """
         return self.contact_model.law_of(self._find_kind_name(i), self._find_kind_name(j))
 
     def _find_kind_name(self, number: int) -> str:
-        """Return the name of the kind of a ball; a number that no ball has is a floor."""
-        return self.names[self.kind[number]] if number < self.n_balls else RIGID_PLANE.name
+        """Return the name of the kind of a ball, or of a wall; see :meth:`law_of`."""
+        if number < self.n_balls:
+            return self.names[self.kind[number]]
+        bodies = [side.body or RIGID_PLANE for side in self._floors]
+        place = number - self.n_balls
+        return bodies[place].name if place < len(bodies) else RIGID_PLANE.name
 
     def touch(self) -> CrystalState:
         """Return the state in which balls touch, with zero stress and strain; overlaps are 1e-6 of
@@ -974,8 +1004,15 @@ class Crystal(Result):
     @cached_property
     def contact_model(self) -> ContactModel:
         """The kinds and the laws of their contacts, for networks of the crystal."""
+        walls = tuple(wall for wall in self._walls if isinstance(wall, Wall))
         return ContactModel(
-            self.kinds, self.names, self.law, self.friction, self.torsion, self.bending
+            self.kinds,
+            self.names,
+            self.law,
+            self.friction,
+            self.torsion,
+            self.bending,
+            walls=walls,
         )
 
     @cached_property
@@ -1443,7 +1480,8 @@ class Crystal(Result):
             if lift <= 0.0 or pressure > weight or is_held_at_both:
                 continue
             unit = _PRESSURE_UNITS[self.periods + len(self.faces)]
-            support = low if stands_on_low else high
+            edge = low if stands_on_low else high
+            support = edge.name if isinstance(edge, Wall) else edge
             sign = "" if stands_on_low else "-"
             why = (
                 f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {support} on which"
@@ -1975,11 +2013,19 @@ class CrystalState(Result):
             checks.append(check_limit("table", ratio))
         checks += self._check_balls()
         strengths = [ball.material.yield_strength for ball in crystal.kinds]
-        if any(strengths):
+        walls = [floor.edge.material for floor in crystal._floors if isinstance(floor.edge, Wall)]
+        if any(strengths) or any(material.yield_strength for material in walls):
             # a ball whose strength is not known does not yield
             kind_strengths = [math.inf if value is None else value for value in strengths]
             ball_strengths = np.array(kind_strengths)[crystal.kind]
             contact_strengths = crystal._take_least_of_ends(ball_strengths)
+            last = len(contact_strengths)
+            for floor in reversed(crystal._floors):  # contacts with floors come last
+                strength = getattr(floor.edge, "material", None)
+                strength = getattr(strength, "yield_strength", None) or math.inf
+                on_floor = slice(last - len(floor.balls), last)
+                contact_strengths[on_floor] = np.minimum(contact_strengths[on_floor], strength)
+                last = on_floor.start
             area = math.pi * self.contact_radius**2
             pressure = np.divide(self.normal_force, area, out=np.zeros_like(area), where=area > 0.0)
             checks.append(check_limit("yield", np.max(pressure / contact_strengths, axis=-1)))
@@ -2105,7 +2151,7 @@ class CrystalState(Result):
         masses = np.where(self._is_clamped, np.inf, crystal.masses)
         inertias = np.array([ball.inertia for ball in crystal.kinds])[crystal.kind]
         kinds = [crystal.names[number] for number in crystal.kind.tolist()]
-        kinds += [RIGID_PLANE.name for _ in floors]
+        kinds += [floor.body.name for floor in floors if floor.body]
         return {
             "cell": cell,
             "positions": positions,

@@ -18,7 +18,7 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.ball import RIGID_PLANE
+from granphon.balls.ball import Body, Wall, find_wall, name_walls
 from granphon.balls.contact_model import ContactModel
 from granphon.balls.hertz import HOLDING_FORCE
 from granphon.balls.lattices import Lattice
@@ -803,10 +803,11 @@ class ContactNetwork(Result):
             the integer Miller indices of their plane, one for each period.
         layers : their number, in cells.
         edges : how the two faces are held: "free"; "clamped", the balls of the outer layer do not
-            move; "floor", a rigid plane touches the outer balls. The force on it is that of the
-            contacts which each ball has lost there, and its stiffness that of a ball on a rigid
-            plane under this force, by the :attr:`contact_model`: the floor of :meth:`Crystal.cut
-            <granphon.Crystal.cut>`. One word for both, or (lower, upper).
+            move; "floor", a rigid plane touches the outer balls; a :class:`~granphon.Wall`, an
+            elastic one does. The force on a floor or wall is that of the contacts which each ball
+            has lost there, and its stiffness that of a ball on such a plane under this force, by
+            the :attr:`contact_model`: the floor of :meth:`Crystal.cut <granphon.Crystal.cut>`. One
+            for both, or (lower, upper).
 
         The layers follow each other along the first axis that is no longer a period, the lower face
         first: y of what was cut from a plane, z from space, x from a chain. If need be the network
@@ -820,7 +821,11 @@ class ContactNetwork(Result):
         and only a face without others is an error.
         """
         n_layers = whole_number("layers", layers, 1, MOST_CELLS)
+        model = self.contact_model
         lower_edge, upper_edge = require("edges", read_edges, edges)
+        if model is not None:
+            given_edges = (lower_edge, upper_edge)
+            lower_edge, upper_edge = name_walls(given_edges, model.named_kinds, model.walls)
         self._require_memory(n_layers)
         stack = _LayerStack.of(self, self.layers_across(axis), n_layers)
         n_periods = len(stack.layers.cell)
@@ -833,13 +838,15 @@ class ContactNetwork(Result):
             heights, balls["radii"], (lower_edge, upper_edge), self.n_balls, 4.0 * spread
         )
         clamped_faces = list[Index]()
+        walls = list[Body]()
         for side, edge, face in ((-1.0, lower_edge, lower_face), (1.0, upper_edge, upper_face)):
             if edge == "clamped":
                 balls["masses"][face] = np.inf
                 clamped_faces.append(face)
-            elif edge == "floor":
-                floor = stack.find_floor(side, face, may_carry_none=bool(spread))
+            elif (wall := find_wall(edge)) is not None:
+                floor = stack.find_floor(side, face, wall, may_carry_none=bool(spread))
                 floor.add_to(balls, contacts, n_periods)
+                walls.append(wall)
         is_still = np.isinf(balls["masses"])
         contacts = _leave_out_still(contacts, is_still)
         on_site = turn_on_site(self._repeat_springs(n_layers), stack.turn, self._named_motions)
@@ -851,8 +858,10 @@ class ContactNetwork(Result):
         cell[:n_periods, : self.dimension] = stack.layers.cell
         kinds = self.kinds
         if kinds:
-            n_floors = len(is_still) - n_layers * self.n_balls
-            kinds = kinds * n_layers + (RIGID_PLANE.name,) * n_floors
+            kinds = kinds * n_layers + tuple(wall.name for wall in walls)
+        if model is not None:
+            elastic_walls = [wall for wall in walls if isinstance(wall, Wall)]
+            model = replace(model, walls=tuple(dict.fromkeys([*model.walls, *elastic_walls])))
         return replace(
             self,
             cell=cell,
@@ -864,6 +873,7 @@ class ContactNetwork(Result):
             lattice=None,
             shape=None,
             kinds=kinds,
+            contact_model=model,
             on_site=on_site,
         )
 
@@ -916,10 +926,10 @@ class ContactNetwork(Result):
             forces += self.tangential_force[contacts]
         return np.asarray(forces)
 
-    def _press_on_floor(self, balls: Index, force: Array, face: str) -> dict[str, Any]:
-        """Return the fields (m,) of the contacts of ``balls`` (m,) of a cut with a rigid plane,
-        each under its own ``force`` (m,), N, in SI units by name; ``face`` is the face of these
-        balls in words. InputError for a ball without a force, or of an unknown material.
+    def _press_on_floor(self, balls: Index, force: Array, wall: Body, face: str) -> dict[str, Any]:
+        """Return the fields (m,) of the contacts of ``balls`` (m,) of a cut with a ``wall``, each
+        under its own ``force`` (m,), N, in SI units by name; ``face`` is the face of these balls in
+        words. InputError for a ball without a force, or of an unknown material.
         """
         model = self.contact_model
         if model is None:
@@ -928,12 +938,12 @@ class ContactNetwork(Result):
                 "Give the material where the network is read, as from_table(..., material=...);"
                 " or clamp the face"
             )
-            raise InputError(fault, "Its stiffness is that of a ball on a rigid plane", mend)
+            raise InputError(fault, "Its stiffness is that of a ball on a flat wall", mend)
         in_layer = balls % self.n_balls
         names = self._name_kinds(in_layer, model, face)
         radii = self.radii[in_layer]
         try:
-            contacts = model.press_on_floor(names, radii, force)
+            contacts = model.press_on_wall(names, radii, force, wall)
         except InputError as error:
             reason = str(error).rstrip(".")
             fault = f"there is no floor for the balls of the {face}: {reason}"
@@ -1576,9 +1586,9 @@ class _LayerStack:
             "shift": np.pad(self.shift[is_kept], padding),
         }
 
-    def find_floor(self, side: float, face: Index, may_carry_none: bool) -> _Floor:
+    def find_floor(self, side: float, face: Index, wall: Body, may_carry_none: bool) -> _Floor:
         """Return the floor of the balls of a ``face`` (m,), the lower one (``side`` -1) or the
-        upper one (+1).
+        upper one (+1), which is a ``wall``.
 
         The force on each ball is that of the contacts which the ball has lost there. Balls of the
         face that have lost none stand on no floor if ``may_carry_none``, as of balls of different
@@ -1606,13 +1616,13 @@ class _LayerStack:
         signs = np.where(self.has_i, side, -side)[cut_contacts]
         places = np.searchsorted(pressed_balls, balls)
         force: Any = np.bincount(places, signs * forces)
-        springs = self.network._press_on_floor(pressed_balls, force, _name_face(side))
+        springs = self.network._press_on_floor(pressed_balls, force, wall, _name_face(side))
         return _Floor(side, pressed_balls, springs)
 
 
 @dataclass(frozen=True, eq=False)
 class _Floor:
-    """A rigid plane below (``side`` -1) or above (+1) a cut, on which ``balls`` (m,) stand;
+    """A flat wall below (``side`` -1) or above (+1) a cut, on which ``balls`` (m,) stand;
     ``springs`` has the fields (m,) of their contacts.
     """
 

@@ -213,7 +213,8 @@ FIELDS: tuple[Field, ...] = (
     ),
     _packing_field(
         "crystal.cut",
-        "block `axis`, `layers`, `edges` of a strip, slab or column, or a list",
+        "block `axis`, `layers`, `edges` of a strip, slab or column, or a list; an edge is a word,"
+        " or `{wall: ...}` with a material, or the kind of balls that has it",
         "none",
         CUT,
     ),
