@@ -55,7 +55,7 @@ def test_a_row_on_a_wall_has_the_response_of_its_crystal(tmp_path):
     row = gp.Crystal.on("chain", [steel_ball()], on_site=2e4).repeat((4,))
     network = row.cut(0, 1, (gp.Wall(BRASS), "free")).at_force(20.0).network
     expected = gp.Waves(network).response([1e3, 2e3], (3, "x"), (0, "x"), damping=1e-6)
-    values = result.dataset["response"] * np.exp(1j * result.dataset["response_phase"])
+    values = result.dataset["receptance"] * np.exp(1j * result.dataset["response_phase"])
     assert_allclose(values.values.ravel(), expected.values.ravel(), rtol=1e-12)
 
 
