@@ -68,22 +68,30 @@ class Body(Protocol):
 class _Elastic:
     """What a body of an elastic ``material`` yields by at a contact."""
 
-    material: Any
+    material: Material | str
+
+    @property
+    def solid(self) -> Material:
+        """The material; InputError for a wall that names the kind of balls which has it."""
+        if isinstance(self.material, str):
+            problem = f"the material of a wall is that of the kind {self.material!r}"
+            raise InputError(problem, "A crystal or network that is cut knows it", "Cut it first")
+        return self.material
 
     @property
     def compliance(self) -> float:
         """(1 - sigma^2)/E of the material, 1/Pa."""
-        return 0.5 / self.material.contact_modulus
+        return 0.5 / self.solid.contact_modulus
 
     @property
     def shear_compliance(self) -> float:
         """(2 - sigma)/G of the material, 1/Pa."""
-        return (2.0 - self.material.poisson_ratio) / self.material.shear_modulus
+        return (2.0 - self.solid.poisson_ratio) / self.solid.shear_modulus
 
     @property
     def twist_compliance(self) -> float:
         """1/G of the material, 1/Pa."""
-        return 1.0 / self.material.shear_modulus
+        return 1.0 / self.solid.shear_modulus
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,8 @@ class ContactModel:
         """Return the ball of the kind of a ``name``, or the wall, or the rigid plane for that of a
         floor.
         """
-        for wall in (RIGID_PLANE, *self.walls):
+        walls: list[Body] = [RIGID_PLANE, *self.walls]
+        for wall in walls:
             if name == wall.name:
                 return wall
         return self.kinds[self.names.index(name) if self.names else 0]

@@ -244,24 +244,16 @@ class ContactLattice(LongWaves):
         rotational = spring * units.length**2
         motions = allowed_motions(dimension)[network.motions]
         table = _tabulate_contacts(network, kept, normal, vector)
-        springs = turn_on_site(find_anchors(network), turn, motions)
-        n_springs = 0
-        if springs is not None:
-            springs = springs[moving] / units.stiffness
-            anchored = np.flatnonzero(np.any(springs, axis=1))
-            springs = springs[anchored]
-            n_springs = len(anchored)
-            table = _add_springs(table, anchored, int(np.count_nonzero(moving)))
+        anchored, springs = _find_springs(network, turn, motions)
 
         def extend(values: Array, of_spring: float = 0.0) -> Array:
             """Return values (n_c, ...) of contacts with those of the springs to the ground."""
-            last = np.full((n_springs, *values.shape[1:]), of_spring)
-            return np.concatenate([values, last]) if n_springs else values
+            return np.concatenate([values, np.full((len(anchored), *values.shape[1:]), of_spring)])
 
         return cls(
             cell / units.length,
             turn_frame(network.positions[moving]) / units.length,
-            table,
+            _add_springs(table, anchored, int(np.count_nonzero(moving))),
             extend(network.shear_stiffness[kept] / spring),
             stiffness=extend(spring / units.stiffness, 1.0),
             prestress=extend(prestress) if network.prestress else 0.0,
@@ -272,7 +264,7 @@ class ContactLattice(LongWaves):
             tangential_force=extend(across / units.force),
             distance=extend(network.distance[kept] / units.length, 1.0),
             motions=motions,
-            on_site=springs,
+            on_site=springs if len(anchored) else None,
             name="of this network",
         )
 
@@ -743,7 +735,8 @@ class ContactLattice(LongWaves):
         of_balls = (self._to_balls @ motions).reshape(self.n_balls, -1, motions.shape[1])
         held = of_balls[self.contacts.i[self.n_between :]]
         springs = self.on_site[:, : self.motions.count]
-        return np.any((springs[..., None] > 0.0) & (np.abs(held) > _STILL), axis=(0, 1))
+        resists = (springs[..., None] > 0.0) & (np.abs(held) > _STILL)
+        return np.asarray(np.any(resists, axis=(0, 1)))
 
     def _turn_about_line(self) -> Complex:
         """Return the rotation of all balls about the only period, as a motion (n_branches,) of the
@@ -788,11 +781,26 @@ def _tabulate_contacts(
     )
 
 
+def _find_springs(network: ContactNetwork, turn: Array, motions: Motions) -> tuple[Index, Array]:
+    """Return the balls (n_g,) that springs to the ground hold, among those that move, and the
+    stiffnesses (n_g, motions) of these springs along the axes of the lattice, which are the rows of
+    ``turn`` (d, d), in the unit of the network.
+    """
+    springs = turn_on_site(find_anchors(network), turn, motions)
+    if springs is None:
+        return np.zeros(0, np.intp), np.zeros((0, motions.count))
+    of_moving = springs[network.moving] / network.scales.stiffness
+    anchored = np.flatnonzero(np.any(of_moving, axis=1))
+    return anchored, of_moving[anchored]
+
+
 def _add_springs(table: ContactTable, balls: Index, ground: int) -> ContactTable:
     """Return a table of contacts with those of ``balls`` (n_g,) with the ``ground``, a body that
-    does not move, behind them.
+    does not move, behind them; the table itself without such balls.
     """
     count = len(balls)
+    if not count:
+        return table
     d = table.normal.shape[1]
     normal = np.zeros((count, d))
     normal[:, 0] = 1.0  # a spring to the ground has no direction: that of its contact means nothing

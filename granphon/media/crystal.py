@@ -159,6 +159,12 @@ class Side(NamedTuple):
         """The flat body that the balls touch; None of a face without one."""
         return find_wall(self.edge)
 
+    @property
+    def strength(self) -> float:
+        """The yield strength of the wall, Pa; infinite where it is not known."""
+        strength = self.edge.solid.yield_strength if isinstance(self.edge, Wall) else None
+        return math.inf if strength is None else strength
+
 
 class _Bodies(NamedTuple):
     """What moves in the statics: balls, and walls on faces.
@@ -863,7 +869,7 @@ class Crystal(Result):
                 axes = np.eye(self.dimension)
                 return np.asarray(side.sign * axes[side.axis])
         if self.dimension - 1 in self._find_anchored_axes():
-            return -np.eye(self.dimension)[-1]
+            return np.asarray(-np.eye(self.dimension)[-1])
         error = InputError(
             f"nothing holds crystal {self.name!r} against gravity",
             mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))',
@@ -879,6 +885,18 @@ class Crystal(Result):
         between_balls = np.minimum(quantity[table.i], quantity[table.j])
         on_floors = [quantity[floor.balls] for floor in self._floors]
         return np.concatenate([between_balls, *on_floors])
+
+    @property
+    def _contact_strengths(self) -> Array:
+        """(n_c,) the smaller yield strength of the two bodies of each contact, Pa; a body whose
+        strength is not known does not yield.
+        """
+        strengths = [ball.material.yield_strength for ball in self.kinds]
+        of_kinds = np.array([math.inf if value is None else value for value in strengths])
+        of_balls = self._take_least_of_ends(of_kinds[self.kind])
+        of_walls = [np.full(len(floor.balls), floor.strength) for floor in self._floors]
+        between = np.full(len(self.contacts), math.inf)
+        return np.minimum(of_balls, np.concatenate([between, *of_walls]))
 
     @cached_property
     def masses(self) -> Array:
@@ -970,7 +988,7 @@ class Crystal(Result):
         """Return the name of the kind of a ball, or of a wall; see :meth:`law_of`."""
         if number < self.n_balls:
             return self.names[self.kind[number]]
-        bodies = [side.body or RIGID_PLANE for side in self._floors]
+        bodies: list[Body] = [side.body or RIGID_PLANE for side in self._floors]
         place = number - self.n_balls
         return bodies[place].name if place < len(bodies) else RIGID_PLANE.name
 
@@ -2012,23 +2030,11 @@ class CrystalState(Result):
             ratio = np.max(np.maximum(self.overlap, 0.0) / last_overlap, axis=-1)
             checks.append(check_limit("table", ratio))
         checks += self._check_balls()
-        strengths = [ball.material.yield_strength for ball in crystal.kinds]
-        walls = [floor.edge.material for floor in crystal._floors if isinstance(floor.edge, Wall)]
-        if any(strengths) or any(material.yield_strength for material in walls):
-            # a ball whose strength is not known does not yield
-            kind_strengths = [math.inf if value is None else value for value in strengths]
-            ball_strengths = np.array(kind_strengths)[crystal.kind]
-            contact_strengths = crystal._take_least_of_ends(ball_strengths)
-            last = len(contact_strengths)
-            for floor in reversed(crystal._floors):  # contacts with floors come last
-                strength = getattr(floor.edge, "material", None)
-                strength = getattr(strength, "yield_strength", None) or math.inf
-                on_floor = slice(last - len(floor.balls), last)
-                contact_strengths[on_floor] = np.minimum(contact_strengths[on_floor], strength)
-                last = on_floor.start
+        strengths = crystal._contact_strengths
+        if np.any(np.isfinite(strengths)):
             area = math.pi * self.contact_radius**2
             pressure = np.divide(self.normal_force, area, out=np.zeros_like(area), where=area > 0.0)
-            checks.append(check_limit("yield", np.max(pressure / contact_strengths, axis=-1)))
+            checks.append(check_limit("yield", np.max(pressure / strengths, axis=-1)))
         return tuple(checks)
 
     def _check_balls(self) -> list[Check]:

@@ -481,7 +481,11 @@ def _find_in_gap(waves: Array, bands: Array, expected: float) -> float | None:
 
 
 def observe_surface(
-    states: Sequence[State], different: Sequence[State], axis: Any, edge: str, points: int
+    states: Sequence[State],
+    different: Sequence[State],
+    axis: Any,
+    edge: str | Wall,
+    points: int,
 ) -> dict[str, Array]:
     """Return the waves at an edge at each of n loads, by the names of the catalogue: what a run
     keeps.
