@@ -896,7 +896,7 @@ class Crystal(Result):
         of_balls = self._take_least_of_ends(of_kinds[self.kind])
         of_walls = [np.full(len(floor.balls), floor.strength) for floor in self._floors]
         between = np.full(len(self.contacts), math.inf)
-        return np.minimum(of_balls, np.concatenate([between, *of_walls]))
+        return np.asarray(np.minimum(of_balls, np.concatenate([between, *of_walls])))
 
     @cached_property
     def masses(self) -> Array:
@@ -987,7 +987,7 @@ class Crystal(Result):
     def _find_kind_name(self, number: int) -> str:
         """Return the name of the kind of a ball, or of a wall; see :meth:`law_of`."""
         if number < self.n_balls:
-            return self.names[self.kind[number]]
+            return self.names[int(self.kind[number])]
         bodies: list[Body] = [side.body or RIGID_PLANE for side in self._floors]
         place = number - self.n_balls
         return bodies[place].name if place < len(bodies) else RIGID_PLANE.name
