@@ -26,6 +26,7 @@ _ORDER = (
     "poisson_ratio",
     "granular_chain",
     "diatomic_chain",
+    "magnetic_chain",
     "defect_mode",
     "column",
     "pressed_along_one_axis",

@@ -473,6 +473,7 @@ IMAGES: dict[str, Callable[[], Any] | str] = {
     "edges": of_example("zigzag_edge"),
     "response": of_example("transfer_function"),
     "traces": of_example("time_of_flight"),
+    "walls": of_example("magnetic_chain"),
     "transmission": of_example("transmission"),
     "impact": of_example("solitary_wave"),
     "paper": of_example("paper_figure5"),

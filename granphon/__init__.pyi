@@ -12,6 +12,7 @@ from .array.pressed_sample import PressedSample as PressedSample
 from .array.sample import Sample as Sample
 from .balls.ball import Ball as Ball
 from .balls.ball import Body as Body
+from .balls.ball import Wall as Wall
 from .balls.contact_laws import DMT as DMT
 from .balls.contact_laws import JKR as JKR
 from .balls.contact_laws import Hertz as Hertz
@@ -90,6 +91,7 @@ from .observables.velocities import sound_velocities as sound_velocities
 from .phonons.ball_contacts import BallContacts as BallContacts
 from .phonons.bands import Bands as Bands
 from .phonons.bands import ComplexBands as ComplexBands
+from .phonons.bands import Cutoffs as Cutoffs
 from .phonons.bands import PhononModes as PhononModes
 from .phonons.calculator import HertzMindlin as HertzMindlin
 from .phonons.calculator import atoms as atoms

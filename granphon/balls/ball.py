@@ -1,20 +1,25 @@
 """The ball: its material, size, mass and inertia; and the elastic constants of two bodies that
 touch.
 
-A flat wall that does not yield is a body like a ball, of no curvature and no compliance
-(:data:`RIGID_PLANE`).
+A flat wall is a body like a ball, of no curvature (:class:`Wall`), and of no compliance either if
+it does not yield (:data:`RIGID_PLANE`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform, given_spread
 from granphon.balls.material import LEAST_DENSITY, LEAST_YOUNG_MODULUS, Material
 from granphon.base.errors import InputError, brief
+from granphon.base.scales import write_quantity
 from granphon.base.validation import is_one_of, label, positive, require
 
+#: name of a wall that has none
+_WALL = "wall"
 #: reason given when a property of a ball is outside its limit
 WRONG_UNIT = "the unit is probably wrong, SI units are expected"
 #: conditions on balls, by name: the attribute of a ball or packing, what it is, its unit, the limit
@@ -60,8 +65,37 @@ class Body(Protocol):
         ...
 
 
+class _Elastic:
+    """What a body of an elastic ``material`` yields by at a contact."""
+
+    material: Material | str
+
+    @property
+    def solid(self) -> Material:
+        """The material; InputError for a wall that names the kind of balls which has it."""
+        if isinstance(self.material, str):
+            problem = f"the material of a wall is that of the kind {self.material!r}"
+            raise InputError(problem, "A crystal or network that is cut knows it", "Cut it first")
+        return self.material
+
+    @property
+    def compliance(self) -> float:
+        """(1 - sigma^2)/E of the material, 1/Pa."""
+        return 0.5 / self.solid.contact_modulus
+
+    @property
+    def shear_compliance(self) -> float:
+        """(2 - sigma)/G of the material, 1/Pa."""
+        return (2.0 - self.solid.poisson_ratio) / self.solid.shear_modulus
+
+    @property
+    def twist_compliance(self) -> float:
+        """1/G of the material, 1/Pa."""
+        return 1.0 / self.solid.shear_modulus
+
+
 @dataclass(frozen=True)
-class Ball:
+class Ball(_Elastic):
     """A ball of a crystal.
 
     Parameters
@@ -129,20 +163,50 @@ class Ball:
         """One over the radius, 1/m."""
         return 2.0 / self.diameter
 
-    @property
-    def compliance(self) -> float:
-        """(1 - sigma^2)/E of the material, 1/Pa."""
-        return 0.5 / self.material.contact_modulus
 
-    @property
-    def shear_compliance(self) -> float:
-        """(2 - sigma)/G of the material, 1/Pa."""
-        return (2.0 - self.material.poisson_ratio) / self.material.shear_modulus
+@dataclass(frozen=True)
+class Wall(_Elastic):
+    """A flat elastic wall, thick and wide against the contacts of balls that touch it.
 
-    @property
-    def twist_compliance(self) -> float:
-        """1/G of the material, 1/Pa."""
-        return 1.0 / self.material.shear_modulus
+    A ball touches it by the laws of Hertz and Mindlin as another ball, of which the radius is
+    infinite. A wall stands where a crystal or a network is cut, as
+    ``crystal.cut(axis, layers, edges=(gp.Wall(steel), "free"))``; the edge "floor" is the limit of
+    a wall that does not yield.
+
+    Parameters
+    ----------
+    material : the material; or the name of the kind of balls of whose material the wall is.
+    name : of the wall among the kinds of bodies, by which contact laws of pairs know it; by default
+        "wall", and "wall_2" of a second one.
+
+    Raises
+    ------
+    InputError : something else than a :class:`~granphon.Material` or the name of a kind; a name
+        that cannot be read, or that others have.
+    """
+
+    material: Material | str
+    name: str = ""
+
+    #: one over the radius, 1/m
+    curvature: ClassVar[float] = 0.0
+
+    def __post_init__(self) -> None:
+        given: Any = self.material
+        if not isinstance(given, Material | str):
+            raise InputError(
+                f"the material of a wall is {brief(given)}", mend="Give a granphon.Material"
+            )
+        if isinstance(given, str):
+            require("the kind of the material of a wall", label, given)
+        if not is_one_of(self.name, ("",)):
+            require("the name of a wall", label, self.name)
+
+    def describe(self) -> str:
+        """Return the wall in a few words."""
+        if isinstance(self.material, str):
+            return f"wall of the material of {self.material}"
+        return f"wall with E = {write_quantity(self.material.young_modulus, 'Pa')}"
 
 
 @dataclass(frozen=True)
@@ -158,6 +222,67 @@ class _RigidPlane:
 
 #: the floor on which a crystal stands
 RIGID_PLANE = _RigidPlane()
+
+
+def find_wall(edge: Any) -> Body | None:
+    """Return the flat body at an ``edge`` of a cut, which is a word or a :class:`Wall`; None at an
+    edge without a wall.
+    """
+    if isinstance(edge, Wall):
+        return edge
+    return RIGID_PLANE if is_one_of(edge, (RIGID_PLANE.name,)) else None
+
+
+def name_walls(
+    edges: Iterable[str | Wall], kinds: Mapping[str, Ball], known: Sequence[Wall]
+) -> tuple[str | Wall, ...]:
+    """Return the edges of a cut, on which walls have their materials and names.
+
+    ``kinds`` are the balls by the names of their kinds, and ``known`` the walls of earlier cuts.
+    Raises :class:`InputError` for the material of a kind that there is not, and for a name that
+    another kind or wall has.
+    """
+    walls = list(known)
+    named: list[str | Wall] = []
+    for edge in edges:
+        if isinstance(edge, Wall):
+            wall = _name_wall(_find_material(edge, kinds), kinds, walls)
+            walls.append(wall)
+            named.append(wall)
+        else:
+            named.append(edge)
+    return tuple(named)
+
+
+def _find_material(wall: Wall, kinds: Mapping[str, Ball]) -> Wall:
+    """Return a wall with its material in place of the name of a kind of balls."""
+    if isinstance(wall.material, Material):
+        return wall
+    if wall.material not in kinds:
+        problem = f"a wall is of the material of {wall.material!r}, and there is no such kind"
+        names = ", ".join(kinds)
+        mend = (
+            f"Give a granphon.Material, or one of {names}" if names else "Give a granphon.Material"
+        )
+        raise InputError(problem, mend=mend)
+    return replace(wall, material=kinds[wall.material].material)
+
+
+def _name_wall(wall: Wall, kinds: Mapping[str, Ball], walls: Sequence[Wall]) -> Wall:
+    """Return a wall with its name: the given one, that of an equal one of the ``walls``, or the
+    next that is free.
+    """
+    taken = {*kinds, RIGID_PLANE.name, *(other.name for other in walls)}
+    for other in walls:
+        if other.material == wall.material and wall.name in ("", other.name):
+            return other
+    if not wall.name:
+        names = (_WALL if number == 1 else f"{_WALL}_{number}" for number in itertools.count(1))
+        return replace(wall, name=next(name for name in names if name not in taken))
+    if wall.name in taken:
+        problem = f"a wall is called {wall.name!r}, as another kind or wall"
+        raise InputError(problem, mend="Name it differently")
+    return wall
 
 
 class ContactConstants(NamedTuple):

@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from granphon.balls.ball import RIGID_PLANE, Ball, Body, ContactConstants
+from granphon.balls.ball import RIGID_PLANE, Ball, Body, ContactConstants, Wall
 from granphon.balls.contact_laws import (
     DMT,
     JKR,
@@ -49,6 +49,7 @@ class ContactModel:
     torsion, bending : as for :class:`~granphon.Crystal`.
     own_radii : whether contacts have the curvatures of the radii of their balls, not those of the
         kinds.
+    walls : those that balls touch, with their names.
     """
 
     kinds: tuple[Ball, ...]
@@ -58,6 +59,7 @@ class ContactModel:
     torsion: float | str = 0.0
     bending: float = 0.0
     own_radii: bool = False
+    walls: tuple[Wall, ...] = ()
 
     @classmethod
     def of(cls, packing: Packing) -> Self:
@@ -76,9 +78,13 @@ class ContactModel:
         return all(isinstance(law, PlainLaw) for law in laws)
 
     def body(self, name: str) -> Body:
-        """Return the ball of the kind of a ``name``, or the rigid plane for that of a floor."""
-        if name == RIGID_PLANE.name:
-            return RIGID_PLANE
+        """Return the ball of the kind of a ``name``, or the wall, or the rigid plane for that of a
+        floor.
+        """
+        walls: list[Body] = [RIGID_PLANE, *self.walls]
+        for wall in walls:
+            if name == wall.name:
+                return wall
         return self.kinds[self.names.index(name) if self.names else 0]
 
     def law_of(self, name: str, other: str) -> tuple[PairLaw, float, float]:
@@ -110,14 +116,22 @@ class ContactModel:
         """Return the stiffness against rolling, N m; for the arguments see :meth:`find_torsion`."""
         return np.asarray(self.bending * stiffness * distance**2)
 
-    def press_on_floor(self, names: Sequence[str], radii: Array, force: Array) -> dict[str, Array]:
-        """Return the contacts of balls with a rigid plane, each under its own force.
+    @property
+    def named_kinds(self) -> dict[str, Ball]:
+        """The ball of each kind that has a name."""
+        return dict(zip(self.names, self.kinds, strict=False))
+
+    def press_on_wall(
+        self, names: Sequence[str], radii: Array, force: Array, wall: Body
+    ) -> dict[str, Array]:
+        """Return the contacts of balls with a flat wall, each under its own force.
 
         Parameters
         ----------
         names : the kind of each ball; empty if they are of one kind.
         radii : (m,) of the balls, m, which count if the model has ``own_radii``.
-        force : (m,) on the plane, N.
+        force : (m,) on the wall, N.
+        wall : the body, of no curvature.
 
         Returns (m,) ``overlap``, m, ``arm``, the radius with which the contact is reckoned, m, and
         ``normal_stiffness``, ``shear_stiffness``, N/m, ``torsion_stiffness``,
@@ -137,25 +151,25 @@ class ContactModel:
         )
         for group, (kind, diameter) in enumerate(groups.tolist()):
             balls = np.flatnonzero(group_of_ball.ravel() == group)
-            group_columns = self._press_kind_on_floor(int(kind), diameter, force[balls])
+            group_columns = self._press_kind(int(kind), diameter, force[balls], wall)
             for name, group_column in group_columns.items():
                 columns[name][balls] = group_column
         return columns
 
-    def _press_kind_on_floor(self, kind: int, diameter: float, force: Array) -> dict[str, Any]:
-        """Return the arrays (m,), or numbers, of :meth:`press_on_floor` for balls of one kind and
-        ``diameter``, m, under forces (m,), N.
+    def _press_kind(self, kind: int, diameter: float, force: Array, wall: Body) -> dict[str, Any]:
+        """Return the arrays (m,), or numbers, of :meth:`press_on_wall` for balls of one kind and
+        ``diameter``, m, under forces (m,), N, on a ``wall``.
         """
         ball = self.kinds[kind]
         body = Ball(ball.material, diameter) if self.own_radii else ball
         name = self.names[kind] if self.names else ""
-        law = law_of_pair(self.law, body, RIGID_PLANE, name, RIGID_PLANE.name)
-        constants = ContactConstants.of(body, RIGID_PLANE)
+        law = law_of_pair(self.law, body, wall, name, wall.name)
+        constants = ContactConstants.of(body, wall)
         check_law(law, constants.radius)
         overlap = np.asarray(law.overlap(force))
         stiffness = np.asarray(law.stiffness(overlap))
         punch = punch_stiffness(law, overlap, constants.modulus)
-        radius = 0.5 * diameter  # the distance of the centre from the floor, too
+        radius = 0.5 * diameter  # the distance of the centre from the wall, too
         contact_radius = punch / (2.0 * constants.modulus)
         shear = constants.mindlin_ratio * punch if self.friction else 0.0
         torsion = self.find_torsion(stiffness, radius, contact_radius, constants.twist_modulus)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from granphon.balls.ball import Wall
 from granphon.balls.neighbours import TOUCH, contact_frames
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, Refused, brief
@@ -152,22 +153,30 @@ def read_axis(value: Any) -> Any:
     return each(indices, index_rule, "Miller indices")
 
 
-def read_edges(value: Any) -> tuple[str, str]:
-    """Read how the lower and the upper edge are held, from one word for both or two; raises Refused
-    for another value.
+def read_edges(value: Any) -> tuple[str | Wall, str | Wall]:
+    """Read how the lower and the upper edge are held, from one word or wall for both or two; raises
+    Refused for another value.
     """
     words = value.split() if isinstance(value, str) else value
+    if isinstance(words, Wall):
+        words = [words]
     if not isinstance(words, list | tuple) or len(words) not in (1, 2):
         raise Refused(
             show(value),
-            f"one word for both faces, or two for the lower and the upper: {', '.join(EDGES)}",
+            f"one word for both faces, or two for the lower and the upper: {', '.join(EDGES)}; or"
+            " walls of a material",
         )
-    edges = [choice(word, EDGES) for word in words]
+    edges = [read_edge(word) for word in words]
     return edges[0], edges[-1]
 
 
+def read_edge(value: Any) -> str | Wall:
+    """Read how one edge is held, from a word or a wall."""
+    return value if isinstance(value, Wall) else choice(value, EDGES)
+
+
 def find_faces(
-    heights: Array, radii: Array, edges: tuple[str, str], n: int, slack: float = 0.0
+    heights: Array, radii: Array, edges: tuple[Any, Any], n: int, slack: float = 0.0
 ) -> tuple[Index, Index]:
     """Return the indices of the balls of the lower and the upper face of so many layers (count) of
     ``n`` balls each, at ``heights`` with ``radii``, both (count n,), m, layer by layer; walls have
@@ -180,7 +189,7 @@ def find_faces(
     is_ball = np.isfinite(radii)  # walls are no balls
     margin = TOUCH * radii[is_ball].max()
 
-    def find_face(edge: str, outward: float, first_of_layer: int) -> Index:
+    def find_face(edge: Any, outward: float, first_of_layer: int) -> Index:
         """Return the balls of the face on the side of ``outward``, -1 or 1, by its ``edge``."""
         if edge == "clamped":
             return first_of_layer + np.arange(n)

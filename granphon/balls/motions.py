@@ -135,9 +135,10 @@ def select_motions(
     torsion: ArrayLike = 0.0,
     bending: ArrayLike = 0.0,
     among: Motions = IN_PLANE,
+    on_site: ArrayLike | None = None,
 ) -> Motions:
     """Return the motions of balls selected from those of ``among``: all displacements, and the
-    rotations if contacts resist any.
+    rotations if contacts, or springs to the ground, resist any.
 
     Shear and bending resist rotations across the normal of a contact, torsion those along it. So
     torsion alone resists nothing where balls of a plane turn about z only.
@@ -147,10 +148,13 @@ def select_motions(
     mindlin_ratio : eta, the shear over the normal stiffness of a contact.
     torsion, bending : stiffness of a contact against twist and against rolling, in units of k d^2.
     among : the motions to select from.
+    on_site : (..., motions) stiffnesses of springs to the ground against the motions ``among``;
+        None without springs.
     """
     resists_slip = np.any(mindlin_ratio)
     resists_rolling = np.any(bending)
     resists_twist = np.any(torsion) and among.twist
-    if resists_slip or resists_rolling or resists_twist:
+    resists_turning = on_site is not None and np.any(np.asarray(on_site)[..., among.turning])
+    if resists_slip or resists_rolling or resists_twist or resists_turning:
         return among
     return replace(among, rotations=())

@@ -457,6 +457,9 @@ TENSORS: dict[str, Quantity] = {
 #: the kinds of load by name, of packings and of crystals
 LOAD_KINDS = (*LOADS, *TENSORS)
 MASS = Quantity("mass", "kg", "28.84 g", "kg, g, mg")
+#: stiffness against displacements, and against rotations
+STIFFNESS = Quantity("stiffness", "N/m", "3 MN/m", "N/m, kN/m, MN/m, N/um", "zero or above")
+TURN_STIFFNESS = Quantity("torque", "N*m", "1 N*mm", "N*m, N*mm", "zero or above")
 INERTIA = Quantity("moment of inertia", "kg*m^2", "1.1e-6 kg*m^2", "kg*m^2, g*cm^2")
 ACCELERATION = Quantity("acceleration", "m/s^2", "9.81 m/s^2", "m/s^2", "any")
 ADHESION = Quantity("energy per area", "J/m^2", "50 mJ/m^2", "J/m^2, mJ/m^2", "zero or above")

@@ -93,6 +93,16 @@ class ContactLaws:
             groups.append((law, numbers[numbers >= 0]))
         return ContactLaws(groups, len(contacts), self.modulus[contacts])
 
+    def append(self, groups: Sequence[tuple[PairLaw, Index]], count: int) -> ContactLaws:
+        """Return the laws of these contacts and of ``count`` more behind them, whose ``groups``
+        number them from zero.
+        """
+        if not count:
+            return self
+        later = [(law, self.count + contacts) for law, contacts in groups]
+        modulus = np.append(self.modulus, np.ones(count))
+        return ContactLaws([*self.groups, *later], self.count + count, modulus)
+
     def force(self, overlap: Array) -> Array:
         """Return the force of each contact, N, at overlaps (n_c,), m."""
         return self._evaluate(overlap, FORCE)

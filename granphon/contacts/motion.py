@@ -85,7 +85,8 @@ class MovingContacts:
     ratios : (rows - 1, n_c) stiffnesses against slip (3), twist and rolling (3) over those of flat
         punches.
     held : (rows - 1, n_c) forces across contacts at rest.
-    on_balls : (n, m) forces of contacts on balls, of the last step.
+    springs : (n, m) stiffnesses of springs to the ground; None without such springs.
+    on_balls : (n, m) forces of contacts and of springs to the ground on balls, of the last step.
     is_damped : whether there are dashpots.
     """
 
@@ -105,6 +106,9 @@ class MovingContacts:
         self.axes = np.array([*motions.translations, *(3 + axis for axis in motions.rotations)])
         self.is_damped = bool(np.any(times))
         self._turns = turns
+        self.springs: Array | None = None
+        if network.on_site is not None:
+            self.springs = network.on_site[:, : motions.count]
         is_hertz = isinstance(law, Powers) and law.exponent == hertz.EXPONENT
         self._is_hertz = is_hertz
         ends = (np.append(network.i, pairs.i), np.append(network.j, pairs.j))
@@ -249,13 +253,19 @@ class MovingContacts:
             self.dash if has_dash else self._no_dash,
             self.on_balls,
         )
+        if self.springs is not None:
+            # the mean of a force that is linear is that of both ends
+            moved = after.motions if mean is None else 0.5 * (before.motions + after.motions)
+            self.on_balls -= self.springs * moved
         return spent, lost
 
     def rest_energy(self, moment: Moment) -> float:
         """Return the energy of the loads that hold the balls at rest, J, less what the laws count
-        of it.
+        of it, and that of springs to the ground.
         """
         energy = float(np.sum(self.still * moment.motions))
+        if self.springs is not None:
+            energy += 0.5 * float(np.sum(self.springs * moment.motions**2))
         if self._turns:
             energy -= float(np.sum(self.law.rest * moment.e))
         return energy

@@ -24,8 +24,10 @@ from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, not_negative, real_array
 from granphon.dynamics.deformation_rows import (
+    ANCHOR,
     Row,
     WaveRows,
+    anchor_rows,
     carry_rows,
     contact_rows,
     push_rows,
@@ -105,8 +107,11 @@ class Compatibility:
     distance : (n_c,) distance r of the two centres, by which tangential forces turn with the
         contact; by default the length of the vector of the contact, so it must be given if
         tangential forces act and balls touch bodies that do not move.
-    motions : of each ball; those of the plane by default. Balls do not turn if no contact resists
-        it.
+    motions : of each ball; those of the plane by default. Balls do not turn if no contact, and no
+        spring to the ground, resists it.
+    on_site : (n_g, motions) stiffness, k, of springs to the ground against u and w of the balls;
+        none by default. They are the last n_g of the contacts, of ball i with the ground, and such
+        a contact resists nothing else.
     name : of the lattice, in messages.
 
     Raises
@@ -130,9 +135,11 @@ class Compatibility:
         tangential_force: ArrayLike = 0.0,
         distance: ArrayLike | None = None,
         motions: Motions = IN_PLANE,
+        on_site: Array | None = None,
         name: str = "of these contacts",
     ) -> None:
         self.name = name
+        self.on_site = on_site
         self.cell: Array = read_only(real_array("cell", cell))
         self.positions: Array = read_only(real_array("positions", positions))
         self.contacts = contacts
@@ -140,7 +147,9 @@ class Compatibility:
         self.torsion = self._read_ratio("torsion", torsion)
         self.bending = self._read_ratio("bending", bending)
         self.named_motions = motions
-        self.motions = select_motions(self.mindlin_ratio, self.torsion, self.bending, motions)
+        self.motions = select_motions(
+            self.mindlin_ratio, self.torsion, self.bending, motions, on_site
+        )
         self.stiffness: Array = read_only(
             np.broadcast_to(real_array("stiffness", stiffness), len(contacts))
         )
@@ -217,10 +226,22 @@ class Compatibility:
 
     @cached_property
     def is_held(self) -> bool:
-        """Whether balls touch bodies that do not move: there is no sound then, as no motion of all
-        balls is free.
+        """Whether balls touch bodies that do not move, or springs to the ground resist their
+        displacements: there is no sound then, as no motion of all balls is free.
         """
-        return bool(np.any(self.contacts.j == self.n_balls))
+        touches_body = np.any(self.contacts.j[: self.n_between] == self.n_balls)
+        return bool(touches_body) or self.is_anchored
+
+    @property
+    def is_anchored(self) -> bool:
+        """Whether springs to the ground resist displacements."""
+        springs = self.on_site
+        return springs is not None and bool(np.any(springs[:, self.named_motions.translating]))
+
+    @cached_property
+    def n_between(self) -> int:
+        """Number of contacts that are no springs to the ground; these come last."""
+        return len(self.contacts) - (0 if self.on_site is None else len(self.on_site))
 
     @cached_property
     def measure(self) -> float:
@@ -380,23 +401,34 @@ class Compatibility:
         """Deformations of the contacts, as coefficients of the motions of their two balls;
         rotations are carried by w.
         """
+        # where the motions deform no contact, as out of the plane without friction, there is one
+        # row, of zeros
+        zeros = np.zeros((len(self.contacts), self.motions.count))
+        return self.make_rows(self.motions) or [Row("elongation", 1.0, zeros, zeros)]
+
+    def make_rows(self, motions: Motions) -> list[Row]:
+        """Return the deformations of the contacts as coefficients of the ``motions`` of their two
+        balls, those of springs to the ground last.
+        """
         table = self.contacts
         gyration = np.append(self.gyration, 1.0)  # the last of a body that does not move
-        resisted = contact_rows(
+        rows = contact_rows(
             table.normal,
             table.arm_i,
             table.arm_j,
-            self.motions,
+            motions,
             slip=self.mindlin_ratio,
             twist=self.torsion,
             roll=self.bending,
             gyration_i=gyration[table.i],
             gyration_j=gyration[table.j],
         )
-        # where the motions deform no contact, as out of the plane without friction, there is one
-        # row, of zeros
-        zeros = np.zeros((len(table), self.motions.count))
-        return resisted or [Row("elongation", 1.0, zeros, zeros)]
+        if self.on_site is None:
+            return rows
+        for row in rows:  # a spring to the ground has no such deformation
+            row.head[self.n_between :] = 0.0
+            row.tail[self.n_between :] = 0.0
+        return rows + anchor_rows(self.on_site, self.named_motions, motions, len(table))
 
     @cached_property
     def static_rows(self) -> list[tuple[Row, Array]]:
@@ -481,11 +513,13 @@ class Compatibility:
         frame = self._wave_frame
         # each column of the frame is real or imaginary
         difference, total = self._combine_ends(rows, root, frame.real + frame.imag)
-        row_phases = np.array([-1.0 if row.kind in ("twist", "roll") else -1.0j for row in rows])
+        phase_of_kind = {"twist": -1.0, "roll": -1.0, ANCHOR: 1.0}
+        row_phases = np.array([phase_of_kind.get(row.kind, -1.0j) for row in rows])
         frame_phases = np.where(np.any(frame.imag, axis=0), 1.0j, 1.0)
         phase = row_phases[:, None, None] * np.kron(frame_phases, self.motions.phases)
         odd = 1j * phase * total
         even = phase * difference
+        odd[:, self.n_between :] = 0.0  # a spring to the ground has no angle, and one end
         half = 0.5 * self.contacts.vector[:, : self.periods]
         # rows of a single ball are complex where the arms of a contact differ, or a body that does
         # not move holds the ball
@@ -505,7 +539,8 @@ class Compatibility:
         The image of a contact i, j joins the images of j and i by the same vector. A contact that
         is its own image is left out.
         """
-        if self.is_held or not len(self.contacts):
+        has_fixed_ends = np.any(self.contacts.j == self.n_balls)
+        if has_fixed_ends or not len(self.contacts):
             return None
         balls = np.column_stack([self.masses, self.gyration])
         is_like_first = np.all(np.abs(balls - balls[0]) <= _ALIKE * balls, axis=1)
@@ -698,12 +733,19 @@ class Compatibility:
         n_branches), in a common frame.
 
         ``wavevectors`` are (n_q, p), 1/d; ``times``, in (M/k)^1/2, and ``losses`` are (2, n_c),
-        those of :class:`granphon.dynamics.damping.ContactDamping`.
+        those of :class:`granphon.dynamics.damping.ContactDamping`; springs to the ground have none.
         """
         rows = self.compatibility(wavevectors)
         adjoint = rows.conj().swapaxes(1, 2)
-        viscous = adjoint @ (weigh_rows(self.rows, times).reshape(-1, 1) * rows)
-        lossy = adjoint @ (weigh_rows(self.rows, losses).reshape(-1, 1) * rows)
+        n_springs = len(self.contacts) - self.n_between
+        viscous, lossy = (
+            adjoint
+            @ (
+                weigh_rows(self.rows, np.pad(numbers, ((0, 0), (0, n_springs)))).reshape(-1, 1)
+                * rows
+            )
+            for numbers in (times, losses)
+        )
         return self._compute_frame_matrix(wavevectors) + 1j * lossy, viscous
 
     @cached_property

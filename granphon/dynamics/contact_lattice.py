@@ -17,19 +17,21 @@ from typing import Annotated, Any, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.lattices import Lattice, as_direction, find_lattice
+from granphon.balls.lattices import Lattice, as_direction, find_lattice, one_direction
 from granphon.balls.layers import find_axes
 from granphon.balls.motions import Motions, allowed_motions
 from granphon.balls.neighbours import ContactTable, freeze_contacts
+from granphon.balls.on_site import turn_on_site
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, InstabilityError
 from granphon.base.memory import require_memory
 from granphon.base.results import Result
+from granphon.base.scales import Units, write_quantity
 from granphon.base.threads import share_out, single_products
 from granphon.base.validation import not_negative, positive, real_array
 from granphon.dynamics.blocks import Block, find_blocks
 from granphon.dynamics.compatibility import as_wavevectors
-from granphon.dynamics.deformation_rows import find_gyration
+from granphon.dynamics.deformation_rows import find_anchors, find_gyration
 from granphon.dynamics.large_cells import BYTES, LargeCell
 from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.dynamics.long_waves import LongWaves
@@ -43,8 +45,13 @@ _ENTRIES = 4e6
 _NEAR_GAMMA = 1e-30
 #: |q|d at which the branches that are zero at Gamma are told apart
 _BESIDE_GAMMA = 1e-4
+#: |q| over the length of the cell of the first of four points that tell the curvature of a branch
+#: at Gamma: errors of fourth order, and of rounding over the step, are both about 1e-12
+_BESIDE_CUTOFF = 5e-4
 #: part of a unit vector that is more than of first order in :data:`_BESIDE_GAMMA`
 _APART = 1e-2
+#: part that a ball has in a motion of length one, up to which it is rounding
+_STILL = 1e-12
 #: number of balls in a cell up to which the top frequency is sought on a fine mesh
 _FEW_BALLS = 8
 #: number of balls in a cell above which its top frequency hardly depends on the wave vector
@@ -235,20 +242,29 @@ class ContactLattice(LongWaves):
         across[is_swapped] *= -1.0
         spring = network.normal_stiffness[kept]
         rotational = spring * units.length**2
+        motions = allowed_motions(dimension)[network.motions]
+        table = _tabulate_contacts(network, kept, normal, vector)
+        anchored, springs = _find_springs(network, turn, motions)
+
+        def extend(values: Array, of_spring: float = 0.0) -> Array:
+            """Return values (n_c, ...) of contacts with those of the springs to the ground."""
+            return np.concatenate([values, np.full((len(anchored), *values.shape[1:]), of_spring)])
+
         return cls(
             cell / units.length,
             turn_frame(network.positions[moving]) / units.length,
-            _tabulate_contacts(network, kept, normal, vector),
-            network.shear_stiffness[kept] / spring,
-            stiffness=spring / units.stiffness,
-            prestress=prestress,
+            _add_springs(table, anchored, int(np.count_nonzero(moving))),
+            extend(network.shear_stiffness[kept] / spring),
+            stiffness=extend(spring / units.stiffness, 1.0),
+            prestress=extend(prestress) if network.prestress else 0.0,
             masses=network.masses[moving] / units.mass,
             gyration=find_gyration(network)[moving] / units.length,
-            torsion=network.torsion_stiffness[kept] / rotational,
-            bending=network.bending_stiffness[kept] / rotational,
-            tangential_force=across / units.force,
-            distance=network.distance[kept] / units.length,
-            motions=allowed_motions(dimension)[network.motions],
+            torsion=extend(network.torsion_stiffness[kept] / rotational),
+            bending=extend(network.bending_stiffness[kept] / rotational),
+            tangential_force=extend(across / units.force),
+            distance=extend(network.distance[kept] / units.length, 1.0),
+            motions=motions,
+            on_site=springs if len(anchored) else None,
             name="of this network",
         )
 
@@ -320,6 +336,45 @@ class ContactLattice(LongWaves):
             )
         parts = self._share_out(lambda part: self._find_modes(q[part], along[part]), len(q))
         return Modes(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+    def cutoffs(self, direction: ArrayLike) -> tuple[Array, Array]:
+        """Return the frequencies (n_branches,) at Gamma, (k/M)^1/2, ascending, and the curvatures
+        (n_branches,) d^2 omega/dq^2 beside it along a ``direction`` (p,), d^2 (k/M)^1/2.
+
+        They follow from the slope of omega^2, 2 omega v, or from the group velocity v of branches
+        that are zero at Gamma: by a cubic through four points, which serves even and odd functions.
+        """
+        along = one_direction(direction, self.periods)
+        lengths = (
+            np.arange(1, 5) * _BESIDE_CUTOFF / float(np.max(np.linalg.norm(self.cell, axis=1)))
+        )
+        modes = self.modes(lengths[:, None] * along)
+        velocities = modes.group_velocities @ along
+        at_gamma = self.frequencies(np.zeros((1, self.periods)))[0]
+        begins_above_zero = at_gamma > 0.0
+        slopes = np.where(begins_above_zero, 2.0 * modes.frequencies * velocities, velocities)
+        slope, bend, *_ = np.linalg.solve(np.vander(lengths, increasing=True), slopes)
+        doubled = np.where(begins_above_zero, 2.0 * at_gamma, 1.0)
+        steepness = np.where(begins_above_zero, slope / doubled, 0.0)
+        return at_gamma, bend / doubled - steepness**2 / doubled * 2.0
+
+    def require_rigid(self, units: Units | None = None) -> None:
+        """As :meth:`LongWaves.require_rigid`; with ``units`` the error of a lattice that springs to
+        the ground hold has the lowest cut-off frequency, and the curvature there along x.
+        """
+        if self.is_anchored:
+            why = "Long waves begin at a cut-off frequency, and have no velocity"
+            if units is not None:
+                frequencies, curvatures = self.cutoffs(np.eye(self.periods)[0])
+                hertz = write_quantity(float(frequencies[0]) * units.frequency, "Hz")
+                bend = float(curvatures[0]) * units.velocity * units.length
+                why = (
+                    f"Long waves begin at a cut-off frequency, {hertz} of the lowest branch, whose"
+                    f" curvature d^2 omega/dq^2 is {bend:.5g} m^2/s along x there"
+                )
+            mend = "Use gp.Phonons(...).cutoffs() and bands, or leave on_site out"
+            raise InputError("springs to the ground hold the balls", why, mend)
+        super().require_rigid()
 
     def _require_room(self, points: int, numbers: int) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if so many ``numbers`` of each branch, 1
@@ -610,6 +665,7 @@ class ContactLattice(LongWaves):
             torsion=1.0 if "torsion" in names else self.torsion,
             bending=1.0 if "bending" in names else self.bending,
             motions=self.named_motions,
+            on_site=self.on_site,
         )
 
     # -- modes that vanish at some wave vectors ----------------------------------------------------
@@ -654,10 +710,11 @@ class ContactLattice(LongWaves):
         direction = np.array([[0.5497, 0.6843, 0.4793]])[:, : self.periods]  # without symmetry
         # motions of the frame, as columns: displacements of all balls come first
         rigid = np.eye(self.n_branches, len(self.motions.translations), dtype=complex)
-        if self.is_held:
+        if np.any(self.contacts.j[: self.n_between] == self.n_balls):
             rigid[:] = 0.0
         elif self.periods == 1:
             rigid = np.column_stack([rigid, self._turn_about_line()])
+        rigid[:, self._are_anchored(rigid)] = 0.0
         if self._large is not None and not self.free_branches:
             return int(np.linalg.matrix_rank(rigid, tol=_APART))
         total = 0
@@ -668,6 +725,18 @@ class ContactLattice(LongWaves):
                 zeros = np.concatenate([zeros, free], axis=1)
             total += int(np.linalg.matrix_rank(zeros, tol=_APART))
         return total
+
+    def _are_anchored(self, motions: Complex) -> NDArray[np.bool_]:
+        """Return (m,) whether springs to the ground resist each of the ``motions`` (n_branches, m)
+        of the frame.
+        """
+        if self.on_site is None:
+            return np.zeros(motions.shape[1], bool)
+        of_balls = (self._to_balls @ motions).reshape(self.n_balls, -1, motions.shape[1])
+        held = of_balls[self.contacts.i[self.n_between :]]
+        springs = self.on_site[:, : self.motions.count]
+        resists = (springs[..., None] > 0.0) & (np.abs(held) > _STILL)
+        return np.asarray(np.any(resists, axis=(0, 1)))
 
     def _turn_about_line(self) -> Complex:
         """Return the rotation of all balls about the only period, as a motion (n_branches,) of the
@@ -709,6 +778,40 @@ def _tabulate_contacts(
     shift = np.where(is_held[:, None], 0, network.shift[kept][:, axes])
     return freeze_contacts(
         number[i], number[j], shift, normal, vector / length, arm_i / length, arm_j / length
+    )
+
+
+def _find_springs(network: ContactNetwork, turn: Array, motions: Motions) -> tuple[Index, Array]:
+    """Return the balls (n_g,) that springs to the ground hold, among those that move, and the
+    stiffnesses (n_g, motions) of these springs along the axes of the lattice, which are the rows of
+    ``turn`` (d, d), in the unit of the network.
+    """
+    springs = turn_on_site(find_anchors(network), turn, motions)
+    if springs is None:
+        return np.zeros(0, np.intp), np.zeros((0, motions.count))
+    of_moving = springs[network.moving] / network.scales.stiffness
+    anchored = np.flatnonzero(np.any(of_moving, axis=1))
+    return anchored, of_moving[anchored]
+
+
+def _add_springs(table: ContactTable, balls: Index, ground: int) -> ContactTable:
+    """Return a table of contacts with those of ``balls`` (n_g,) with the ``ground``, a body that
+    does not move, behind them; the table itself without such balls.
+    """
+    count = len(balls)
+    if not count:
+        return table
+    d = table.normal.shape[1]
+    normal = np.zeros((count, d))
+    normal[:, 0] = 1.0  # a spring to the ground has no direction: that of its contact means nothing
+    return freeze_contacts(
+        np.append(table.i, balls),
+        np.append(table.j, np.full(count, ground)),
+        np.pad(table.shift, ((0, count), (0, 0))),
+        np.concatenate([table.normal, normal]),
+        np.pad(table.vector, ((0, count), (0, 0))),
+        np.pad(table.arm_i, (0, count)),
+        np.pad(table.arm_j, (0, count)),
     )
 
 

@@ -103,7 +103,7 @@ class ContactDamping:
 
     def find_even(self, network: ContactNetwork) -> tuple[float, float] | None:
         """Return eta and tau, s, if both are the same in all deformations that contacts resist, and
-        no static forces act; else None.
+        neither static forces act nor springs to the ground, which lose no energy; else None.
         """
         if self.is_none:
             return 0.0, 0.0
@@ -112,7 +112,7 @@ class ContactDamping:
         losses = self.losses[resisted]
         times = self.times[resisted]
         is_even = all(np.ptp(numbers) <= _ALIKE * np.max(numbers) for numbers in (losses, times))
-        if not is_even or network.prestress:
+        if not is_even or network.prestress or network.on_site is not None:
             return None
         return float(losses[0]), float(times[0])
 

@@ -38,6 +38,9 @@ _SERIES = 1.0
 _BEND = [(-1.0) ** k * (2 * k + 2) / math.factorial(2 * k + 3) for k in range(9)]
 #: components along x, y and z, each (n_c,)
 _Axes = list[Array]
+#: kinds of the rows of springs to the ground, against displacements and against rotations
+ANCHOR = "anchor"
+ANCHORED_TURN = "anchored turn"
 
 
 class Row(NamedTuple):
@@ -46,7 +49,8 @@ class Row(NamedTuple):
     Attributes
     ----------
     kind : "elongation", "slip", "twist", "roll"; "push", a displacement across the contact; "turn",
-        a sum of rotations; or "carry", what a static tangential force acts on.
+        a sum of rotations; "carry", what a static tangential force acts on; or "anchor" and
+        "anchored turn", a displacement and a rotation of ball i against a spring to the ground.
     stiffness : stiffness over that of elongation: eta for slip, in units of d^2 for twist and roll;
         a number, or one per contact.
     head, tail : (n_c, motions) coefficients of the motions of ball j and of ball i.
@@ -112,6 +116,43 @@ def find_gyration(network: ContactNetwork) -> Array:
     ones = np.ones(network.n_balls)
     squares = np.divide(network.inertias, network.masses, out=ones, where=network.moving)
     return np.sqrt(squares)
+
+
+def find_anchors(network: ContactNetwork) -> Array | None:
+    """Return the stiffnesses (n, motions), N/m, of springs to the ground against u and w = R_g phi
+    of the balls of a network, as its ``on_site`` has them; zero of bodies that do not move. None
+    without such springs.
+    """
+    if network.on_site is None:
+        return None
+    n_shifts = len(network.ball_motions.translations)
+    springs = network.on_site.copy()
+    springs[:, n_shifts:] /= find_gyration(network)[:, None] ** 2
+    return np.where(network.moving[:, None], springs, 0.0)
+
+
+def anchor_rows(springs: Array, held: Motions, motions: Motions, count: int) -> list[Row]:
+    """Return the rows of springs to the ground, which are the last of ``count`` contacts, of the
+    balls i with the ground.
+
+    ``springs`` (n_g, m) are stiffnesses against the m motions ``held``, in u and w; rows are in
+    terms of other ``motions`` of the same axes. A row has zeros at all other contacts.
+    """
+    n_shifts = len(held.translations)
+    rows = []
+    for number in np.flatnonzero(np.any(springs, axis=0)).tolist():
+        stiffness = springs[:, number]
+        kind = ANCHOR if number < n_shifts else ANCHORED_TURN
+        if kind == ANCHOR:
+            column = motions.translations.index(held.translations[number])
+        else:
+            turn = motions.rotations.index(held.rotations[number - n_shifts])
+            column = len(motions.translations) + turn
+        tail = np.zeros((count, motions.count))
+        tail[count - len(springs) :, column] = -1.0
+        weights = np.pad(stiffness, (count - len(springs), 0))
+        rows.append(Row(kind, weights, np.zeros_like(tail), tail))
+    return rows
 
 
 def network_rows(network: ContactNetwork) -> list[Row]:

@@ -24,12 +24,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from granphon.balls.ball import Wall
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.validation import real_array
 from granphon.dynamics.bloch_waves import Couplings
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.deformation_rows import Row, network_rows, push_rows
+from granphon.dynamics.deformation_rows import Row, find_anchors, network_rows, push_rows
 from granphon.networks.network import ContactNetwork
 
 #: the elimination of layers ends where the coupling that is left, over the largest block, is below
@@ -140,7 +141,7 @@ class HalfSpace:
     network has p periods, of which p - 1 lie along the edge.
     """
 
-    def __init__(self, network: ContactNetwork, axis: Any, edge: str = "free") -> None:
+    def __init__(self, network: ContactNetwork, axis: Any, edge: str | Wall = "free") -> None:
         self.network = network
         self.edge = edge
         self.units = network.scales
@@ -173,6 +174,23 @@ class HalfSpace:
         self._second: Array = np.tile(lower[kept] == 1, len(rows))
         self._crossing: Array = np.tile(crosses[kept], len(rows))
         self._kinds = [row.kind for row in rows]
+        #: (2 size,) springs to the ground of the two outer blocks, over masses, k/M
+        self._anchors = self._list_anchors()
+
+    @property
+    def anchors(self) -> Array:
+        """(size,) springs to the ground of a block, over masses, k/M."""
+        return self._anchors[self.size :]
+
+    def _list_anchors(self) -> Array:
+        """Return the stiffnesses (2 size,) of springs to the ground over masses, k/M."""
+        stiffness = find_anchors(self.cut)
+        if stiffness is None:
+            return np.zeros(2 * self.size)
+        moving = self.cut.moving
+        masses = self.cut.masses[moving] / self.units.mass
+        springs = stiffness[moving, : self.motions.count] / self.units.stiffness
+        return np.asarray((springs / masses[:, None]).ravel()[: 2 * self.size])
 
     def _count_reach(self) -> int:
         """Return the number of layers that a contact reaches across, at most; raise
@@ -262,6 +280,7 @@ class HalfSpace:
         two_blocks = self._matrix[:, :, : 2 * size]
         rows: Complex = np.asarray(np.tensordot(phase, two_blocks, 1), complex)
         matrices = rows.conj().swapaxes(1, 2) @ (self._stiff[:, None] * rows)
+        matrices += np.diag(self._anchors)
         return matrices[:, :size, :size], matrices[:, size:, size:], matrices[:, :size, size:]
 
     def couplings(self, q: Array, elongation: Any = 1.0, other: Any = 1.0) -> Couplings:
@@ -281,7 +300,7 @@ class HalfSpace:
             factors = {"elongation": elongation, "push": np.ones_like(elongation)}
             factor_of_row = [factors.get(kind, other)[:, self._kept] for kind in self._kinds]
             stiffness = stiffness * np.concatenate(factor_of_row, axis=1)
-        full = rows.conj().T @ (stiffness[..., None] * rows)
+        full = rows.conj().T @ (stiffness[..., None] * rows) + np.diag(self._anchors)
         # contacts between the two outer blocks alone
         crossing = rows[self._crossing]
         cross = crossing.conj().T @ (stiffness[..., self._crossing, None] * crossing)
@@ -335,7 +354,8 @@ class HalfSpace:
     def highest(self) -> float:
         """A bound of all squared frequencies, k/M."""
         rows = np.abs(self._matrix).sum(axis=0)
-        return float((rows.T @ (np.abs(self._stiff) * rows.sum(axis=1))).max())
+        of_contacts = float((rows.T @ (np.abs(self._stiff) * rows.sum(axis=1))).max())
+        return of_contacts + float(self._anchors.max())
 
     def _eliminate(
         self, outer: Complex, inner: Complex, hop: Complex, point: Index, w: Complex
@@ -675,8 +695,8 @@ class HalfSpace:
     # -- contacts of the crystal -------------------------------------------------------------------
 
     def weighted_rows(self, q: Array, phases: Array) -> tuple[Complex, Array]:
-        """Return |K|^1/2 C M^-1/2 (n, rows, size) of one block of the crystal at q (p - 1,), and
-        the signs (rows,) of K, which static forces may make negative.
+        """Return |K|^1/2 C M^-1/2 (n, rows, size) of the contacts of one block of the crystal at q
+        (p - 1,), and the signs (rows,) of K, which static forces may make negative.
 
         ``phases`` (n,), rad, are those of the wave from block to block. A contact that joins two
         blocks counts to the lower-numbered block.

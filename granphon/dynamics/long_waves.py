@@ -210,15 +210,19 @@ class LongWaves(Compatibility):
         It is this lattice itself if there is no such ball.
         """
         table = self.contacts
-        balls = np.concatenate([table.i, table.j])
-        arms = np.concatenate([table.arm_i, table.arm_j])
+        between = slice(0, self.n_between)  # springs to the ground have no arms
+        balls = np.concatenate([table.i[between], table.j[between]])
+        arms = np.concatenate([table.arm_i[between], table.arm_j[between]])
         mean = np.bincount(balls, arms) / np.maximum(np.bincount(balls), 1)
         deviation = np.zeros(len(mean))  # the largest of each ball
         np.maximum.at(deviation, balls, np.abs(arms - mean[balls]))
         is_evened = (deviation > _ROUNDED_ARM * mean) & (deviation <= _UNEVEN_ARM * mean)
         if not np.any(is_evened):
             return self
-        arm_i, arm_j = np.split(np.where(is_evened[balls], mean[balls], arms), 2)
+        arm_i = table.arm_i.copy()
+        arm_j = table.arm_j.copy()
+        evened = np.where(is_evened[balls], mean[balls], arms)
+        arm_i[between], arm_j[between] = np.split(evened, 2)
         return type(self)(
             self.cell,
             self.positions,
@@ -230,6 +234,7 @@ class LongWaves(Compatibility):
             torsion=self.torsion,
             bending=self.bending,
             motions=self.named_motions,
+            on_site=self.on_site,
             name=self.name,
         )
 
@@ -696,11 +701,11 @@ class LongWaves(Compatibility):
     @property
     def runs_twist(self) -> bool:
         """Whether balls of a straight chain turn about it, so that a twist runs along it where
-        contacts resist torsion.
+        contacts resist torsion, and no spring to the ground holds it.
         """
         turns_about_line = self.periods == 1 and 0 in self.motions.rotations
         is_straight = not np.any(self.contacts.normal[:, 1:])
-        return turns_about_line and is_straight
+        return turns_about_line and is_straight and self.on_site is None
 
     def elastic_tensor(self, prestress: ArrayLike | None = None) -> Array:
         """Return the stiffness, change of stress over strain, in units of k d^(2-p); (..., 3, 3) in
@@ -713,8 +718,9 @@ class LongWaves(Compatibility):
         Rev. 71, 809, 1947; D. C. Wallace, Thermodynamics of Crystals, 1972), so that K and rho v^2
         keep their usual relation (equation 16).
 
-        Raises :class:`~granphon.base.errors.InputError` if balls do not move along the periods, or
-        touch bodies that do not move, :class:`~granphon.base.errors.MechanismError` if the lattice
+        Raises :class:`~granphon.base.errors.InputError` if balls do not move along the periods,
+        touch bodies that do not move, or hang on springs to the ground,
+        :class:`~granphon.base.errors.MechanismError` if the lattice
         is a :attr:`mechanism`, and :class:`~granphon.base.errors.InstabilityError` if prestress
         leaves a strain that the stiffness does not resist.
         """
@@ -740,6 +746,13 @@ class LongWaves(Compatibility):
                 f"the motions {self.motions.name!r} have no elastic moduli",
                 "The balls do not move along the lattice",
             )
+        if not self.has_symmetric_stress:
+            raise InputError(
+                "springs to the ground resist rotations",
+                "A turn of the whole then costs energy: stress is not symmetric, nor a function of"
+                " strain alone",
+                "Use gp.sound_velocities along a direction, or gp.Phonons",
+            )
         along = [axes.index(axis) for axis in range(p)]
         stiffness = self.gradient_stiffness(prestress)
         c = stiffness[..., along, :, :, :][..., along, :] / self.measure
@@ -754,9 +767,18 @@ class LongWaves(Compatibility):
             raise self.explain_buckling(where, [])
         return tensor
 
+    @property
+    def has_symmetric_stress(self) -> bool:
+        """Whether a turn of the whole costs nothing: no spring to the ground resists rotations of
+        the balls of a plane or of space.
+        """
+        return self.on_site is None or self.periods == 1
+
     @cached_property
     def is_isotropic(self) -> bool:
-        """Whether the elastic tensor is the same in all directions."""
+        """Whether the elastic tensor is the same in all directions; False if there is none."""
+        if not self.has_symmetric_stress:
+            return False
         c = self.elastic_tensor()
         p = self.periods
         if p == 1:

@@ -43,7 +43,7 @@ def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
             mend="Take a state without, or a held edge",
         )
     rows, signs = half_space.weighted_rows(q, _PHASES)
-    matrices = rows.conj().swapaxes(1, 2) @ (signs[:, None] * rows)
+    matrices = rows.conj().swapaxes(1, 2) @ (signs[:, None] * rows) + np.diag(half_space.anchors)
     squares, modes = np.linalg.eigh(matrices)
     states = modes[:, :, below:]  # (phases, size, branches)
     if is_free:
@@ -67,8 +67,12 @@ def find_winding(half_space: HalfSpace, q: Array) -> int:
     which is the number of motions at a free edge that cost nothing.
 
     Raises :class:`~granphon.base.errors.InputError` where C is not square, or its determinant
-    vanishes.
+    vanishes, and where springs to the ground hold balls.
     """
+    if np.any(half_space.anchors):
+        raise InputError(
+            "springs to the ground hold the balls", "Each motion at an edge costs energy"
+        )
     rows = half_space.weighted_rows(q, _PHASES)[0]
     _, n_deformations, n_motions = rows.shape
     if n_deformations != n_motions:

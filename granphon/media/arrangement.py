@@ -17,11 +17,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from granphon.balls.ball import Ball
+from granphon.balls.ball import Ball, Wall
 from granphon.balls.contact_laws import Hertz
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import Motions
+from granphon.balls.on_site import find_unit
 from granphon.balls.packing import KIND_PARAMETERS, Packing, given_packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
@@ -31,7 +32,7 @@ from granphon.media.medium import Medium
 from granphon.media.state import NetworkState
 
 #: options of an arrangement that a crystal has too
-_OPTIONS = ("law", "friction", "motions", "torsion", "bending")
+_OPTIONS = ("law", "friction", "motions", "torsion", "bending", "on_site")
 #: balls of a crystal up to which its states are found when a scene is only checked
 _QUICK_BALLS = 500
 #: relative difference of two masses or inertias that is put down to rounding
@@ -101,6 +102,8 @@ class Arrangement:
     law : the contact law, or pairs of names of kinds, each with its law.
     friction, motions, torsion, bending : as for a :class:`~granphon.Crystal`; torsion and bending
         are pure numbers.
+    on_site : springs to the ground of each ball: one stiffness of displacements, N/m, or names of
+        motions, each with its stiffness; None without springs.
     seed : of the diameters of balls, if kinds have a spread: the supercell is then a sample,
         :meth:`Crystal.sample`.
     given : the crystal itself, if it was not made of the other attributes.
@@ -116,7 +119,7 @@ class Arrangement:
     cell: tuple[tuple[float, ...], ...] = ()
     sites: tuple[tuple[tuple[float, ...], str], ...] = ()
     repeat: tuple[int, ...] = ()
-    cut: tuple[tuple[Any, int, tuple[str, str]], ...] = ()
+    cut: tuple[tuple[Any, int, tuple[str | Wall, str | Wall]], ...] = ()
     replace: tuple[tuple[int, str], ...] = ()
     remove: tuple[int, ...] = ()
     law: Any = field(default_factory=Hertz)
@@ -124,6 +127,7 @@ class Arrangement:
     motions: str | None = None
     torsion: float | str = 0.0
     bending: float = 0.0
+    on_site: Any = None
     seed: int = 0
     given: Crystal | None = field(default=None, repr=False, compare=False)
 
@@ -137,6 +141,8 @@ class Arrangement:
         kind_of_ball = np.array(crystal.names, object)[crystal.kind].tolist()
         positions = map(tuple, crystal.positions.tolist())
         options = {name: getattr(crystal, name) for name in _OPTIONS}
+        if crystal.on_site is not None:  # an arrangement can be hashed
+            options["on_site"] = tuple(map(tuple, crystal.on_site.tolist()))
         return cls(
             tuple(zip(crystal.names, crystal.kinds, strict=True)),
             cell=tuple(map(tuple, crystal.cell.tolist())),
@@ -190,7 +196,9 @@ class Arrangement:
     def _make_cell(self) -> Crystal:
         """Return the crystal of one cell, without defects."""
         options = {name: getattr(self, name) for name in _OPTIONS}
-        options["law"] = dict(self.law) if isinstance(self.law, tuple) else self.law
+        for name in ("law", "on_site"):  # pairs stand for a mapping
+            value = options[name]
+            options[name] = dict(value) if isinstance(value, tuple) else value
         if self.lattice is None:
             site_balls = [self._find_ball(name) for _, name in self.sites]
             positions = [list(position) for position, _ in self.sites]
@@ -222,7 +230,7 @@ class Arrangement:
 
     @property
     def is_held(self) -> bool:
-        """Whether a floor or clamp holds balls."""
+        """Whether a floor, a clamp or springs to the ground hold balls."""
         return self.crystal.is_held
 
     @property
@@ -269,12 +277,15 @@ class Arrangement:
         rows.append(("balls of the cell", balls, ""))
         rows.append(("contact law", law, ""))
         for _, layers, edges in self.cut:
-            cut = f"{counted(layers, 'layer')}, {' and '.join(edges)}"
+            words = [edge if isinstance(edge, str) else edge.describe() for edge in edges]
+            cut = f"{counted(layers, 'layer')}, {' and '.join(words)}"
             rows.append(("cut", cut, ""))
         if self.torsion:
             rows.append(("torsion", self.torsion, "k d^2"))
         if self.bending:
             rows.append(("bending", self.bending, "k d^2"))
+        if self.on_site is not None:
+            rows += _describe_springs(self.on_site)
         rows.append(("friction", self.friction, ""))
         rows.append(("motions", crystal.ball_motions.name.replace("_", " "), ""))
         return rows
@@ -304,6 +315,18 @@ class Arrangement:
             balls[kind] = _change_ball(balls[kind], parameter, value)
         crystal = None if self.given is None else self.given.with_balls(balls)
         return replace(self, kinds=tuple(balls.items()), given=crystal)
+
+
+def _describe_springs(on_site: Any) -> list[tuple[str, Any, str]]:
+    """Return the rows of a table for springs to the ground: name, value and SI unit of each."""
+    if not isinstance(on_site, tuple):
+        return [("springs to the ground", on_site, "N/m")]
+    if not isinstance(on_site[0][0], str):
+        return [("springs to the ground", "of each ball", "")]
+    return [
+        (f"springs to the ground, {spell(name)}", stiffness, find_unit(name))
+        for name, stiffness in on_site
+    ]
 
 
 def _describe_kind(name: str, ball: Ball) -> list[tuple[str, Any, str]]:

@@ -20,12 +20,21 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from operator import attrgetter
 from string import ascii_uppercase
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
+from granphon.balls.ball import (
+    BALL_LIMITS,
+    RIGID_PLANE,
+    Ball,
+    Body,
+    ContactConstants,
+    Wall,
+    find_wall,
+    name_walls,
+)
 from granphon.balls.contact_laws import (
     PairLaw,
     check_law,
@@ -44,6 +53,7 @@ from granphon.balls.neighbours import (
     repeat_contacts,
     require_joined,
 )
+from granphon.balls.on_site import SpringLaw, read_on_site, turn_on_site
 from granphon.balls.packing import read_rolling, require_shallow
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
@@ -77,6 +87,8 @@ from granphon.statics.rest import Rest, find_rest
 _MOST_CELLS = 1_000_000
 #: most balls of a crystal, whose contacts are held in memory, about 1 kB a ball
 _MOST_BALLS = 10_000_000
+#: length of a spring to the ground, m: none, but with digits of its direction
+_NO_LENGTH = 1e-60
 #: memory of a ball, or of a contact, while a crystal is made and checked, bytes
 _BALL_BYTES = 550.0
 #: the arrays of a state, in the order of its fields
@@ -120,7 +132,7 @@ class Faces:
 
     axis: int
     thickness: float
-    edges: tuple[str, str]
+    edges: tuple[str | Wall, str | Wall]
     balls: tuple[Index, Index]
 
     @property
@@ -138,9 +150,20 @@ class Side(NamedTuple):
 
     axis: int
     sign: float
-    edge: str
+    edge: str | Wall
     balls: Index
     wall: int
+
+    @property
+    def body(self) -> Body | None:
+        """The flat body that the balls touch; None of a face without one."""
+        return find_wall(self.edge)
+
+    @property
+    def strength(self) -> float:
+        """The yield strength of the wall, Pa; infinite where it is not known."""
+        strength = self.edge.solid.yield_strength if isinstance(self.edge, Wall) else None
+        return math.inf if strength is None else strength
 
 
 class _Bodies(NamedTuple):
@@ -190,6 +213,12 @@ class Crystal(Result):
     torsion, bending : the stiffness of a contact against twist and rolling, over k times the square
         of the distance of its two centres; or torsion="mindlin", which is (16/3) a^3 over the sum
         of 1/G of both balls.
+    on_site : springs to the ground, which pull balls back to where they touch without load, as
+        magnets, grooves or a soft foundation do: a stiffness of all displacements, N/m; or a
+        mapping {"x": ..., "rotation": ...} of displacements "x", "y", "z", N/m, and of all
+        rotations "rotation", or one, "rotation_z", N m; or a list with one of these for each ball;
+        or an array (n, motions). As an attribute it is this array, or None. A spring moves along
+        with the strain of the cell. Springs of a clamped layer do nothing.
     name : what messages call the crystal.
 
     Attributes
@@ -205,8 +234,11 @@ class Crystal(Result):
     ------
     InputError : arrays whose shapes do not fit, numbers that are not finite, balls that overlap,
         that miss each other by less than a thousandth, or that touch nothing; contacts that do not
-        join all balls; a law that lacks a pair or a method.
+        join all balls; a law that lacks a pair or a method; a spring of a motion that balls do not
+        have, or with a stiffness below zero or not finite.
     """
+
+    _schema: ClassVar[int] = 2
 
     kinds: tuple[Ball, ...]
     names: tuple[str, ...]
@@ -222,6 +254,7 @@ class Crystal(Result):
     name: str
     faces: tuple[Faces, ...]
     deviations: Annotated[Array | None, "n?", "", "finite"]
+    on_site: Annotated[Array | None, "n m?", "", "zero or above"]
 
     def __init__(
         self,
@@ -234,6 +267,7 @@ class Crystal(Result):
         motions: str | None = None,
         torsion: float | str = 0.0,
         bending: float = 0.0,
+        on_site: Any = None,
         name: str = "of these balls",
     ) -> None:
         require("name", label, name)
@@ -267,6 +301,7 @@ class Crystal(Result):
             name=name,
             faces=(),
             deviations=None,
+            on_site=read_on_site(on_site, _find_motions(d, motions), n),
         )
 
     def _set(self, **attributes: Any) -> None:
@@ -363,6 +398,7 @@ class Crystal(Result):
             positions=positions,
             contacts=contacts,
             deviations=None if self.deviations is None else self.deviations[origin],
+            on_site=None if self.on_site is None else self.on_site[origin],
             faces=tuple(faces),
             **changes,
         )
@@ -381,7 +417,7 @@ class Crystal(Result):
             has as many balls in its cell; elsewhere the number of sites in the cell must be a
             multiple of the number of kinds.
         balls : a ball of each kind.
-        options : options of the class: law, friction, motions, torsion, bending, name.
+        options : options of the class: law, friction, motions, torsion, bending, on_site, name.
 
         The cell is scaled until neighbours touch. Raises :class:`~granphon.base.errors.InputError`
         for an unknown lattice, for a number of kinds that does not go on its sites, and for radii
@@ -518,7 +554,7 @@ class Crystal(Result):
         else:
             sizes = given_diameters.ravel().astype(float)
         sample = supercell._derive(deviations=supercell._centre_sizes(sizes))
-        if p == self.dimension and not self._floors:
+        if p == self.dimension and not self._floors and self.on_site is None:
             # what a sample knows of its cells saves time alone
             vars(sample)["_grid"] = Grid.of(self.contacts, counts, self.n_balls)
         return sample
@@ -672,7 +708,8 @@ class Crystal(Result):
             fcc's conventional (0, 0, 1) is (1, 1, 0), and (1, 1, 1) is (1, 1, 1).
         layers : their number, in cells.
         edges : how the two faces are held: "free"; "clamped", the outer layer does not move by
-            itself; "floor", a rigid plane touches the outer balls. One word for both, or (lower,
+            itself, as beads that are glued to a wall; "floor", a rigid plane touches the outer
+            balls; or a :class:`~granphon.Wall`, an elastic one does. One for both, or (lower,
             upper).
 
         The layers follow each other along the first axis that is no longer a period, the lower face
@@ -680,12 +717,15 @@ class Crystal(Result):
         is turned, so that the periods that remain lie along x or in the xy plane. Where both faces
         are walls, a load moves the upper wall.
 
-        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, and if
-        layers do not hang together.
+        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, if layers do
+        not hang together, and if springs to the ground would lie across two axes.
         """
         count = whole_number("layers", layers, 1, _MOST_CELLS)
         _require_room(count, self)
-        face_edges = require("edges", read_edges, edges)
+        given_edges = require("edges", read_edges, edges)
+        model = self.contact_model
+        lower_edge, upper_edge = name_walls(given_edges, model.named_kinds, model.walls)
+        face_edges = (lower_edge, upper_edge)
         layering = Layers.across(axis, self.cell)
         n = self.n_balls
         normal_axis = self.periods - 1
@@ -703,7 +743,8 @@ class Crystal(Result):
         face_balls = find_faces(heights, self._mean_radii[origin], face_edges, n)
         thickness = count * abs(float(layering.stack[normal_axis]))
         faces = Faces(normal_axis, thickness, face_edges, face_balls)
-        crystal = crystal._derive(faces=(*crystal.faces, faces))
+        on_site = turn_on_site(crystal.on_site, layering.turn, self._named_motions)
+        crystal = crystal._derive(faces=(*crystal.faces, faces), on_site=on_site)
         crystal._require_joined()
         return crystal
 
@@ -806,20 +847,29 @@ class Crystal(Result):
 
     @property
     def is_held(self) -> bool:
-        """Whether a floor or clamp holds balls of the crystal."""
-        return any(side.edge != "free" for side in self._sides)
+        """Whether a floor, a clamp or springs to the ground hold balls of the crystal."""
+        return any(side.edge != "free" for side in self._sides) or self.is_anchored
+
+    @property
+    def is_anchored(self) -> bool:
+        """Whether springs to the ground resist displacements of balls."""
+        springs = self.on_site
+        return springs is not None and bool(np.any(springs[:, self._named_motions.translating]))
 
     @property
     def downward(self) -> Array:
         """(d,) unit vector across the layers of a cut, towards the face that is held; towards the
-        lower face if both are held.
+        lower face if both are held. Where springs to the ground alone hold the balls it is the last
+        axis, downwards.
 
-        Raises :class:`~granphon.base.errors.InputError` if no face is held.
+        Raises :class:`~granphon.base.errors.InputError` if nothing holds the balls.
         """
         for side in self._sides:  # the lower face comes first
             if side.edge != "free":
                 axes = np.eye(self.dimension)
                 return np.asarray(side.sign * axes[side.axis])
+        if self.dimension - 1 in self._find_anchored_axes():
+            return np.asarray(-np.eye(self.dimension)[-1])
         error = InputError(
             f"nothing holds crystal {self.name!r} against gravity",
             mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))',
@@ -835,6 +885,18 @@ class Crystal(Result):
         between_balls = np.minimum(quantity[table.i], quantity[table.j])
         on_floors = [quantity[floor.balls] for floor in self._floors]
         return np.concatenate([between_balls, *on_floors])
+
+    @property
+    def _contact_strengths(self) -> Array:
+        """(n_c,) the smaller yield strength of the two bodies of each contact, Pa; a body whose
+        strength is not known does not yield.
+        """
+        strengths = [ball.material.yield_strength for ball in self.kinds]
+        of_kinds = np.array([math.inf if value is None else value for value in strengths])
+        of_balls = self._take_least_of_ends(of_kinds[self.kind])
+        of_walls = [np.full(len(floor.balls), floor.strength) for floor in self._floors]
+        between = np.full(len(self.contacts), math.inf)
+        return np.asarray(np.minimum(of_balls, np.concatenate([between, *of_walls])))
 
     @cached_property
     def masses(self) -> Array:
@@ -859,8 +921,13 @@ class Crystal(Result):
 
     @property
     def _floors(self) -> list[Side]:
-        """The faces that stand on a floor."""
-        return [side for side in self._sides if side.edge == "floor"]
+        """The faces that stand on a floor or wall."""
+        return [side for side in self._sides if side.body is not None]
+
+    @property
+    def _walls(self) -> list[Body]:
+        """The different flat bodies that balls touch: floors and walls."""
+        return list(dict.fromkeys(side.body for side in self._floors if side.body is not None))
 
     @cached_property
     def _pairs(self) -> tuple[list[tuple[Body, Body, str, str]], Index]:
@@ -868,21 +935,24 @@ class Crystal(Result):
         pair of each contact.
         """
         table = self.contacts
-        floor_number = len(self.kinds)  # the floor counts as a kind after those of the balls
-        body_count = floor_number + 1
+        walls = self._walls  # these count as kinds after those of the balls
+        body_count = len(self.kinds) + len(walls)
         kinds_i = self.kind[table.i]
         kinds_j = self.kind[table.j]
         on_floors = [self.kind[floor.balls] for floor in self._floors]
         kinds_on_floors = np.concatenate([np.zeros(0, np.intp), *on_floors])
-        floor_numbers = np.full(len(kinds_on_floors), floor_number)
+        numbers = [
+            len(self.kinds) + walls.index(floor.body) for floor in self._floors if floor.body
+        ]
+        floor_numbers = np.repeat(np.array(numbers, np.intp), [len(balls) for balls in on_floors])
         lower_kind = np.concatenate([np.minimum(kinds_i, kinds_j), kinds_on_floors])
         higher_kind = np.concatenate([np.maximum(kinds_i, kinds_j), floor_numbers])
         # one whole number for each pair of kinds
         keys, pair_of_contact = np.unique(
             lower_kind * body_count + higher_kind, return_inverse=True
         )
-        bodies: list[Body] = [*self.kinds, RIGID_PLANE]
-        names = [*self.names, RIGID_PLANE.name]
+        bodies: list[Body] = [*self.kinds, *walls]
+        names = [*self.names, *(wall.name for wall in walls)]
         pairs = []
         for key in keys.tolist():
             first, second = divmod(key, body_count)
@@ -909,14 +979,18 @@ class Crystal(Result):
         return ContactLaws(groups, len(pair_of_contact), self._constants[0])
 
     def law_of(self, i: int, j: int) -> tuple[PairLaw, float, float]:
-        """Return the law of balls i and j, 4 G*/E*, and E*, Pa; numbers that no ball has are
-        floors.
+        """Return the law of balls i and j, 4 G*/E*, and E*, Pa; numbers behind those of the balls
+        are those of the floors and walls of faces, in their order, and others a rigid floor.
         """
         return self.contact_model.law_of(self._find_kind_name(i), self._find_kind_name(j))
 
     def _find_kind_name(self, number: int) -> str:
-        """Return the name of the kind of a ball; a number that no ball has is a floor."""
-        return self.names[self.kind[number]] if number < self.n_balls else RIGID_PLANE.name
+        """Return the name of the kind of a ball, or of a wall; see :meth:`law_of`."""
+        if number < self.n_balls:
+            return self.names[int(self.kind[number])]
+        bodies: list[Body] = [side.body or RIGID_PLANE for side in self._floors]
+        place = number - self.n_balls
+        return bodies[place].name if place < len(bodies) else RIGID_PLANE.name
 
     def touch(self) -> CrystalState:
         """Return the state in which balls touch, with zero stress and strain; overlaps are 1e-6 of
@@ -925,7 +999,7 @@ class Crystal(Result):
         """
         assembly = self._assembly
         laws = self._laws
-        overlap = TOUCH * assembly.distance
+        overlap = TOUCH * self._distance
         d = self.dimension
         p = self.periods
         return CrystalState(
@@ -933,18 +1007,30 @@ class Crystal(Result):
             laws.force(overlap),
             overlap,
             laws.stiffness(overlap),
-            assembly.normal[:, :d],
+            assembly.normal[: self.n_contacts, :d],
             np.zeros((self.n_balls, d)),
             np.zeros((p, p)),
             np.zeros((p, p)),
             np.zeros(assembly.n_walls),
         )
 
+    @property
+    def _distance(self) -> Array:
+        """(n_c,) distances of the two bodies of each contact at touch, m."""
+        return self._assembly.distance[: self.n_contacts]
+
     @cached_property
     def contact_model(self) -> ContactModel:
         """The kinds and the laws of their contacts, for networks of the crystal."""
+        walls = tuple(wall for wall in self._walls if isinstance(wall, Wall))
         return ContactModel(
-            self.kinds, self.names, self.law, self.friction, self.torsion, self.bending
+            self.kinds,
+            self.names,
+            self.law,
+            self.friction,
+            self.torsion,
+            self.bending,
+            walls=walls,
         )
 
     @cached_property
@@ -956,19 +1042,45 @@ class Crystal(Result):
 
     @cached_property
     def ball_motions(self) -> Motions:
-        """The motions of each ball, without rotations if no contact resists any."""
-        allowed = allowed_motions(self.dimension)
-        default_motions = next(iter(allowed.values()))
-        motions = default_motions if self.motions is None else allowed[self.motions]
+        """The motions of each ball, without rotations if no contact and no spring to the ground
+        resists any.
+        """
         # only whether these stiffnesses are zero matters; torsion may be a word
         mindlin_ratio = 1.0 if self.friction else 0.0
         torsion = 1.0 if self.torsion else 0.0
-        return select_motions(mindlin_ratio, torsion, self.bending, motions)
+        return select_motions(
+            mindlin_ratio, torsion, self.bending, self._named_motions, self.on_site
+        )
+
+    @property
+    def _named_motions(self) -> Motions:
+        """The motions that :attr:`motions` names."""
+        return _find_motions(self.dimension, self.motions)
+
+    @cached_property
+    def _springs(self) -> tuple[Index, Index, Array]:
+        """The springs to the ground against displacements of balls that move by themselves: ball,
+        axis and stiffness, N/m, of each.
+        """
+        if self.on_site is None:
+            nothing = np.zeros(0, np.intp)
+            return nothing, nothing, np.zeros(0)
+        axes = np.array(self._named_motions.translations)
+        along = np.flatnonzero(axes < self.dimension)  # statics know no other axis
+        springs = np.where(self._bodies.ball_number[:, None] >= 0, self.on_site[:, along], 0.0)
+        balls, columns = np.nonzero(springs)
+        return balls, axes[along][columns], springs[balls, columns]
+
+    def _find_anchored_axes(self) -> set[int]:
+        """Return the axes along which springs to the ground hold each ball that moves by itself."""
+        _, axes, _ = self._springs
+        n_moving = self._bodies.n_balls
+        return {axis for axis in range(self.dimension) if np.sum(axes == axis) == n_moving}
 
     @cached_property
     def _assembly(self) -> Assembly:
-        """What comes to rest: balls, walls, the cell, and their contacts, those with floors
-        last.
+        """What comes to rest: balls, walls, the cell, and their contacts, those with floors behind
+        those of balls, and springs to the ground last.
         """
         self._require_drawn()
         bodies = self._bodies
@@ -992,6 +1104,11 @@ class Crystal(Result):
             second.append(np.full(len(floor.balls), wall))
             vectors.append(floor.sign * radii[:, None] * np.eye(d)[floor.axis])
             offsets.append(bulges[floor.balls])
+        spring_balls, spring_axes, constants = self._springs
+        first.append(body_of_ball[spring_balls])
+        second.append(np.full(len(constants), bodies.held))
+        vectors.append(_NO_LENGTH * np.eye(d)[spring_axes])
+        offsets.append(np.zeros(len(constants)))
         i = np.concatenate(first).astype(np.int64)
         vector = np.zeros((len(i), 3))
         vector[:, :d] = np.concatenate(vectors)
@@ -1003,7 +1120,13 @@ class Crystal(Result):
             vector=vector,
             is_flat=np.arange(len(i)) >= len(table),
             offset=np.concatenate(offsets),
-            laws=self._laws,
+            laws=self._laws.append(
+                [
+                    (SpringLaw(constant), np.flatnonzero(constants == constant))
+                    for constant in np.unique(constants).tolist()
+                ],
+                len(constants),
+            ),
             cell=self.cell[:, : self.periods],
             dimension=d,
             directions=np.eye(d)[axes].reshape(len(axes), d),
@@ -1300,11 +1423,12 @@ class Crystal(Result):
         acts = np.abs(field) > _ROUNDED * largest
         acting_axes = np.flatnonzero(np.any(acts.reshape(-1, d), axis=0)).tolist()
         wall_axes = {side.axis for side in self._sides if side.edge != "free"}
+        anchored_axes = self._find_anchored_axes()
         has_clamp = any("clamped" in face.edges for face in self.faces)
         for axis in acting_axes:
             is_period = axis < self.periods
             is_held = axis in wall_axes or has_clamp  # a clamp holds along all axes
-            if is_held and not is_period:
+            if axis in anchored_axes or (is_held and not is_period):
                 continue
             reason = "repeats" if is_period else "stands on nothing"
             raise InputError(
@@ -1374,7 +1498,8 @@ class Crystal(Result):
             if lift <= 0.0 or pressure > weight or is_held_at_both:
                 continue
             unit = _PRESSURE_UNITS[self.periods + len(self.faces)]
-            support = low if stands_on_low else high
+            edge = low if stands_on_low else high
+            support = edge.name if isinstance(edge, Wall) else edge
             sign = "" if stands_on_low else "-"
             why = (
                 f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {support} on which"
@@ -1562,8 +1687,9 @@ class Crystal(Result):
         states = [state for state, _ in solutions]
         displacements, wall_motions = self._find_displacements(states)
         strain = np.array([state.strain for state in states])
-        overlap = np.array([state.overlap for state in states])
-        depth = np.max(overlap / self._assembly.distance, axis=1)
+        of_contacts = slice(self.n_contacts)  # springs to the ground come last
+        overlap = np.array([state.overlap[of_contacts] for state in states])
+        depth = np.max(overlap / self._distance, axis=1)
         deepest_load = solutions[int(np.argmax(depth))][1]
         modulus = min(ball.material.young_modulus for ball in self.kinds)
         require_shallow(modulus, float(np.max(depth)), deepest_load.words)
@@ -1571,7 +1697,7 @@ class Crystal(Result):
             "normal_force": np.array([laws.force(overlaps) for overlaps in overlap]),
             "overlap": overlap,
             "normal_stiffness": np.array([laws.stiffness(overlaps) for overlaps in overlap]),
-            "normal": np.array([state.normal for state in states]),
+            "normal": np.array([state.normal[of_contacts] for state in states]),
             "displacements": displacements,
             "stress": self._find_stresses(states, strain if follows else np.zeros_like(strain)),
             "strain": strain,
@@ -1587,7 +1713,8 @@ class Crystal(Result):
         """Return the displacements of the balls, (loads, n, d), and of the walls that a load moves,
         (loads, n_w), m.
 
-        Without a clamp the mean displacement is zero along the axes across which there is no floor.
+        Without a clamp the mean displacement is zero along the axes across which there is no floor,
+        and along which no spring to the ground holds a ball.
         """
         bodies = self._bodies
         d = self.dimension
@@ -1600,7 +1727,8 @@ class Crystal(Result):
                 displacements[:, riders, side.axis] = wall_motions[:, side.wall, None]
         # a motion of the whole crystal means nothing where no wall is in its way
         if not any("clamped" in face.edges for face in self.faces):
-            loose = np.setdiff1d(np.arange(d), [side.axis for side in self._floors])
+            anchored = self._springs[1].tolist()
+            loose = np.setdiff1d(np.arange(d), [*(side.axis for side in self._floors), *anchored])
             displacements[..., loose] -= np.mean(displacements[..., loose], axis=1, keepdims=True)
         return displacements, wall_motions
 
@@ -1619,7 +1747,7 @@ class Crystal(Result):
         """Return the stress (p, p) of a state at rest on the cell with a ``deformation`` (p, p)."""
         assembly = self._assembly
         p = self.periods
-        forces = self._laws.force(state.overlap)[:, None] * state.normal[:, :p]
+        forces = assembly.laws.force(state.overlap)[:, None] * state.normal[:, :p]
         virial = forces.T @ np.where(assembly.is_flat[:, None], 0.0, assembly.vector[:, :p])
         virial = virial @ deformation.T
         measure = assembly.measure * float(np.linalg.det(deformation))
@@ -1683,12 +1811,13 @@ class _MeanContacts(NamedTuple):
         """Return the contacts of a state: those that carry a load, or touch if they adhere; all of
         them if balls ``differ``.
         """
-        force = laws.force(state.overlap)
-        stiffness = laws.stiffness(state.overlap)
+        overlap = state.overlap[: laws.count]  # springs to the ground come behind the contacts
+        force = laws.force(overlap)
+        stiffness = laws.stiffness(overlap)
         counts = stiffness > 0.0 if laws.adhere else force != 0.0
         if differ:
             counts = np.ones(force.size, bool)
-        return cls(state.overlap, force, stiffness, counts)
+        return cls(overlap, force, stiffness, counts)
 
     def find_mean(self, kind: str) -> float:
         """Return the mean force, N, or overlap, m."""
@@ -1829,7 +1958,7 @@ class CrystalState(Result):
     def torsion_stiffness(self) -> Array:
         """(..., n_c) stiffness against twist, N m."""
         twist_modulus = self.crystal._constants[3]
-        distance = self.crystal._assembly.distance
+        distance = self.crystal._distance
         return self.crystal.contact_model.find_torsion(
             self.normal_stiffness, distance, self.contact_radius, twist_modulus
         )
@@ -1838,7 +1967,7 @@ class CrystalState(Result):
     def bending_stiffness(self) -> Array:
         """(..., n_c) stiffness against rolling, N m."""
         return self.crystal.contact_model.find_bending(
-            self.normal_stiffness, self.crystal._assembly.distance
+            self.normal_stiffness, self.crystal._distance
         )
 
     @property
@@ -1901,15 +2030,11 @@ class CrystalState(Result):
             ratio = np.max(np.maximum(self.overlap, 0.0) / last_overlap, axis=-1)
             checks.append(check_limit("table", ratio))
         checks += self._check_balls()
-        strengths = [ball.material.yield_strength for ball in crystal.kinds]
-        if any(strengths):
-            # a ball whose strength is not known does not yield
-            kind_strengths = [math.inf if value is None else value for value in strengths]
-            ball_strengths = np.array(kind_strengths)[crystal.kind]
-            contact_strengths = crystal._take_least_of_ends(ball_strengths)
+        strengths = crystal._contact_strengths
+        if np.any(np.isfinite(strengths)):
             area = math.pi * self.contact_radius**2
             pressure = np.divide(self.normal_force, area, out=np.zeros_like(area), where=area > 0.0)
-            checks.append(check_limit("yield", np.max(pressure / contact_strengths, axis=-1)))
+            checks.append(check_limit("yield", np.max(pressure / strengths, axis=-1)))
         return tuple(checks)
 
     def _check_balls(self) -> list[Check]:
@@ -1993,9 +2118,17 @@ class CrystalState(Result):
             prestress=self.finite_overlap,
             adhesive=crystal._laws.adhere,
             contact_model=crystal.contact_model,
+            on_site=self._list_springs(),
             **self._list_bodies(),
             **self._list_contacts(),
         )
+
+    def _list_springs(self) -> Array | None:
+        """Return ``on_site`` of the network: that of the balls, and zeros of floors."""
+        on_site = self.crystal.on_site
+        if on_site is None:
+            return None
+        return np.pad(on_site, ((0, len(self.crystal._floors)), (0, 0)))
 
     def _list_bodies(self) -> dict[str, Any]:
         """Return the cell, and the bodies, first the balls and then the floors, as arguments of a
@@ -2024,7 +2157,7 @@ class CrystalState(Result):
         masses = np.where(self._is_clamped, np.inf, crystal.masses)
         inertias = np.array([ball.inertia for ball in crystal.kinds])[crystal.kind]
         kinds = [crystal.names[number] for number in crystal.kind.tolist()]
-        kinds += [RIGID_PLANE.name for _ in floors]
+        kinds += [floor.body.name for floor in floors if floor.body]
         return {
             "cell": cell,
             "positions": positions,
@@ -2085,6 +2218,12 @@ class CrystalState(Result):
             arm_i.append(crystal._mean_radii[floor.balls])
             arm_j.append(np.zeros(len(floor.balls)))
         return np.concatenate(i), np.concatenate(j), np.concatenate(arm_i), np.concatenate(arm_j)
+
+
+def _find_motions(dimension: int, motions: str | None) -> Motions:
+    """Return the motions of a name, by default the first that the dimension allows."""
+    allowed = allowed_motions(dimension)
+    return next(iter(allowed.values())) if motions is None else allowed[motions]
 
 
 def list_balls(balls: Any) -> list[Any]:

@@ -952,7 +952,13 @@ class NetworkState(State):
             unit = scales.force if lattice.periods == 1 else scales.modulus
             return np.asarray(unit * lattice.elastic_tensor())
 
+        self._require_sound()
         return self._stack(find_tensor)
+
+    def _require_sound(self) -> None:
+        """Raise the error of a lattice without sound, with its numbers in SI."""
+        for lattice, network in zip(self._lattices, self._networks, strict=True):
+            lattice.require_rigid(network.scales)
 
     @property
     def has_cubic_axes(self) -> bool:
@@ -965,6 +971,7 @@ class NetworkState(State):
     @property
     def is_isotropic(self) -> bool:
         """Whether the elastic tensor is the same in all directions, at all loads."""
+        self._require_sound()
         return all(
             "longitudinal" not in lattice.wave_names or lattice.is_isotropic
             for lattice in self._lattices
@@ -975,6 +982,7 @@ class NetworkState(State):
         :meth:`State.polarised_waves`.
         """
         shape = self.shape
+        self._require_sound()
         waves = [lattice.sound_velocities(direction) for lattice in self._lattices]
         # (loads, ...): the loads become the axes of the load
         velocities = np.array([velocities_at_load for velocities_at_load, _ in waves])

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -22,6 +22,7 @@ from granphon.balls.contact_model import ContactModel
 from granphon.balls.hertz import HertzLaw, harmonic_diameter
 from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
+from granphon.balls.on_site import name_springs
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief, message
 from granphon.base.text import counted
@@ -77,7 +78,8 @@ class Balls:
     ``name`` is the name of the source in messages. Positions are (n, 1), (n, 2) or (n, 3); the
     other fields are (n,). ``labels`` are whole numbers that name the balls. ``rounding``, of the
     shape of the positions, and ``radius_rounding`` (n,) are the greatest errors that the digits of
-    the source leave in positions and radii, m.
+    the source leave in positions and radii, m. ``on_site`` are stiffnesses (n,) of springs to the
+    ground by their names, N/m and N m.
     """
 
     name: str
@@ -89,6 +91,7 @@ class Balls:
     rounding: Array | None = None
     radius_rounding: Array | None = None
     kinds: tuple[str, ...] | None = None
+    on_site: Mapping[str, Array] = field(default_factory=dict)
 
     def require(self, is_fine: Flags, name: str, values: Array) -> None:
         """Raise :class:`~granphon.base.errors.InputError` unless the ``values`` (n,) or (n, d), m,
@@ -364,7 +367,26 @@ class Source:
             "kinds": balls.kinds,
             "adhesive": self.adhesive,
             "contact_model": model,
+            "on_site": self._list_on_site(motions, dimension),
         }
+
+    def _list_on_site(self, motions: str, dimension: int) -> Array | None:
+        """Return the stiffnesses (n, motions) of springs to the ground; None without springs.
+        InputError for a spring of a motion that balls do not have.
+        """
+        springs = self.balls.on_site
+        allowed = allowed_motions(dimension)
+        if not springs or motions not in allowed:  # motions are refused later
+            return None
+        names = name_springs(allowed[motions])
+        idle = [name for name in springs if name not in names and np.any(springs[name])]
+        if idle:
+            problem = f"{self.balls.name} has springs to the ground on_site_{idle[0]}"
+            why = f"Balls with the motions {motions!r} have no such motion"
+            raise InputError(problem, why, f"Give on_site of {', '.join(names)}")
+        zeros = np.zeros(len(self.balls.radii))
+        columns = [springs.get(name, zeros) for name in names]
+        return np.stack(columns, axis=1) if np.any(columns) else None
 
     def _find_masses(self, material: Material | None) -> Array:
         """Return the masses (n,), kg: of the source, or of solid balls of the material; InputError

@@ -13,12 +13,12 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.ball import RIGID_PLANE
+from granphon.balls.ball import Body, Wall, find_wall, name_walls
 from granphon.balls.contact_model import ContactModel
 from granphon.balls.hertz import HOLDING_FORCE
 from granphon.balls.lattices import Lattice
@@ -26,6 +26,7 @@ from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.neighbours import TOUCH, repeat_contacts, require_joined
+from granphon.balls.on_site import name_springs, turn_on_site
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import GranphonError, InconsistencyWarning, InputError, brief, message
 from granphon.base.memory import require_memory
@@ -123,6 +124,8 @@ class ContactNetwork(Result):
         if they are not known.
     contact_model : the materials of the kinds and the law of their contacts, from which :meth:`cut`
         knows how balls stand on a floor; None if they are not known.
+    on_site : (n, motions) stiffnesses of springs to the ground against each of the ``motions`` of a
+        ball, displacements first, N/m, then rotations, N m; None without such springs.
 
     Raises
     ------
@@ -133,8 +136,10 @@ class ContactNetwork(Result):
         quarter of that, a contact that leaves the line or the plane, a tangential force that is not
         across the normal, periods that are not independent or leave the line or the plane, motions
         that the dimension does not have, two balls with one label, a ``shape`` that does not fit
-        the number of balls.
+        the number of balls, an ``on_site`` of another shape, below zero or not finite.
     """
+
+    _schema: ClassVar[int] = 2
 
     cell: Annotated[Array, "3 3", "m"]
     pbc: tuple[bool, bool, bool]
@@ -164,6 +169,7 @@ class ContactNetwork(Result):
     adhesive: bool = False
     kinds: Annotated[tuple[str, ...] | None, "n?"] = None
     contact_model: ContactModel | None = field(default=None, repr=False)
+    on_site: Annotated[Array | None, "n m?", "", "zero or above"] = None
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {
@@ -199,6 +205,8 @@ class ContactNetwork(Result):
             # a vector along which nothing repeats has no meaning
             is_period = np.array(checked["pbc"])[:, None]
             checked["cell"] = read_only(np.where(is_period, checked["cell"], 0.0))
+        if not np.any(checked.get("on_site")):
+            checked["on_site"] = None
         for name, values in checked.items():
             object.__setattr__(self, name, values)
         super().__post_init__()
@@ -214,6 +222,10 @@ class ContactNetwork(Result):
         if not is_one_of(self.motions, motions):
             fault = f"a network in {self.dimension} dimensions has no motions {brief(self.motions)}"
             raise InputError(fault, mend="Use " + ", ".join(motions))
+        if self.on_site is not None and self.on_site.shape[1] != motions[self.motions].count:
+            names = ", ".join(name_springs(motions[self.motions]))
+            fault = f"on_site of the network has the shape {self.on_site.shape}"
+            raise InputError(fault, mend=f"Give a stiffness for each motion of a ball: {names}")
         if not self.n_balls:
             raise InputError("the network has no ball", mend="Give one or more")
         self._check_cell()
@@ -348,11 +360,29 @@ class ContactNetwork(Result):
 
     @cached_property
     def ball_motions(self) -> Motions:
-        """The motions of each ball, without rotations if no contact resists them."""
-        allowed = allowed_motions(self.dimension)[self.motions]
+        """The motions of each ball, without rotations if no contact and no spring to the ground
+        resists them.
+        """
         return select_motions(
-            self.shear_stiffness, self.torsion_stiffness, self.bending_stiffness, allowed
+            self.shear_stiffness,
+            self.torsion_stiffness,
+            self.bending_stiffness,
+            self._named_motions,
+            self.on_site,
         )
+
+    @property
+    def _named_motions(self) -> Motions:
+        """The motions of a ball that :attr:`motions` names."""
+        return allowed_motions(self.dimension)[self.motions]
+
+    @cached_property
+    def is_anchored(self) -> Flags:
+        """(n,) whether springs to the ground resist every displacement of each ball."""
+        if self.on_site is None:
+            return np.zeros(self.n_balls, bool)
+        springs = self.on_site[:, self._named_motions.translating]
+        return np.asarray(np.all(springs > 0.0, axis=1))
 
     @cached_property
     def vector(self) -> Array:
@@ -447,9 +477,11 @@ class ContactNetwork(Result):
     @property
     def is_balanced(self) -> bool:
         """Whether the static forces on each ball add up to no more than 1e-3 of the mean force of a
-        contact; also where static forces do not act.
+        contact; also where static forces do not act, or springs to the ground may bear the rest,
+        whose forces the network does not have.
         """
-        if not self.prestress or not self.n_contacts:
+        is_known = self.prestress and self.on_site is None
+        if not is_known or not self.n_contacts:
             return True
         _ball, _force, ratio = self.imbalance
         return ratio <= _BALANCED
@@ -555,7 +587,8 @@ class ContactNetwork(Result):
         A contact counts if its force is above 8e-9 of the mean of those above zero. Under less, a
         contact of Hertz's law, whose stiffness goes as the third root of its force, is less than
         2e-3 as stiff as under the mean. If no contact of the network has a force, all contacts
-        count, as if their forces were equal. See :meth:`without_rattlers`. A wall is no rattler.
+        count, as if their forces were equal. See :meth:`without_rattlers`. Neither a wall is a
+        rattler, nor a ball whose displacements are all resisted by springs to the ground.
         """
         return read_only(self._find_rattlers())
 
@@ -653,6 +686,8 @@ class ContactNetwork(Result):
         }
         if self.kinds is not None:
             fields["kinds"] = tuple(self.kinds[ball] for ball in chosen.tolist())
+        if self.on_site is not None:
+            fields["on_site"] = self.on_site[chosen]
         return replace(self, **fields)
 
     def pieces(self) -> tuple[Self, ...]:
@@ -723,10 +758,15 @@ class ContactNetwork(Result):
             left_out=self.left_out * n_cells,
             labels=None,
             kinds=self.kinds and self.kinds * n_cells,
+            on_site=self._repeat_springs(n_cells),
             **contacts,
             lattice=self.lattice if is_cell else None,
             shape=shape if is_cell else None,
         )
+
+    def _repeat_springs(self, n_cells: int) -> Array | None:
+        """Return ``on_site`` of the balls of ``n_cells`` cells; None without springs."""
+        return None if self.on_site is None else np.tile(self.on_site, (n_cells, 1))
 
     def _require_memory(self, n_cells: int) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if ``n_cells`` cells of this network do
@@ -763,10 +803,11 @@ class ContactNetwork(Result):
             the integer Miller indices of their plane, one for each period.
         layers : their number, in cells.
         edges : how the two faces are held: "free"; "clamped", the balls of the outer layer do not
-            move; "floor", a rigid plane touches the outer balls. The force on it is that of the
-            contacts which each ball has lost there, and its stiffness that of a ball on a rigid
-            plane under this force, by the :attr:`contact_model`: the floor of :meth:`Crystal.cut
-            <granphon.Crystal.cut>`. One word for both, or (lower, upper).
+            move; "floor", a rigid plane touches the outer balls; a :class:`~granphon.Wall`, an
+            elastic one does. The force on a floor or wall is that of the contacts which each ball
+            has lost there, and its stiffness that of a ball on such a plane under this force, by
+            the :attr:`contact_model`: the floor of :meth:`Crystal.cut <granphon.Crystal.cut>`. One
+            for both, or (lower, upper).
 
         The layers follow each other along the first axis that is no longer a period, the lower face
         first: y of what was cut from a plane, z from space, x from a chain. If need be the network
@@ -780,7 +821,11 @@ class ContactNetwork(Result):
         and only a face without others is an error.
         """
         n_layers = whole_number("layers", layers, 1, MOST_CELLS)
+        model = self.contact_model
         lower_edge, upper_edge = require("edges", read_edges, edges)
+        if model is not None:
+            given_edges = (lower_edge, upper_edge)
+            lower_edge, upper_edge = name_walls(given_edges, model.named_kinds, model.walls)
         self._require_memory(n_layers)
         stack = _LayerStack.of(self, self.layers_across(axis), n_layers)
         n_periods = len(stack.layers.cell)
@@ -793,23 +838,30 @@ class ContactNetwork(Result):
             heights, balls["radii"], (lower_edge, upper_edge), self.n_balls, 4.0 * spread
         )
         clamped_faces = list[Index]()
+        walls = list[Body]()
         for side, edge, face in ((-1.0, lower_edge, lower_face), (1.0, upper_edge, upper_face)):
             if edge == "clamped":
                 balls["masses"][face] = np.inf
                 clamped_faces.append(face)
-            elif edge == "floor":
-                floor = stack.find_floor(side, face, may_carry_none=bool(spread))
+            elif (wall := find_wall(edge)) is not None:
+                floor = stack.find_floor(side, face, wall, may_carry_none=bool(spread))
                 floor.add_to(balls, contacts, n_periods)
+                walls.append(wall)
         is_still = np.isinf(balls["masses"])
         contacts = _leave_out_still(contacts, is_still)
+        on_site = turn_on_site(self._repeat_springs(n_layers), stack.turn, self._named_motions)
+        if on_site is not None:  # floors have no springs
+            on_site = np.pad(on_site, ((0, len(is_still) - len(on_site)), (0, 0)))
         _require_motion(contacts, is_still, clamped_faces, n_layers)
         self._require_joined_cut(contacts, is_still, n_periods)
         cell = np.zeros((3, 3))
         cell[:n_periods, : self.dimension] = stack.layers.cell
         kinds = self.kinds
         if kinds:
-            n_floors = len(is_still) - n_layers * self.n_balls
-            kinds = kinds * n_layers + (RIGID_PLANE.name,) * n_floors
+            kinds = kinds * n_layers + tuple(wall.name for wall in walls)
+        if model is not None:
+            elastic_walls = [wall for wall in walls if isinstance(wall, Wall)]
+            model = replace(model, walls=tuple(dict.fromkeys([*model.walls, *elastic_walls])))
         return replace(
             self,
             cell=cell,
@@ -821,6 +873,8 @@ class ContactNetwork(Result):
             lattice=None,
             shape=None,
             kinds=kinds,
+            contact_model=model,
+            on_site=on_site,
         )
 
     def _require_joined_cut(
@@ -872,10 +926,10 @@ class ContactNetwork(Result):
             forces += self.tangential_force[contacts]
         return np.asarray(forces)
 
-    def _press_on_floor(self, balls: Index, force: Array, face: str) -> dict[str, Any]:
-        """Return the fields (m,) of the contacts of ``balls`` (m,) of a cut with a rigid plane,
-        each under its own ``force`` (m,), N, in SI units by name; ``face`` is the face of these
-        balls in words. InputError for a ball without a force, or of an unknown material.
+    def _press_on_floor(self, balls: Index, force: Array, wall: Body, face: str) -> dict[str, Any]:
+        """Return the fields (m,) of the contacts of ``balls`` (m,) of a cut with a ``wall``, each
+        under its own ``force`` (m,), N, in SI units by name; ``face`` is the face of these balls in
+        words. InputError for a ball without a force, or of an unknown material.
         """
         model = self.contact_model
         if model is None:
@@ -884,12 +938,12 @@ class ContactNetwork(Result):
                 "Give the material where the network is read, as from_table(..., material=...);"
                 " or clamp the face"
             )
-            raise InputError(fault, "Its stiffness is that of a ball on a rigid plane", mend)
+            raise InputError(fault, "Its stiffness is that of a ball on a flat wall", mend)
         in_layer = balls % self.n_balls
         names = self._name_kinds(in_layer, model, face)
         radii = self.radii[in_layer]
         try:
-            contacts = model.press_on_floor(names, radii, force)
+            contacts = model.press_on_wall(names, radii, force, wall)
         except InputError as error:
             reason = str(error).rstrip(".")
             fault = f"there is no floor for the balls of the {face}: {reason}"
@@ -966,8 +1020,10 @@ class ContactNetwork(Result):
         frame. Balls have ``x``, ``y``, ``z`` (only ``x``, ``y`` in a plane, ``x`` on a line),
         ``radius`` or ``diameter``; ``mass`` if there is no material; and, if need be, ``inertia``
         (default: a solid sphere), ``id``, the whole numbers that name them (default: 0, 1, 2, ...),
-        and ``kind``, names of their kinds. Contacts have ``i`` and ``j``, which name two balls, and
-        if need be ``normal_force`` (default: Hertz's at the overlap of the two balls),
+        ``kind``, names of their kinds, and ``on_site_x``, ``on_site_y``, ``on_site_z``,
+        ``on_site_rotation_x`` and so on, springs to the ground (default: 0). Contacts have ``i``
+        and ``j``, which name two balls, and if need be ``normal_force`` (default: Hertz's at the
+        overlap of the two balls),
         ``normal_stiffness`` and ``shear_stiffness`` (default: those of Hertz and Mindlin under this
         force), ``torsion_stiffness`` and ``bending_stiffness`` (default: 0), ``nx``, ``ny``, ``nz``
         (default: along the line of the centres), ``arm_i`` and ``arm_j`` (default: the radii less
@@ -1361,7 +1417,7 @@ class _Hold:
     def __init__(self, network: ContactNetwork, held_by: int | None) -> None:
         n = network.n_balls
         slips = not np.any(network.shear_stiffness)
-        self.moving = network.moving
+        self.is_held = ~network.moving | network.is_anchored
         self.rows_hold = slips and held_by is None
         if held_by is None:
             self.least = network.dimension + 1 if slips else 2
@@ -1394,14 +1450,16 @@ class _Hold:
         self._starts = np.searchsorted(ends[self._order], np.arange(n + 1))
 
     def are_held(self, balls: Index) -> Flags:
-        """Return (m,) whether each of some ``balls`` (m,) has enough contacts, or does not move."""
+        """Return (m,) whether each of some ``balls`` (m,) has enough contacts, does not move, or
+        hangs on a spring to the ground.
+        """
         counts = self.counts[balls]
         # where contacts slip, two contacts or more whose forces are in balance, as along a straight
         # row, hold a ball
         net_force = np.linalg.norm(self.total_forces[balls], axis=1)
         is_balanced = net_force <= _BALANCED * self.total_sizes[balls]
         is_in_row = self.rows_hold & (counts >= 2) & is_balanced
-        return np.asarray((counts >= self.least) | is_in_row | ~self.moving[balls])
+        return np.asarray((counts >= self.least) | is_in_row | self.is_held[balls])
 
     def release(self, ball: int) -> Iterator[int]:
         """Remove the contacts of a ``ball`` one by one, and yield the neighbour of each, from whose
@@ -1528,9 +1586,9 @@ class _LayerStack:
             "shift": np.pad(self.shift[is_kept], padding),
         }
 
-    def find_floor(self, side: float, face: Index, may_carry_none: bool) -> _Floor:
+    def find_floor(self, side: float, face: Index, wall: Body, may_carry_none: bool) -> _Floor:
         """Return the floor of the balls of a ``face`` (m,), the lower one (``side`` -1) or the
-        upper one (+1).
+        upper one (+1), which is a ``wall``.
 
         The force on each ball is that of the contacts which the ball has lost there. Balls of the
         face that have lost none stand on no floor if ``may_carry_none``, as of balls of different
@@ -1558,13 +1616,13 @@ class _LayerStack:
         signs = np.where(self.has_i, side, -side)[cut_contacts]
         places = np.searchsorted(pressed_balls, balls)
         force: Any = np.bincount(places, signs * forces)
-        springs = self.network._press_on_floor(pressed_balls, force, _name_face(side))
+        springs = self.network._press_on_floor(pressed_balls, force, wall, _name_face(side))
         return _Floor(side, pressed_balls, springs)
 
 
 @dataclass(frozen=True, eq=False)
 class _Floor:
-    """A rigid plane below (``side`` -1) or above (+1) a cut, on which ``balls`` (m,) stand;
+    """A flat wall below (``side`` -1) or above (+1) a cut, on which ``balls`` (m,) stand;
     ``springs`` has the fields (m,) of their contacts.
     """
 

@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 
 from granphon.balls.contact_model import ContactModel
+from granphon.balls.motions import ALL, allowed_motions
+from granphon.balls.on_site import find_unit, name_springs
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
-from granphon.base.quantities import LENGTH, LOADS, Quantity
+from granphon.base.quantities import LENGTH, LOADS, STIFFNESS, TURN_STIFFNESS, Quantity
 from granphon.base.results import plain, restore
 from granphon.base.staging import write_text
 from granphon.base.tables import Heading, Table, table_text
@@ -43,8 +45,8 @@ from granphon.networks.building import (
 _PLACE = replace(LENGTH, least="any")
 _FORCE = replace(LOADS["force"], least="zero or above")
 _ACROSS = replace(_FORCE, least="any")
-_STIFFNESS = Quantity("stiffness", "N/m", "3 MN/m", "N/m, kN/m, MN/m, N/um", "zero or above")
-_ROLLING = Quantity("torque", "N*m", "1 N*mm", "N*m, N*mm", "zero or above")
+#: columns of springs to the ground, by the names of these
+_ON_SITE = {name: f"on_site_{name}" for name in name_springs(ALL)}
 #: columns of the table of balls, and of that of contacts, with their quantities; None: numbers
 #: without a unit
 BALLS: Mapping[str, Quantity | None] = {
@@ -57,6 +59,10 @@ BALLS: Mapping[str, Quantity | None] = {
     "mass": Quantity("mass", "kg", "2 g", "kg, g, mg"),
     "inertia": Quantity("moment of inertia", "kg*m^2", "1 g*mm^2", "kg*m^2, g*mm^2"),
     "kind": None,
+    **{
+        column: STIFFNESS if find_unit(name) == "N/m" else TURN_STIFFNESS
+        for name, column in _ON_SITE.items()
+    },
 }
 CONTACTS: Mapping[str, Quantity | None] = {
     "i": None,
@@ -68,10 +74,10 @@ CONTACTS: Mapping[str, Quantity | None] = {
     "ny": None,
     "nz": None,
     "normal_force": _FORCE,
-    "normal_stiffness": _STIFFNESS,
-    "shear_stiffness": _STIFFNESS,
-    "torsion_stiffness": _ROLLING,
-    "bending_stiffness": _ROLLING,
+    "normal_stiffness": STIFFNESS,
+    "shear_stiffness": STIFFNESS,
+    "torsion_stiffness": TURN_STIFFNESS,
+    "bending_stiffness": TURN_STIFFNESS,
     "arm_i": _PLACE,
     "arm_j": _PLACE,
     "tangential_x": _ACROSS,
@@ -204,7 +210,9 @@ class _Columns:
             is_expected = key in requested or key in known
             if is_expected or len(key) <= 2:  # one or two letters are near to any name
                 continue
-            guess = closest(key, known)
+            # the names of springs are long, and like those of other vectors
+            options = known if "site" in key else set(known) - set(_ON_SITE.values())
+            guess = closest(key, options)
             if guess in lacking:
                 problem = f"{self.name} has a column {brief(str(name))}"
                 raise InputError(problem, mend=f"Did you mean {guess!r}?")
@@ -461,6 +469,9 @@ def _read_balls(columns: _Columns) -> Balls:
         rounding=columns.rounding(*_AXES),
         radius_rounding=radius_rounding,
         kinds=columns.kinds,
+        on_site={
+            name: columns.read(column) for name, column in _ON_SITE.items() if column in columns
+        },
     )
 
 
@@ -510,6 +521,12 @@ def _list_columns_of_balls(fields: Mapping[str, Any]) -> dict[str, Array]:
     columns |= {"radius": fields["radii"], "mass": fields["masses"], "inertia": fields["inertias"]}
     if fields["kinds"] is not None:
         columns["kind"] = np.array(fields["kinds"])
+    if fields["on_site"] is not None:
+        names = name_springs(allowed_motions(fields["dimension"])[fields["motions"]])
+        columns |= {
+            _ON_SITE[name]: springs
+            for name, springs in zip(names, fields["on_site"].T, strict=True)
+        }
     return columns
 
 

@@ -89,8 +89,11 @@ class Analysis:
 
     @cached_property
     def moduli(self) -> Moduli | None:
-        """Elastic moduli; None if the balls do not move along the lattice."""
-        if "longitudinal" not in self.state.wave_names:
+        """Elastic moduli; None if the balls do not move along the lattice, or springs to the ground
+        resist their rotations.
+        """
+        has_stress = self.state.reference_lattice.has_symmetric_stress
+        if not has_stress or "longitudinal" not in self.state.wave_names:
             return None
         return moduli(self.state)
 

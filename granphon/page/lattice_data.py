@@ -15,7 +15,7 @@ from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.deformation_rows import Row, contact_rows, push_rows
+from granphon.dynamics.deformation_rows import Row, push_rows
 from granphon.phonons.paths import (
     BandPath,
     default_letters,
@@ -65,7 +65,8 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
         )
     motions = lattice.named_motions
     periods = lattice.periods
-    mechanism = "Bodies that do not move hold the balls" if lattice.is_held else lattice.mechanism
+    holder = "Springs to the ground" if lattice.is_anchored else "Bodies that do not move"
+    mechanism = f"{holder} hold the balls" if lattice.is_held else lattice.mechanism
     statement = {
         "rotate": lattice.motions.rotate,
         "free": lattice.free_branches,
@@ -102,18 +103,7 @@ def _list_weighted_rows(lattice: ContactLattice) -> list[tuple[Row, Array]]:
     rows, as a force that presses weakens a lattice.
     """
     table = lattice.contacts
-    gyration = np.append(lattice.gyration, 1.0)  # the last value is that of a body at rest
-    rows = contact_rows(
-        table.normal,
-        table.arm_i,
-        table.arm_j,
-        ALL,
-        slip=lattice.mindlin_ratio,
-        twist=lattice.torsion,
-        roll=lattice.bending,
-        gyration_i=gyration[table.i],
-        gyration_j=gyration[table.j],
-    )
+    rows = lattice.make_rows(ALL)
     weighted = []
     for row in rows:
         ratio = np.broadcast_to(row.stiffness, len(table))

@@ -533,6 +533,25 @@ class ComplexBands(Result, array="wavenumbers"):
         )
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Cutoffs(Result, array="frequencies"):
+    """Where the branches of a lattice begin: at Gamma. ``np.asarray`` of it is ``frequencies``.
+
+    Attributes
+    ----------
+    frequencies : (n_branches,) at Gamma, Hz, ascending; zero of sound.
+    curvatures : (n_branches,) d^2 omega/dq^2 beside Gamma, m^2/s.
+    direction : (p,) unit vector along which the curvatures are.
+    gap : the lowest frequency of all branches in the whole zone, Hz: below it no wave runs. It is
+        zero where nothing holds the balls.
+    """
+
+    frequencies: Annotated[Array, "b", "Hz"]
+    curvatures: Annotated[Array, "b", "m^2/s"]
+    direction: Annotated[Array, "p"]
+    gap: Annotated[float, "", "Hz"]
+
+
 def _require(holds: Any, fault: str) -> None:
     """Raise :class:`InputError` for a fault of bands unless ``holds``."""
     if not holds:

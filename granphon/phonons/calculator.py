@@ -282,9 +282,10 @@ class HarmonicContacts(ContactCalculator):
         # contacts of two bodies that do not move are not in the lattice
         kept = network.moving[network.i] | network.moving[network.j]
         sizes = network.normal_force[kept, None] / self.state.scales.force
-        forces = sizes * table.normal
+        forces = sizes * table.normal[: len(sizes)]
         # compressive forces are above zero, and make a stress below zero
-        return np.asarray(-_in_space(table.vector).T @ _in_space(forces))
+        vectors = table.vector[: len(sizes)]  # springs to the ground bear none
+        return np.asarray(-_in_space(vectors).T @ _in_space(forces))
 
     def get_torques(self, atoms: Atoms) -> Array:
         """Return the torque on each ball, -dE/dphi, in units of k d^2: (N, 3)."""

@@ -15,6 +15,7 @@ import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.lattices import one_direction
 from granphon.balls.neighbours import touch_once_at_most
 from granphon.base.arrays import Array, Complex, Flags, Index
 from granphon.base.errors import InputError, PrecisionError, brief, needing
@@ -44,7 +45,7 @@ from granphon.media.cost import Cost
 from granphon.media.state import State, as_state, given_state
 from granphon.networks.network import given_network
 from granphon.observables.validity import find_warnings
-from granphon.phonons.bands import Bands, ComplexBands, PhononModes
+from granphon.phonons.bands import Bands, ComplexBands, Cutoffs, PhononModes
 from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
 from granphon.phonons.dos import DensityOfStates
@@ -804,6 +805,29 @@ class Phonons:
             number of balls of these points, at least two a row.
         """
         return self.find_gaps(mesh)[1]
+
+    def cutoffs(self, direction: ArrayLike | None = None) -> Cutoffs:
+        """Return the frequency of each branch at Gamma, and the curvature there.
+
+        Where springs to the ground hold the balls there is no sound: bands begin at a cut-off
+        frequency, from which omega rises as the square of q.
+
+        Parameters
+        ----------
+        direction : (p,) Cartesian, of any length, along which the curvatures are; by default x.
+        """
+        axis = np.eye(self._periods)[0] if direction is None else direction
+        along = one_direction(axis, self._periods)
+        frequencies, curvatures = self.lattice.cutoffs(along)
+        scales = self.scales
+        gaps = self.gaps()
+        starts_above_zero = len(gaps) and gaps[0, 0] == 0.0
+        return Cutoffs(
+            frequencies * scales.frequency,
+            curvatures * scales.velocity * scales.length,
+            along,
+            float(gaps[0, 1]) if starts_above_zero else 0.0,
+        )
 
     def find_gaps(self, mesh: Sequence[int] | None = None) -> tuple[Index, Array]:
         """Return the number of branches below each of the :meth:`gaps`, (n,), which tells a gap

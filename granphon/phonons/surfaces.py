@@ -14,8 +14,9 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.ball import Wall
 from granphon.balls.lattices import one_direction
-from granphon.balls.layers import EDGES
+from granphon.balls.layers import read_edge
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.memory import require_memory
@@ -24,7 +25,6 @@ from granphon.base.staging import write_text
 from granphon.base.tables import Heading, table_text
 from granphon.base.validation import (
     finite_array,
-    one_of,
     positive,
     real_array,
     require,
@@ -153,7 +153,7 @@ class Surface:
         periods.
     axis : across the edge, as for :meth:`ContactNetwork.cut`. The layers go on without end from the
         lower face of that cut.
-    edge : "free", "clamped" or "floor".
+    edge : "free", "clamped", "floor", or a :class:`~granphon.Wall`.
 
     Attributes
     ----------
@@ -169,9 +169,9 @@ class Surface:
         joins; static tangential forces that act.
     """
 
-    def __init__(self, x: Any, axis: Any, edge: str = "free") -> None:
+    def __init__(self, x: Any, axis: Any, edge: str | Wall = "free") -> None:
         self.network = given_network(x)
-        self.half_space = HalfSpace(self.network, axis, one_of("edge", edge, EDGES))
+        self.half_space = HalfSpace(self.network, axis, require("edge", read_edge, edge))
 
     def __repr__(self) -> str:
         half = self.half_space
@@ -481,7 +481,11 @@ def _find_in_gap(waves: Array, bands: Array, expected: float) -> float | None:
 
 
 def observe_surface(
-    states: Sequence[State], different: Sequence[State], axis: Any, edge: str, points: int
+    states: Sequence[State],
+    different: Sequence[State],
+    axis: Any,
+    edge: str | Wall,
+    points: int,
 ) -> dict[str, Array]:
     """Return the waves at an edge at each of n loads, by the names of the catalogue: what a run
     keeps.

@@ -213,7 +213,8 @@ FIELDS: tuple[Field, ...] = (
     ),
     _packing_field(
         "crystal.cut",
-        "block `axis`, `layers`, `edges` of a strip, slab or column, or a list",
+        "block `axis`, `layers`, `edges` of a strip, slab or column, or a list; an edge is a word,"
+        " or `{wall: ...}` with a material, or the kind of balls that has it",
         "none",
         CUT,
     ),
@@ -245,6 +246,13 @@ FIELDS: tuple[Field, ...] = (
     ),
     _packing_field("crystal.torsion", "as in `packing`", "`0`"),
     _packing_field("crystal.bending", "as in `packing`", "`0`"),
+    _packing_field(
+        "crystal.on_site",
+        "springs to the ground: one stiffness of displacements, or a block of `x`, `y`, `z`,"
+        " `rotation`, `rotation_x` and so on",
+        "none",
+        rules.ON_SITE,
+    ),
     _packing_field(
         "crystal.finite_overlap",
         "the true geometry: contacts turn, the cell deforms, and static forces enter the response",

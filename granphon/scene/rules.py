@@ -29,6 +29,7 @@ from granphon.balls.lattices import (
 )
 from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
+from granphon.balls.on_site import DISPLACEMENTS, ROTATION, ROTATIONS
 from granphon.balls.packing import (
     KIND_PARAMETERS,
     MINDLIN,
@@ -43,6 +44,8 @@ from granphon.base.quantities import (
     LENGTH,
     LOADS,
     MASS,
+    STIFFNESS,
+    TURN_STIFFNESS,
     WAY,
     WIDTH,
     Quantity,
@@ -800,6 +803,34 @@ _ALL_MOTIONS = tuple(
     dict.fromkeys(motions for dimension in (1, 2, 3) for motions in allowed_motions(dimension))
 )
 MOTIONS = word_of(*_ALL_MOTIONS)
+#: the spring to the ground of each motion, by name
+_SPRINGS = block_of(
+    {
+        name: with_unit(TURN_STIFFNESS if name.startswith(ROTATION) else STIFFNESS)
+        for name in (*DISPLACEMENTS, ROTATION, *ROTATIONS)
+    }
+)
+_SPRING = with_unit(STIFFNESS)
+
+
+def _read_on_site(value: Any, context: Context) -> Any:
+    """Return the stiffness of springs to the ground against all displacements, N/m, or names of
+    motions, each with its stiffness, N/m or N m; None of an empty block.
+    """
+    if isinstance(value, dict):
+        return tuple(_SPRINGS.read(value, context).items()) or None
+    return _SPRING.read(value, context)
+
+
+def _write_on_site(springs: Any, context: Context) -> Any:
+    if springs is None:
+        return None
+    if isinstance(springs, tuple):
+        return _SPRINGS.write(dict(springs), context)
+    return _SPRING.write(springs, context)
+
+
+ON_SITE = Kind(_read_on_site, _write_on_site)
 
 
 #: axes of the components of a symmetric tensor of 2 and 3 periods in Voigt order

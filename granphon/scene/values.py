@@ -285,8 +285,8 @@ class SceneValues:
             self.packing.is_held,
             "of balls that are held",
             "bands, gaps, dos of these",
-            "Long waves move all balls together, which a floor or clamp holds: write"
-            " observe: [bands].",
+            "Long waves move all balls together, which a floor, a clamp or springs to the ground"
+            " hold: write observe: [bands].",
         )
         first_block = next(iter(NETWORK_BLOCKS))
         without_period = [

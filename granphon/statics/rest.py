@@ -367,10 +367,11 @@ class _Search(ABC):
         assert self.trail.nearest is not None
         rest = Rest.of(self.trail.nearest)
         rest = replace(rest, steps=self.steps, iterations=self.iterations)
-        if not assembly.differs or laws.adhere:
+        if not assembly.differs or np.any(laws.adhesion):
             return rest
         force = laws.force(rest.overlap)
         light = np.abs(force) <= self.options.carried * rest.residual * laws.size(force)
+        light &= np.isfinite(laws.least)  # a bond never opens
         opened = np.minimum(rest.overlap, laws.least)
         return replace(rest, overlap=np.where(light, opened, rest.overlap))
 

@@ -236,14 +236,19 @@ class NonlinearWaves:
         """
         network = self.network
         force = network.normal_force
-        kinds = {name: name for name in (*crystal.names, RIGID_PLANE.name)}
+        model = crystal.contact_model
+        if network.contact_model is not None:  # which knows the walls of a network that was cut
+            walls = dict.fromkeys([*model.walls, *network.contact_model.walls])
+            model = replace(model, walls=tuple(walls))
+        walls_and_kinds = (*crystal.names, RIGID_PLANE.name, *(wall.name for wall in model.walls))
+        kinds = {name: name for name in walls_and_kinds}
         if not network.kinds and len(crystal.names) == 1:
             kinds[_BALL] = crystal.names[0]
         elif not network.kinds or not set(network.kinds) <= set(kinds):
             raise InputError(
                 "the balls of the network are not of the kinds of the crystal", mend="Give a law"
             )
-        self._find = lambda name, other: crystal.contact_model.law_of(kinds[name], kinds[other])
+        self._find = lambda name, other: model.law_of(kinds[name], kinds[other])
         groups = list[tuple[Any, Index]]()
         modulus = np.ones(force.size)
         for pair, contacts in self._group(network.i, network.j).items():
@@ -702,6 +707,7 @@ class _RateBound:
         deform = abs(operator.compose(rows))
         self._pull = deform.T.tocsr()
         self._largest = deform @ np.ones(operator.size)
+        self._anchors = operator.anchors
 
     def find(self, stiffness: Array) -> float:
         """Return the bound, rad/s, of contacts of a normal ``stiffness`` (n_c,), N/m, those of the
@@ -712,7 +718,8 @@ class _RateBound:
         if len(stiffness) > count:  # balls have met
             stiffness = np.maximum(stiffness[:count], stiffness[count:].max())
         springs = np.concatenate([stiffness, *(ratio * stiffness for ratio in self._ratios)])
-        return float(np.sqrt(np.max(self._pull @ (springs * self._largest))))
+        of_contacts = self._pull @ (springs * self._largest)
+        return float(np.sqrt(np.max(of_contacts + self._anchors)))
 
 
 class _System:

@@ -6,7 +6,8 @@ the masses M,
     A = K^1/2 C M^-1/2,    D = A^T A - B^T (f/r) B,
 
 where the second term, B being displacements across contacts, is the prestress, if the network has
-it; f is below zero where contacts pull. The eigenvalues of D are squared angular frequencies,
+it; f is below zero where contacts pull. A spring to the ground is one more row of C, of one motion
+of a ball. The eigenvalues of D are squared angular frequencies,
 (rad/s)^2, and singular values of A are angular frequencies. A vector holds, for each ball that
 moves, its mass-weighted motions: M^1/2 u and M^1/2 w, w = (I/M)^1/2 phi.
 
@@ -40,6 +41,7 @@ from granphon.base.errors import InputError, InstabilityError, message
 from granphon.dynamics.deformation_rows import (
     Row,
     carry_rows,
+    find_anchors,
     find_gyration,
     network_rows,
     push_rows,
@@ -226,17 +228,47 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def full_root(self) -> csr_array[Any]:
-        """A = K^1/2 C M^-1/2, and below it (|f|/r)^1/2 B of static forces where these act, (rows,
-        size), rad/s.
+        """A = K^1/2 C M^-1/2 of contacts, below it (|f|/r)^1/2 B of static forces where these act,
+        and last the rows of springs to the ground, (rows, size), rad/s.
         """
-        return self._make_matrix(*self._weighed_rows)
+        return self._make_full_root()
+
+    def _make_full_root(self, phase: Any = 1.0) -> csr_array[Any]:
+        """Return :attr:`full_root` where balls j of contacts move with a ``phase`` (n_c,)."""
+        of_contacts = self._make_matrix(*self._weighed_rows, phase)
+        return self._add_anchors(of_contacts)
+
+    def _add_anchors(self, of_contacts: csr_array[Any]) -> csr_array[Any]:
+        """Return rows of contacts with those of springs to the ground below them."""
+        if not self._n_anchors:
+            return of_contacts
+        from scipy.sparse import diags_array, vstack
+
+        springs = diags_array(np.sqrt(self.anchors)).tocsr()[np.flatnonzero(self.anchors)]
+        rows: csr_array[Any] = vstack([of_contacts, springs], format="csr")
+        return rows
+
+    @cached_property
+    def anchors(self) -> Array:
+        """(size,) stiffnesses of springs to the ground over masses, (rad/s)^2."""
+        stiffness = find_anchors(self.network)
+        if stiffness is None:
+            return np.zeros(self.size)
+        masses = self.network.masses[self.balls]
+        of_balls = stiffness[self.balls, : self.motions.count]
+        return np.asarray(self.vector(of_balls / masses[:, None]))
+
+    @cached_property
+    def _n_anchors(self) -> int:
+        """Number of springs to the ground."""
+        return int(np.count_nonzero(self.anchors))
 
     @cached_property
     def root(self) -> csr_array[Any]:
         """A alone, rad/s."""
         if not self.network.prestress:
             return self.full_root
-        return self.full_root[: len(self.rows) * self.network.n_contacts]
+        return self._add_anchors(self.full_root[: len(self.rows) * self.network.n_contacts])
 
     @cached_property
     def _weighed_rows(self) -> tuple[list[Row], list[Array]]:
@@ -265,8 +297,8 @@ class WaveOperator(LinearOperator):
 
         Rows of springs have the weight 1. Rows of static forces have -1 where these press, and 1
         where they pull, as tension holds contacts straight. With ``weights`` (2, n_c) of the
-        elongation and of the other deformations of contacts, rows of springs have these weights,
-        and rows of static forces have 0.
+        elongation and of the other deformations of contacts, rows of contacts have these weights,
+        and rows of static forces and of springs to the ground have 0.
         """
         network = self.network
         if weights is None:
@@ -276,7 +308,9 @@ class WaveOperator(LinearOperator):
             spring_weights = weights
             static_weight = np.zeros(network.n_contacts)
         static_weights = [static_weight for _ in self._static_rows]
-        return np.concatenate([*weigh_rows(self.rows, spring_weights), *static_weights])
+        anchor_weights = np.full(self._n_anchors, 1.0 if weights is None else 0.0)
+        of_contacts = weigh_rows(self.rows, spring_weights)
+        return np.concatenate([*of_contacts, *static_weights, anchor_weights])
 
     def weigh(self, weights: Array | None = None, phase: Any = None) -> csr_array[Any]:
         """Return A^H W A, (size, size), (rad/s)^2, with ``weights`` as for :meth:`of_rows`; without
@@ -285,7 +319,7 @@ class WaveOperator(LinearOperator):
         With a ``phase`` (n_c,) the matrix is that of waves in which the balls j of contacts move
         with that phase.
         """
-        root = self.full_root if phase is None else self._make_matrix(*self._weighed_rows, phase)
+        root = self.full_root if phase is None else self._make_full_root(phase)
         weighed = root.multiply(self.of_rows(weights)[:, None]).tocsr()
         product: csr_array[Any] = (root.conj().T.tocsr() @ weighed).tocsr()
         return product
@@ -334,15 +368,18 @@ class WaveOperator(LinearOperator):
         """Return the deformations (kinds x n_c,) that displacements ``moved`` (n, motions), m, of
         bodies that are held make, times the factors of the rows.
 
-        ``weighed`` are rows and their factors, by default those of :attr:`full_root`.
+        ``weighed`` are rows and their factors, by default those of :attr:`full_root`, of which the
+        springs to the ground of balls that move are not deformed.
         """
         moved_i = moved[self.network.i]
         moved_j = moved[self.network.j]
         rows, factors = weighed or self._weighed_rows
-        deformations = []
+        deformations = list[Array]()
         for row, factor in zip(rows, factors, strict=True):
             deformation = np.sum(row.head * moved_j - row.tail * moved_i, axis=1)
             deformations.append(factor * deformation)
+        if weighed is None:
+            deformations.append(np.zeros(self._n_anchors))
         return np.concatenate(deformations)
 
     def pull(self, moved: Array, weights: Array | None = None) -> Array:
@@ -434,7 +471,9 @@ class WaveOperator(LinearOperator):
                     if np.any(weights):
                         blocks[a, b] += np.bincount(ball, weights, network.n_balls)
         masses = network.masses[self.balls, None, None]
-        return np.asarray(blocks[:, :, self.balls].transpose(2, 0, 1) / masses)
+        of_balls = np.asarray(blocks[:, :, self.balls].transpose(2, 0, 1) / masses)
+        of_balls[:, np.arange(m), np.arange(m)] += self.values(self.anchors)
+        return of_balls
 
     @cached_property
     def top(self) -> float:
@@ -499,7 +538,8 @@ def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
     """Return (n_c,) the row of each contact in the table of contacts of the lattice; None if the
     network is no array that stencils describe.
 
-    The array must have all balls, three cells or more along each axis, and no prestress. Masses
+    The array must have all balls, three cells or more along each axis, and neither prestress nor
+    springs to the ground. Masses
     must be equal, as must moments of inertia. Contacts must have the directions and arms of the
     lattice, each from ball i to ball j of the table. An array so short that a ball touches another
     twice is not described by stencils.
@@ -510,7 +550,8 @@ def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
         return None
     is_short = min(shape) < 3  # along an axis of two cells a ball meets its neighbour twice
     is_full = network.n_balls == lattice.n_balls * math.prod(shape)
-    if network.prestress or is_short or not is_full:
+    has_more = network.prestress or network.on_site is not None
+    if has_more or is_short or not is_full:
         return None
     if not _are_equal(network.masses) or not _are_equal(network.inertias):
         return None

@@ -14,7 +14,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from granphon.balls.layers import EDGES, read_axis, read_edges
+from granphon.balls.ball import Wall
+from granphon.balls.layers import read_axis, read_edge, read_edges
+from granphon.balls.material import Material
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
@@ -49,12 +51,15 @@ from granphon.base.settings import (
 from granphon.base.tables import Table
 from granphon.base.text import show
 from granphon.base.validation import (
+    block,
     choice,
     each,
     finite_list,
     fraction,
     frequencies,
+    label,
     number,
+    read_inside,
     real_number,
     zero_or_above,
 )
@@ -206,7 +211,7 @@ def _read_repeat(value: Any) -> tuple[int, ...]:
     return () if value == () else read_counts(value, "numbers of cells", 1, 1_000_000)
 
 
-def _read_cut(value: Any, context: ValueContext) -> tuple[Any, int, tuple[str, str]]:
+def _read_cut(value: Any, context: ValueContext) -> tuple[Any, int, tuple[str | Wall, str | Wall]]:
     """Return the axis, the number of layers, and the two edges of a block of a cut, or of a tuple
     of them; edges are free by default.
     """
@@ -215,10 +220,47 @@ def _read_cut(value: Any, context: ValueContext) -> tuple[Any, int, tuple[str, s
     return cut["axis"], cut["layers"], cut.get("edges", ("free", "free"))
 
 
+_MATERIAL = block_kind(Material)
+
+
+def _read_wall(value: Any, context: ValueContext) -> Any:
+    """Return the wall of a block {wall: material}, or {wall: kind of balls}; else the value."""
+    if not isinstance(value, dict):
+        return value
+
+    def read_material(material: Any) -> Any:
+        """Return a material, or the name of the kind of balls whose material it is."""
+        return label(material) if isinstance(material, str) else _MATERIAL.read(material, context)
+
+    return Wall(block(value, {"wall": read_material}, ("wall",))["wall"])
+
+
+def _write_edge(edge: str | Wall, context: ValueContext) -> Any:
+    if isinstance(edge, str):
+        return edge
+    is_name = isinstance(edge.material, str)
+    return {"wall": edge.material if is_name else _MATERIAL.write(edge.material, context)}
+
+
+def _read_edges(value: Any, context: ValueContext) -> tuple[str | Wall, str | Wall]:
+    """Return how the lower and the upper edge are held."""
+    edges = value if isinstance(value, list | tuple) else [value]
+    read_each = enumerate(edges)
+    walls = [read_inside(n, partial(_read_wall, context=context), edge) for n, edge in read_each]
+    return read_edges(walls if len(walls) > 1 else walls[0])
+
+
+def _write_edges(edges: tuple[str | Wall, str | Wall], context: ValueContext) -> Any:
+    written = [_write_edge(edge, context) for edge in edges]
+    return written if any(isinstance(edge, dict) for edge in written) else " ".join(written)
+
+
+#: how one edge is held
+_EDGE = Kind(lambda value, context: read_edge(_read_wall(value, context)), _write_edge)
 _CUT_KEYS = {
     "axis": Kind.plain(read_axis),
     "layers": whole_from(1, 1_000_000),
-    "edges": Kind.plain(read_edges, " ".join),
+    "edges": Kind(_read_edges, _write_edges),
 }
 _CUTS = one_or_more(
     Kind(
@@ -332,7 +374,7 @@ class SurfaceSettings(Block):
     Attributes
     ----------
     axis : across the edge: the number of a vector of the cell, or integer Miller indices.
-    edge : "free", "clamped" or "floor".
+    edge : "free", "clamped", "floor", or a :class:`~granphon.Wall`.
     points : wave vectors between two corners of the path, both counted.
     """
 
@@ -343,9 +385,10 @@ class SurfaceSettings(Block):
         "across the edge: the number of a vector of the cell, or Miller indices, as `1 1 0`",
         title="axis across the edge",
     )
-    edge: str = setting(
-        word_of(*EDGES),
-        "`free`, `clamped` (the outer layer does not move) or `floor` (a plane touches it)",
+    edge: str | Wall = setting(
+        _EDGE,
+        "`free`, `clamped` (the outer layer does not move), `floor` (a plane touches it), or"
+        " `{wall: ...}`, an elastic plane of a material or a kind",
         default="free",
         title="edge",
     )
@@ -369,7 +412,7 @@ class NetworkSettings(Block, kw_only=True):
     repeat: tuple[int, ...] = setting(
         REPEAT, "cells of the network along each period", default=(), absent="one cell"
     )
-    cut: tuple[tuple[Any, int, tuple[str, str]], ...] = setting(
+    cut: tuple[tuple[Any, int, tuple[str | Wall, str | Wall]], ...] = setting(
         CUT,
         "block `axis`, `layers`, `edges` of a strip, slab or column of the network, or a list",
         default=(),

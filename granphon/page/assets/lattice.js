@@ -5,7 +5,7 @@ import { addGram, columnLengths, hermitianEigen, singularValues, zeroMatrix } fr
 
 // a frequency is zero if it is no larger than this multiple of the rounding of its own columns
 const ROUNDING = 32 * Number.EPSILON;
-const KINDS = ["elongation", "slip", "twist", "roll"];
+const KINDS = ["elongation", "slip", "twist", "roll", "anchor", "anchored turn"];
 
 // The lattice at some settings: {motions, eta, torsion, bending, spacing, push}. `spacing` a/d and `push` f/(k a) are 1 and 0
 // without the terms of finite overlap.
@@ -25,7 +25,7 @@ export function makeLattice(data, settings) {
   lattice.motion = makeMotion(lattice.balls, data.masses, lattice.mass);
   // one ball has real rows, unless something holds it, or its contacts have arms of two lengths
   lattice.complex = lattice.balls > 1 || data.complex === true;
-  const stiffness = { elongation: 1, slip: settings.eta, twist: settings.torsion, roll: settings.bending, push: 1 };
+  const stiffness = { elongation: 1, slip: settings.eta, twist: settings.torsion, roll: settings.bending, push: 1, anchor: 1, "anchored turn": 1 };
   lattice.deforming = weightRows(lattice, KINDS, stiffness);
   lattice.pushing = settings.push ? splitSigns(weightRows(lattice, ["push"], { push: settings.push })) : null;
   return lattice;
@@ -166,7 +166,8 @@ function splitSigns(rows) {
 
 // Rows of C(q) of some kinds, times the root of the size of their stiffness, with its sign apart: coefficients of the sine
 // and cosine of the half angle.
-// Rotations and rows are divided by i, rows of rotations alone once more: then those of one ball in the cell are real.
+// Rotations and rows are divided by i, rows of rotations alone and of springs to the ground against displacements once more: then
+// those of one ball in the cell are real.
 function weightRows(lattice, kinds, stiffness) {
   const { data, settings, motion, count, balls, branches } = lattice;
   const at = (ball, b) => (ball < balls ? motion[ball][b] : 0); // a body that does not move is none of the balls
@@ -174,7 +175,7 @@ function weightRows(lattice, kinds, stiffness) {
   for (const row of data.rows) {
     const weight = stiffness[row.kind];
     if (!kinds.includes(row.kind) || !(Math.abs(weight) > 0)) continue;
-    const ofTurns = row.kind === "twist" || row.kind === "roll";
+    const ofTurns = ["twist", "roll", "anchor"].includes(row.kind);
     data.contacts.i.forEach((i, contact) => {
       const signed = weight * (row.weights ? row.weights[contact] : 1);
       const root = Math.sqrt(Math.abs(signed));

@@ -1,0 +1,141 @@
+"""Springs to the ground: what stiffness holds each motion of a ball, beside its contacts.
+
+Magnets, grooves, rods and soft foundations hold balls so. A spring pulls a ball back to the place
+at which the ball touches its neighbours without load, along the axis of a motion; a spring of a
+rotation turns the ball back. Springs have no length: the strain of a cell does not stretch them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from granphon.balls.hertz import ENERGY, FORCE, STIFFNESS, EnergyLaw
+from granphon.balls.motions import Motions
+from granphon.base.arrays import Array
+from granphon.base.errors import InputError
+from granphon.base.results import read_only
+from granphon.base.validation import block, require, zero_or_above
+
+#: name under which one stiffness of all rotations is given, N m
+ROTATION = "rotation"
+#: names of the stiffnesses against displacements along x, y and z, N/m, and against rotations about
+#: these axes, N m
+DISPLACEMENTS = ("x", "y", "z")
+ROTATIONS = tuple(f"{ROTATION}_{axis}" for axis in DISPLACEMENTS)
+#: part of a stiffness that couples two motions, over the largest, that is put down to rounding
+_COUPLED = 1e-9
+
+
+@dataclass(frozen=True)
+class SpringLaw(EnergyLaw):
+    """The law f = k u of a spring to the ground, which pushes and pulls; ``constant`` is k, N/m,
+    and the displacement u, m, stands for the overlap.
+    """
+
+    constant: float
+
+    @property
+    def least_overlap(self) -> float:
+        """-inf: a spring never opens."""
+        return -np.inf
+
+    def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """As :meth:`EnergyLaw._evaluate`."""
+        u = np.asarray(overlap, float)
+        derivatives = {ENERGY: 0.5 * u, FORCE: np.ones_like(u)}
+        if order in derivatives:
+            return self.constant * u * derivatives[order]
+        return np.full(u.shape, self.constant if order == STIFFNESS else 0.0)
+
+    def overlap(self, force: ArrayLike) -> Any:
+        """Return the displacement, m, at a ``force``, N."""
+        return np.asarray(force, float) / self.constant
+
+
+def name_springs(motions: Motions) -> tuple[str, ...]:
+    """Return the name of the spring of each of the ``motions``: "x", "rotation_z" and so on."""
+    displacements = [DISPLACEMENTS[axis] for axis in motions.translations]
+    return (*displacements, *(ROTATIONS[axis] for axis in motions.rotations))
+
+
+def read_on_site(value: Any, motions: Motions, n: int) -> Array | None:
+    """Return the stiffnesses (n, motions) of the springs to the ground of n balls, N/m against
+    displacements and N m against rotations; None without springs.
+
+    ``value`` is None; or one stiffness of all displacements, N/m; or a mapping of names to
+    stiffnesses, "x", "y", "z" in N/m, and "rotation" of all rotations, or "rotation_x" and so on of
+    one, in N m; or a list of such numbers or mappings, one for each ball; or the array (n,
+    motions).
+    Raises :class:`~granphon.base.errors.InputError` for something else, a stiffness below zero or
+    not finite, a motion that balls do not have, and a list of another length.
+    """
+    if value is None:
+        return None
+    entries = value.tolist() if isinstance(value, np.ndarray) else value
+    if not isinstance(entries, list | tuple):
+        springs = np.tile(_read_springs(entries, motions), (n, 1))
+    elif len(entries) == n:
+        springs = np.array([_read_springs(entry, motions) for entry in entries])
+    else:
+        problem = f"on_site has {len(entries)} entries, and there are {n} balls"
+        raise InputError(problem, mend="Give one for each ball, or one stiffness for all")
+    return read_only(springs) if np.any(springs) else None
+
+
+def _read_springs(value: Any, motions: Motions) -> list[float]:
+    """Return the stiffness of the spring of each of the ``motions`` of a ball, from what
+    :func:`read_on_site` takes for a ball, or from a list of these stiffnesses.
+    """
+    names = name_springs(motions)
+    if isinstance(value, list | tuple) and len(value) == len(names):
+        value = dict(zip(names, value, strict=True))
+    if not isinstance(value, Mapping):
+        stiffness: float = require("on_site", partial(zero_or_above, unit="N/m"), value)
+        return [0.0 if name in ROTATIONS else stiffness for name in names]
+    allowed = (*names, ROTATION) if motions.rotations else names
+    rules = {name: partial(zero_or_above, unit=find_unit(name)) for name in allowed}
+    given = require("on_site", partial(block, rules=rules), value)
+    of_rotations = given.get(ROTATION, 0.0)
+    return [given.get(name, of_rotations if name in ROTATIONS else 0.0) for name in names]
+
+
+def find_unit(name: str) -> str:
+    """Return the SI unit of the stiffness of the spring of a ``name``."""
+    return "N m" if name.startswith(ROTATION) else "N/m"
+
+
+def turn_on_site(on_site: Array | None, turn: Array, motions: Motions) -> Array | None:
+    """Return the stiffnesses (n, motions) of springs to the ground after a rotation ``turn``
+    (d, d), whose rows are the new axes; None without springs.
+
+    Raises :class:`~granphon.base.errors.InputError` where a spring would lie across two new axes.
+    """
+    d = len(turn)
+    if on_site is None or np.array_equal(turn, np.eye(d)):
+        return on_site
+    axes = np.eye(3)
+    axes[:d, :d] = turn
+    turned = np.zeros_like(on_site)
+    for columns, motion_axes in (
+        (motions.translating, motions.translations),
+        (motions.turning, motions.rotations),
+    ):
+        springs = np.zeros((len(on_site), 3))
+        springs[:, motion_axes] = on_site[:, columns]
+        tensors = np.einsum("ab,nb,cb->nac", axes, springs, axes)
+        diagonal = np.einsum("naa->na", tensors)
+        across = np.abs(tensors - diagonal[:, :, None] * np.eye(3))
+        if np.max(across, initial=0.0) > _COUPLED * np.max(springs, initial=0.0):
+            raise InputError(
+                "springs to the ground differ along axes that are turned",
+                "Each spring lies along an axis of the balls, and would lie across two",
+                "Give on_site the same number along these axes, or choose another axis",
+            )
+        turned[:, columns] = diagonal[:, motion_axes]
+    return read_only(turned)

@@ -1,0 +1,101 @@
+"""Scenes with walls of a material and springs to the ground: what is read, written, checked, run
+and drawn.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import SceneError
+from granphon.cli.commands import main
+from tests.scene.mistakes import BALLS
+
+STEEL = gp.Material(193e9, 0.30, 8000.0)
+BRASS = gp.Material(103e9, 0.34, 8500.0)
+WALL = "{wall: {young_modulus: 103 GPa, poisson_ratio: 0.34, density: 8500 kg/m^3}}"
+HELD = (
+    BALLS + "crystal: {lattice: chain, kinds: [S], motions: in_plane, on_site: {x: 1 MN/m,"
+    " rotation: 30 N*m}}\nload: {force: [10 N, 20 N]}\nobserve: [bands, gaps]\n"
+)
+ROW = (
+    BALLS + f"crystal: {{lattice: chain, kinds: [S], repeat: 4, cut: {{axis: 0, layers: 1, edges:"
+    f" [{WALL}, free]}}, on_site: 20 kN/m}}\nload: {{force: 20 N}}\nobserve: [response]\n"
+    "response: {frequencies: [1 kHz, 2 kHz], source: 3 x, receiver: 0 x, damping: 1 us}\n"
+)
+
+
+def steel_ball():
+    """The ball of the kind S."""
+    return gp.Ball(STEEL, 19.05e-3, mass=28.84e-3)
+
+
+@pytest.mark.parametrize("text", [HELD, ROW, ROW.replace(WALL, "{wall: S}")])
+def test_a_scene_is_written_as_it_was_read(text):
+    scene = gp.Scene.from_text(text)
+    again = gp.Scene.from_text(scene.to_yaml())
+    assert again.packing == scene.packing
+    assert again.to_yaml() == scene.to_yaml()
+
+
+def top_of_bands(force):
+    """The highest frequency of the balls of HELD, Hz, at Gamma or at the end of the zone."""
+    springs = {"x": 1e6, "rotation": 30.0}
+    crystal = gp.Crystal.on("chain", [steel_ball()], motions="in_plane", on_site=springs)
+    return np.max(gp.Phonons(crystal.at_force(force)).frequencies([[0.0], [0.5]]))
+
+
+def test_a_scene_has_the_bands_of_its_crystal(tmp_path):
+    text = HELD.replace("[10 N, 20 N]", "20 N").replace("[bands, gaps]", "[bands]")
+    result = gp.Scene.from_text(text).run(tmp_path / "out", figures=False)
+    assert_allclose(result.summary()["top_frequency"], top_of_bands(20.0), rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_sweep_has_the_bands_of_its_crystals(tmp_path):
+    result = gp.Scene.from_text(HELD).run(tmp_path / "out")
+    tops = [top_of_bands(force) for force in (10.0, 20.0)]
+    assert_allclose(result.dataset["top_frequency"].values.ravel(), tops, rtol=1e-9)
+    assert {"sweep_gaps.csv", "sweep_gaps.png"} <= {path.name for path in result.files}
+
+
+def test_a_row_on_a_wall_has_the_response_of_its_crystal(tmp_path):
+    result = gp.Scene.from_text(ROW).run(tmp_path / "out", figures=False)
+    row = gp.Crystal.on("chain", [steel_ball()], on_site=2e4).repeat((4,))
+    network = row.cut(0, 1, (gp.Wall(BRASS), "free")).at_force(20.0).network
+    expected = gp.Waves(network).response([1e3, 2e3], (3, "x"), (0, "x"), damping=1e-6)
+    values = result.dataset["receptance"] * np.exp(1j * result.dataset["response_phase"])
+    assert_allclose(values.values.ravel(), expected.values.ravel(), rtol=1e-12)
+
+
+def test_check_tells_walls_and_springs(tmp_path, capsys):
+    (tmp_path / "scene.yaml").write_text(ROW)
+    assert main(["check", str(tmp_path / "scene.yaml")]) == 0
+    told = capsys.readouterr().out
+    assert "wall with E = 103 GPa and free" in told
+    assert "springs to the ground" in told
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("20 kN/m", "-20 kN/m", "crystal.on_site"),
+        ("20 kN/m", "20", "crystal.on_site"),
+        ("20 kN/m", "{w: 20 kN/m}", "crystal.on_site.w"),
+        ("20 kN/m", "{z: 20 kN/m}", "on_site.z"),
+        (WALL, "{wall: }", "crystal.cut.edges.0.wall"),
+        (WALL, "{wall: X}", "crystal.cut: .*'X'"),
+        (WALL, "{wal: S}", "crystal.cut.edges.0.wal"),
+        ("8500 kg/m^3", "8500", "crystal.cut.edges.0.wall.density"),
+    ],
+)
+def test_mistakes_are_told_with_their_place(old, new, place):
+    with pytest.raises(SceneError, match=place):
+        gp.Scene.from_text(ROW.replace(old, new))
+
+
+def test_velocities_of_balls_on_springs_are_refused():
+    with pytest.raises(SceneError, match="springs to the ground"):
+        gp.Scene.from_text(HELD.replace("[bands, gaps]", "[velocities]"))
