@@ -86,6 +86,8 @@ class MovingContacts:
         punches.
     held : (rows - 1, n_c) forces across contacts at rest.
     on_balls : (n, m) forces of contacts on balls, of the last step.
+    stiffest : greatest stiffness of a contact, or of a flat punch as wide, after the last step,
+        N/m.
     is_damped : whether there are dashpots.
     """
 
@@ -237,7 +239,7 @@ class MovingContacts:
     ) -> tuple[float, float]:
         """Make a step; without speeds or a mean, there are no dashpots."""
         has_dash = speeds is not None or mean is not None
-        spent, lost = loops.follow(
+        spent, lost, self.stiffest = loops.follow(
             self._columns,
             rules,
             self.axes,
@@ -249,6 +251,8 @@ class MovingContacts:
             self.dash if has_dash else self._no_dash,
             self.on_balls,
         )
+        if not rules.is_hertz:
+            self.stiffest = max(self.stiffest, float(np.max(after.k, initial=0.0)))
         return spent, lost
 
     def rest_energy(self, moment: Moment) -> float:

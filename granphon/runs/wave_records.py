@@ -528,8 +528,7 @@ class PreparedMotion:
         tables = [drive.force or drive.displacement for drive in settings.drive]
         if not shakers and not any(tables):
             return
-        impact = float(np.linalg.norm(self.velocities, axis=1).max())
-        step = settings.step or self.waves.find_step(impact)
+        step = settings.step or self.waves.find_step(**settings.extremes)
         step = min(step, settings.duration / (settings.frames - 1))
         if step * frequency * _PER_PERIOD > 1.0:
             problem = f"a shaker has the frequency {frequency:.4g} Hz, and steps have {step:.3g} s"

@@ -541,6 +541,11 @@ class Signal:
         """Return the value at a time, s."""
         return float(np.interp(time, self.times, self.values))
 
+    @property
+    def greatest(self) -> float:
+        """The greatest magnitude of the values."""
+        return max(map(abs, self.values))
+
     def lost(self, step: float, end: float) -> float:
         """Return the share of the area under the signal up to ``end``, s, that values at each
         ``step``, s, do not show: the area between the signal and the line through these values.
@@ -676,6 +681,18 @@ class DriveSettings(Block):
         """Which of the four kinds the drive is."""
         return next(name for name in DRIVES if getattr(self, name) is not None)
 
+    @property
+    def extremes(self) -> dict[str, float]:
+        """The speed, m/s, force, N, and displacement, m, that the drive reaches, as arguments of
+        :meth:`granphon.NonlinearWaves.find_step`.
+        """
+        way = self.shaker.amplitude if self.shaker else 0.0
+        return {
+            "speed": abs(self.impact or 0.0),
+            "force": self.force.greatest if self.force else 0.0,
+            "displacement": self.displacement.greatest if self.displacement else abs(way),
+        }
+
     def find_balls(self, network: ContactNetwork) -> Index:
         """Return the numbers (n,) of the balls, or of the floor; raises :class:`InputError` where
         the network has no such face.
@@ -794,6 +811,14 @@ class MotionSettings(NetworkSettings):
         "steps: `verlet`, explicit; `midpoint`, implicit, which keep the sum of energies",
         default="verlet",
     )
+
+    @property
+    def extremes(self) -> dict[str, float]:
+        """The greatest speed, force and displacement of any drive, as
+        :attr:`DriveSettings.extremes`.
+        """
+        of_drives = [drive.extremes for drive in self.drive]
+        return {name: max(of[name] for of in of_drives) for name in of_drives[0]}
 
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
