@@ -794,8 +794,8 @@ def plot_response(response: Response, above: Axes, below: Axes) -> tuple[Axes, A
     """
     curves: list[tuple[NDArray[Any], Any, float, str]]  # responses, colour, width of line, label
     if len(response.receivers) <= _FEW:
-        balls = zip(response.values.T, COLOURS, response.receivers, strict=False)
-        curves = [(values, colour, 1.2, f"ball {ball}") for values, colour, ball in balls]
+        receivers = zip(response.values.T, COLOURS, response.names, strict=False)
+        curves = [(values, colour, 1.2, name) for values, colour, name in receivers]
     else:
         curves = [(values, GUIDE, 0.4, "") for values in response.values.T]
         curves.append((response.coherent, COLOURS[0], 1.4, "mean"))

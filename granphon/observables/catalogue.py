@@ -298,7 +298,10 @@ _ENERGIES = (
 _RESPONSES = (
     ("receptance", "m/N", "displacement over the force"),
     ("mobility", "m/(N s)", "velocity over the force"),
+    ("accelerance", "1/kg", "acceleration over the force"),
+    ("force_transmissibility", "1", "force of contacts over that of the source"),
     ("transmissibility", "1", "displacement over that of a wall"),
+    ("dynamic_stiffness", "N/m", "force of contacts over the displacement of a wall"),
 )
 #: parameters of packings over which sweeps run, each with its description; they are given, and need
 #: no function

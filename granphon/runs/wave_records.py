@@ -223,9 +223,9 @@ def require_network(
             continue
         shaped_network = settings.shape(network)
         if isinstance(settings, ResponseSettings) and key in ("source", "receiver"):
-            is_moved = settings.quantity == "transmissibility" and key == "source"
             places = [find_place(words) for words in getattr(settings, key)]
-            require_places(shaped_network, key, places, is_moved, **_choose_plane(settings))
+            options = _choose_plane(settings)
+            require_places(shaped_network, key, places, settings.quantity, **options)
 
 
 def find_typical_state(serving: ServingMedium) -> Any:
@@ -362,8 +362,9 @@ def _record_response(x: Any, settings: ResponseSettings) -> tuple[dict[str, Arra
     """Return the numbers of the response of the network of ``x``, and no files.
 
     ``response`` (n_f, receivers) holds complex amplitudes, those of a plane as the mean over its
-    balls; ``response_peaks`` is as :func:`_list_peaks` makes it, and ``response_note`` is a text of
-    the warnings.
+    balls; ``response_quantity`` is the name of the quantity, which depends on whether the source
+    moves by itself; ``response_peaks`` is as :func:`_list_peaks` makes it, and ``response_note`` is
+    a text of the warnings.
     """
     sources = [find_place(words) for words in settings.source]
     receivers = [find_place(words) for words in settings.receiver]
@@ -384,6 +385,7 @@ def _record_response(x: Any, settings: ResponseSettings) -> tuple[dict[str, Arra
     means = [np.mean(response.values[:, group], axis=1) for group in groups]
     record = {
         "response": np.transpose(means),
+        "response_quantity": np.array(response.quantity),
         "response_note": np.array(" ".join(response.warnings)),
         "response_peaks": _list_peaks(response.peaks_of_means(groups)),
     }
@@ -414,7 +416,7 @@ def _average_responses(
     frequencies of the settings. A note counts the peaks whose height is not known.
     """
     amplitudes = np.array([record["response"] for record in records])
-    name = RESPONSES[settings.quantity]
+    name = RESPONSES[str(records[0]["response_quantity"])]
     mean = np.mean(amplitudes, axis=0)
     observables = {name: np.abs(mean), "response_phase": np.unwrap(np.angle(mean), axis=0)}
     is_alone = len(records) == 1

@@ -1,12 +1,13 @@
-"""The response of a network at given frequencies: receptance, mobility, and what a moved wall hands
-on.
+"""The response of a network at given frequencies: receptance, mobility, accelerance, forces of
+contacts, and what a moved wall hands on.
 
 With forces F exp(i omega t) on balls, mass-weighted motions x = M^1/2 u obey Z x = M^-1/2 F,
 
     Z(omega) = D(omega) - omega^2,    D(omega) = A^T (1 + i eta + i omega tau) A + static forces,
 
 with the damping of :mod:`granphon.dynamics.damping`; a wall that is moved pulls at the balls that
-touch it with the same springs and dashpots. There are two ways to solve it.
+touch it with the same springs and dashpots. A sensor of force hears the elongations e of contacts:
+their forces are -k (1 + i eta + i omega tau) e. There are two ways to solve it.
 
 Directly: sparse factors of Z at each frequency, in an order of the motions that is found once.
 Further solutions, of the residual, mend the first solution until it changes no more. The error is
@@ -66,11 +67,23 @@ from granphon.dynamics.factors import Elimination
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import Course, read_push, read_vector, require_moves
+from granphon.waves.sensors import FLOOR, Sensor, SensorPlaces, find_open_axis, is_contact
 
 #: memory of the response of a ball at one frequency, bytes
 _RESPONSE_BYTES = 100.0
 #: quantities of a response, and their units
-QUANTITIES = {"displacement": "m/N", "velocity": "m/(N s)", "transmissibility": "1"}
+QUANTITIES = {
+    "displacement": "m/N",
+    "velocity": "m/(N s)",
+    "acceleration": "1/kg",
+    "force": "1",
+    "transmissibility": "1",
+    "stiffness": "N/m",
+}
+#: those of a wall that is moved
+OF_MOVED_WALL = ("transmissibility", "stiffness")
+#: those of sensors of force
+OF_FORCE = ("force", "stiffness")
 #: ways to solve
 METHODS = ("direct", "krylov")
 #: motions up to which factors are always taken, as they lose no digits
@@ -138,6 +151,8 @@ _SAME_LINE = 1e-2
 #: least half width of a line over the square of its frequency, 1/Q: losses of a narrower line are
 #: not told from rounding
 _NARROWEST = 1e-9
+#: derivatives by the time, from displacements to other quantities
+_DERIVATIVES = {"velocity": 1, "acceleration": 2}
 #: a function that returns values (n, n_r) at ascending frequencies (n,), Hz
 Solve = Callable[[Array], Complex]
 
@@ -150,18 +165,22 @@ class Response(Result, array="values"):
     Attributes
     ----------
     frequencies : (n_f,) Hz.
-    values : (n_f, n_r) amplitude of each receiver over that of the source: m/N, m/(N s) or 1. A
-        phase below zero lags.
-    quantity : "displacement" (receptance), "velocity" (mobility) or "transmissibility".
+    values : (n_f, n_r) amplitude of each receiver over that of the source, in the unit of the
+        quantity. A phase below zero lags.
+    quantity : "displacement" (receptance, m/N), "velocity" (mobility, m/(N s)), "acceleration"
+        (accelerance, 1/kg), "force" (1), "transmissibility" (1), or "stiffness" (N/m), the force
+        over the displacement of a wall.
     sources : (n_s,) balls that are pushed, each with the same force, or bodies that are moved.
     pushes : (n_s, 3) unit vectors along which sources are pushed or moved.
-    receivers : (n_r,) balls that are heard.
-    directions : (n_r, 3) unit vectors along which receivers are heard.
+    receivers : (n_r,) balls that are heard; of a contact its first ball.
+    directions : (n_r, 3) unit vectors along which receivers are heard; of a contact its normal.
     error : (n_f,) error of the values at each frequency, over the largest of them.
     factorisations : number of frequencies whose values were found by factors of the matrix.
     steps : number of steps of the Krylov space by which the others were found; 0 without any.
     warnings : one sentence for the frequencies whose error is above 1e-6, as next to modes without
         damping; and one where contacts are more viscous than stiff, as a damping is a time.
+    partners : (n_r,) second balls of contacts that are heard, -1 of balls and walls; None if no
+        force is heard.
     """
 
     _notebook_fields = ("method",)
@@ -179,14 +198,22 @@ class Response(Result, array="values"):
     factorisations: int
     steps: int
     warnings: tuple[str, ...] = ()
+    partners: Annotated[Index | None, "r?"] = None
 
     def _field_units(self) -> dict[str, str]:
         """The SI unit of each attribute; that of the values depends on the quantity."""
         return {**self.units, "values": QUANTITIES[self.quantity]}
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """(n_r,) each receiver in words, such as "ball 3" or "contact 3-4"."""
+        partners = np.full(len(self.receivers), -1) if self.partners is None else self.partners
+        pairs = zip(self.receivers.tolist(), partners.tolist(), strict=True)
+        return tuple(f"ball {i}" if j < 0 else f"contact {i}-{j}" for i, j in pairs)
+
+    @property
     def magnitude(self) -> Array:
-        """(n_f, n_r) in m/N, m/(N s) or 1."""
+        """(n_f, n_r) in the unit of the quantity."""
         return np.abs(self.values)
 
     @property
@@ -472,15 +499,20 @@ def _place_points(pole: Complex, low: Array, high: Array) -> Array:
 
 
 def require_places(
-    network: ContactNetwork, name: str, value: Any, moved: bool, **options: Any
+    network: ContactNetwork, name: str, value: Any, quantity: str, **options: Any
 ) -> None:
     """Raise :class:`~granphon.base.errors.InputError` unless a network has the balls and directions
-    of a source or receiver, ``value``, whose ``name`` the message has.
-
-    ``moved`` says that the source is a body that is held; ``options`` are the fields of
-    :class:`Places`.
+    of a source or receiver, ``value``, whose ``name`` the message has, for a response of this
+    ``quantity``; ``options`` are the fields of :class:`Places`.
     """
-    Places(network, **options).find(name, value, held=moved)
+    places = Places(network, **options)
+    if name == "source":
+        is_held = places.refine(quantity, value) in OF_MOVED_WALL
+        places.find(name, value, held=is_held)
+    elif quantity in OF_FORCE:
+        places.find_sensors(value)
+    else:
+        places.find(name, value)
 
 
 class ResponseOptions(NamedTuple):
@@ -518,13 +550,24 @@ def find_response(
     :meth:`granphon.waves.waves.Waves.response` describes them, and raises what that raises. Unless
     nothing loses energy, the response keeps what it takes to solve at other frequencies.
     """
-    is_moved = options.quantity == "transmissibility"
+    options = options._replace(quantity=places.refine(options.quantity, source))
+    is_moved = options.quantity in OF_MOVED_WALL
     sources, pushes = places.find("source", source, held=is_moved)
-    receivers, directions = places.find("receiver", receiver)
-    problem = _Problem.of(operator, damped, (sources, pushes), (receivers, directions), is_moved)
+    problem: _Problem
+    partners = None
+    driven = _Driven.of(operator, damped, (sources, pushes), is_moved)
+    if options.quantity in OF_FORCE:
+        sensors = places.find_sensors(receiver)
+        receivers = np.array([sensor.body for sensor in sensors])
+        directions = np.array([sensor.direction for sensor in sensors])
+        partners = np.array([sensor.partner for sensor in sensors])
+        problem = _Problem.of_sensors(driven, sensors)
+    else:
+        receivers, directions = places.find("receiver", receiver)
+        problem = _Problem.of_balls(driven, receivers, directions)
     require_memory(
         f"responses of {len(receivers):,} balls at {hertz.size:,} frequencies",
-        _RESPONSE_BYTES * hertz.size * (1.0 + len(receivers)),
+        _RESPONSE_BYTES * hertz.size * (1.0 + len(problem.heard)),
         "Take fewer frequencies",
     )
     solution = _solve_for_quantity(problem, hertz, options)
@@ -544,6 +587,7 @@ def find_response(
         factorisations=solution.factorisations,
         steps=solution.steps,
         warnings=warnings,
+        partners=partners,
     )
     if not damped.is_none:  # without losses a peak has no height
 
@@ -563,10 +607,10 @@ def _solve_for_quantity(
     """
     omega = 2.0 * math.pi * frequencies
     solution = problem.solve(omega, options.method, options.tolerance)
-    if options.quantity != "velocity":
-        return solution
-    rates = (2j * math.pi * frequencies)[:, None]  # i omega: from displacements to velocities
-    return solution._replace(values=solution.values * rates)
+    if problem.sensors is not None:
+        return problem.sensors.read(omega, solution)
+    order = _DERIVATIVES.get(options.quantity, 0)
+    return solution._replace(values=solution.values * (1j * omega[:, None]) ** order)
 
 
 def _explain_error(hertz: Array, values: Complex, error: Array, unit: str) -> str:
@@ -591,6 +635,11 @@ def _explain_error(hertz: Array, values: Complex, error: Array, unit: str) -> st
 # -- sources and receivers -------------------------------------------------------------------------
 
 
+def _list_items(value: Any) -> list[Any]:
+    """Return the items of a source or receiver, one or a list."""
+    return value if isinstance(value, list) else [value]
+
+
 class Places:
     """The balls and directions in which a network is pushed and heard; the arguments are those of
     ``Waves.response``.
@@ -601,10 +650,49 @@ class Places:
     ) -> None:
         self.network = network
         if direction is None:
-            direction = _find_open_axis(network)
+            direction = find_open_axis(network)
         self.along = read_vector("direction", direction, network.dimension)
         self.polarisation = polarisation
         self.distance = None if distance is None else positive("distance", distance, "m")
+        self._sensor_places = SensorPlaces.of(network)
+
+    def refine(self, quantity: str, source: Any) -> str:
+        """Return the quantity of a response: "stiffness" in place of "force" where the ``source``
+        is held, and so is moved.
+        """
+        if quantity != "force":
+            return quantity
+        moving = self.network.moving
+        balls = [self._read_item("source", item, False)[0] for item in _list_items(source)]
+        is_held = bool(balls) and not np.any(moving[np.concatenate(balls)])
+        return "stiffness" if is_held else "force"
+
+    def find_sensors(self, value: Any) -> list[Sensor]:
+        """Return the sensors of force of a receiver, or of a list of these: of contacts (i, j), of
+        the floor, of balls and bodies, each with a direction.
+
+        Raises :class:`~granphon.base.errors.InputError` for no sensor, for balls that are not
+        there or do not touch, and for no floor, or several.
+        """
+        sensors = list[Sensor]()
+        for item in _list_items(value):
+            if is_contact(item):
+                sensors.append(self._sensor_places.at_contact(*item))
+                continue
+            bodies, direction = self._read_item("receiver", item, False)
+            sensors += [self._sensor_places.in_body(body, direction) for body in bodies.tolist()]
+        if not sensors:
+            raise InputError(
+                "there is no receiver", mend="Give a contact (i, j), (ball, direction) or 'floor'"
+            )
+        axes = list(self.network.ball_motions.translations)
+        normals = self.network.normal[np.concatenate([one.contacts for one in sensors])]
+        if not np.any(normals[:, axes]):
+            raise InputError(
+                "no motion of the balls changes the force of these contacts",
+                "Balls move across them only",
+            )
+        return sensors
 
     def find(self, name: str, value: Any, held: bool = False) -> tuple[Index, Array]:
         """Return balls (n,) and unit vectors (n, 3) of a source or receiver, or of a list of these.
@@ -614,7 +702,7 @@ class Places:
         ball, balls that are not there, directions in which they do not move, and bodies that move
         or are held against ``held``.
         """
-        items = value if isinstance(value, list) else [value]
+        items = _list_items(value)
         balls = [np.zeros(0, int)]
         vectors = [np.zeros((0, 3))]
         for item in items:
@@ -632,16 +720,25 @@ class Places:
 
     def _read_item(self, name: str, item: Any, held: bool) -> tuple[Index, Array]:
         """Return the balls (n,) and the unit vector (3,) of one ``item`` of a source or receiver:
-        "plane", or (ball, direction).
+        "plane", "floor", or (ball, direction).
         """
         if isinstance(item, str) and item == "plane":
             balls = self._find_plane(name, held)
             return balls, read_push(self.network, self.along, self.polarisation)
+        if isinstance(item, str) and item == FLOOR:
+            floor = self._sensor_places.find_floor()
+            return np.array([floor]), -self._sensor_places.walls[floor]  # towards the balls
+        if is_contact(item):
+            raise InputError(
+                f"the {name} is the contact {brief(item)}",
+                "A contact has a force alone",
+                'Give a receiver of quantity="force", or a direction that is no whole number',
+            )
         if isinstance(item, tuple) and len(item) == 2:
             numbers, direction = item
             balls = index_array(name, numbers, self.network.n_balls)
             return balls, self._read_direction(direction)
-        mend = "Give (ball, direction), (balls, direction), 'plane', or a list of these"
+        mend = "Give (ball, direction), (balls, direction), 'plane', 'floor', or a list of these"
         raise InputError(f"the {name} is {brief(item)}", mend=mend)
 
     def _require_mobility(self, name: str, balls: Index, held: bool) -> None:
@@ -653,7 +750,7 @@ class Places:
         if unfit.size and held:
             raise InputError(
                 f"ball {unfit[0]} of the {name} moves",
-                "A transmissibility is that of a wall or floor",
+                "A wall or floor is moved here, and no ball",
                 "Give a body of infinite mass",
             )
         if unfit.size:
@@ -716,15 +813,6 @@ class Places:
         heights = course.heights[held_bodies]
         is_first = heights <= np.min(heights) + 0.5 * course.spacing
         return np.asarray(held_bodies[is_first])
-
-
-def _find_open_axis(network: ContactNetwork) -> Array:
-    """Return the unit vector (3,) of the first axis along which the network does not repeat, or of
-    x without such an axis.
-    """
-    open_axes = [axis for axis in range(network.dimension) if not np.any(network.cell[:, axis])]
-    axis = open_axes[0] if open_axes else 0
-    return np.asarray(np.eye(3)[axis])
 
 
 # -- solutions -------------------------------------------------------------------------------------
@@ -968,28 +1056,23 @@ class ResponseWork:
         return "Leave out the lowest frequencies, or take a smaller network"
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """The equations Z x = source, and the signals of receivers.
+class _Driven(NamedTuple):
+    """A network that is driven.
 
     Attributes
     ----------
     operator, damping : D of the network, and the damping of its contacts.
     drives : three parts (size,) of the source: without damping, by loss factors, and, over omega,
         by dashpots.
-    heard, ears : a receiver hears the sum of x at the indices ``heard`` (n_r, axes), with the
-        weights ``ears`` (n_r, axes).
     moved : whether the source is a wall that is moved.
-    stretched : (rows,) how far the wall stretches the rows of A; (0,) for balls that are pushed.
+    amplitude : (n, motions) forces on balls, N, or displacements of walls, m.
     """
 
     operator: WaveOperator
     damping: ContactDamping
     drives: Sequence[Array]
-    heard: Index
-    ears: Array
     moved: bool
-    stretched: Array
+    amplitude: Array
 
     @classmethod
     def of(
@@ -997,31 +1080,127 @@ class _Problem:
         operator: WaveOperator,
         damped: ContactDamping,
         source: tuple[Index, Array],
-        receiver: tuple[Index, Array],
         is_moved: bool,
-    ) -> _Problem:
-        """Return the problem of a ``source`` and a ``receiver``: balls (k,) and unit vectors (k, 3)
-        along which these are pushed, or with ``is_moved`` moved, and heard.
+    ) -> _Driven:
+        """Return a network with a ``source``: balls (k,) and unit vectors (k, 3) along which these
+        are pushed, or with ``is_moved`` moved.
         """
         network = operator.network
         sources, pushes = source
-        receivers, directions = receiver
         axes = list(operator.motions.translations)
-        # (n, motions) of all balls: forces, N, or with ``is_moved`` displacements, m
         amplitude = np.zeros((network.n_balls, operator.motions.count))
         np.add.at(amplitude[:, : len(axes)], sources, pushes[:, axes])
         if is_moved:
             weights = (None, damped.losses, damped.times)
             drives = [operator.pull(amplitude, weight) for weight in weights]
-            stretched = operator.stretch(amplitude)
         else:
             root_masses = np.sqrt(network.masses[operator.balls])[:, None]
             push = operator.vector(amplitude[operator.balls] / root_masses)
             drives = [push, np.zeros(operator.size), np.zeros(operator.size)]
-            stretched = np.zeros(0)
+        return cls(operator, damped, drives, is_moved, amplitude)
+
+
+@dataclass(frozen=True, eq=False)
+class _SensorReadings:
+    """How forces of sensors follow from the elongations of contacts.
+
+    Attributes
+    ----------
+    weights : (n_r, n_h) of the elongation of each contact that is heard, N/m: its stiffness times
+        its weight in a sensor.
+    losses, times : (n_h,) loss factors, and times of dashpots, s, of these contacts.
+    """
+
+    weights: Array
+    losses: Array
+    times: Array
+
+    def read(self, omega: Array, solution: _Solution) -> _Solution:
+        """Return forces (n_f, n_r), above zero where contacts are pressed more, of a ``solution``
+        of elongations (n_f, n_h) at ``omega`` (n_f,), rad/s.
+        """
+        factors = 1.0 + 1j * (self.losses + omega[:, None] * self.times)
+        forces = -(solution.values * factors) @ self.weights.T
+        # an error of the largest elongation counts in each contact of a sensor
+        largest = np.max(np.abs(solution.values), axis=1)
+        error = largest * np.max(np.abs(factors) @ self.weights.T, axis=1)
+        loudest = np.max(np.abs(forces), axis=1)
+        share = np.divide(error, loudest, out=np.ones_like(error), where=loudest > 0.0)
+        return solution._replace(values=forces, error=solution.error * share)
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """The equations Z x = source, and the signals of receivers.
+
+    Attributes
+    ----------
+    driven : the network and its source.
+    heard, ears : a receiver hears the sum of x at the indices ``heard`` (n_r, axes), with the
+        weights ``ears`` (n_r, axes).
+    shift : (n_r,) what receivers hear beside, of walls that are moved.
+    sensors : of force; None of receivers that are balls.
+    """
+
+    driven: _Driven
+    heard: Index
+    ears: Array
+    shift: Array
+    sensors: _SensorReadings | None = None
+
+    @classmethod
+    def of_balls(cls, driven: _Driven, receivers: Index, directions: Array) -> _Problem:
+        """Return the problem of ``receivers`` (n_r,), which are heard along unit vectors (n_r,
+        3).
+        """
+        operator = driven.operator
+        axes = list(operator.motions.translations)
         heard = operator.indices[receivers, : len(axes)]
-        ears = directions[:, axes] / np.sqrt(network.masses[receivers])[:, None]
-        return cls(operator, damped, drives, heard, ears, is_moved, stretched)
+        ears = directions[:, axes] / np.sqrt(operator.network.masses[receivers])[:, None]
+        return cls(driven, heard, ears, np.zeros(len(receivers)))
+
+    @classmethod
+    def of_sensors(cls, driven: _Driven, sensors: Sequence[Sensor]) -> _Problem:
+        """Return the problem of sensors of force: receivers are the elongations of contacts."""
+        operator = driven.operator
+        network = operator.network
+        axes = list(operator.motions.translations)
+        numbers = np.concatenate([sensor.contacts for sensor in sensors])
+        contacts, columns = np.unique(numbers, return_inverse=True)
+        weights = np.zeros((len(sensors), contacts.size))
+        rows = np.repeat(np.arange(len(sensors)), [sensor.contacts.size for sensor in sensors])
+        weights[rows, columns] = np.concatenate([sensor.weights for sensor in sensors])
+        readings = _SensorReadings(
+            weights=weights * network.normal_stiffness[contacts],
+            losses=driven.damping.losses[0, contacts],
+            times=driven.damping.times[0, contacts],
+        )
+        i = network.i[contacts]
+        j = network.j[contacts]
+        normal = network.normal[contacts][:, axes]
+        root_mass_i, root_mass_j = (np.sqrt(network.masses[end])[:, None] for end in (i, j))
+        shift = np.zeros(contacts.size)
+        if driven.moved:
+            ways = driven.amplitude[:, : len(axes)]
+            shift = np.sum(normal * (ways[j] - ways[i]), axis=1)
+        indices = operator.indices[:, : len(axes)]
+        return cls(
+            driven,
+            heard=np.hstack([indices[i], indices[j]]),
+            ears=np.hstack([-normal / root_mass_i, normal / root_mass_j]),
+            shift=shift,
+            sensors=readings,
+        )
+
+    @property
+    def operator(self) -> WaveOperator:
+        """D of the network."""
+        return self.driven.operator
+
+    @property
+    def damping(self) -> ContactDamping:
+        """The damping of the contacts."""
+        return self.driven.damping
 
     @single_products()
     def solve(self, omega: Array, method: str | None, tolerance: float) -> _Solution:
@@ -1076,11 +1255,11 @@ class _Problem:
         return _Space(
             apply=self.operator.make_lossy_product(self.damping.losses),
             product=np.dot,
-            start=self.drives[0] + 1j * self.drives[1],
+            start=self.driven.drives[0] + 1j * self.driven.drives[1],
             shifts=omega**2,
             scale=np.ones(omega.size),
             bound=_invert(self.operator.top**2 * work.distance),
-            direct=np.zeros((omega.size, len(self.heard))),
+            direct=self._hear_shift(omega.size),
         )
 
     def _make_even(self, omega: Array, loss: float, time: float) -> _Space:
@@ -1094,15 +1273,15 @@ class _Problem:
         along_axis = np.maximum(np.maximum(shifts.real - top_square, -shifts.real), 0.0)
         distance = np.hypot(shifts.imag, along_axis)
         # a wall pulls with the same factor as the springs
-        scale = np.ones(omega.size, complex) if self.moved else 1.0 / stiffness_factor
+        scale = np.ones(omega.size, complex) if self.driven.moved else 1.0 / stiffness_factor
         return _Space(
             apply=lambda x: self.operator @ x,
             product=np.dot,
-            start=self.drives[0],
+            start=self.driven.drives[0],
             shifts=shifts,
             scale=scale,
             bound=_invert(distance),
-            direct=np.zeros((omega.size, len(self.heard))),
+            direct=self._hear_shift(omega.size),
         )
 
     def _make_first_order(self, work: ResponseWork) -> _Space:
@@ -1129,12 +1308,11 @@ class _Problem:
             return product
 
         source = self._make_first_order_source(spring, times)
-        strength: Any = -1.0 / top * (np.ones(w.size) if self.moved else _invert(1j * omega))
+        strength: Any = -1.0 / top * (np.ones(w.size) if self.driven.moved else _invert(1j * omega))
         # |(H - i w)^-1| is at most this, with the largest |1 + i eta|^1/2 of a spring
         largest_spring = math.sqrt(math.hypot(1.0, float(np.max(work.of_rows[0]))))
         bound = np.where(w > 0.0, (w + largest_spring) * _invert(work.distance), np.inf)
         if work.is_strong:
-            no_signals = np.zeros((w.size, len(self.heard)))
             return _Space(
                 apply=apply,
                 product=np.vdot,
@@ -1142,7 +1320,7 @@ class _Problem:
                 shifts=1j * w,
                 scale=strength,
                 bound=bound,
-                direct=no_signals,
+                direct=self._hear_shift(w.size),
             )
         # the space is that of 1 - i H times the source
         scale = strength / (1.0 + w)
@@ -1153,19 +1331,24 @@ class _Problem:
             shifts=1j * w,
             scale=scale,
             bound=bound,
-            direct=1j * scale[:, None] * self._listen(source),
+            direct=self.shift + 1j * scale[:, None] * self._listen(source),
         )
 
     def _make_first_order_source(self, spring: NDArray[Any], times: Array) -> NDArray[Any]:
         """Return the source of velocities (size,), then deformations (rows,); ``spring`` and
         ``times`` (rows,) are those of :meth:`_make_first_order`.
         """
-        if not self.moved:
-            return np.concatenate([self.drives[0], np.zeros(spring.size, complex)])
+        if not self.driven.moved:
+            return np.concatenate([self.driven.drives[0], np.zeros(spring.size, complex)])
         # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
-        on_balls = -self.operator.parts.pull(times * self.stretched)
-        on_contacts = self.operator.top * spring * self.stretched
+        stretched = self.operator.stretch(self.driven.amplitude)  # of the rows of A
+        on_balls = -self.operator.parts.pull(times * stretched)
+        on_contacts = self.operator.top * spring * stretched
         return np.concatenate([on_balls, on_contacts])
+
+    def _hear_shift(self, n_frequencies: int) -> Array:
+        """Return what receivers hear of walls alone, (n_f, n_r)."""
+        return np.broadcast_to(self.shift, (n_frequencies, len(self.shift)))
 
     def _listen(self, x: NDArray[Any]) -> NDArray[Any]:
         """Return the signals (n_r,) of receivers for motions x (size,)."""
@@ -1199,7 +1382,7 @@ class _Problem:
                 change = factors.solve(residual)
                 x += change
                 previous = signals
-                signals = self._listen(x)
+                signals = self._listen(x) + self.shift
                 loudest = np.max(np.abs(signals)) or 1.0
                 error = float(np.max(np.abs(signals - previous)) / loudest)
                 if solution and error <= TOLERANCE:
@@ -1226,7 +1409,7 @@ class _Problem:
         """
         n_frequencies = work.omega.size
         space = self._make_space(work)
-        values = np.zeros((n_frequencies, len(self.heard)), complex)
+        values = self._hear_shift(n_frequencies).astype(complex)
         error = np.zeros(n_frequencies)
         if not np.any(space.start):
             return values, error, 0
@@ -1333,7 +1516,7 @@ class _Equations:
         reduced = [matrix / self.top_square for matrix in matrices]
         self._matrix, self._ones, self._elastic, *self._lossy = share_places([unit, *reduced])
         self.elimination = Elimination(self._matrix)
-        self._drives = [drive / self.top_square for drive in problem.drives]
+        self._drives = [drive / self.top_square for drive in problem.driven.drives]
 
     def at(self, w: float) -> tuple[Any, NDArray[Any]]:
         """Return Z (size, size), sparse, and the source (size,), at the angular frequency ``w``,

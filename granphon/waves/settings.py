@@ -60,6 +60,7 @@ from granphon.base.validation import (
 )
 from granphon.dynamics.damping import read_loss
 from granphon.networks.network import ContactNetwork
+from granphon.waves.sensors import FLOOR
 
 #: results of the waves in a simulated array
 WAVES = ("dos", "spectrum", "pulse")
@@ -82,10 +83,15 @@ _SOURCES = ("plane", "ball")
 RESPONSES = {
     "displacement": "receptance",
     "velocity": "mobility",
+    "acceleration": "accelerance",
+    "force": "force_transmissibility",
     "transmissibility": "transmissibility",
+    "stiffness": "dynamic_stiffness",
 }
 #: the faces of an array
 FACES = ("lower", "upper")
+#: a receiver that is a contact: the numbers of its two balls
+_CONTACT = re.compile(r"([0-9]+)-([0-9]+)")
 #: kinds of drives of balls
 DRIVES = ("impact", "shaker", "force", "displacement")
 
@@ -139,8 +145,8 @@ _FREQUENCIES = Kind(
 def _read_place(value: Any) -> str:
     """Return one place of a source or receiver, with single spaces between its words."""
     words = value.split() if isinstance(value, str) else []
-    if words == ["plane"]:
-        return "plane"
+    if words in (["plane"], [FLOOR]) or (len(words) == 1 and _CONTACT.fullmatch(words[0])):
+        return words[0]
     if len(words) > 1 and words[0].isdecimal():
         direction = words[1:]
         is_axis = len(direction) == 1 and direction[0] in ("x", "y", "z")
@@ -148,18 +154,19 @@ def _read_place(value: Any) -> str:
             return " ".join(words)
     raise Refused(
         show(value),
-        "plane, or the number of a ball and its direction, such as 12 x or 12 0.6 0.8, or a"
-        " list of these",
+        "plane, floor, the number of a ball and its direction, such as 12 x or 12 0.6 0.8, the"
+        " balls of a contact, such as 3-4, or a list of these",
     )
 
 
 def find_place(text: str) -> Any:
     """Return the place of a source or receiver that a ``text`` of a scene names, as an argument of
-    ``Waves.response``: "plane", or (ball, direction).
+    ``Waves.response``: "plane", "floor", (ball, direction), or the contact (i, j).
     """
     ball, *direction = text.split()
     if not direction:
-        return text
+        match = _CONTACT.fullmatch(ball)
+        return (int(match[1]), int(match[2])) if match else text
     if direction[0] in "xyz":
         return int(ball), direction[0]
     return int(ball), [float(component) for component in direction]
@@ -404,11 +411,13 @@ class ResponseSettings(NetworkSettings):
     Attributes
     ----------
     frequencies : (n_f,) Hz, ascending.
-    source, receiver : "plane", or a ball and a direction, such as "12 x" or "12 0.6 0.8", one or
-        more. What is heard on a plane is the mean over its balls.
+    source, receiver : "plane", "floor", or a ball and a direction, such as "12 x" or "12 0.6 0.8",
+        one or more; of a force also a contact, such as "3-4". What is heard on a plane is the mean
+        over its balls.
     damping : s, of all motions of a contact, or of normal and of other motion.
     loss_factor : likewise.
-    quantity : "displacement", "velocity" or "transmissibility".
+    quantity : "displacement", "velocity", "acceleration", "force", "transmissibility" or
+        "stiffness".
     direction : across planes; None for the first axis along which the network does not repeat, or
         x.
     polarisation : "longitudinal", "transverse" or "out_of_plane".
@@ -423,12 +432,13 @@ class ResponseSettings(NetworkSettings):
     )
     source: tuple[str, ...] = setting(
         _PLACES,
-        "what is driven: `plane`, or a ball and its direction, as `12 x`, or a list",
+        "what is driven: `plane`, `floor`, or a ball and its direction, as `12 x`, or a list",
         title="source",
     )
     receiver: tuple[str, ...] = setting(
         _PLACES,
-        "what is heard, likewise; of `plane`, the last one, the mean over its balls",
+        "what is heard, likewise; of `plane`, the last one, the mean over its balls; of a force"
+        " the balls of a contact, as `3-4`, `floor`, or a sensor in a ball, as `12 x`",
         title="receiver",
     )
     damping: float | tuple[float, float] = setting(
@@ -445,8 +455,8 @@ class ResponseSettings(NetworkSettings):
     )
     quantity: str = setting(
         word_of(*RESPONSES),
-        "`displacement` or `velocity` over force, or `transmissibility`: that of a wall that is"
-        " moved",
+        "`displacement`, `velocity`, `acceleration` or `force` over force; of a wall that is moved"
+        " `transmissibility`, or `stiffness`, the force over its displacement",
         default="displacement",
         title="quantity of the response",
     )

@@ -910,7 +910,7 @@ def test_driven_array_of_lammps_has_the_amplitude_and_the_phase(count, omega, ti
         ({"damping": [0.1, 0.2]}, "damping has the shape"),
         ({"damping": (0.1, 0.2, 0.3)}, r"\(normal, tangential\)"),
         ({"loss_factor": -0.1}, "loss_factor: found -0.1"),
-        ({"quantity": "force"}, "velocity, transmissibility"),
+        ({"quantity": "forces"}, "force, transmissibility"),
         ({"method": "fast"}, "allowed: direct, krylov"),
         ({"method": "krylov", "loss_factor": [0.1, 0.1, 0.1, 0.1, 0.0]}, "others lose none"),
         ({"frequencies": [2.0 * math.sin(0.5 * math.pi / 11) * HERTZ]}, "has no bound"),
