@@ -57,7 +57,7 @@ from granphon.runs.dataset import Dataset, find_load
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.pulses import Pulse
-from granphon.waves.response import QUANTITIES, Response
+from granphon.waves.response import Response
 from granphon.waves.scattering import Transmission
 from granphon.waves.settings import RESPONSES
 from granphon.waves.spectral_functions import SpectralFunction
@@ -959,7 +959,7 @@ def transfer_fit_figure(fit: DampingFit) -> Figure:
     data = fit.measured
     order = np.argsort(fit.measured.frequencies)
     prefix = HertzPrefix.for_top(float(np.max(data.frequencies)))
-    unit = QUANTITIES[fit.quantity]
+    unit = fit.unit
     frequencies = data.frequencies[order] / prefix.hertz
     look_of_data = {
         "fmt": "o",

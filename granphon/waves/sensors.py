@@ -1,11 +1,11 @@
 """Sensors of force: at a contact, in a wall, and in a ball.
 
 A sensor adds up the normal forces of contacts, each times a weight. At a contact there is one
-force, and its weight is one. A wall bears the components of the forces of its contacts along a direction.
-A ball with a sensor in it, as of a disc of piezoelectric ceramic between its halves, reads the mean
-of the forces on the two halves; so each contact has the weight |n.a|/2, with the normal n of the
-contact and the axis a of the sensor. In a chain this is the mean of the two contacts (C. Daraio,
-V. F. Nesterenko, E. B. Herbold and S. Jin, Phys. Rev. E 73, 026610 (2006)).
+force, and its weight is one. A wall bears the components of the forces of its contacts along a
+direction. A ball with a sensor in it, as of a disc of piezoelectric ceramic between its halves,
+reads the mean of the forces on the two halves; so each contact has the weight |n.a|/2, with the
+normal n of the contact and the axis a of the sensor. In a chain this is the mean of the two
+contacts (C. Daraio, V. F. Nesterenko, E. B. Herbold and S. Jin, Phys. Rev. E 73, 026610 (2006)).
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class SensorPlaces:
         return cls(network.i, network.j, network.normal, network.moving, walls)
 
     def at_contact(self, i: int, j: int) -> Sensor:
-        """Return the sensor at the one contact of two bodies; InputError without or with several."""
+        """Return the sensor at the contact of two bodies; InputError unless they have one."""
         joins = ((self.i == i) & (self.j == j)) | ((self.i == j) & (self.j == i))
         contacts = np.flatnonzero(joins)
         if contacts.size != 1:
