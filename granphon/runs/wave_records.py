@@ -59,6 +59,7 @@ from granphon.waves.dos import SpectralDensity
 from granphon.waves.motion import Motion, fit_velocity
 from granphon.waves.operator import WaveOperator
 from granphon.waves.path_spectra import PathSpectra, find_path_points
+from granphon.waves.peaks import Peaks, find_peaks
 from granphon.waves.pulses import (
     MARGIN,
     Pulse,
@@ -69,7 +70,7 @@ from granphon.waves.pulses import (
     require_sendable,
     transmit,
 )
-from granphon.waves.response import Peaks, Response, find_peaks, require_places
+from granphon.waves.response import Response, require_places
 from granphon.waves.settings import (
     RESPONSES,
     MotionSettings,

@@ -11,7 +11,7 @@ from granphon.base.errors import SceneError
 from granphon.cli.commands import main
 from granphon.runs.dataset import load_sweep
 from granphon.scene.redraw import redraw
-from granphon.waves.response import find_peaks
+from granphon.waves.peaks import find_peaks
 from tests.runs.conftest import Meter
 
 CHAIN = """
