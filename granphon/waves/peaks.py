@@ -5,11 +5,11 @@ neighbours, and has its pole p. Where this line is narrower than the step of the
 three values lie too far from the line: the response is solved at the pole and half a width beside
 it, and the pole found anew, until it stands.
 
-The response of a network is a quotient of polynomials. So one of fourth degree over another passes
-through values at nine frequencies between those at which the square of the magnitude is half of
-that of the peak, and differs there from the response by no more than rounding, however other modes
-overlap. Its maximum is the peak, and its width at half the square gives Q. Where the magnitude
-rises again before it has fallen so far, the peak has no width of its own, and no Q.
+The response of a network is a quotient of polynomials. So one of sixth degree over another, through
+values at 13 frequencies between those at which the square of the magnitude is half of that of the
+peak, differs there from the response by hardly more than rounding, however other modes overlap. Its
+maximum is the peak, and its width at half the square gives Q. Where the magnitude rises again
+before it has fallen so far, the peak has no width of its own, and no Q.
 """
 
 from __future__ import annotations
