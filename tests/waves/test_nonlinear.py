@@ -574,6 +574,7 @@ def test_the_step_of_a_run_is_known_before(speed):
     assert waves.find_step(1.0) < waves.find_step()
 
 
+@pytest.mark.claim("nonlinear-drive")
 @pytest.mark.parametrize("frames", [2, 41])
 @pytest.mark.parametrize("scheme", ["verlet", pytest.param("midpoint", marks=pytest.mark.slow)])
 def test_the_step_follows_what_a_drive_presses(frames, scheme):
