@@ -155,6 +155,7 @@ class TransferFunction(Result):
         source.require("frequency")
         frequencies = source.table.column(source.headings["frequency"], FREQUENCY)
         is_complex = source.is_complex
+        phase: Array | None
         if is_complex:
             magnitude, phase = source.read_complex()
         else:

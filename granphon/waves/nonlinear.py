@@ -577,10 +577,12 @@ def _count_steps(length: float, step: float, count: int) -> int:
 
 
 class _Schedule(NamedTuple):
-    """Steps from frame to frame, frames, and the least number of steps in the shortest period."""
+    """Steps from frame to frame, number of frames, and the least number of steps in the shortest
+    period.
+    """
 
     each: int
-    count: int
+    frames: int
     least_per_period: float
 
 
@@ -947,7 +949,7 @@ class _System:
         yield False
         limit = 2.0 * math.pi / schedule.least_per_period / step
         allowed = self._find_allowed(limit)
-        for number in range(1, each * (schedule.count - 1) + 1):
+        for number in range(1, each * (schedule.frames - 1) + 1):
             if self.waves.geometry == "exact":
                 self._watch(self._evaluate_drives(number * step)[0])
             self._advance(number * step, explicit)

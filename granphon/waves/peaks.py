@@ -344,7 +344,9 @@ def _refine_peaks(
     """Return the peaks, (n, n_r), of the response that is solved in their ``windows``, round by
     round, and which of them stand; ``starts`` are nearest to them.
     """
-    fits = _PeakFits(*(values.copy() for values in starts))
+    fits = starts._replace(
+        squares=starts.squares.copy(), heights=starts.heights.copy(), quality=starts.quality.copy()
+    )
     nodes = np.cos(np.pi * (np.arange(2 * _DEGREE + 1) + 0.5) / (2 * _DEGREE + 1))
     stands = ~is_peak
     may_widen = np.ones(is_peak.shape, bool)

@@ -894,7 +894,7 @@ class _SensorReadings:
         of elongations (n_f, n_h) at ``omega`` (n_f,), rad/s.
         """
         factors = 1.0 + 1j * (self.losses + omega[:, None] * self.times)
-        forces = -(solution.values * factors) @ self.weights.T
+        forces: Complex = -(solution.values * factors) @ self.weights.T.astype(complex)
         # an error of the largest elongation counts in each contact of a sensor
         largest = np.max(np.abs(solution.values), axis=1)
         error = largest * np.max(np.abs(factors) @ self.weights.T, axis=1)
