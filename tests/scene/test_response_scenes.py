@@ -111,15 +111,15 @@ def test_a_sweep_over_loads_has_the_numbers_of_python():
         ("stiffness", "plane", "dynamic_stiffness"),
     ],
 )
-def test_sensors_of_force_are_those_of_python(quantity, source, name, tmp_path):
-    """Of contacts, of the floor and of a ball, in two states; a table and a figure of them."""
+def test_sensors_of_force_are_those_of_python(quantity, source, name):
+    """Of contacts, of the floor and of a ball, in two states."""
     text = SHORT.replace("source: plane", f"source: {source}").replace("floor free", "free floor")
     text = text.replace("quantity: transmissibility", f"quantity: {quantity}")
     text = text.replace("[5 x, 0 x]", "[2-3, floor, 3 x]")
     swept = scene(text, FORCE="[2 N, 128 N]")
     assert gp.Scene.from_text(swept.to_yaml()) == swept
-    result = swept.run(tmp_path)
-    found = complex_of(result.dataset, name)[:, 0]
+    dataset = swept.sweep()
+    found = complex_of(dataset, name)[:, 0]
     place = {"0 x": (0, "x")}.get(source, source)
     for force, values in zip((2.0, 128.0), found, strict=True):
         network = swept.packing.crystal.at_force(force).network.cut(0, 6, ("free", "floor"))
@@ -131,7 +131,13 @@ def test_sensors_of_force_are_those_of_python(quantity, source, name, tmp_path):
             quantity=quantity,
         )
         assert_allclose(values, expected.values, rtol=1e-12)
-    assert result.dataset[name].attrs["units"] == ("1" if "force" in name else "N/m")
+    assert dataset[name].attrs["units"] == ("1" if "force" in name else "N/m")
+
+
+@pytest.mark.slow
+def test_a_sensor_of_force_has_a_figure(tmp_path):
+    text = SHORT.replace("transmissibility", "stiffness").replace("[5 x, 0 x]", "[2-3, 3 x]")
+    result = scene(text, FORCE="[2 N, 128 N]").run(tmp_path)
     assert "response.png" in {path.name for path in result.files}
 
 
