@@ -553,7 +553,7 @@ class Signal:
 
     @property
     def greatest(self) -> float:
-        """The greatest magnitude of the values."""
+        """The greatest magnitude of the values, m or N."""
         return max(map(abs, self.values))
 
     def lost(self, step: float, end: float) -> float:
