@@ -123,8 +123,8 @@ from .waves.motion import Motion as Motion
 from .waves.nonlinear import Drive as Drive
 from .waves.nonlinear import NonlinearWaves as NonlinearWaves
 from .waves.path_spectra import PathSpectra as PathSpectra
+from .waves.peaks import Peaks as Peaks
 from .waves.pulses import Pulse as Pulse
-from .waves.response import Peaks as Peaks
 from .waves.response import Response as Response
 from .waves.scattering import ScatteringLengths as ScatteringLengths
 from .waves.scattering import Transmission as Transmission

@@ -118,7 +118,7 @@ def fit_measurements(
     from granphon.base.tables import Table
     from granphon.fits.fit import fit_width
     from granphon.fits.trace_files import has_traces
-    from granphon.fits.transfer import TransferFunction
+    from granphon.fits.transfer import TransferFunction, has_transfer
     from granphon.scene.outputs import OUTPUTS
     from granphon.scene.scene import Scene
 
@@ -132,7 +132,9 @@ def fit_measurements(
     parameters = _read_parameters(parameter)
     columns = _read_columns(column)
     table = Table.read(data)
-    if any(columns.get(kind, kind) in table for kind in ("magnitude", "phase")):
+    has_sound = any(columns.get(kind, kind) in table for kind in ("velocity", "time", "cutoff"))
+    quantity = "" if plan.response is None or has_sound else plan.response.quantity
+    if has_transfer(table, columns, quantity):
         options_of_velocities = {
             "--frequency": frequency,
             "--distance": distance,
@@ -144,7 +146,6 @@ def fit_measurements(
         rows = describe_response_fit(response_fit)
         _finish_fit(out, files, response_fit, response_fit.warnings, rows)
         return
-    has_sound = any(columns.get(kind, kind) in table for kind in ("velocity", "time", "cutoff"))
     is_of_responses = plan.packing.kind_names or plan.response is not None
     if is_of_responses and not has_sound:
         TransferFunction.read(data, columns)  # names the column that a transfer function lacks

@@ -124,14 +124,14 @@ def tell_interruption(describe_folder: Callable[[], str]) -> Iterator[None]:
         raise Interrupted(describe_folder()) from None
 
 
-def write_range(value: Any, unit: str) -> str:
+def write_range(value: Any, unit: str, digits: int = 5) -> str:
     """Return the text of a value in the SI ``unit``, or of the least and the greatest of several,
     as :func:`write_quantity` writes them.
     """
     import numpy as np  # not above, so that the help of a command needs no numpy
 
     ends = np.unique([np.min(value), np.max(value)]).tolist()
-    return " to ".join(write_quantity(end, unit) for end in ends)
+    return " to ".join(write_quantity(end, unit, digits) for end in ends)
 
 
 def _write(value: Any, unit: str) -> str:
@@ -208,7 +208,7 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
         entry = result.entry(name)
         if entry is None or not entry.told or name not in numbers:
             continue
-        text = _write_number(numbers[name], numbers.get(f"{name}_error"), entry.unit)
+        text = _write_number(numbers[name], numbers.get(f"{name}_error"), entry.unit, entry.digits)
         if entry.unit == "m/s" and entry.cost != "surface":
             text += direction
         rows.append((entry.label.lower(), text))
@@ -218,15 +218,15 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
     return rows
 
 
-def _write_number(value: Any, error: Any, unit: str) -> str:
+def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:
     """Return the text of a value, or of the least and the greatest of several, with the standard
-    ``error``, or the least and the greatest error, if the error is not None; all in the SI
-    ``unit``.
+    ``error``, or the least and the greatest error, if the error is not None, else with so many
+    ``digits``; all in the SI ``unit``.
     """
     import numpy as np
 
     if error is None:
-        return write_range(value, unit)
+        return write_range(value, unit, digits)
     values = np.ravel(value)
     errors = np.ravel(error)
     if values.size == 1:

@@ -87,6 +87,8 @@ class MovingContacts:
     held : (rows - 1, n_c) forces across contacts at rest.
     springs : (n, m) stiffnesses of springs to the ground; None without such springs.
     on_balls : (n, m) forces of contacts and of springs to the ground on balls, of the last step.
+    stiffest : greatest stiffness of a contact, or of a flat punch as wide, after the last step,
+        N/m.
     is_damped : whether there are dashpots.
     """
 
@@ -241,7 +243,7 @@ class MovingContacts:
     ) -> tuple[float, float]:
         """Make a step; without speeds or a mean, there are no dashpots."""
         has_dash = speeds is not None or mean is not None
-        spent, lost = loops.follow(
+        spent, lost, self.stiffest = loops.follow(
             self._columns,
             rules,
             self.axes,
@@ -257,6 +259,8 @@ class MovingContacts:
             # the mean of a force that is linear is that of both ends
             moved = after.motions if mean is None else 0.5 * (before.motions + after.motions)
             self.on_balls -= self.springs * moved
+        if not rules.is_hertz:
+            self.stiffest = max(self.stiffest, float(np.max(after.k, initial=0.0)))
         return spent, lost
 
     def rest_energy(self, moment: Moment) -> float:

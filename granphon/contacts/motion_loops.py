@@ -624,6 +624,13 @@ def _sum(rows: Array, n: int, row: int, sums: Array) -> None:
         sums[c] += rows[row + c]
 
 
+@compiled
+def _keep_greatest(rows: Array, n: int, row: int, greatest: Array) -> None:
+    """Keep the greater of a row and what is greatest so far."""
+    for c in range(n):
+        greatest[c] = max(greatest[c], rows[row + c])
+
+
 # -- all contacts ----------------------------------------------------------------------------------
 
 
@@ -659,9 +666,10 @@ def follow(
     step: float,
     dash: Array,
     forces: Array,
-) -> tuple[float, float]:
+) -> tuple[float, float, float]:
     """Set the forces across contacts after a step, and those on balls; return the energies that
-    slip, twist and roll, and dashpots take up, J.
+    slip, twist and roll, and dashpots take up, J, and the greatest stiffness of a punch after it,
+    N/m.
 
     Parameters
     ----------
@@ -694,6 +702,7 @@ def follow(
     rows = _begin(contacts.shared)
     work = np.zeros(CHUNK)
     loss = np.zeros(CHUNK)
+    stiffest = np.zeros(CHUNK)
     forces[:] = 0.0
     for first in range(0, len(contacts.i), CHUNK):
         n = min(CHUNK, len(contacts.i) - first)
@@ -713,6 +722,7 @@ def follow(
             _read(rows, _CHANGE, pull_after[0], first, n)
             _read(rows, _PUNCH_START, punch, first, n)
             _read(rows, _PUNCH, punch_after, first, n)
+        _keep_greatest(rows, n, _PUNCH, stiffest)
         _resist(rows, n, rules.mu)
         if rolls:
             _resist_roll(rows, n)
@@ -744,7 +754,7 @@ def follow(
             _sum(rows, n, _LOSS, loss)
         _act(rows, n, rules.turns, rolls)
         _scatter(rows, ends, forces, axes, first, n)
-    return np.sum(work), np.sum(loss)
+    return np.sum(work), np.sum(loss), np.max(stiffest)
 
 
 # -- all balls -------------------------------------------------------------------------------------

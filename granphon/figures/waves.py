@@ -57,7 +57,7 @@ from granphon.runs.dataset import Dataset, find_load
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.pulses import Pulse
-from granphon.waves.response import QUANTITIES, Response
+from granphon.waves.response import Response
 from granphon.waves.scattering import Transmission
 from granphon.waves.settings import RESPONSES
 from granphon.waves.spectral_functions import SpectralFunction
@@ -794,8 +794,8 @@ def plot_response(response: Response, above: Axes, below: Axes) -> tuple[Axes, A
     """
     curves: list[tuple[NDArray[Any], Any, float, str]]  # responses, colour, width of line, label
     if len(response.receivers) <= _FEW:
-        balls = zip(response.values.T, COLOURS, response.receivers, strict=False)
-        curves = [(values, colour, 1.2, f"ball {ball}") for values, colour, ball in balls]
+        receivers = zip(response.values.T, COLOURS, response.names, strict=False)
+        curves = [(values, colour, 1.2, name) for values, colour, name in receivers]
     else:
         curves = [(values, GUIDE, 0.4, "") for values in response.values.T]
         curves.append((response.coherent, COLOURS[0], 1.4, "mean"))
@@ -959,7 +959,7 @@ def transfer_fit_figure(fit: DampingFit) -> Figure:
     data = fit.measured
     order = np.argsort(fit.measured.frequencies)
     prefix = HertzPrefix.for_top(float(np.max(data.frequencies)))
-    unit = QUANTITIES[fit.quantity]
+    unit = fit.unit
     frequencies = data.frequencies[order] / prefix.hertz
     look_of_data = {
         "fmt": "o",

@@ -16,7 +16,7 @@ from granphon.base.errors import InputError, Refused, require_installed
 from granphon.base.quantities import LENGTH, NUMBER, TIME, Quantity
 from granphon.base.tables import Heading, Table
 from granphon.base.text import decode, list_names, read_bytes, suggest
-from granphon.base.validation import finite_numbers, positive
+from granphon.base.validation import finite_array, positive
 
 #: times before a trigger, and distances on the other side of an origin, are below zero
 TIMES = replace(TIME, least="any")
@@ -179,7 +179,7 @@ def _find_distances(
             f"{where} does not say where the sensor {lacking[0]!r} is",
             mend=f"Head its column '{lacking[0]} at 40 mm', or give the distances",
         )
-    return finite_numbers(distances, "m")
+    return finite_array("distances", distances, "m")
 
 
 def _read_table(path: str | os.PathLike[str]) -> _Part:
@@ -261,13 +261,13 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _Part:
                 f"Its data sets are {listed}",
                 "Write 'signals' (sensors, times), 'time' and 'distance'",
             )
-        signals = np.atleast_2d(finite_numbers(np.asarray(file["signals"])))
+        signals = np.atleast_2d(_read_numbers(path, file["signals"], "signals"))
         times: Array | None = None
         if "time" in file:
             times = _read_quantity(path, file["time"], "time", TIMES)
         elif "time_step" in file.attrs:
-            step = positive("time_step", float(np.asarray(file.attrs["time_step"])), "s")
-            times = _count_steps(step, signals.shape[1])
+            step = _read_numbers(path, file.attrs["time_step"], "time_step")
+            times = _count_steps(positive("time_step", step, "s"), signals.shape[1])
         distances: tuple[float | None, ...] = (None,) * len(signals)
         if "distance" in file:
             places = np.atleast_1d(_read_quantity(path, file["distance"], "distance", PLACES))
@@ -293,5 +293,13 @@ def _read_quantity(path: str | os.PathLike[str], data: Any, name: str, kind: Qua
         raise InputError(
             f"{path}: {name} has the units {text!r}", mend=f"Give it units of {kind.name}"
         )
-    numbers: Array = kind.factor(text) * finite_numbers(np.asarray(data))
+    numbers: Array = kind.factor(text) * _read_numbers(path, data, name)
     return numbers
+
+
+def _read_numbers(path: str | os.PathLike[str], data: Any, name: str) -> Array:
+    """Return the finite numbers of a data set, or an attribute, of HDF5; InputError for others."""
+    try:
+        return finite_array(name, np.asarray(data))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None

@@ -24,7 +24,7 @@ from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.text import list_names, suggest
-from granphon.base.validation import finite_numbers, is_one_of, positive, text_list
+from granphon.base.validation import finite_array, is_one_of, positive, text_list
 from granphon.fits.fit import compute_probability
 
 #: share of its maximum at which a trace begins, by default
@@ -118,9 +118,9 @@ class Traces(Result, array="signals"):
     names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        times = _require_even(finite_numbers(self.times, "s"))
+        times = _require_even(finite_array("times", self.times, "s"))
         signals = np.atleast_2d(_read_signals(self.signals))
-        distances = np.atleast_1d(finite_numbers(self.distances, "m"))
+        distances = np.atleast_1d(finite_array("distances", self.distances, "m"))
         n_sensors = len(signals)
         if signals.shape[1:] != times.shape:
             raise InputError(
@@ -360,12 +360,15 @@ class _Pulses:
         """Take the pulses from the traces; the options are those of :meth:`Traces.velocity`."""
         offsets = []
         noise = []
-        for name, signal in zip(traces.names, traces.signals, strict=True):
+        # only ratios within a trace count: squares of very large or small numbers have no digits
+        sizes = np.max(np.abs(traces.signals), axis=1, keepdims=True)
+        scaled = traces.signals / np.where(sizes > 0.0, sizes, 1.0)
+        for name, signal in zip(traces.names, scaled, strict=True):
             samples = signal[: _find_quiet(traces, name, signal, quiet)]
             offsets.append(np.mean(samples))
             # noise below the rounding of the samples is that rounding
             noise.append(max(np.std(samples, ddof=1), ROUNDED * np.max(np.abs(signal))))
-        signals = traces.signals - np.array(offsets)[:, None]
+        signals = scaled - np.array(offsets)[:, None]
         deviations = np.array(noise)
         lowpass_filter = _choose_filter(traces, signals, deviations, lowpass)
         pulses = cls(traces, lowpass_filter, lowpass_filter(signals), deviations)
@@ -373,7 +376,7 @@ class _Pulses:
         return pulses
 
     def _require_pulses(self) -> None:
-        """Raise InputError if a pulse is not above the noise."""
+        """Raise InputError if a pulse is not above the noise, or still rises at the end."""
         filtered_noise = self.filtered_noise
         highest = np.max(np.abs(self.signals), axis=1)
         silent = np.flatnonzero(highest <= _ABOVE_NOISE * filtered_noise)
@@ -385,6 +388,15 @@ class _Pulses:
                 " deviations of its noise",
                 mend="Record for longer, average several pulses, or leave the sensor out",
             )
+        for name, signal, noise in zip(
+            self.traces.names, self.signals, filtered_noise, strict=True
+        ):
+            if _still_rises(np.abs(signal), float(noise)):
+                raise InputError(
+                    f"the trace of sensor {name} still rises at its end",
+                    "The greatest magnitude of its pulse is not known",
+                    "Record for longer",
+                )
 
     @cached_property
     def filtered_noise(self) -> Array:
@@ -564,8 +576,7 @@ def _read_signals(values: Any) -> Array:
             f"the traces have {list_names(map(str, lengths))} samples",
             mend="Give each trace a sample for each time",
         )
-    signals: Array = finite_numbers(values)
-    return signals
+    return finite_array("signals", values)
 
 
 def _require_even(times: Array) -> Array:
@@ -628,6 +639,12 @@ def _find_quiet(traces: Traces, name: str, signal: Array, quiet: float | None) -
     """Return how many samples at the start of a ``signal`` (n,) hold no pulse: those before the
     time ``quiet``, s, or half of those before its magnitude first has half of its maximum.
     """
+    spread = float(np.std(signal))
+    if not spread:
+        raise InputError(
+            f"no pulse arrives at sensor {name}: the trace does not change",
+            mend="Look at its channel, or leave the sensor out",
+        )
     if quiet is not None:
         count = int(np.count_nonzero(traces.times < quiet))
         content = f"{count} samples lie before {quiet:.6g} s"
@@ -635,14 +652,31 @@ def _find_quiet(traces: Traces, name: str, signal: Array, quiet: float | None) -
         sizes = np.abs(signal - np.mean(signal[:_LEAST_SAMPLES]))
         rise = int(np.argmax(sizes >= _HALF * np.max(sizes)))
         count = rise // 2
-        content = f"it has half of its greatest magnitude after {rise} samples"
+        ratio = float(np.max(sizes)) / spread
+        content = (
+            f"it has half of its greatest magnitude, {ratio:.3g} standard deviations of the whole,"
+            f" after {rise} samples"
+        )
     if count < _LEAST_SAMPLES:
         raise InputError(
-            f"the trace of sensor {name} has no quiet part before a pulse: {content}",
+            f"the trace of sensor {name} has no quiet part before a pulse, or no pulse: {content}",
             f"Its noise is found from {_LEAST_SAMPLES} samples or more",
             "Start the record earlier, or give quiet, the time until which it is noise",
         )
     return count
+
+
+def _still_rises(sizes: Array, noise: float) -> bool:
+    """Whether the magnitude (n,) of a pulse, with a standard deviation of its ``noise``, ends while
+    it rises: by more than noise in the last quarters of the rise so far.
+    """
+    top = int(np.argmax(sizes))
+    rise = top - int(np.argmax(sizes >= THRESHOLD * sizes[top]))
+    quarter = max(rise // 4, 2)
+    if sizes.size - top > quarter or sizes.size < 2 * quarter:
+        return False
+    last = np.mean(sizes[-quarter:]) - np.mean(sizes[-2 * quarter : -quarter])
+    return bool(last > _ABOVE_NOISE * noise)
 
 
 def _choose_filter(

@@ -33,7 +33,8 @@ from granphon.fits.fit import LARGE_ERROR, SAME_EFFECT, Fitted, WidthFit, judge_
 from granphon.fits.traces import Traces
 from granphon.fits.velocity_model import require_fitted
 from granphon.networks.network import ContactNetwork, given_network
-from granphon.waves.response import QUANTITIES
+from granphon.waves.response import OF_FORCE, QUANTITIES, Places
+from granphon.waves.settings import RESPONSES
 from granphon.waves.waves import Waves
 
 #: what may be fitted, and its unit; of stiffness, load and gain it is the ratio to those of the
@@ -59,18 +60,22 @@ _STIFFER = np.geomspace(0.5, 2.0, 57)
 #: number of these ratios that are followed to a minimum
 _FOLLOWED = 3
 #: factors that convert the numbers of a table into 1 or radians
-_NUMBERS = {"": 1.0, "1": 1.0, "%": 0.01}
+_NUMBERS = {"": 1.0, "1": 1.0, "%": 0.01, "N/N": 1.0, "m/m": 1.0}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0}
 #: least number of samples of a segment of a record
 _LEAST_SEGMENT = 16
 #: probability with which noise alone exceeds the coherence of a frequency that is kept
 _BY_CHANCE = 0.01
 #: columns of a table
-_COLUMNS = ("frequency", "magnitude", "phase", "sigma", "phase_sigma")
+_COLUMNS = ("frequency", "magnitude", "phase", "real", "imag", "sigma", "phase_sigma")
 _MAGNITUDES = {
     "displacement": Quantity("receptance", "m/N", "2 um/N", "m/N, um/N, nm/N"),
     "velocity": Quantity("mobility", "m/s/N", "2 mm/s/N", "m/s/N, mm/s/N"),
+    "acceleration": Quantity("accelerance", "m/s^2/N", "20 m/s^2/N", "m/s^2/N, 1/kg"),
+    "stiffness": Quantity("dynamic stiffness", "N/m", "2 N/um", "N/m, N/um"),
 }
+#: units of sensors that are not calibrated: the factor to a response is not known
+_RAW_UNITS = ("V/V", "V", "mV", "V/N", "mV/N", "N")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,6 +89,8 @@ class TransferFunction(Result):
     phase : (n,) rad, below zero where the receiver lags; None if it is not known.
     sigma, phase_sigma : (n,) standard errors of magnitude and phase; None if they are not known.
         Where that of the phase alone is not, it is that of the magnitude over the magnitude.
+    calibrated : whether the magnitude is that of the response, and not only up to a factor, as
+        volts of sensors are. A fit then needs the parameter "gain".
 
     Raises :class:`~granphon.base.errors.InputError` for numbers that are not finite, not above zero
     (but for the phase), or not as many as the frequencies; and for a phase_sigma without phase or
@@ -95,6 +102,7 @@ class TransferFunction(Result):
     phase: Annotated[Array | None, "n?", "rad"] = None
     sigma: Annotated[Array | None, "n?"] = None
     phase_sigma: Annotated[Array | None, "n?", "rad"] = None
+    calibrated: bool = True
 
     def __post_init__(self) -> None:
         for name in self._shapes:
@@ -129,27 +137,36 @@ class TransferFunction(Result):
 
         Parameters
         ----------
-        path : a file with the columns frequency and magnitude and, where known, phase (rad or deg),
-            sigma and phase_sigma. A magnitude may be in dB; sigma in the unit of the magnitude, in
-            dB, or in % of it.
+        path : a file with the columns frequency and magnitude (or H) and, where known, phase (rad
+            or deg), sigma and phase_sigma; or with real and imag in place of magnitude and phase. A
+            magnitude may be in dB; sigma in the unit of the magnitude, in dB, or in % of it. A
+            magnitude in V/V, V, V/N or, of a force, N is that of sensors that are not
+            ``calibrated``.
         columns : headings of columns that go by other names, perhaps with a unit: {"magnitude": "H1
             (um/N)"}.
-        quantity : "displacement", magnitudes in m/N; "velocity", in m/s/N; or "transmissibility",
-            numbers.
+        quantity : "displacement", magnitudes in m/N; "velocity", in m/s/N; "acceleration", in
+            m/s^2/N; "force", numbers or, where a wall is moved, N/m, in a column that may be named
+            force; "stiffness", N/m; or "transmissibility", numbers.
 
         Raises :class:`~granphon.base.errors.InputError` for a file, line or cell that cannot be
         read, a column that is missing or has another unit, and what the constructor refuses.
         """
         source = _SourceColumns.read(path, columns or {}, quantity)
         source.require("frequency")
-        source.require("magnitude")
-        magnitude = source.read_magnitude()
-        sigma = source.read_sigma(magnitude)
-        phase = source.read_angle("phase")
-        phase_sigma = source.read_angle("phase_sigma")
         frequencies = source.table.column(source.headings["frequency"], FREQUENCY)
+        is_complex = source.is_complex
+        phase: Array | None
+        if is_complex:
+            magnitude, phase = source.read_complex()
+        else:
+            source.require("magnitude")
+            magnitude = source.read_magnitude()
+            phase = source.read_angle("phase")
+        sigma = source.read_sigma(magnitude)
+        phase_sigma = source.read_angle("phase_sigma")
+        is_calibrated = not source.is_raw("real" if is_complex else "magnitude")
         try:
-            return cls(frequencies, magnitude, phase, sigma, phase_sigma)
+            return cls(frequencies, magnitude, phase, sigma, phase_sigma, is_calibrated)
         except InputError as error:
             raise InputError(f"{source.table.name}: {error}") from None
 
@@ -249,6 +266,21 @@ def _require_pair(drive: Traces, response: Traces) -> float:
     return drive.time_step
 
 
+def _list_magnitudes(quantity: str) -> tuple[str, ...]:
+    """Return the names under which a column of magnitudes of a ``quantity`` is found."""
+    return ("magnitude", "H", "force") if quantity in OF_FORCE else ("magnitude", "H")
+
+
+def has_transfer(table: Table, columns: Mapping[str, str], quantity: str) -> bool:
+    """Whether a table has a column of a transfer function of a ``quantity``, which is empty if none
+    is expected; ``columns`` are headings by kind, of columns that go by other names.
+    """
+    names = [columns.get(kind, kind) for kind in ("magnitude", "phase", "real", "imag")]
+    if quantity:
+        names += _list_magnitudes(quantity)
+    return any(name in table for name in names)
+
+
 @dataclass(frozen=True)
 class _SourceColumns:
     """The columns of a table that holds a transfer function of a ``quantity``, by their kinds.
@@ -276,7 +308,27 @@ class _SourceColumns:
         if unknown:
             fault = f"{unknown[0]!r} is not a kind of column of a transfer function"
             raise InputError(fault, mend=suggest(unknown[0], _COLUMNS))
-        return cls(table, {kind: names.get(kind, kind) for kind in _COLUMNS}, quantity)
+        headings = {kind: names.get(kind, kind) for kind in _COLUMNS}
+        if headings["magnitude"] not in table and "magnitude" not in names:
+            others = [name for name in _list_magnitudes(quantity) if name in table]
+            headings["magnitude"] = others[0] if others else "magnitude"
+        return cls(table, headings, quantity)
+
+    @property
+    def is_complex(self) -> bool:
+        """Whether the table has real or imaginary parts, and no magnitudes; InputError unless it
+        then has both parts.
+        """
+        if self.has("magnitude") or not (self.has("real") or self.has("imag")):
+            return False
+        self.require("real")
+        self.require("imag")
+        return True
+
+    def is_raw(self, kind: str) -> bool:
+        """Whether the unit of a column is that of sensors that are not calibrated."""
+        unit = self.table.unit(self.headings[kind])
+        return unit in _RAW_UNITS and (unit != "N" or self.quantity in OF_FORCE)
 
     def has(self, kind: str) -> bool:
         """Whether the table has a column of this kind."""
@@ -287,7 +339,8 @@ class _SourceColumns:
         if self.has(kind):
             return
         listed = list_names(repr(str(heading)) for heading in self.table.headings)
-        mend = f"Head it '{kind}', or name it: --column '{kind}=NAME', columns={{'{kind}': 'NAME'}}"
+        words = "'magnitude', or 'real' and 'imag'" if kind == "magnitude" else f"'{kind}'"
+        mend = f"Head it {words}, or name it: --column '{kind}=NAME', columns={{'{kind}': 'NAME'}}"
         raise InputError(
             f"{self.table.name} has no column named {self.headings[kind]!r}",
             f"Its columns are {listed}",
@@ -310,6 +363,20 @@ class _SourceColumns:
         """Return the magnitudes, (n,), m/N, m/s/N or 1, also of a column in dB."""
         decibels = self.convert("magnitude", {"dB": 1.0})
         return self.measure("magnitude") if decibels is None else 10.0 ** (decibels / 20.0)
+
+    def read_complex(self) -> tuple[Array, Array]:
+        """Return the magnitudes, (n,), SI, and the phases, (n,), rad, of real and imaginary
+        parts.
+        """
+        if self.is_raw("real") != self.is_raw("imag"):
+            units = list_names(repr(self.table.unit(self.headings[k])) for k in ("real", "imag"))
+            raise InputError(
+                f"{self.table.name}: the columns of real and imaginary parts have the units"
+                f" {units.replace(', ', ' and ')}",
+                mend="Give both the same unit",
+            )
+        real, imag = (self.measure(kind) for kind in ("real", "imag"))
+        return np.hypot(real, imag), np.arctan2(imag, real)
 
     def read_sigma(self, magnitude: Array) -> Array | None:
         """Return the standard errors of magnitudes (n,), in the unit of these; None if the table
@@ -337,16 +404,27 @@ class _SourceColumns:
         """
         heading = self.headings[kind]
         unit = self.table.unit(heading)
+        if self.is_raw(kind):
+            numbers = self.convert(kind, {unit: 1.0})
+            assert numbers is not None  # the column is there, and has this unit
+            return numbers
         magnitude = _MAGNITUDES.get(self.quantity)
+        if self.quantity == "force" and _MAGNITUDES["stiffness"].measures(unit):
+            magnitude = _MAGNITUDES["stiffness"]
         if magnitude is None:
             values = self.convert(kind, _NUMBERS)
             if values is None:
+                mend = "Leave the unit out, or use N/N, % or dB"
+                if self.quantity == "force":
+                    mend += "; N/m of a wall that is moved; or V/V of sensors, and fit the gain"
                 raise InputError(
                     f"{self.table.name}: the column {heading!r} has the unit {unit!r}",
-                    "A transmissibility is a number",
-                    "Leave the unit out, or use % or dB",
+                    f"A {RESPONSES[self.quantity].replace('_', ' ')} is a number",
+                    mend,
                 )
             return values
+        if kind in ("real", "imag"):
+            magnitude = replace(magnitude, least="any")
         if unit in _NUMBERS:
             mend = (
                 f"Head it '{kind} ({magnitude.unit})'; or if it is a transmissibility, give"
@@ -455,13 +533,18 @@ class DampingFit(Fitted):
     dof: int
     warnings: tuple[str, ...]
 
+    @property
+    def unit(self) -> str:
+        """The unit of the magnitudes: "1" of sensors that are not calibrated."""
+        return QUANTITIES[self.quantity] if self.measured.calibrated else "1"
+
     def _field_units(self) -> dict[str, str]:
-        return super()._field_units() | {"magnitude": QUANTITIES[self.quantity]}
+        return super()._field_units() | {"magnitude": self.unit}
 
     def _list_columns(self) -> dict[str, Any]:
         """The columns of fit.csv, (n,), by their headings."""
         data = self.measured
-        unit = QUANTITIES[self.quantity]
+        unit = self.unit
         columns: dict[str, Any] = {
             "frequency (Hz)": data.frequencies,
             f"magnitude ({unit})": data.magnitude,
@@ -576,6 +659,12 @@ def fit_damping(
     if {"stiffness", "load"} <= set(names) and not network.prestress:
         why = "Without prestress a load does no more than scale stiffnesses"
         raise InputError("the data cannot tell stiffness and load apart", why, "Fit one of them")
+    if not measured.calibrated and "gain" not in names:
+        raise InputError(
+            "the sensors are not calibrated",
+            "The data have the unit of a sensor, and not of a response",
+            'Fit the gain too: parameters=("damping", "gain"), --parameter gain',
+        )
     # wrong values are refused before the fit
     given_damping = ContactDamping.of(network, damping, loss_factor)
     places = {
@@ -616,7 +705,7 @@ def fit_damping(
         damping=_average_contacts(damping_pair),
         loss_factor=_average_contacts(loss_pair),
         measured=with_errors,
-        quantity=quantity,
+        quantity=Places(network, direction, polarisation, distance).refine(quantity, source),
         sigma_given=sigma_given,
         magnitude=np.abs(comparison.respond(best.x)),
         phase=comparison.find_phases(best.x),
@@ -751,13 +840,15 @@ class _Comparison:
 
         # a loss may vanish; a stiffness, load or gain of zero has no response
         low = np.where(self.is_loss, 0.0, 1e-3)
+        is_gain = np.array([name == "gain" for name in self.names])
+        low[is_gain] *= np.minimum(start[is_gain], 1.0)
         high = np.full(low.shape, np.inf)
         return least_squares(
             self.compare,
             start,
             "3-point",
             (low, high),
-            x_scale=np.maximum(start, 1e-3),
+            x_scale=np.where(is_gain, start, np.maximum(start, 1e-3)),
             ftol=1e-13,
             xtol=1e-13,
             gtol=1e-13,

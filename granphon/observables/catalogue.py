@@ -121,6 +121,7 @@ class Observable:
         sample.
     per_direction : whether it has a value for each direction of sound, if there are many.
     told : whether the command line prints it.
+    digits : significant digits with which it is printed.
     per_dimension : "pressure", "effective_density" or "modulus", by which the unit depends on the
         number of periods.
     """
@@ -137,6 +138,7 @@ class Observable:
     sampled: bool = False
     per_direction: bool = False
     told: bool = False
+    digits: int = 5
     per_dimension: str = ""
 
     def __post_init__(self) -> None:
@@ -286,6 +288,7 @@ _of_network, _of_response, _of_peaks = (
     partial(Observable, cost="network", dims=dims)
     for dims in ((), ("response_frequency", "receiver"), ("receiver", "response_peak"))
 )
+_of_peak = partial(_of_network, told=True, digits=7)
 _of_bands = partial(Observable, cost="bands", dims=("segment", "point", "branch"))
 _OVER_SAMPLES = "standard error over samples of the"
 _LAYER = "of the layer taken one diameter thick"
@@ -301,7 +304,10 @@ _ENERGIES = (
 _RESPONSES = (
     ("receptance", "m/N", "displacement over the force"),
     ("mobility", "m/(N s)", "velocity over the force"),
+    ("accelerance", "1/kg", "acceleration over the force"),
+    ("force_transmissibility", "1", "force of contacts over that of the source"),
     ("transmissibility", "1", "displacement over that of a wall"),
+    ("dynamic_stiffness", "N/m", "force of contacts over the displacement of a wall"),
 )
 #: parameters of packings over which sweeps run, each with its description; they are given, and need
 #: no function
@@ -624,24 +630,20 @@ _OBSERVABLES = (
         for name, unit, title in _RESPONSES
     ),
     _of_peaks("peaks_quality", "1", "Q factors of these peaks; nan of those that are not resolved"),
-    _of_network(
+    _of_peak(
         "peak_frequency",
         "Hz",
         "frequency of the highest peak of the response at the first receiver",
-        told=True,
     ),
     *(
-        _of_network(
-            f"peak_{name}", unit, f"{title} at its highest peak, at the first receiver", told=True
-        )
+        _of_peak(f"peak_{name}", unit, f"{title} at its highest peak, at the first receiver")
         for name, unit, title in _RESPONSES
     ),
-    _of_network(
+    _of_peak(
         "peak_quality",
         "1",
-        "Q factor of that peak, of its width at half the square; nan if it is not resolved",
+        "Q factor of that peak, of its width at half the square; nan if it does not fall so low",
         label="Q of the peak",
-        told=True,
     ),
     _of_network(
         "front_velocity",

@@ -1002,8 +1002,7 @@ def _estimate_motion(serving: ServingMedium, settings: MotionSettings) -> Cost |
         few_cells = network
         if any(network.pbc):
             few_cells = network.repeat((3,) * sum(network.pbc))
-        impact = max(drive.impact or 0.0 for drive in settings.drive)
-        step = make_waves(state, few_cells, settings).find_step(impact)
+        step = make_waves(state, few_cells, settings).find_step(**settings.extremes)
     steps_of_frame = math.ceil(settings.duration / (settings.frames - 1) / step)
     n_steps = steps_of_frame * (settings.frames - 1)
     require_steps(n_steps)

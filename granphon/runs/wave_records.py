@@ -59,6 +59,7 @@ from granphon.waves.dos import SpectralDensity
 from granphon.waves.motion import Motion, fit_velocity
 from granphon.waves.operator import WaveOperator
 from granphon.waves.path_spectra import PathSpectra, find_path_points
+from granphon.waves.peaks import Peaks, find_peaks
 from granphon.waves.pulses import (
     MARGIN,
     Pulse,
@@ -69,7 +70,7 @@ from granphon.waves.pulses import (
     require_sendable,
     transmit,
 )
-from granphon.waves.response import Peaks, Response, find_peaks, require_places
+from granphon.waves.response import Response, require_places
 from granphon.waves.settings import (
     RESPONSES,
     MotionSettings,
@@ -223,9 +224,9 @@ def require_network(
             continue
         shaped_network = settings.shape(network)
         if isinstance(settings, ResponseSettings) and key in ("source", "receiver"):
-            is_moved = settings.quantity == "transmissibility" and key == "source"
             places = [find_place(words) for words in getattr(settings, key)]
-            require_places(shaped_network, key, places, is_moved, **_choose_plane(settings))
+            options = _choose_plane(settings)
+            require_places(shaped_network, key, places, settings.quantity, **options)
 
 
 def find_typical_state(serving: ServingMedium) -> Any:
@@ -362,8 +363,9 @@ def _record_response(x: Any, settings: ResponseSettings) -> tuple[dict[str, Arra
     """Return the numbers of the response of the network of ``x``, and no files.
 
     ``response`` (n_f, receivers) holds complex amplitudes, those of a plane as the mean over its
-    balls; ``response_peaks`` is as :func:`_list_peaks` makes it, and ``response_note`` is a text of
-    the warnings.
+    balls; ``response_quantity`` is the name of the quantity, which depends on whether the source
+    moves by itself; ``response_peaks`` is as :func:`_list_peaks` makes it, and ``response_note`` is
+    a text of the warnings.
     """
     sources = [find_place(words) for words in settings.source]
     receivers = [find_place(words) for words in settings.receiver]
@@ -384,6 +386,7 @@ def _record_response(x: Any, settings: ResponseSettings) -> tuple[dict[str, Arra
     means = [np.mean(response.values[:, group], axis=1) for group in groups]
     record = {
         "response": np.transpose(means),
+        "response_quantity": np.array(response.quantity),
         "response_note": np.array(" ".join(response.warnings)),
         "response_peaks": _list_peaks(response.peaks_of_means(groups)),
     }
@@ -414,7 +417,7 @@ def _average_responses(
     frequencies of the settings. A note counts the peaks whose height is not known.
     """
     amplitudes = np.array([record["response"] for record in records])
-    name = RESPONSES[settings.quantity]
+    name = RESPONSES[str(records[0]["response_quantity"])]
     mean = np.mean(amplitudes, axis=0)
     observables = {name: np.abs(mean), "response_phase": np.unwrap(np.angle(mean), axis=0)}
     is_alone = len(records) == 1
@@ -528,8 +531,7 @@ class PreparedMotion:
         tables = [drive.force or drive.displacement for drive in settings.drive]
         if not shakers and not any(tables):
             return
-        impact = float(np.linalg.norm(self.velocities, axis=1).max())
-        step = settings.step or self.waves.find_step(impact)
+        step = settings.step or self.waves.find_step(**settings.extremes)
         step = min(step, settings.duration / (settings.frames - 1))
         if step * frequency * _PER_PERIOD > 1.0:
             problem = f"a shaker has the frequency {frequency:.4g} Hz, and steps have {step:.3g} s"

@@ -8,7 +8,8 @@ import json
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Literal, Self
 
@@ -21,8 +22,17 @@ from granphon.base.errors import InputError, OutputError, brief
 from granphon.base.records import RecordFile, hold, read_records
 from granphon.base.results import Result, plain, restore
 from granphon.base.staging import explaining, put_beside
-from granphon.base.validation import index_array, number, one_of, positive, require, whole_number
+from granphon.base.validation import (
+    index_array,
+    is_one_of,
+    number,
+    one_of,
+    positive,
+    require,
+    whole_number,
+)
 from granphon.networks.network import ContactNetwork
+from granphon.waves.sensors import FLOOR, SensorPlaces, find_open_axis, is_contact
 
 #: format and schema in a file of a motion
 _ABOUT = {"format": "granphon motion", "schema": "1"}
@@ -192,6 +202,51 @@ class Motion(Result):
             distances = (point - centres[touches]) @ inward
             met_positions[touches] = centres[touches] + np.outer(distances, inward)
         return np.concatenate([network.contact_places, met_positions])
+
+    def sensor(self, receiver: Any, direction: ArrayLike | None = None) -> Array:
+        """Return the force that a sensor reads at all times, (n_f,) N.
+
+        Parameters
+        ----------
+        receiver : a ball with a sensor in it, by its number: half of the sum of the normal forces
+            of its contacts, each times the cosine of its normal at rest and the ``direction``, so
+            the mean of two contacts of a chain. A body that is held bears the whole sum, as "floor"
+            does, the one flat wall. Or the balls (i, j) of a contact.
+        direction : (3,) axis of the sensor; by default the first axis along which the network does
+            not repeat, or x, and of a flat wall its normal.
+
+        Forces are those of springs: what dashpots add is not in :attr:`forces`. Raises
+        :class:`~granphon.base.errors.InputError` for bodies that are not there, two balls without a
+        contact or with several, a ball without a contact along the direction, and no floor, or
+        several.
+        """
+        places = self._sensor_places
+        if is_contact(receiver):
+            chosen = places.at_contact(*receiver)
+        elif is_one_of(receiver, (FLOOR,)):
+            chosen = places.in_floor()
+        else:
+            body = whole_number("receiver", receiver, 0, self.network.n_balls - 1)
+            axis = places.walls.get(body, find_open_axis(self.network))
+            if direction is not None:
+                axis = one_direction(direction, 3)
+            chosen = places.in_body(body, axis)
+        return np.asarray(self.forces[:, chosen.contacts] @ chosen.weights)
+
+    @cached_property
+    def _sensor_places(self) -> SensorPlaces:
+        """Contacts of the network, and those that came about beside these, as they are at rest."""
+        network = self.network
+        of_network = SensorPlaces.of(network)
+        i, j = self.met.T
+        arms = self.middles[network.n_contacts :] - network.positions[i]
+        lengths = np.linalg.norm(arms, axis=1, keepdims=True)
+        return replace(
+            of_network,
+            i=np.append(of_network.i, i),
+            j=np.append(of_network.j, j),
+            normal=np.concatenate([of_network.normal, arms / lengths]),
+        )
 
     def peaks(self) -> tuple[Array, Array]:
         """Return the times, s, and the heights, N, of the greatest normal force of each contact,

@@ -81,6 +81,8 @@ from granphon.waves.settings import FRAMES, GEOMETRIES, SCHEMES
 #: which steps are stable
 _STEPS = 60.0
 _LEAST_STEPS = 4.0
+#: least number of the steps that a run chooses, in the shortest period at any time
+_FEWEST_STEPS = 30.0
 #: share of a step that counts for rounding, where a given step divides the time from frame to frame
 _ROUNDING = 1e-12
 #: how often a step that is too long is halved
@@ -400,8 +402,9 @@ class NonlinearWaves:
         frames : number of times that are kept, the start and the end among them.
         step : s, of which a frame has a whole number; by default a sixtieth of the shortest period
             that the stiffest contact and its dashpots allow at the start. The default is halved,
-            and the run begins anew, if contacts become much stiffer. A step is cut where a contact
-            whose force jumps closes or opens.
+            and the run begins anew, where that period comes to have fewer than 30 steps: as soon as
+            a drive presses balls that only touch. A step is cut where a contact whose force jumps
+            closes or opens.
         scheme : "verlet", explicit and symplectic, whose sum of energies differs from a constant by
             the square of the step, and wanders where contacts open; or "midpoint", implicit, four
             to six times the work, whose sum of energies is constant to rounding, with losses.
@@ -450,19 +453,22 @@ class NonlinearWaves:
         speeds = system.read("velocities", velocities)
         x = moved + system.read("rotations", rotations)
         v = speeds + system.read("spins", spins)
-        trial_step, top = self._choose_step(system, x, v, step)
+        chosen_step, top = self._choose_step(system, x, v, step)
+        require_steps(length / chosen_step)  # which may be infinite
+        trial_step = min(chosen_step, length / (count - 1))
         least = trial_step * 2.0**-_HALVINGS
-        require_steps(length / trial_step)  # which may be infinite
+        least_per_period = _FEWEST_STEPS if step is None else _LEAST_STEPS
         # no motion of the run is slower than the run is long, or faster than contacts are
         for sentence in self._damped.find_warnings(min(1.0 / length, top / (2.0 * math.pi))):
             warnings.warn(f"in the motion {sentence.rstrip('.')}", LimitWarning, stacklevel=2)
         while True:
             each = _count_steps(length, trial_step, count)
+            schedule = _Schedule(each, count, least_per_period)
             kept = Frames(self.network, length / (count - 1) / each, file)
             # what leaves the floating range ends the run
             floating = np.errstate(over="ignore", invalid="ignore")
             with kept, single_products(), floating, progress.step("motion", count - 1) as told:
-                stopped = _record(system, x, v, each, count, scheme, kept, told)
+                stopped = _record(system, x, v, schedule, scheme, kept, told)
             is_unstable = stopped in (_TOO_LONG, _UNSOLVED, _RATTLED)
             if is_unstable and step is None and trial_step > least:
                 trial_step *= 0.5
@@ -501,22 +507,27 @@ class NonlinearWaves:
             )
         return chosen, top
 
-    def find_step(self, speed: float = 0.0) -> float:
+    def find_step(self, speed: float = 0.0, force: float = 0.0, displacement: float = 0.0) -> float:
         """Return the step, s, with which :meth:`run` begins by default, from rest, or where the
         heaviest ball has a ``speed``, m/s, zero or above.
 
-        Displacements at the start and drives do not enter. The run shortens the step until a frame
-        has a whole number of steps, and halves it where contacts become much stiffer.
+        The greatest ``force``, N, and ``displacement``, m, of drives, both zero or above, press
+        contacts beyond that, by as much: :meth:`run` does not know them before, and halves its step
+        where contacts become much stiffer. It also shortens the step until a frame has a whole
+        number of steps.
 
-        Raises :class:`~granphon.base.errors.InputError` for a speed below zero, where no contact is
-        pressed at it, and for balls too fast, or contacts too stiff, for double precision.
+        Raises :class:`~granphon.base.errors.InputError` for numbers below zero, where no contact is
+        pressed at them, and for balls too fast, or contacts too stiff, for double precision.
         """
         speed = not_negative("speed", speed, "m/s")
+        force = not_negative("force", force, "N")
+        displacement = not_negative("displacement", displacement, "m")
         system = _System(self, [])
         masses = self.network.masses[self.network.moving]
         energy = 0.5 * float(np.max(masses, initial=0.0)) * speed * speed
+        at_rest = np.zeros(system.operator.size)
         with np.errstate(over="ignore", invalid="ignore"):
-            return system.choose_step(system.press(np.zeros(system.operator.size), energy))
+            return system.choose_step(system.press(at_rest, energy, force, displacement))
 
     def _require_shape(self, name: str, values: Array) -> None:
         n = self.network.n_balls
@@ -570,16 +581,32 @@ def _count_steps(length: float, step: float, count: int) -> int:
     return each
 
 
+class _Schedule(NamedTuple):
+    """Steps from frame to frame, number of frames, and the least number of steps in the shortest
+    period.
+    """
+
+    each: int
+    frames: int
+    least_per_period: float
+
+
 def _record(
-    system: _System, x: Array, v: Array, each: int, count: int, scheme: str, kept: Frames, told: Any
+    system: _System,
+    x: Array,
+    v: Array,
+    schedule: _Schedule,
+    scheme: str,
+    kept: Frames,
+    told: Any,
 ) -> str:
-    """Keep ``count`` frames, ``each`` steps apart, of a run from x with velocities v (size,), and
-    return why the run ended early; empty if it did not.
+    """Keep the frames of a run from x with velocities v (size,), and return why the run ended
+    early; empty if it did not.
 
     A KeyboardInterrupt before the first frame is raised.
     """
     try:
-        for frame in system.integrate(x, v, kept.step, each, count, scheme, kept):
+        for frame in system.integrate(x, v, schedule, scheme, kept):
             if frame:
                 told.advance()
     except KeyboardInterrupt:
@@ -864,10 +891,12 @@ class _System:
             )
         return 2.0 * math.pi / _STEPS / top
 
-    def press(self, x: Array, energy: float) -> Array:
+    def press(
+        self, x: Array, energy: float, force: float = 0.0, displacement: float = 0.0
+    ) -> Array:
         """Return the stiffness (n_c,), N/m, of each contact of the network, or of a flat punch as
         wide if that is stiffer, at the start x (size,), or where a ball of this kinetic ``energy``,
-        J, would press it if that is deeper.
+        J, a ``force``, N, or a ``displacement``, m, would press it if that is deeper.
 
         Under gravity it is at least that at rest. InputError for balls too fast, or too far away,
         for double precision.
@@ -881,21 +910,24 @@ class _System:
                 "balls are too fast, or too far away, for double precision",
                 mend="Compare the units",
             )
-        # the first of these depths that takes the energy, by bisection
+        # the first of these depths that takes the energy and bears the force, by bisection
         depths = (
             1e-12
             * float(np.mean(self.network.radii[self.network.moving]))
             * 1.25 ** np.arange(201.0)
         )
         low = np.zeros(len(e), np.int16)
-        high = np.full(len(e), 200 if energy > 0.0 else 0, np.int16)
+        is_pressed = energy > 0.0 or force > 0.0
+        high = np.full(len(e), 200 if is_pressed else 0, np.int16)
         while np.any(low < high):
             middle = (low + high) // 2
             deep = depths[middle]
             short = normal.store(-deep) + normal.rest * deep < energy
+            short |= normal.press(-deep)[0] < force
             low = np.where(short, middle + 1, low)
             high = np.where(short, high, middle)
-        stiffness = _find_stiffest(normal, np.minimum(-depths[low], e))
+        depth = np.maximum(depths[low], displacement)
+        stiffness = _find_stiffest(normal, np.minimum(-depth, e))
         if np.any(self.waves.gravity):  # what a ball of this network falls by its own size presses
             stiffness = np.maximum(stiffness, self.network.normal_stiffness)
         return stiffness
@@ -910,43 +942,58 @@ class _System:
         top = self.bound.find(stiffness)
         return max(top, 2.0 * float(np.max(self.waves.damping, initial=0.0)) * top**2)
 
-    def integrate(
-        self, x: Array, v: Array, step: float, each: int, count: int, scheme: str, kept: Frames
-    ) -> Any:
-        """Keep ``count`` frames of a run from x with velocities v (size,), ``each`` steps apart,
-        and yield after each whether steps led to it: False for the first, which is the start.
+    def integrate(self, x: Array, v: Array, schedule: _Schedule, scheme: str, kept: Frames) -> Any:
+        """Keep the frames of a run from x with velocities v (size,), and yield after each whether
+        steps led to it: False for the first, which is the start.
 
         Raises :class:`_Stop` where the run cannot go on, and InputError as :meth:`_begin` does.
         """
         explicit = scheme == "verlet"
+        step = kept.step
+        each = schedule.each
         self._begin(x, v, step, explicit)
         self._keep(0, kept)
         yield False
-        limit = 2.0 * math.pi / _LEAST_STEPS / step
-        for number in range(1, each * (count - 1) + 1):
+        limit = 2.0 * math.pi / schedule.least_per_period / step
+        allowed = self._find_allowed(limit)
+        for number in range(1, each * (schedule.frames - 1) + 1):
             if self.waves.geometry == "exact":
                 self._watch(self._evaluate_drives(number * step)[0])
             self._advance(number * step, explicit)
-            if number % each == 0:
+            is_frame = number % each == 0
+            # most steps need no look at all contacts: none is stiff enough
+            if is_frame or self.contacts.stiffest > allowed:
                 self._refresh()
-                stiffest = np.maximum(self.at.k, self.at.punch)
-                if not (
-                    self._top(stiffest) <= limit
-                    and np.all(np.isfinite(self.v))
-                    and np.all(np.isfinite(self.at.e))
-                ):
-                    raise _Stop(_TOO_LONG)
+                self._require_short(limit)
+            if is_frame:
                 self._keep(number, kept)
                 yield True
                 if self.waves.geometry == "lattice":
-                    away = float(np.max(np.abs(self.operator.to_balls(self.x)[:, :3]), initial=0.0))
-                    if not away < _AWAY * 2.0 * float(
-                        np.mean(self.network.radii[self.network.moving])
-                    ):
-                        raise _Stop(
-                            f"a ball has left its place by {away:.3g} m, which needs"
-                            f" geometry: exact"
-                        )
+                    self._require_places()
+
+    def _find_allowed(self, limit: float) -> float:
+        """Return the stiffness, N/m, up to which any contacts keep the bound of all rates below the
+        ``limit``, rad/s.
+        """
+        top = self.bound.find(np.ones(self.network.n_contacts))  # of contacts of 1 N/m
+        time = float(np.max(self.waves.damping, initial=0.0))
+        square = min(limit**2, limit / (2.0 * time)) if time else limit**2
+        return square / top**2 if top else math.inf
+
+    def _require_short(self, limit: float) -> None:
+        """Raise :class:`_Stop` unless the rates of contacts, which :meth:`_refresh` has set, are
+        below the ``limit``, rad/s, and motions are finite.
+        """
+        stiffest = np.maximum(self.at.k, self.at.punch)
+        is_finite = np.all(np.isfinite(self.v)) and np.all(np.isfinite(self.at.e))
+        if not (self._top(stiffest) <= limit and is_finite):
+            raise _Stop(_TOO_LONG)
+
+    def _require_places(self) -> None:
+        """Raise :class:`_Stop` if a ball has left its place."""
+        away = float(np.max(np.abs(self.operator.to_balls(self.x)[:, :3]), initial=0.0))
+        if not away < _AWAY * 2.0 * float(np.mean(self.network.radii[self.network.moving])):
+            raise _Stop(f"a ball has left its place by {away:.3g} m, which needs geometry: exact")
 
     def _begin(self, x: Array, v: Array, step: float, explicit: bool) -> None:
         """Begin a run of a ``step``, s, at the time zero, from motions x with velocities v (size,),

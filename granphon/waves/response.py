@@ -1,12 +1,13 @@
-"""The response of a network at given frequencies: receptance, mobility, and what a moved wall hands
-on.
+"""The response of a network at given frequencies: receptance, mobility, accelerance, forces of
+contacts, and what a moved wall hands on.
 
 With forces F exp(i omega t) on balls, mass-weighted motions x = M^1/2 u obey Z x = M^-1/2 F,
 
     Z(omega) = D(omega) - omega^2,    D(omega) = A^T (1 + i eta + i omega tau) A + static forces,
 
 with the damping of :mod:`granphon.dynamics.damping`; a wall that is moved pulls at the balls that
-touch it with the same springs and dashpots. There are two ways to solve it.
+touch it with the same springs and dashpots. A sensor of force hears the elongations e of contacts:
+their forces are -k (1 + i eta + i omega tau) e. There are two ways to solve it.
 
 Directly: sparse factors of Z at each frequency, in an order of the motions that is found once.
 Further solutions, of the residual, mend the first solution until it changes no more. The error is
@@ -65,12 +66,25 @@ from granphon.dynamics.damping import ContactDamping
 from granphon.dynamics.factors import Elimination
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
+from granphon.waves.peaks import Peaks, Solve, find_peaks
 from granphon.waves.pulses import Course, read_push, read_vector, require_moves
+from granphon.waves.sensors import FLOOR, Sensor, SensorPlaces, find_open_axis, is_contact
 
 #: memory of the response of a ball at one frequency, bytes
 _RESPONSE_BYTES = 100.0
 #: quantities of a response, and their units
-QUANTITIES = {"displacement": "m/N", "velocity": "m/(N s)", "transmissibility": "1"}
+QUANTITIES = {
+    "displacement": "m/N",
+    "velocity": "m/(N s)",
+    "acceleration": "1/kg",
+    "force": "1",
+    "transmissibility": "1",
+    "stiffness": "N/m",
+}
+#: those of a wall that is moved
+OF_MOVED_WALL = ("transmissibility", "stiffness")
+#: those of sensors of force
+OF_FORCE = ("force", "stiffness")
 #: ways to solve
 METHODS = ("direct", "krylov")
 #: motions up to which factors are always taken, as they lose no digits
@@ -122,24 +136,8 @@ _ROUNDING = 1e-16
 _LOST = 1e100
 #: loss factors that are tried for an advice
 _ADVISED_LOSSES = (0.01, 0.02, 0.05, 0.1)
-#: most rounds in which a narrow line is approached: the distance from its pole falls as its square
-_ROUNDS = 12
-#: rounds after which the change of a pole must fall to a tenth from one to the next
-_FREE_ROUNDS = 3
-#: change of a pole, over its half width, at which the pole stands
-_STANDS = 1e-6
-#: greatest change of a pole, over that of the round before, with which the approach converges
-_CONVERGES = 0.1
-#: least half width of a line, Im p, over the step of the squares of frequencies, with which the
-#: frequencies resolve the line: its width is then a step
-_RESOLVED = 0.5
-#: difference of the poles of two receivers, over the half width, up to which they hear one line
-_SAME_LINE = 1e-2
-#: least half width of a line over the square of its frequency, 1/Q: losses of a narrower line are
-#: not told from rounding
-_NARROWEST = 1e-9
-#: a function that returns values (n, n_r) at ascending frequencies (n,), Hz
-Solve = Callable[[Array], Complex]
+#: derivatives by the time, from displacements to other quantities
+_DERIVATIVES = {"velocity": 1, "acceleration": 2}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -150,18 +148,22 @@ class Response(Result, array="values"):
     Attributes
     ----------
     frequencies : (n_f,) Hz.
-    values : (n_f, n_r) amplitude of each receiver over that of the source: m/N, m/(N s) or 1. A
-        phase below zero lags.
-    quantity : "displacement" (receptance), "velocity" (mobility) or "transmissibility".
+    values : (n_f, n_r) amplitude of each receiver over that of the source, in the unit of the
+        quantity. A phase below zero lags.
+    quantity : "displacement" (receptance, m/N), "velocity" (mobility, m/(N s)), "acceleration"
+        (accelerance, 1/kg), "force" (1), "transmissibility" (1), or "stiffness" (N/m), the force
+        over the displacement of a wall.
     sources : (n_s,) balls that are pushed, each with the same force, or bodies that are moved.
     pushes : (n_s, 3) unit vectors along which sources are pushed or moved.
-    receivers : (n_r,) balls that are heard.
-    directions : (n_r, 3) unit vectors along which receivers are heard.
+    receivers : (n_r,) balls that are heard; of a contact its first ball.
+    directions : (n_r, 3) unit vectors along which receivers are heard; of a contact its normal.
     error : (n_f,) error of the values at each frequency, over the largest of them.
     factorisations : number of frequencies whose values were found by factors of the matrix.
     steps : number of steps of the Krylov space by which the others were found; 0 without any.
     warnings : one sentence for the frequencies whose error is above 1e-6, as next to modes without
         damping; and one where contacts are more viscous than stiff, as a damping is a time.
+    partners : (n_r,) second balls of contacts that are heard, -1 of balls and walls; None if no
+        force is heard.
     """
 
     _notebook_fields = ("method",)
@@ -179,14 +181,22 @@ class Response(Result, array="values"):
     factorisations: int
     steps: int
     warnings: tuple[str, ...] = ()
+    partners: Annotated[Index | None, "r?"] = None
 
     def _field_units(self) -> dict[str, str]:
         """The SI unit of each attribute; that of the values depends on the quantity."""
         return {**self.units, "values": QUANTITIES[self.quantity]}
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """(n_r,) each receiver in words, such as "ball 3" or "contact 3-4"."""
+        partners = np.full(len(self.receivers), -1) if self.partners is None else self.partners
+        pairs = zip(self.receivers.tolist(), partners.tolist(), strict=True)
+        return tuple(f"ball {i}" if j < 0 else f"contact {i}-{j}" for i, j in pairs)
+
+    @property
     def magnitude(self) -> Array:
-        """(n_f, n_r) in m/N, m/(N s) or 1."""
+        """(n_f, n_r) in the unit of the quantity."""
         return np.abs(self.values)
 
     @property
@@ -262,225 +272,21 @@ class Response(Result, array="values"):
         }
 
 
-class Peaks(NamedTuple):
-    """Peaks of a magnitude over frequency.
-
-    Attributes
-    ----------
-    frequencies : (n,) Hz.
-    heights : (n,) magnitude at the peaks, in the unit of the response; nan of a line that is
-        narrower than the step of the frequencies, where nothing is solved between them, or no line
-        is found there.
-    quality : (n,) Q factors, a ratio without a unit; nan if the peak is not resolved, or not that
-        of one mode.
-    """
-
-    frequencies: Array
-    heights: Array
-    quality: Array
-
-
-def find_peaks(
-    frequencies: Array, values: Complex, solve: Solve | None = None
-) -> tuple[Peaks, ...]:
-    """Return the peaks of the magnitude of each receiver, inside of the ascending frequencies
-    (n_f,), Hz.
-
-    ``values`` (n_f, n_r) are complex amplitudes; ``solve`` returns those at other ascending
-    frequencies. A mode over a constant background, B + R/(p - f^2), passes through the highest
-    value and its two neighbours. Its pole p gives the frequency (Re p)^1/2, the height there, and Q
-    = Re p / Im p. Where the line is narrower than the step of the frequencies, the three values lie
-    too far from the line: the response is solved at the pole and half a width beside it, and the
-    pole found anew, until it stands. Without ``solve``, or if no pole stands, the height and Q of
-    such a line are not known, and its frequency is that of the highest value. Where the pole is
-    farther away than its width, the peak is not that of one mode: its frequency and height are
-    those of the highest value, and Q is not known.
-    """
-    magnitude = np.abs(values)
-    rows, is_top = _find_tops(magnitude)
-    # three values about each row: before, on and after
-    squares = np.array([frequencies[rows + step] ** 2 for step in (-1, 0, 1)])
-    triples = np.array([values[rows + step] for step in (-1, 0, 1)])
-    fits = _fit_peaks(squares[..., None], triples, magnitude[rows])
-    is_narrow = is_top & ~fits.is_broad
-    if solve is not None and np.any(is_narrow):
-        lines = np.flatnonzero(np.any(is_narrow, axis=1))
-        solved = _solve_lines(squares[:, lines], triples[:, lines], is_narrow[lines], solve)
-        # a line lower than the highest value is not the one that this value belongs to
-        is_line = solved.is_line & (solved.heights >= magnitude[rows[lines]])
-        line_squares = solved.squares[:, None]
-        line_quality = solved.quality[:, None]
-        fits.squares[lines] = np.where(is_line, line_squares, fits.squares[lines])
-        fits.heights[lines] = np.where(is_line, solved.heights, fits.heights[lines])
-        fits.quality[lines] = np.where(is_line, line_quality, fits.quality[lines])
-    peaks = []
-    for receiver, is_peak in enumerate(is_top.T):
-        peak_frequencies = np.sqrt(fits.squares[is_peak, receiver])
-        heights = fits.heights[is_peak, receiver]
-        quality = fits.quality[is_peak, receiver]
-        peaks.append(Peaks(peak_frequencies, heights, quality))
-    return tuple(peaks)
-
-
-def _find_tops(magnitude: Array) -> tuple[Index, NDArray[np.bool_]]:
-    """Return the rows (n,) of ``magnitude`` (n_f, n_r) in which a receiver has a highest value, and
-    which receivers have one there, (n, n_r).
-    """
-    inner = magnitude[1:-1]
-    is_top = (inner > magnitude[:-2]) & (inner >= magnitude[2:])
-    inner_rows = np.flatnonzero(np.any(is_top, axis=1))
-    return 1 + inner_rows, is_top[inner_rows]
-
-
-class _PeakFits(NamedTuple):
-    """Peaks fitted to highest values: arrays (n, n_r), over rows and receivers.
-
-    Attributes
-    ----------
-    squares : of the frequencies, Hz^2.
-    heights : of the magnitude; nan of a line that is too narrow.
-    quality : Q factors; nan where none is known.
-    is_broad : whether the line is as wide as the step of the frequencies.
-    """
-
-    squares: Array
-    heights: Array
-    quality: Array
-    is_broad: NDArray[np.bool_]
-
-
-def _fit_peaks(x: Array, values: Complex, highest: Array) -> _PeakFits:
-    """Return the peaks of modes over a constant background, B + R/(p - x), each fitted to three
-    ``values`` (3, n, n_r) of a receiver.
-
-    ``x`` (3, n, 1) are squares of frequencies, Hz^2, and ``highest`` (n, n_r) the magnitudes of the
-    middle values.
-    """
-    two_steps = x[2] - x[0]
-    with np.errstate(divide="ignore", invalid="ignore"):  # two equal values have no pole
-        pole = _fit_pole(x, values)
-        residue = (values[2] - values[0]) * (pole - x[0]) * (pole - x[2]) / two_steps
-        background = values[1] - residue / (pole - x[1])
-        fitted_height = np.abs(background + residue / (1j * pole.imag))  # at x = Re p
-        is_broad = np.abs(pole.imag) >= 0.5 * _RESOLVED * two_steps
-        is_near = np.abs(pole.real - x[1]) <= np.maximum(pole.imag, 0.5 * two_steps)
-        is_mode = is_broad & (pole.imag > 0.0) & is_near
-        height_of_value = np.where(is_broad, highest, np.nan)
-        return _PeakFits(
-            squares=np.where(is_mode, pole.real, x[1]),
-            heights=np.where(is_mode, np.maximum(fitted_height, highest), height_of_value),
-            quality=np.where(is_mode, pole.real / pole.imag, np.nan),
-            is_broad=is_broad,
-        )
-
-
-class _SolvedLines(NamedTuple):
-    """Narrow lines that were solved for: squares of their frequencies (n,), Hz^2, Q factors (n,),
-    heights (n, n_r), and whether each receiver hears the line, (n, n_r).
-    """
-
-    squares: Array
-    quality: Array
-    heights: Array
-    is_line: NDArray[np.bool_]
-
-
-def _solve_lines(x: Array, values: Complex, is_narrow: Any, solve: Solve) -> _SolvedLines:
-    """Return lines (n,) that are narrower than the step of the frequencies, as the response that is
-    solved there has them; the arguments are those of :func:`_approach_lines`, and ``is_narrow``
-    (n, n_r) says which receivers may hear a line.
-    """
-    pole, points, line_values = _approach_lines(x, values, is_narrow, solve)
-    receiver_poles = _fit_pole(points[..., None], line_values)
-    difference = np.abs(receiver_poles - pole[:, None])
-    is_same = difference <= _SAME_LINE * pole.imag[:, None]
-    return _SolvedLines(
-        squares=points[1],
-        quality=pole.real / pole.imag,
-        heights=np.abs(line_values[1]),
-        is_line=is_narrow & is_same,
-    )
-
-
-def _fit_pole(x: Array, values: Complex, weights: Any = None) -> Any:
-    """Return the poles p (n, n_r) of B + R/(p - x) through three ``values`` (3, n, n_r) at ``x``
-    (3, n, 1).
-
-    With ``weights`` (n, n_r), and ``x`` (3, n), the poles (n,) are those that the receivers have in
-    common, by least squares.
-    """
-    rise = values[1] - values[0]
-    following = values[2] - values[1]
-    if weights is None:
-        ratio_of_rises = rise / following
-    else:
-        overlap = np.sum(weights * rise * following.conj(), axis=-1)
-        ratio_of_rises = overlap / np.sum(weights * np.abs(following) ** 2, axis=-1)
-    # the ratio of the slopes is (p - x_2)/(p - x_0)
-    ratio_of_slopes = ratio_of_rises * (x[2] - x[1]) / (x[1] - x[0])
-    return (x[2] - ratio_of_slopes * x[0]) / (1.0 - ratio_of_slopes)
-
-
-def _approach_lines(
-    x: Array, values: Complex, heard: Any, solve: Solve
-) -> tuple[Complex, Array, Complex]:
-    """Solve at lines (n,) between three points until their poles stand.
-
-    ``x`` (3, n) are squares of frequencies, Hz^2, ``values`` (3, n, n_r), and ``heard`` (n, n_r)
-    says which receivers hear a line. Returns the poles (n,), Hz^2, nan of lines that are not found,
-    and the last three points (3, n), Hz^2, and values (3, n, n_r) about each.
-    """
-    low = x[0]
-    high = x[2]
-    last_points = x.copy()
-    last_values = values.copy()
-    poles = np.full(len(low), np.nan + 0j)
-    with np.errstate(divide="ignore", invalid="ignore"):  # equal values have no pole
-        estimates = _fit_pole(x, values, heard)
-    active = np.arange(len(low))  # numbers of the lines that are still approached
-    last_change = np.full(len(low), np.inf)
-    for number in range(_ROUNDS):
-        active = active[np.isfinite(estimates[active])]
-        if not active.size:
-            break
-        points = _place_points(estimates[active], low[active], high[active])
-        last_points[:, active] = points
-        frequencies, index = np.unique(np.sqrt(points), return_inverse=True)
-        last_values[:, active] = solve(frequencies)[index.reshape(points.shape)]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            renewed = _fit_pole(points, last_values[:, active], heard[active])
-        change = np.abs(renewed - estimates[active])
-        is_above_rounding = renewed.imag > _NARROWEST * points[1]
-        stands = (change <= _STANDS * renewed.imag) & is_above_rounding
-        poles[active[stands]] = renewed[stands]
-        estimates[active] = renewed
-        # the pole of one mode converges faster than linearly; poles of several do not
-        converges = (change < _CONVERGES * last_change[active]) | (number < _FREE_ROUNDS)
-        last_change[active] = change
-        active = active[~stands & converges]
-    return poles, last_points, last_values
-
-
-def _place_points(pole: Complex, low: Array, high: Array) -> Array:
-    """Return three squares of frequencies, (3, n), Hz^2, about each ``pole`` (n,): that of the
-    pole, between ``low`` and ``high`` (n,), and half a width to either side.
-    """
-    centre = np.clip(pole.real, low, high)
-    widest = 0.5 * _RESOLVED * (high - low)
-    half_width = np.clip(np.abs(pole.imag), _NARROWEST * centre, widest)
-    return np.asarray(centre + half_width * np.array([[-1.0], [0.0], [1.0]]))
-
-
 def require_places(
-    network: ContactNetwork, name: str, value: Any, moved: bool, **options: Any
+    network: ContactNetwork, name: str, value: Any, quantity: str, **options: Any
 ) -> None:
     """Raise :class:`~granphon.base.errors.InputError` unless a network has the balls and directions
-    of a source or receiver, ``value``, whose ``name`` the message has.
-
-    ``moved`` says that the source is a body that is held; ``options`` are the fields of
-    :class:`Places`.
+    of a source or receiver, ``value``, whose ``name`` the message has, for a response of this
+    ``quantity``; ``options`` are the fields of :class:`Places`.
     """
-    Places(network, **options).find(name, value, held=moved)
+    places = Places(network, **options)
+    if name == "source":
+        is_held = places.refine(quantity, value) in OF_MOVED_WALL
+        places.find(name, value, held=is_held)
+    elif quantity in OF_FORCE:
+        places.find_sensors(value)
+    else:
+        places.find(name, value)
 
 
 class ResponseOptions(NamedTuple):
@@ -518,13 +324,24 @@ def find_response(
     :meth:`granphon.waves.waves.Waves.response` describes them, and raises what that raises. Unless
     nothing loses energy, the response keeps what it takes to solve at other frequencies.
     """
-    is_moved = options.quantity == "transmissibility"
+    options = options._replace(quantity=places.refine(options.quantity, source))
+    is_moved = options.quantity in OF_MOVED_WALL
     sources, pushes = places.find("source", source, held=is_moved)
-    receivers, directions = places.find("receiver", receiver)
-    problem = _Problem.of(operator, damped, (sources, pushes), (receivers, directions), is_moved)
+    problem: _Problem
+    partners = None
+    driven = _Driven.of(operator, damped, (sources, pushes), is_moved)
+    if options.quantity in OF_FORCE:
+        sensors = places.find_sensors(receiver)
+        receivers = np.array([sensor.body for sensor in sensors])
+        directions = np.array([sensor.direction for sensor in sensors])
+        partners = np.array([sensor.partner for sensor in sensors])
+        problem = _Problem.of_sensors(driven, sensors)
+    else:
+        receivers, directions = places.find("receiver", receiver)
+        problem = _Problem.of_balls(driven, receivers, directions)
     require_memory(
         f"responses of {len(receivers):,} balls at {hertz.size:,} frequencies",
-        _RESPONSE_BYTES * hertz.size * (1.0 + len(receivers)),
+        _RESPONSE_BYTES * hertz.size * (1.0 + len(problem.heard)),
         "Take fewer frequencies",
     )
     solution = _solve_for_quantity(problem, hertz, options)
@@ -544,6 +361,7 @@ def find_response(
         factorisations=solution.factorisations,
         steps=solution.steps,
         warnings=warnings,
+        partners=partners,
     )
     if not damped.is_none:  # without losses a peak has no height
 
@@ -563,10 +381,10 @@ def _solve_for_quantity(
     """
     omega = 2.0 * math.pi * frequencies
     solution = problem.solve(omega, options.method, options.tolerance)
-    if options.quantity != "velocity":
-        return solution
-    rates = (2j * math.pi * frequencies)[:, None]  # i omega: from displacements to velocities
-    return solution._replace(values=solution.values * rates)
+    if problem.sensors is not None:
+        return problem.sensors.read(omega, solution)
+    order = _DERIVATIVES.get(options.quantity, 0)
+    return solution._replace(values=solution.values * (1j * omega[:, None]) ** order)
 
 
 def _explain_error(hertz: Array, values: Complex, error: Array, unit: str) -> str:
@@ -591,6 +409,11 @@ def _explain_error(hertz: Array, values: Complex, error: Array, unit: str) -> st
 # -- sources and receivers -------------------------------------------------------------------------
 
 
+def _list_items(value: Any) -> list[Any]:
+    """Return the items of a source or receiver, one or a list."""
+    return value if isinstance(value, list) else [value]
+
+
 class Places:
     """The balls and directions in which a network is pushed and heard; the arguments are those of
     ``Waves.response``.
@@ -601,10 +424,49 @@ class Places:
     ) -> None:
         self.network = network
         if direction is None:
-            direction = _find_open_axis(network)
+            direction = find_open_axis(network)
         self.along = read_vector("direction", direction, network.dimension)
         self.polarisation = polarisation
         self.distance = None if distance is None else positive("distance", distance, "m")
+        self._sensor_places = SensorPlaces.of(network)
+
+    def refine(self, quantity: str, source: Any) -> str:
+        """Return the quantity of a response: "stiffness" in place of "force" where the ``source``
+        is held, and so is moved.
+        """
+        if quantity != "force":
+            return quantity
+        moving = self.network.moving
+        balls = [self._read_item("source", item, False)[0] for item in _list_items(source)]
+        is_held = bool(balls) and not np.any(moving[np.concatenate(balls)])
+        return "stiffness" if is_held else "force"
+
+    def find_sensors(self, value: Any) -> list[Sensor]:
+        """Return the sensors of force of a receiver, or of a list of these: of contacts (i, j), of
+        the floor, of balls and bodies, each with a direction.
+
+        Raises :class:`~granphon.base.errors.InputError` for no sensor, for balls that are not
+        there or do not touch, and for no floor, or several.
+        """
+        sensors = list[Sensor]()
+        for item in _list_items(value):
+            if is_contact(item):
+                sensors.append(self._sensor_places.at_contact(*item))
+                continue
+            bodies, direction = self._read_item("receiver", item, False)
+            sensors += [self._sensor_places.in_body(body, direction) for body in bodies.tolist()]
+        if not sensors:
+            raise InputError(
+                "there is no receiver", mend="Give a contact (i, j), (ball, direction) or 'floor'"
+            )
+        axes = list(self.network.ball_motions.translations)
+        normals = self.network.normal[np.concatenate([one.contacts for one in sensors])]
+        if not np.any(normals[:, axes]):
+            raise InputError(
+                "no motion of the balls changes the force of these contacts",
+                "Balls move across them only",
+            )
+        return sensors
 
     def find(self, name: str, value: Any, held: bool = False) -> tuple[Index, Array]:
         """Return balls (n,) and unit vectors (n, 3) of a source or receiver, or of a list of these.
@@ -614,7 +476,7 @@ class Places:
         ball, balls that are not there, directions in which they do not move, and bodies that move
         or are held against ``held``.
         """
-        items = value if isinstance(value, list) else [value]
+        items = _list_items(value)
         balls = [np.zeros(0, int)]
         vectors = [np.zeros((0, 3))]
         for item in items:
@@ -632,16 +494,25 @@ class Places:
 
     def _read_item(self, name: str, item: Any, held: bool) -> tuple[Index, Array]:
         """Return the balls (n,) and the unit vector (3,) of one ``item`` of a source or receiver:
-        "plane", or (ball, direction).
+        "plane", "floor", or (ball, direction).
         """
         if isinstance(item, str) and item == "plane":
             balls = self._find_plane(name, held)
             return balls, read_push(self.network, self.along, self.polarisation)
+        if isinstance(item, str) and item == FLOOR:
+            floor = self._sensor_places.find_floor()
+            return np.array([floor]), -self._sensor_places.walls[floor]  # towards the balls
+        if is_contact(item):
+            raise InputError(
+                f"the {name} is the contact {brief(item)}",
+                "A contact has a force alone",
+                'Give a receiver of quantity="force", or a direction that is no whole number',
+            )
         if isinstance(item, tuple) and len(item) == 2:
             numbers, direction = item
             balls = index_array(name, numbers, self.network.n_balls)
             return balls, self._read_direction(direction)
-        mend = "Give (ball, direction), (balls, direction), 'plane', or a list of these"
+        mend = "Give (ball, direction), (balls, direction), 'plane', 'floor', or a list of these"
         raise InputError(f"the {name} is {brief(item)}", mend=mend)
 
     def _require_mobility(self, name: str, balls: Index, held: bool) -> None:
@@ -653,7 +524,7 @@ class Places:
         if unfit.size and held:
             raise InputError(
                 f"ball {unfit[0]} of the {name} moves",
-                "A transmissibility is that of a wall or floor",
+                "A wall or floor is moved here, and no ball",
                 "Give a body of infinite mass",
             )
         if unfit.size:
@@ -716,15 +587,6 @@ class Places:
         heights = course.heights[held_bodies]
         is_first = heights <= np.min(heights) + 0.5 * course.spacing
         return np.asarray(held_bodies[is_first])
-
-
-def _find_open_axis(network: ContactNetwork) -> Array:
-    """Return the unit vector (3,) of the first axis along which the network does not repeat, or of
-    x without such an axis.
-    """
-    open_axes = [axis for axis in range(network.dimension) if not np.any(network.cell[:, axis])]
-    axis = open_axes[0] if open_axes else 0
-    return np.asarray(np.eye(3)[axis])
 
 
 # -- solutions -------------------------------------------------------------------------------------
@@ -968,28 +830,23 @@ class ResponseWork:
         return "Leave out the lowest frequencies, or take a smaller network"
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """The equations Z x = source, and the signals of receivers.
+class _Driven(NamedTuple):
+    """A network that is driven.
 
     Attributes
     ----------
     operator, damping : D of the network, and the damping of its contacts.
     drives : three parts (size,) of the source: without damping, by loss factors, and, over omega,
         by dashpots.
-    heard, ears : a receiver hears the sum of x at the indices ``heard`` (n_r, axes), with the
-        weights ``ears`` (n_r, axes).
     moved : whether the source is a wall that is moved.
-    stretched : (rows,) how far the wall stretches the rows of A; (0,) for balls that are pushed.
+    amplitude : (n, motions) forces on balls, N, or displacements of walls, m.
     """
 
     operator: WaveOperator
     damping: ContactDamping
     drives: Sequence[Array]
-    heard: Index
-    ears: Array
     moved: bool
-    stretched: Array
+    amplitude: Array
 
     @classmethod
     def of(
@@ -997,31 +854,127 @@ class _Problem:
         operator: WaveOperator,
         damped: ContactDamping,
         source: tuple[Index, Array],
-        receiver: tuple[Index, Array],
         is_moved: bool,
-    ) -> _Problem:
-        """Return the problem of a ``source`` and a ``receiver``: balls (k,) and unit vectors (k, 3)
-        along which these are pushed, or with ``is_moved`` moved, and heard.
+    ) -> _Driven:
+        """Return a network with a ``source``: balls (k,) and unit vectors (k, 3) along which these
+        are pushed, or with ``is_moved`` moved.
         """
         network = operator.network
         sources, pushes = source
-        receivers, directions = receiver
         axes = list(operator.motions.translations)
-        # (n, motions) of all balls: forces, N, or with ``is_moved`` displacements, m
         amplitude = np.zeros((network.n_balls, operator.motions.count))
         np.add.at(amplitude[:, : len(axes)], sources, pushes[:, axes])
         if is_moved:
             weights = (None, damped.losses, damped.times)
             drives = [operator.pull(amplitude, weight) for weight in weights]
-            stretched = operator.stretch(amplitude)
         else:
             root_masses = np.sqrt(network.masses[operator.balls])[:, None]
             push = operator.vector(amplitude[operator.balls] / root_masses)
             drives = [push, np.zeros(operator.size), np.zeros(operator.size)]
-            stretched = np.zeros(0)
+        return cls(operator, damped, drives, is_moved, amplitude)
+
+
+@dataclass(frozen=True, eq=False)
+class _SensorReadings:
+    """How forces of sensors follow from the elongations of contacts.
+
+    Attributes
+    ----------
+    weights : (n_r, n_h) of the elongation of each contact that is heard, N/m: its stiffness times
+        its weight in a sensor.
+    losses, times : (n_h,) loss factors, and times of dashpots, s, of these contacts.
+    """
+
+    weights: Array
+    losses: Array
+    times: Array
+
+    def read(self, omega: Array, solution: _Solution) -> _Solution:
+        """Return forces (n_f, n_r), above zero where contacts are pressed more, of a ``solution``
+        of elongations (n_f, n_h) at ``omega`` (n_f,), rad/s.
+        """
+        factors = 1.0 + 1j * (self.losses + omega[:, None] * self.times)
+        forces: Complex = -(solution.values * factors) @ self.weights.T.astype(complex)
+        # an error of the largest elongation counts in each contact of a sensor
+        largest = np.max(np.abs(solution.values), axis=1)
+        error = largest * np.max(np.abs(factors) @ self.weights.T, axis=1)
+        loudest = np.max(np.abs(forces), axis=1)
+        share = np.divide(error, loudest, out=np.ones_like(error), where=loudest > 0.0)
+        return solution._replace(values=forces, error=solution.error * share)
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """The equations Z x = source, and the signals of receivers.
+
+    Attributes
+    ----------
+    driven : the network and its source.
+    heard, ears : a receiver hears the sum of x at the indices ``heard`` (n_r, axes), with the
+        weights ``ears`` (n_r, axes).
+    shift : (n_r,) what receivers hear beside, of walls that are moved.
+    sensors : of force; None of receivers that are balls.
+    """
+
+    driven: _Driven
+    heard: Index
+    ears: Array
+    shift: Array
+    sensors: _SensorReadings | None = None
+
+    @classmethod
+    def of_balls(cls, driven: _Driven, receivers: Index, directions: Array) -> _Problem:
+        """Return the problem of ``receivers`` (n_r,), which are heard along unit vectors (n_r,
+        3).
+        """
+        operator = driven.operator
+        axes = list(operator.motions.translations)
         heard = operator.indices[receivers, : len(axes)]
-        ears = directions[:, axes] / np.sqrt(network.masses[receivers])[:, None]
-        return cls(operator, damped, drives, heard, ears, is_moved, stretched)
+        ears = directions[:, axes] / np.sqrt(operator.network.masses[receivers])[:, None]
+        return cls(driven, heard, ears, np.zeros(len(receivers)))
+
+    @classmethod
+    def of_sensors(cls, driven: _Driven, sensors: Sequence[Sensor]) -> _Problem:
+        """Return the problem of sensors of force: receivers are the elongations of contacts."""
+        operator = driven.operator
+        network = operator.network
+        axes = list(operator.motions.translations)
+        numbers = np.concatenate([sensor.contacts for sensor in sensors])
+        contacts, columns = np.unique(numbers, return_inverse=True)
+        weights = np.zeros((len(sensors), contacts.size))
+        rows = np.repeat(np.arange(len(sensors)), [sensor.contacts.size for sensor in sensors])
+        weights[rows, columns] = np.concatenate([sensor.weights for sensor in sensors])
+        readings = _SensorReadings(
+            weights=weights * network.normal_stiffness[contacts],
+            losses=driven.damping.losses[0, contacts],
+            times=driven.damping.times[0, contacts],
+        )
+        i = network.i[contacts]
+        j = network.j[contacts]
+        normal = network.normal[contacts][:, axes]
+        root_mass_i, root_mass_j = (np.sqrt(network.masses[end])[:, None] for end in (i, j))
+        shift = np.zeros(contacts.size)
+        if driven.moved:
+            ways = driven.amplitude[:, : len(axes)]
+            shift = np.sum(normal * (ways[j] - ways[i]), axis=1)
+        indices = operator.indices[:, : len(axes)]
+        return cls(
+            driven,
+            heard=np.hstack([indices[i], indices[j]]),
+            ears=np.hstack([-normal / root_mass_i, normal / root_mass_j]),
+            shift=shift,
+            sensors=readings,
+        )
+
+    @property
+    def operator(self) -> WaveOperator:
+        """D of the network."""
+        return self.driven.operator
+
+    @property
+    def damping(self) -> ContactDamping:
+        """The damping of the contacts."""
+        return self.driven.damping
 
     @single_products()
     def solve(self, omega: Array, method: str | None, tolerance: float) -> _Solution:
@@ -1076,11 +1029,11 @@ class _Problem:
         return _Space(
             apply=self.operator.make_lossy_product(self.damping.losses),
             product=np.dot,
-            start=self.drives[0] + 1j * self.drives[1],
+            start=self.driven.drives[0] + 1j * self.driven.drives[1],
             shifts=omega**2,
             scale=np.ones(omega.size),
             bound=_invert(self.operator.top**2 * work.distance),
-            direct=np.zeros((omega.size, len(self.heard))),
+            direct=self._hear_shift(omega.size),
         )
 
     def _make_even(self, omega: Array, loss: float, time: float) -> _Space:
@@ -1094,15 +1047,15 @@ class _Problem:
         along_axis = np.maximum(np.maximum(shifts.real - top_square, -shifts.real), 0.0)
         distance = np.hypot(shifts.imag, along_axis)
         # a wall pulls with the same factor as the springs
-        scale = np.ones(omega.size, complex) if self.moved else 1.0 / stiffness_factor
+        scale = np.ones(omega.size, complex) if self.driven.moved else 1.0 / stiffness_factor
         return _Space(
             apply=lambda x: self.operator @ x,
             product=np.dot,
-            start=self.drives[0],
+            start=self.driven.drives[0],
             shifts=shifts,
             scale=scale,
             bound=_invert(distance),
-            direct=np.zeros((omega.size, len(self.heard))),
+            direct=self._hear_shift(omega.size),
         )
 
     def _make_first_order(self, work: ResponseWork) -> _Space:
@@ -1129,12 +1082,11 @@ class _Problem:
             return product
 
         source = self._make_first_order_source(spring, times)
-        strength: Any = -1.0 / top * (np.ones(w.size) if self.moved else _invert(1j * omega))
+        strength: Any = -1.0 / top * (np.ones(w.size) if self.driven.moved else _invert(1j * omega))
         # |(H - i w)^-1| is at most this, with the largest |1 + i eta|^1/2 of a spring
         largest_spring = math.sqrt(math.hypot(1.0, float(np.max(work.of_rows[0]))))
         bound = np.where(w > 0.0, (w + largest_spring) * _invert(work.distance), np.inf)
         if work.is_strong:
-            no_signals = np.zeros((w.size, len(self.heard)))
             return _Space(
                 apply=apply,
                 product=np.vdot,
@@ -1142,7 +1094,7 @@ class _Problem:
                 shifts=1j * w,
                 scale=strength,
                 bound=bound,
-                direct=no_signals,
+                direct=self._hear_shift(w.size),
             )
         # the space is that of 1 - i H times the source
         scale = strength / (1.0 + w)
@@ -1153,19 +1105,24 @@ class _Problem:
             shifts=1j * w,
             scale=scale,
             bound=bound,
-            direct=1j * scale[:, None] * self._listen(source),
+            direct=self.shift + 1j * scale[:, None] * self._listen(source),
         )
 
     def _make_first_order_source(self, spring: NDArray[Any], times: Array) -> NDArray[Any]:
         """Return the source of velocities (size,), then deformations (rows,); ``spring`` and
         ``times`` (rows,) are those of :meth:`_make_first_order`.
         """
-        if not self.moved:
-            return np.concatenate([self.drives[0], np.zeros(spring.size, complex)])
+        if not self.driven.moved:
+            return np.concatenate([self.driven.drives[0], np.zeros(spring.size, complex)])
         # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
-        on_balls = -self.operator.parts.pull(times * self.stretched)
-        on_contacts = self.operator.top * spring * self.stretched
+        stretched = self.operator.stretch(self.driven.amplitude)  # of the rows of A
+        on_balls = -self.operator.parts.pull(times * stretched)
+        on_contacts = self.operator.top * spring * stretched
         return np.concatenate([on_balls, on_contacts])
+
+    def _hear_shift(self, n_frequencies: int) -> Array:
+        """Return what receivers hear of walls alone, (n_f, n_r)."""
+        return np.broadcast_to(self.shift, (n_frequencies, len(self.shift)))
 
     def _listen(self, x: NDArray[Any]) -> NDArray[Any]:
         """Return the signals (n_r,) of receivers for motions x (size,)."""
@@ -1199,7 +1156,7 @@ class _Problem:
                 change = factors.solve(residual)
                 x += change
                 previous = signals
-                signals = self._listen(x)
+                signals = self._listen(x) + self.shift
                 loudest = np.max(np.abs(signals)) or 1.0
                 error = float(np.max(np.abs(signals - previous)) / loudest)
                 if solution and error <= TOLERANCE:
@@ -1226,7 +1183,7 @@ class _Problem:
         """
         n_frequencies = work.omega.size
         space = self._make_space(work)
-        values = np.zeros((n_frequencies, len(self.heard)), complex)
+        values = self._hear_shift(n_frequencies).astype(complex)
         error = np.zeros(n_frequencies)
         if not np.any(space.start):
             return values, error, 0
@@ -1333,7 +1290,7 @@ class _Equations:
         reduced = [matrix / self.top_square for matrix in matrices]
         self._matrix, self._ones, self._elastic, *self._lossy = share_places([unit, *reduced])
         self.elimination = Elimination(self._matrix)
-        self._drives = [drive / self.top_square for drive in problem.drives]
+        self._drives = [drive / self.top_square for drive in problem.driven.drives]
 
     def at(self, w: float) -> tuple[Any, NDArray[Any]]:
         """Return Z (size, size), sparse, and the source (size,), at the angular frequency ``w``,

@@ -65,6 +65,7 @@ from granphon.base.validation import (
 )
 from granphon.dynamics.damping import read_loss
 from granphon.networks.network import ContactNetwork
+from granphon.waves.sensors import FLOOR
 
 #: results of the waves in a simulated array
 WAVES = ("dos", "spectrum", "pulse")
@@ -87,10 +88,15 @@ _SOURCES = ("plane", "ball")
 RESPONSES = {
     "displacement": "receptance",
     "velocity": "mobility",
+    "acceleration": "accelerance",
+    "force": "force_transmissibility",
     "transmissibility": "transmissibility",
+    "stiffness": "dynamic_stiffness",
 }
 #: the faces of an array
 FACES = ("lower", "upper")
+#: a receiver that is a contact: the numbers of its two balls
+_CONTACT = re.compile(r"([0-9]+)-([0-9]+)")
 #: kinds of drives of balls
 DRIVES = ("impact", "shaker", "force", "displacement")
 
@@ -144,8 +150,8 @@ _FREQUENCIES = Kind(
 def _read_place(value: Any) -> str:
     """Return one place of a source or receiver, with single spaces between its words."""
     words = value.split() if isinstance(value, str) else []
-    if words == ["plane"]:
-        return "plane"
+    if words in (["plane"], [FLOOR]) or (len(words) == 1 and _CONTACT.fullmatch(words[0])):
+        return words[0]
     if len(words) > 1 and words[0].isdecimal():
         direction = words[1:]
         is_axis = len(direction) == 1 and direction[0] in ("x", "y", "z")
@@ -153,18 +159,19 @@ def _read_place(value: Any) -> str:
             return " ".join(words)
     raise Refused(
         show(value),
-        "plane, or the number of a ball and its direction, such as 12 x or 12 0.6 0.8, or a"
-        " list of these",
+        "plane, floor, the number of a ball and its direction, such as 12 x or 12 0.6 0.8, the"
+        " balls of a contact, such as 3-4, or a list of these",
     )
 
 
 def find_place(text: str) -> Any:
     """Return the place of a source or receiver that a ``text`` of a scene names, as an argument of
-    ``Waves.response``: "plane", or (ball, direction).
+    ``Waves.response``: "plane", "floor", (ball, direction), or the contact (i, j).
     """
     ball, *direction = text.split()
     if not direction:
-        return text
+        match = _CONTACT.fullmatch(ball)
+        return (int(match[1]), int(match[2])) if match else text
     if direction[0] in "xyz":
         return int(ball), direction[0]
     return int(ball), [float(component) for component in direction]
@@ -447,11 +454,13 @@ class ResponseSettings(NetworkSettings):
     Attributes
     ----------
     frequencies : (n_f,) Hz, ascending.
-    source, receiver : "plane", or a ball and a direction, such as "12 x" or "12 0.6 0.8", one or
-        more. What is heard on a plane is the mean over its balls.
+    source, receiver : "plane", "floor", or a ball and a direction, such as "12 x" or "12 0.6 0.8",
+        one or more; of a force also a contact, such as "3-4". What is heard on a plane is the mean
+        over its balls.
     damping : s, of all motions of a contact, or of normal and of other motion.
     loss_factor : likewise.
-    quantity : "displacement", "velocity" or "transmissibility".
+    quantity : "displacement", "velocity", "acceleration", "force", "transmissibility" or
+        "stiffness".
     direction : across planes; None for the first axis along which the network does not repeat, or
         x.
     polarisation : "longitudinal", "transverse" or "out_of_plane".
@@ -466,12 +475,13 @@ class ResponseSettings(NetworkSettings):
     )
     source: tuple[str, ...] = setting(
         _PLACES,
-        "what is driven: `plane`, or a ball and its direction, as `12 x`, or a list",
+        "what is driven: `plane`, `floor`, or a ball and its direction, as `12 x`, or a list",
         title="source",
     )
     receiver: tuple[str, ...] = setting(
         _PLACES,
-        "what is heard, likewise; of `plane`, the last one, the mean over its balls",
+        "what is heard, likewise; of `plane`, the last one, the mean over its balls; of a force"
+        " the balls of a contact, as `3-4`, `floor`, or a sensor in a ball, as `12 x`",
         title="receiver",
     )
     damping: float | tuple[float, float] = setting(
@@ -488,8 +498,8 @@ class ResponseSettings(NetworkSettings):
     )
     quantity: str = setting(
         word_of(*RESPONSES),
-        "`displacement` or `velocity` over force, or `transmissibility`: that of a wall that is"
-        " moved",
+        "`displacement`, `velocity`, `acceleration` or `force` over force; of a wall that is moved"
+        " `transmissibility`, or `stiffness`, the force over its displacement",
         default="displacement",
         title="quantity of the response",
     )
@@ -583,6 +593,11 @@ class Signal:
     def __call__(self, time: float) -> float:
         """Return the value at a time, s."""
         return float(np.interp(time, self.times, self.values))
+
+    @property
+    def greatest(self) -> float:
+        """The greatest magnitude of the values, m or N."""
+        return max(map(abs, self.values))
 
     def lost(self, step: float, end: float) -> float:
         """Return the share of the area under the signal up to ``end``, s, that values at each
@@ -719,6 +734,18 @@ class DriveSettings(Block):
         """Which of the four kinds the drive is."""
         return next(name for name in DRIVES if getattr(self, name) is not None)
 
+    @property
+    def extremes(self) -> dict[str, float]:
+        """The speed, m/s, force, N, and displacement, m, that the drive reaches, as arguments of
+        :meth:`granphon.NonlinearWaves.find_step`.
+        """
+        way = self.shaker.amplitude if self.shaker else 0.0
+        return {
+            "speed": abs(self.impact or 0.0),
+            "force": self.force.greatest if self.force else 0.0,
+            "displacement": self.displacement.greatest if self.displacement else abs(way),
+        }
+
     def find_balls(self, network: ContactNetwork) -> Index:
         """Return the numbers (n,) of the balls, or of the floor; raises :class:`InputError` where
         the network has no such face.
@@ -837,6 +864,14 @@ class MotionSettings(NetworkSettings):
         "steps: `verlet`, explicit; `midpoint`, implicit, which keep the sum of energies",
         default="verlet",
     )
+
+    @property
+    def extremes(self) -> dict[str, float]:
+        """The greatest speed, force and displacement of any drive, as
+        :attr:`DriveSettings.extremes`.
+        """
+        of_drives = [drive.extremes for drive in self.drive]
+        return {name: max(of[name] for of in of_drives) for name in of_drives[0]}
 
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:

@@ -226,8 +226,8 @@ class Waves:
         method: str | None = None,
         tolerance: float = TOLERANCE,
     ) -> Response:
-        """Return complex amplitudes of balls while others, or a wall, are driven at given
-        frequencies.
+        """Return complex amplitudes of balls, or of forces of contacts, while balls or a wall are
+        driven at given frequencies.
 
         Motions are u exp(i omega t). The network is left as it is, finite, periodic or cut.
         Frequencies of small networks are solved one by one, those of large ones by a Krylov space
@@ -240,16 +240,24 @@ class Waves:
         source : (ball, direction), where ball is an index or several, and direction "x", "y", "z"
             or a vector (1,) to (3,); "plane", the first plane of balls; or a list of these, which
             are driven together. A force of 1 N pushes each ball. With
-            ``quantity="transmissibility"`` the source is a body that does not move by itself, such
-            as a wall, a floor or a clamped ball, and is moved; "plane" is then the first of these.
+            ``quantity="transmissibility"`` or "stiffness" the source is a body that does not move
+            by itself, such as a wall, a floor or a clamped ball, and is moved; "plane" is then the
+            first of these, and "floor" the one flat wall, which is moved towards the balls.
         receiver : likewise, one for each ball; "plane" is the last plane of balls, or that at the
-            ``distance``.
+            ``distance``. A force is that of the contact (i, j) of two balls, of the "floor", or of
+            (ball, direction): a sensor in the ball, which reads half of the sum of the normal
+            forces of its contacts, each times the cosine of its normal and the direction, so the
+            mean of two contacts of a chain; in a body that is held, the whole sum.
         damping : s, the viscosity c of each contact over its stiffness k, as in :meth:`transmit`: a
             number or (n_c,), or a tuple of that in normal motion and in all other.
         loss_factor : eta of the complex stiffness k (1 + i eta), a number or (n_c,), or a tuple of
             two, as the damping.
-        quantity : "displacement", of the balls over the force, m/N; "velocity", m/(N s); or
-            "transmissibility", the displacement of the balls over that of the source.
+        quantity : "displacement", of the balls over the force, m/N; "velocity", m/(N s);
+            "acceleration", 1/kg; "force", normal force of contacts over that of the source, above
+            zero where these are pressed more, springs and dashpots taken together;
+            "transmissibility", the displacement of the balls over that of the source; or
+            "stiffness", the force over the displacement of the source, N/m, which "force" is too
+            where the source is held.
         direction : (1,) to (3,) across the planes; by default the first axis along which the
             network does not repeat, or x.
         polarisation : of "plane", along which it is driven and heard, as in :meth:`transmit`.
@@ -262,8 +270,8 @@ class Waves:
         Raises
         ------
         InputError : frequencies below zero, not real or not sorted; a ball that is not there or,
-            but for a transmissibility, one of the source that is held; no receiver; a damping below
-            zero; a mode without damping at a frequency.
+            but where a wall is moved, one of the source that is held; no receiver; a sensor without
+            a contact; a damping below zero; a mode without damping at a frequency.
         ConvergenceError : a network too large to be factorised, and damped too little, or unevenly;
             or what would take more than an hour, unless a ``method`` is given.
         InstabilityError : a squared frequency is below zero.

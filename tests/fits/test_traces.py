@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -219,6 +220,56 @@ def test_what_gives_no_velocity_is_refused() -> None:
         traces.velocity("corelation")
     with pytest.raises(InputError, match="lowpass"):
         traces.velocity(lowpass=6e5)
+
+
+def test_a_record_that_ends_before_the_pulse_is_refused() -> None:
+    """Of each part of the rise; a record that ends behind the top is taken."""
+    whole = make_traces(11)
+    top = int(np.argmax(whole.signals[1]))
+    for share in (0.3, 0.6, 0.9, 0.97):
+        n = int(top - (1.0 - share) * 100e-6 / STEP)
+        cut = gp.Traces(whole.times[:n], whole.signals[:, :n], whole.distances)
+        for method in ("threshold", "peak", "correlation"):
+            with pytest.raises(InputError, match=r"rises at its end|no quiet part|no pulse"):
+                cut.velocity(method)
+    n = int(top + 60e-6 / STEP)
+    cut = gp.Traces(whole.times[:n], whole.signals[:, :n], whole.distances)
+    assert cut.velocity("threshold").velocity == pytest.approx(VELOCITY, rel=0.02)
+
+
+@pytest.mark.parametrize("unit", [1e-300, 1e-12, 1e300])
+def test_the_unit_of_a_trace_does_not_count(unit: float) -> None:
+    traces = make_traces(12)
+    scaled = gp.Traces(traces.times, unit * traces.signals, traces.distances)
+    same = traces.velocity()
+    found = scaled.velocity()
+    assert found.velocity == pytest.approx(same.velocity, rel=1e-9)
+    assert found.stderr == pytest.approx(same.stderr, rel=1e-9)
+
+
+def test_traces_without_a_signal_are_refused() -> None:
+    traces = make_traces(13)
+    for still in (0.0, 0.3):
+        signals = [traces.signals[0], np.full(N_TIMES, still)]
+        with pytest.raises(InputError, match="does not change"):
+            gp.Traces(traces.times, signals, traces.distances).velocity()
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "word"),
+    [
+        ("signals", np.array([b"a", b"b"]), "signals"),
+        ("time_step", "fast", "time_step"),
+        ("time_step", -1.0, "above zero"),
+    ],
+)
+def test_hdf5_that_cannot_be_read_says_why(tmp_path: Path, name: str, data: Any, word: str) -> None:
+    path = tmp_path / "traces.h5"
+    with h5py.File(path, "w") as file:
+        file["signals"] = data if name == "signals" else make_traces(14).signals
+        file.attrs["time_step"] = data if name == "time_step" else STEP
+    with pytest.raises(InputError, match=word):
+        gp.Traces.read(path)
 
 
 def test_the_command_prints_and_draws(

@@ -115,6 +115,27 @@ def test_stiffness_and_gain_are_found_with_the_damping_and_errors_follow_from_th
     assert gp.DampingFit.from_dict(found.to_dict()) == found
 
 
+@pytest.mark.claim("fit-damping")
+@pytest.mark.parametrize("volts", [1e-7, 1.0])
+def test_a_sensor_in_a_ball_that_is_not_calibrated(volts):
+    """The wall is moved; volts over volts of a disc in ball 3, by the closed form of the chain."""
+    t = 2.0 * np.arcsin(np.pi * FEW / OMEGA / np.sqrt(1.0 + 2j * np.pi * FEW * TAU))
+    places = [np.cos((COUNT - n + 0.5) * t) / np.cos((COUNT + 0.5) * t) for n in (2, 4)]
+    springs = UNITS.stiffness * (1.0 + 2j * np.pi * FEW * TAU)
+    force = 0.5 * springs * (places[0] - places[1])  # the mean of both contacts of ball 3
+    data = measure(volts * force / UNITS.stiffness)
+    raw = gp.TransferFunction(FEW, np.abs(data), np.angle(data), calibrated=False)
+    call = {"quantity": "force", "parameters": ("damping", "gain")}
+    found = gp.fit_damping(chain(), raw, (0, "x"), (3, "x"), **call)
+    truth = [TAU, volts / UNITS.stiffness]
+    assert np.all(np.abs(found.values - truth) < 4.0 * found.stderrs)
+    assert np.all(found.stderrs < 0.1 * found.values)
+    assert (found.quantity, found.unit) == ("stiffness", "1")
+    assert gp.DampingFit.from_dict(found.to_dict()) == found
+    with pytest.raises(InputError, match="not calibrated"):
+        gp.fit_damping(chain(), raw, (0, "x"), (3, "x"), quantity="force")
+
+
 @pytest.mark.slow
 def test_a_load_goes_with_the_third_power_of_the_stiffness():
     data = measure(closed_form(TAU, 0.0, 1.2))
@@ -258,6 +279,63 @@ def test_table_with_units(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("quantity", "heading", "factor"),
+    [
+        ("displacement", "real (um/N),imag (um/N)", 1e-6),
+        ("velocity", "Real (mm/s/N),Imag (mm/s/N)", 1e-3),
+        ("acceleration", "real (m/s^2/N),imag (1/kg)", 1.0),
+        ("force", "real (N/N),imag", 1.0),
+        ("force", "real (N/um),imag (N/um)", 1e6),
+        ("stiffness", "real (N/um),imag (N/um)", 1e6),
+        ("transmissibility", "real,imag", 1.0),
+    ],
+)
+def test_table_of_real_and_imaginary_parts(tmp_path, quantity, heading, factor):
+    text = f"frequency (Hz),{heading}\n100,3,-4\n200,-2,0\n"
+    data = read(tmp_path, text, quantity=quantity)
+    assert_allclose(data.magnitude, [5.0 * factor, 2.0 * factor], rtol=1e-14)
+    assert_allclose(data.phase, [math.atan2(-4.0, 3.0), math.pi])
+    assert data.calibrated
+
+
+@pytest.mark.parametrize(
+    ("quantity", "heading", "value", "calibrated"),
+    [
+        ("transmissibility", "H (dB)", 10.0, True),
+        ("displacement", "H (um/N)", 20e-6, True),
+        ("acceleration", "magnitude (m/s^2/N)", 20.0, True),
+        ("force", "force (N/N)", 20.0, True),
+        ("force", "force (N/um)", 20e6, True),
+        ("force", "force (N)", 20.0, False),
+        ("stiffness", "H (N/mm)", 20e3, True),
+        ("displacement", "H (V/V)", 20.0, False),
+        ("transmissibility", "magnitude (mV)", 20.0, False),
+    ],
+)
+def test_headings_and_units_of_magnitudes(tmp_path, quantity, heading, value, calibrated):
+    data = read(tmp_path, f"frequency (Hz),{heading}\n100,20\n", quantity=quantity)
+    assert_allclose(data.magnitude, value)
+    assert data.calibrated == calibrated
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "said"),
+    [
+        ("frequency (Hz),real (m/N)\n1,2\n", {}, "no column named 'imag'"),
+        ("f (Hz),H (um/N)\n1,2\n", {}, "Its columns are 'f (Hz)', 'H (um/N)'"),
+        ("frequency (Hz),G (um/N)\n1,2\n", {}, "'real' and 'imag'"),
+        ("frequency (Hz),H (kg)\n1,2\n", {"quantity": "force"}, "V/V"),
+        ("frequency (Hz),real (um/N),imag\n1,2,3\n", {}, "no unit of receptance"),
+        ("frequency (Hz),real (um/N),imag (V/V)\n1,2,3\n", {}, "'um/N' and 'V/V'"),
+    ],
+)
+def test_what_a_table_lacks_is_said_with_what_it_has(tmp_path, text, options, said):
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, text, **options)
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
         ("frequency (Hz),magnitud (m/N)\n1,2\n", "'magnitude'"),
@@ -388,7 +466,7 @@ def test_a_table_without_magnitudes_is_told_so(folder, capsys, observed):
         SCENE if observed else SCENE[: SCENE.index("observe")], encoding="utf-8"
     )
     (folder / "data.csv").write_text(
-        "frequency (Hz),H\n400,1.1\n500,1.2\n600,1.3\n", encoding="utf-8"
+        "frequency (Hz),G\n400,1.1\n500,1.2\n600,1.3\n", encoding="utf-8"
     )
     assert main(["fit", "scene.yaml", "data.csv"]) == 2
     said = capsys.readouterr().err

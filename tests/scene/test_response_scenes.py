@@ -11,7 +11,7 @@ from granphon.base.errors import SceneError
 from granphon.cli.commands import main
 from granphon.runs.dataset import load_sweep
 from granphon.scene.redraw import redraw
-from granphon.waves.response import find_peaks
+from granphon.waves.peaks import find_peaks
 from tests.runs.conftest import Meter
 
 CHAIN = """
@@ -101,6 +101,54 @@ def test_a_sweep_over_loads_has_the_numbers_of_python():
     )
     again = complex_of(doubled.sweep(), "transmissibility")[:, 0]
     assert_allclose(again[-1], found[0], rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "source", "name"),
+    [
+        ("force", "0 x", "force_transmissibility"),
+        ("force", "floor", "dynamic_stiffness"),
+        ("stiffness", "plane", "dynamic_stiffness"),
+    ],
+)
+def test_sensors_of_force_are_those_of_python(quantity, source, name):
+    """Of contacts, of the floor and of a ball, in two states."""
+    text = SHORT.replace("source: plane", f"source: {source}").replace("floor free", "free floor")
+    text = text.replace("quantity: transmissibility", f"quantity: {quantity}")
+    text = text.replace("[5 x, 0 x]", "[2-3, floor, 3 x]")
+    swept = scene(text, FORCE="[2 N, 128 N]")
+    assert gp.Scene.from_text(swept.to_yaml()) == swept
+    dataset = swept.sweep()
+    found = complex_of(dataset, name)[:, 0]
+    place = {"0 x": (0, "x")}.get(source, source)
+    for force, values in zip((2.0, 128.0), found, strict=True):
+        network = swept.packing.crystal.at_force(force).network.cut(0, 6, ("free", "floor"))
+        expected = gp.Waves(network).response(
+            np.linspace(400.0, 14000.0, 12),
+            place,
+            [(2, 3), "floor", (3, "x")],
+            loss_factor=0.02,
+            quantity=quantity,
+        )
+        assert_allclose(values, expected.values, rtol=1e-12)
+    assert dataset[name].attrs["units"] == ("1" if "force" in name else "N/m")
+
+
+@pytest.mark.slow
+def test_a_sensor_of_force_has_a_figure(tmp_path):
+    text = SHORT.replace("transmissibility", "stiffness").replace("[5 x, 0 x]", "[2-3, 3 x]")
+    result = scene(text, FORCE="[2 N, 128 N]").run(tmp_path)
+    assert "response.png" in {path.name for path in result.files}
+
+
+def test_accelerance_in_a_scene():
+    text = SHORT.replace("plane", "5 x").replace("transmissibility", "acceleration")
+    found = scene(text, FORCE="2 N").sweep()
+    assert found["accelerance"].attrs["units"] == "1/kg"
+    receptance = scene(text.replace("acceleration", "displacement"), FORCE="2 N").sweep()
+    omega = 2.0 * np.pi * found["response_frequency"].values[:, None]
+    values = complex_of(receptance, "receptance")[0, 0]
+    assert_allclose(complex_of(found, "accelerance")[0, 0], -(omega**2) * values, rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -292,6 +340,8 @@ def test_a_sweep_that_was_cut_off_goes_on(tmp_path):
         (("receiver: [19 x, 0 x]", "receiver: 7"), "such as 12 x"),
         (("receiver: [19 x, 0 x]", "receiver: [7 x, 7 x]"), "once"),
         (("quantity: transmissibility", "quantity: transmission"), "transmissibility"),
+        (("receiver: [19 x, 0 x]", "receiver: 3-4"), "contact"),
+        (("receiver: [19 x, 0 x]", "receiver: 3-"), "the balls of a contact"),
         (("axis: 0", "axis: 1"), "axis"),
         (("layers: 20", "layers: 0"), "layers"),
         (("  source: plane\n", ""), "source"),

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
 
 import granphon as gp
 from granphon.base.errors import InputError, LimitWarning, OutputError, StoppedEarlyWarning
@@ -571,6 +572,53 @@ def test_the_step_of_a_run_is_known_before(speed):
     motion = waves.run(1e-4, velocities=push(waves.network, speed), frames=2)
     assert_allclose(motion.step, 1e-4 / math.ceil(1e-4 / waves.find_step(speed)), rtol=1e-12)
     assert waves.find_step(1.0) < waves.find_step()
+
+
+@pytest.mark.claim("nonlinear-drive")
+@pytest.mark.parametrize("frames", [2, 41])
+@pytest.mark.parametrize("scheme", ["verlet", pytest.param("midpoint", marks=pytest.mark.slow)])
+def test_the_step_follows_what_a_drive_presses(frames, scheme):
+    """Three balls that only touch, pushed by a force: as SciPy integrates them, however few the
+    frames.
+    """
+    ball = gp.Ball(STEEL, D)
+    waves = gp.NonlinearWaves(gp.Crystal.on("chain", [ball]).cut(0, 3))
+    duration = 3e-4
+
+    def push_first(time):
+        return 100.0 * math.sin(1e4 * time) ** 2
+
+    motion = waves.run(
+        duration, drive=gp.Drive(0, (1, 0, 0), force=push_first), frames=frames, scheme=scheme
+    )
+    modulus = STEEL.young_modulus / (1.0 - STEEL.poisson_ratio**2)
+    coefficient = modulus * math.sqrt(D) / 3.0  # (4/3) E* (d/4)^(1/2), with E* half the modulus
+
+    def accelerate(time, state):
+        forces = coefficient * np.maximum(-np.diff(state[:3]), 0.0) ** 1.5
+        pushes = np.array([push_first(time) - forces[0], forces[0] - forces[1], forces[1]])
+        return np.concatenate([state[3:], pushes / ball.mass])
+
+    exact = solve_ivp(accelerate, (0.0, duration), np.zeros(6), rtol=1e-8, atol=1e-14)
+    speeds = exact.y[3:, -1]
+    assert_allclose(motion.velocities[-1, :, 0], speeds, atol=1e-3 * np.max(np.abs(speeds)))
+    if frames > 2:
+        heights = coefficient * np.max(np.maximum(-np.diff(exact.y[:3], axis=0), 0.0) ** 1.5)
+        assert_allclose(motion.forces.max(), heights, rtol=2e-2)
+    # the force known beforehand gives the step of that order at once
+    assert 0.5 < waves.find_step(force=100.0) / motion.step < 3.0
+
+
+def test_a_drive_known_beforehand_gives_the_step():
+    """A stiffness of Hertz's law goes with the force to the third root, a rate with its root."""
+    waves = gp.NonlinearWaves(gp.Crystal.on("chain", [gp.Ball(STEEL, D)]).cut(0, 3))
+    soft, hard = (waves.find_step(force=force) for force in (1.0, 64.0))
+    assert_allclose(soft / hard, 2.0, rtol=1.25**0.25 - 1.0)  # depths are 1.25 times as deep
+    shallow, deep = (waves.find_step(displacement=depth) for depth in (1e-8, 1.6e-7))
+    assert_allclose(shallow / deep, 2.0, rtol=1e-12)
+    for name in ("force", "displacement"):
+        with pytest.raises(InputError, match=name):
+            waves.find_step(**{name: -1.0})
 
 
 def interrupt(time):

@@ -10,6 +10,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.optimize import brentq, minimize_scalar
 
 import granphon as gp
 from granphon.balls.contact_model import ContactModel
@@ -127,6 +128,57 @@ def test_peaks_do_not_depend_on_the_grid(points, method):
     copied = pickle.loads(pickle.dumps(coarse))
     assert copied == coarse
     assert np.all(np.isnan(copied.peaks[0].heights))
+
+
+@pytest.mark.claim("response-peaks")
+@pytest.mark.parametrize(
+    "tau", [0.005, 0.03, pytest.param(0.1, marks=pytest.mark.slow), 0.5], ids=str
+)
+def test_broad_peaks_are_those_of_the_closed_form(tau):
+    """The transmissibility of a chain, of which a hundred frequencies see each peak: its maximum
+    and its width at half the square by SciPy. Q is that of the modes where these are apart.
+    """
+    count = 5
+    waves = gp.Waves(chain(count + 1, ("clamped", "free")))
+    omega = np.linspace(0.1, 2.2, 100)
+    found = waves.response(
+        omega * HERTZ, "plane", (count, "x"), tau / OMEGA, quantity="transmissibility"
+    )
+
+    def magnitude(w):
+        t = 2.0 * np.arcsin(w / 2.0 / np.sqrt(1.0 + 1j * w * tau))
+        return np.abs(np.cos(t / 2.0) / np.cos((count + 0.5) * t))
+
+    assert_allclose(found.magnitude[:, 0], magnitude(omega), rtol=1e-9)
+    dense = np.linspace(0.1, 2.2, 100_001)
+    heights = magnitude(dense)
+    tops = 1 + np.flatnonzero((heights[1:-1] > heights[:-2]) & (heights[1:-1] > heights[2:]))
+    peaks = found.peaks[0]
+    assert peaks.frequencies.size == tops.size
+    for number, top in enumerate(tops.tolist()):
+        bounds = dense[top - 1], dense[top + 1]
+        best = minimize_scalar(
+            lambda w: -magnitude(w), bounds=bounds, method="bounded", options={"xatol": 1e-10}
+        )
+        assert_allclose(peaks.frequencies[number], best.x * HERTZ, rtol=1e-6)
+        assert_allclose(peaks.heights[number], -best.fun, rtol=1e-8)
+        half = -best.fun * math.sqrt(0.5)
+        ends = []
+
+        def exceed(w, half=half):
+            return magnitude(w) - half
+
+        for side in (-1, 1):
+            fall = heights[top::side]
+            low = np.argmax((fall < half) | np.append(np.diff(fall) > 0.0, True))
+            at = top + side * int(low)
+            if heights[at] < half:
+                ends.append(brentq(exceed, dense[at - side], dense[at]))
+        quality = best.x / (ends[1] - ends[0]) if len(ends) == 2 else np.nan
+        assert_allclose(peaks.quality[number], quality, rtol=1e-6)
+    modes = waves.damped_modes(1, damping=tau / OMEGA)
+    if modes.quality[0] > 100.0:
+        assert_allclose(peaks.quality[0], modes.quality[0], rtol=1e-3)
 
 
 def test_one_ball_on_a_spring_and_a_dashpot():
@@ -910,7 +962,7 @@ def test_driven_array_of_lammps_has_the_amplitude_and_the_phase(count, omega, ti
         ({"damping": [0.1, 0.2]}, "damping has the shape"),
         ({"damping": (0.1, 0.2, 0.3)}, r"\(normal, tangential\)"),
         ({"loss_factor": -0.1}, "loss_factor: found -0.1"),
-        ({"quantity": "force"}, "velocity, transmissibility"),
+        ({"quantity": "forces"}, "force, transmissibility"),
         ({"method": "fast"}, "allowed: direct, krylov"),
         ({"method": "krylov", "loss_factor": [0.1, 0.1, 0.1, 0.1, 0.0]}, "others lose none"),
         ({"frequencies": [2.0 * math.sin(0.5 * math.pi / 11) * HERTZ]}, "has no bound"),

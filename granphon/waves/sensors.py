@@ -1,0 +1,131 @@
+"""Sensors of force: at a contact, in a wall, and in a ball.
+
+A sensor adds up the normal forces of contacts, each times a weight. At a contact there is one
+force, and its weight is one. A wall bears the components of the forces of its contacts along a
+direction. A ball with a sensor in it, as of a disc of piezoelectric ceramic between its halves,
+reads the mean of the forces on the two halves; so each contact has the weight |n.a|/2, with the
+normal n of the contact and the axis a of the sensor. In a chain this is the mean of the two
+contacts (C. Daraio, V. F. Nesterenko, E. B. Herbold and S. Jin, Phys. Rev. E 73, 026610 (2006)).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.arrays import Array, Index
+from granphon.base.errors import InputError
+from granphon.networks.network import ContactNetwork
+
+#: word for the one flat wall of a network
+FLOOR = "floor"
+#: component of a normal along the axis of a sensor that is zero but for rounding
+_ACROSS = 1e-9
+
+
+class Sensor(NamedTuple):
+    """A sensor of force.
+
+    Attributes
+    ----------
+    body : the ball or wall with the sensor; of a contact its first ball.
+    partner : the second ball of a contact; -1 of a ball or wall.
+    direction : (3,) unit vector: the axis of the sensor, or the normal of the contact.
+    contacts : (k,) numbers of the contacts whose forces are added up.
+    weights : (k,) of these forces.
+    """
+
+    body: int
+    partner: int
+    direction: Array
+    contacts: Index
+    weights: Array
+
+
+@dataclass(frozen=True)
+class SensorPlaces:
+    """The contacts at which sensors of force may be.
+
+    Attributes
+    ----------
+    i, j : (n_c,) bodies of each contact.
+    normal : (n_c, 3) unit vectors from the first to the second.
+    moving : (n,) whether each body moves by itself.
+    walls : the normals (3,) of flat walls, by their numbers.
+    """
+
+    i: Index
+    j: Index
+    normal: Array
+    moving: NDArray[np.bool_]
+    walls: dict[int, Array]
+
+    @classmethod
+    def of(cls, network: ContactNetwork) -> Self:
+        """Return the contacts of a network."""
+        walls = {wall: normal for wall, (_, normal) in network.walls.items()}
+        return cls(network.i, network.j, network.normal, network.moving, walls)
+
+    def at_contact(self, i: int, j: int) -> Sensor:
+        """Return the sensor at the contact of two bodies; InputError unless they have one."""
+        joins = ((self.i == i) & (self.j == j)) | ((self.i == j) & (self.j == i))
+        contacts = np.flatnonzero(joins)
+        if contacts.size != 1:
+            number = "no contact" if not contacts.size else f"{contacts.size} contacts"
+            mend = "Give two balls that touch"
+            if contacts.size:
+                mend = "Repeat the network, so that balls touch once"
+            raise InputError(f"balls {i} and {j} have {number}", mend=mend)
+        normal = self.normal[contacts[0]]
+        outward = normal if self.i[contacts[0]] == i else -normal
+        return Sensor(i, j, outward, contacts, np.ones(1))
+
+    def in_body(self, body: int, direction: Array) -> Sensor:
+        """Return the sensor in a ball that moves, or in a body that is held, whose axis is the unit
+        vector ``direction`` (3,); InputError for a body without a contact along it.
+        """
+        contacts = np.flatnonzero((self.i == body) | (self.j == body))
+        cosines = np.abs(self.normal[contacts] @ direction)
+        is_along = cosines > _ACROSS
+        if not np.any(is_along):
+            raise InputError(
+                f"ball {body} has no contact along the direction of the sensor",
+                "A sensor adds up the normal forces of the contacts of its ball",
+                "Give another ball or direction",
+            )
+        share = 0.5 if self.moving[body] else 1.0
+        return Sensor(body, -1, direction, contacts[is_along], share * cosines[is_along])
+
+    def in_floor(self) -> Sensor:
+        """Return the sensor in the flat wall; InputError unless there is one."""
+        wall = self.find_floor()
+        return self.in_body(wall, self.walls[wall])
+
+    def find_floor(self) -> int:
+        """Return the number of the one flat wall; InputError unless there is one."""
+        if len(self.walls) != 1:
+            number = f"{len(self.walls)} floors" if self.walls else "no floor"
+            raise InputError(
+                f"the network has {number}",
+                mend="Give (body, direction), with the number of a wall or of a ball that is held",
+            )
+        return next(iter(self.walls))
+
+
+def is_contact(value: Any) -> bool:
+    """Whether a receiver is a contact, two numbers of bodies."""
+    if not isinstance(value, tuple) or len(value) != 2:
+        return False
+    return all(isinstance(n, int | np.integer) and not isinstance(n, bool) for n in value)
+
+
+def find_open_axis(network: ContactNetwork) -> Array:
+    """Return the unit vector (3,) of the first axis along which a network does not repeat, or of x
+    without such an axis.
+    """
+    open_axes = [axis for axis in range(network.dimension) if not np.any(network.cell[:, axis])]
+    axis = open_axes[0] if open_axes else 0
+    return np.asarray(np.eye(3)[axis])
