@@ -19,7 +19,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from io import StringIO
+from io import BytesIO, StringIO
 from typing import Any, Self, TextIO
 
 import numpy as np
@@ -271,6 +271,44 @@ def plain_float(cell: str) -> float:
     if "_" in cell or not cell.isascii():
         raise ValueError(cell)
     return float(cell)
+
+
+def read_rows(
+    name: str,
+    body: bytes,
+    places: Sequence[int],
+    columns: Sequence[str],
+    count: int,
+    first_line: int,
+) -> NDArray[np.float64]:
+    """Return the numbers (count, m) of rows whose cells are parted by white space; nan and inf are
+    taken.
+
+    ``body`` has ``count`` lines, the first of which is line ``first_line`` of the file called
+    ``name``; ``places`` (m,) are the indices of the cells that are read, and ``columns`` (m,) name
+    them. Raises :class:`~granphon.base.errors.InputError`, which names the line, for a cell that is
+    missing or no number.
+    """
+    if not count or not places:
+        return np.empty((count, len(places)))
+    try:
+        # parsed by NumPy's compiled reader, which skips empty lines
+        rows = np.loadtxt(BytesIO(body), usecols=places, comments=None, ndmin=2, encoding="utf-8")
+        if len(rows) == count:
+            return rows
+    except ValueError:
+        pass  # the line of the bad cell is found below
+    numbers = np.empty((count, len(places)))
+    for row, line in enumerate(body.splitlines()):
+        cells = [cell.decode() for cell in line.split()]
+        for column, place in enumerate(places):
+            try:
+                numbers[row, column] = plain_float(cells[place])
+            except (IndexError, ValueError):
+                content = brief(cells[place], _MOST_QUOTED) if place < len(cells) else "nothing"
+                where = f"{name}:{first_line + row}: {columns[column]}"
+                raise InputError(f"{where}: found {content}, where a number is needed") from None
+    return numbers
 
 
 def write_table(

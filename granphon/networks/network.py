@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Annotated, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +26,14 @@ from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.neighbours import TOUCH, repeat_contacts, require_joined
 from granphon.base.arrays import Array, Flags, Index
-from granphon.base.errors import GranphonError, InconsistencyWarning, InputError, brief, message
+from granphon.base.errors import (
+    GranphonError,
+    InconsistencyWarning,
+    InputError,
+    brief,
+    message,
+    warn_caller,
+)
 from granphon.base.memory import require_memory
 from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
@@ -45,7 +51,17 @@ from granphon.base.validation import (
     truth,
     whole_number,
 )
-from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
+from granphon.networks.sources import (
+    ALONG,
+    LARGEST,
+    MOST_STEPS,
+    UNIT,
+    find_repeated,
+    read_whole_numbers,
+)
+
+if TYPE_CHECKING:
+    from granphon.networks.building import Source
 
 Found = TypeVar("Found")
 #: fields with one number for each ball
@@ -58,15 +74,10 @@ _SPRINGS = {
     "normal_stiffness": "above zero",
     **dict.fromkeys(("shear_stiffness", "torsion_stiffness", "bending_stiffness"), "zero or above"),
 }
-#: deviation of the length of a normal from one, or of a normal from the plane, that is put down to
-#: rounding in a file
-_UNIT = 1e-6
 #: greatest difference, over the sum of the two arms, between these and the distance of the centres
 _STRAY = 0.25
 #: least volume of a periodic cell over the product of the lengths of its vectors
 _FLAT = 1e-9
-#: greatest part of a tangential force along the normal: the rounding in a file
-_ALONG = 1e-2
 #: sum of the forces on a ball, over the sum of their sizes, or over the mean force of a contact, up
 #: to which they are in balance: programs of discrete elements leave 1e-4 or less, and weights,
 #: walls or digits that a file lacks leave more
@@ -79,6 +90,8 @@ _MOVING = 5e-3
 _ALIKE = 0.25
 #: memory to repeat or to cut a network, and to check it, over that of its arrays
 _COPIES = 4.5
+#: the key of the notes of a reader among what a network keeps
+_NOTES = "notes"
 #: most cells along a period
 MOST_CELLS = 1_000_000
 
@@ -300,26 +313,13 @@ class ContactNetwork(Result):
         """
         i = self.i
         j = self.j
-        # A contact of a ball with its own image has no lower ball: there the first axis along
-        # which it leaves the cell decides.
-        first_axis = np.argmax(self.shift != 0, axis=1)[:, None]
-        first_shift = np.take_along_axis(self.shift, first_axis, axis=1)[:, 0]
-        is_from_higher = (i > j) | ((i == j) & (first_shift < 0))
-        # (n_c,) a number of the pair of balls, and (n_c, 3) cells from the lower to the higher
-        pair = np.where(is_from_higher, j, i) * self.n_balls + np.where(is_from_higher, i, j)
-        step = np.where(is_from_higher[:, None], -self.shift, self.shift)
-        contacts, twins = _find_alike(pair, step)
-        is_at_wall = ~(self.moving[i[twins]] & self.moving[j[twins]])
-        is_alike = is_from_higher[contacts] == is_from_higher[twins]
-        signs = np.where(is_alike, 1.0, -1.0)[:, None]
-        deviation = np.abs(self.normal[contacts] - signs * self.normal[twins])
-        is_elsewhere = np.any(deviation > _UNIT, axis=1)
-        is_repeated = ~(is_at_wall & is_elsewhere)
-        n_repeated = int(np.count_nonzero(is_repeated))
+        moves = self.moving[i] & self.moving[j]
+        contacts, twins = find_repeated(i, j, self.shift, self.normal, moves)
+        n_repeated = contacts.size
         if not n_repeated:
             return
-        contact = int(contacts[is_repeated][0])
-        twin = int(twins[is_repeated][0])
+        contact = int(contacts[0])
+        twin = int(twins[0])
         total = f" ({n_repeated} such in all)" if n_repeated > 1 else ""
         raise InputError(
             f"contacts {contact} and {twin} of the network are the same, between balls"
@@ -958,6 +958,7 @@ class ContactNetwork(Result):
         columns: Mapping[str, str] | None = None,
         keep_rattlers: bool = False,
         held_by: int | None = None,
+        bad: str = "refuse",
     ) -> Self:
         """Return the network that a table of balls and one of contacts describe.
 
@@ -1022,8 +1023,9 @@ class ContactNetwork(Result):
         from granphon.networks.tables import read_tables
 
         source = read_tables(balls, contacts, {} if columns is None else columns, cell, pbc)
-        network = cls(**source.complete(material, friction, dimension, motions, prestress))
-        return network._finish_reading(keep_rattlers, held_by)
+        return cls._complete(
+            source, material, friction, dimension, motions, prestress, keep_rattlers, held_by, bad
+        )
 
     @classmethod
     def from_lammps(
@@ -1037,12 +1039,17 @@ class ContactNetwork(Result):
         step: int | None = None,
         normal_stiffness: float | None = None,
         shear_stiffness: float | None = None,
+        rolling_stiffness: float | None = None,
+        twisting_stiffness: float | str | None = None,
+        walls: str | Sequence[str] = (),
+        frozen: Mapping[str, Any] | None = None,
         dimension: int | None = None,
         motions: str | None = None,
         friction: bool = True,
         prestress: bool = False,
         keep_rattlers: bool = False,
         held_by: int | None = None,
+        bad: str = "refuse",
     ) -> Self:
         """Return the network in two dumps of LAMMPS: of atoms, and of pairs that touch.
 
@@ -1083,11 +1090,23 @@ class ContactNetwork(Result):
             missing, the two files are of different steps or units, places have too few digits for
             overlaps; and what the class itself does not allow.
         """
-        from granphon.networks.lammps import read_dumps
+        from granphon.networks.lammps import Springs, read_dumps
 
-        source = read_dumps(dump, pairs, units, columns, step, normal_stiffness, shear_stiffness)
-        network = cls(**source.complete(material, friction, dimension, motions, prestress))
-        return network._finish_reading(keep_rattlers, held_by)
+        source = read_dumps(
+            dump,
+            pairs,
+            units=units,
+            columns=columns,
+            step=step,
+            springs=Springs(
+                normal_stiffness, shear_stiffness, rolling_stiffness, twisting_stiffness
+            ),
+            walls=walls,
+            frozen=frozen,
+        )
+        return cls._complete(
+            source, material, friction, dimension, motions, prestress, keep_rattlers, held_by, bad
+        )
 
     @classmethod
     def read(cls, program: str, *files: Any, **options: Any) -> ContactNetwork:
@@ -1113,15 +1132,38 @@ class ContactNetwork(Result):
             raise InputError(fault, mend=mend)
         return network
 
-    def _finish_reading(self, keep_rattlers: bool, held_by: int | None) -> Self:
-        """Return a network that was read without its rattlers, or with them if ``keep_rattlers``;
-        warn if the network is out of balance. For ``held_by`` see :meth:`without_rattlers`.
+    @classmethod
+    def _complete(
+        cls,
+        source: Source,
+        material: Material | None,
+        friction: bool,
+        dimension: int | None,
+        motions: str | None,
+        prestress: bool | None,
+        keep_rattlers: bool,
+        held_by: int | None,
+        bad: str,
+    ) -> Self:
+        """Return the network of what a program has left, without its rattlers, or with them if
+        ``keep_rattlers``; warn if the network is out of balance. For the arguments see
+        :meth:`from_table`.
         """
         keeps_all = require("keep_rattlers", truth, keep_rattlers)
-        network = self if keeps_all else self.without_rattlers(held_by)
+        whole = cls(**source.complete(material, friction, dimension, motions, prestress, bad))
+        network = whole if keeps_all else whole.without_rattlers(held_by)
+        network._cache[_NOTES] = source.notes
         if network.imbalance_warning:
-            warnings.warn(network.imbalance_warning, InconsistencyWarning, stacklevel=3)
+            warn_caller(network.imbalance_warning, InconsistencyWarning)
         return network
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the reader of the files of this network has passed over, and why; empty for a
+        network that no file holds, or that has been changed since.
+        """
+        notes: tuple[str, ...] = self._cache.get(_NOTES, ())
+        return notes
 
     def write_tables(self, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:
         """Write the network as two CSV files; :meth:`from_table` reads the same from them, to the
@@ -1245,7 +1287,7 @@ def _list_demands_on_forces(network: ContactNetwork) -> Iterator[_Demand]:
     """Yield the demands on normals, forces, stiffnesses and arms."""
     # squares of larger numbers might overflow
     length = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)
-    yield "normal", np.abs(length - 1.0) <= _UNIT, "has a normal whose length is not one", ""
+    yield "normal", np.abs(length - 1.0) <= UNIT, "has a normal whose length is not one", ""
     for name, least in _SPRINGS.items():
         values = getattr(network, name)
         fault = f"has a {name} that is not {least}"
@@ -1264,7 +1306,7 @@ def _list_demands_on_forces(network: ContactNetwork) -> Iterator[_Demand]:
         yield name, is_finite, f"has a {name} {_TOO_LARGE} N", ""
         along = np.abs(np.einsum("ca,ca->c", tangential, network.normal))
         # among the least of all numbers rounding turns a force
-        allowed = _ALONG * np.linalg.norm(tangential, axis=1) + np.finfo(float).tiny
+        allowed = ALONG * np.linalg.norm(tangential, axis=1) + np.finfo(float).tiny
         fault = f"has a {name} that is not across its normal"
         yield name, along <= allowed, fault, "Leave the normal force out of it"
     for name in ("arm_i", "arm_j"):
@@ -1280,12 +1322,12 @@ def _list_demands_on_geometry(network: ContactNetwork) -> Iterator[_Demand]:
     d = network.dimension
     where = "the line along x" if d == 1 else "the plane"
     # the components from d on are those that leave the line or the plane
-    is_flat = ~np.any(np.abs(network.normal[:, d:]) > _UNIT, axis=1)
+    is_flat = ~np.any(np.abs(network.normal[:, d:]) > UNIT, axis=1)
     yield "normal", is_flat, f"leaves {where} of a network in {d} dimensions", ""
     is_at_wall = ~(network.moving[network.i] & network.moving[network.j])
     vector = network.vector
     arms = network.arm_i + network.arm_j
-    is_level = ~np.any(np.abs(vector[:, d:]) > _UNIT * np.abs(arms)[:, None], axis=1)
+    is_level = ~np.any(np.abs(vector[:, d:]) > UNIT * np.abs(arms)[:, None], axis=1)
     yield "i", is_level | is_at_wall, f"joins balls that are not both in {where}", ""
     leads_on = np.einsum("ca,ca->c", network.normal, vector) > 0.0
     fault = "has a normal that does not lead from ball i to ball j"
@@ -1317,26 +1359,6 @@ def _read_periods(pbc: Any) -> tuple[bool, ...]:
         fault = f"pbc of the network is {brief(pbc)}"
         raise InputError(fault, mend="Give three truth values, one for each vector of the cell")
     return tuple(require("pbc", truth, value) for value in flags)
-
-
-def _find_alike(pair: Index, step: Index) -> tuple[Index, Index]:
-    """Return the indices, each (m,), of contacts and of their twins, which have the same ``pair``
-    and ``step``; of three alike the second is the twin of the first, and the third of the second.
-
-    ``pair`` (n_c,) is a number of the two balls of a contact, and ``step`` (n_c, 3) the cells
-    between them.
-    """
-    by_pair = np.argsort(pair, kind="stable")
-    is_as_previous = np.diff(pair[by_pair], prepend=-1) == 0
-    is_as_following = np.append(is_as_previous[1:], False)
-    # only contacts of pairs with several are sorted by their steps: these are few, as balls rarely
-    # touch through more than one image
-    several = by_pair[is_as_previous | is_as_following]
-    ordered = several[np.lexsort((*step[several].T, pair[several]))]
-    has_same_pair = np.diff(pair[ordered]) == 0
-    has_same_step = ~np.any(np.diff(step[ordered], axis=0), axis=1)
-    is_alike = has_same_pair & has_same_step
-    return ordered[:-1][is_alike], ordered[1:][is_alike]
 
 
 # -- rattlers --------------------------------------------------------------------------------------

@@ -31,11 +31,11 @@ from granphon.base.text import (
     warn_unverified,
 )
 from granphon.base.validation import real_array, require, truth
-from granphon.networks.building import (
+from granphon.networks.building import Source
+from granphon.networks.sources import (
     MOST_BYTES,
     Balls,
     Contacts,
-    Source,
     find_rounding,
     read_whole_numbers,
 )
@@ -77,9 +77,14 @@ CONTACTS: Mapping[str, Quantity | None] = {
     "tangential_x": _ACROSS,
     "tangential_y": _ACROSS,
     "tangential_z": _ACROSS,
+    "force_x": _ACROSS,
+    "force_y": _ACROSS,
+    "force_z": _ACROSS,
+    "overlap": _PLACE,
 }
 _AXES = ("x", "y", "z")
 _TANGENTIAL = tuple(f"tangential_{axis}" for axis in _AXES)
+_FORCE_VECTOR = tuple(f"force_{axis}" for axis in _AXES)
 _OF_SPRINGS = tuple(
     name for name in CONTACTS if name.endswith(("force", "stiffness")) or name.startswith("arm")
 )
@@ -102,7 +107,9 @@ class _Columns:
 
     ``remark`` has the fields of the whole network in a written table; empty for a table from
     elsewhere. ``sealed`` says whether the file has a digest, which then fits; None for arrays.
-    ``kinds`` are the names in the column "kind"; None without that column.
+    ``kinds`` are the names in the column "kind"; None without that column. ``lines`` (rows,) are
+    the lines of a file; None for arrays. ``note`` names the columns that are not read; "" if all
+    are.
 
     InputError for a file that cannot be read, a name that seems misspelled, wrong units or cells,
     and columns of different lengths.
@@ -117,11 +124,13 @@ class _Columns:
     ) -> None:
         self.remark: dict[str, Any] = {}
         self.sealed: bool | None = None
+        self.lines: Index | None = None
         self._table: Table | None = None
         self._arrays: dict[str, Any] = {}
         if isinstance(source, str | os.PathLike):
             self.name = str(source)
             self._table = self._read_file(source)
+            self.lines = np.array(self._table.lines, np.intp)
             names = [heading.name for heading in self._table.headings]
             self._headings = [str(heading) for heading in self._table.headings]
         else:
@@ -131,6 +140,7 @@ class _Columns:
             self._headings = names
         keys = [Heading.parse(name).key for name in names]
         self._require_spelling(names, keys, known, columns)
+        self.note = self._note_columns(names, keys, known, columns)
         self._values: dict[str, Array] = {}
         self._units: dict[str, str] = {}
         self.kinds: tuple[str, ...] | None = None
@@ -209,6 +219,26 @@ class _Columns:
                 problem = f"{self.name} has a column {brief(str(name))}"
                 raise InputError(problem, mend=f"Did you mean {guess!r}?")
 
+    def _note_columns(
+        self,
+        names: Sequence[str],
+        keys: Sequence[str],
+        known: Mapping[str, Quantity | None],
+        columns: Mapping[str, str],
+    ) -> str:
+        """Return the note on the columns that are not read; the arguments are those of
+        :meth:`_require_spelling`.
+        """
+        read = {Heading.parse(columns.get(name, name)).key for name in known}
+        passed_over = [str(name) for name, key in zip(names, keys, strict=True) if key not in read]
+        if not passed_over:
+            return ""
+        listed = list_names(passed_over)
+        return (
+            f"{self.name}: not read, as they go by no name that is known: {listed}."
+            f" columns={{NAME: HEADING}} names one."
+        )
+
     def _read_kinds(self, heading: str, keys: Sequence[str]) -> None:
         """Set the names of the kinds of the balls, if the table has a column of them."""
         if self._table is not None and heading in self._table:
@@ -263,7 +293,11 @@ class _Columns:
         try:
             return read_whole_numbers(name, values)
         except InputError as error:
-            raise InputError(f"{self.name}: {error}") from None
+            place = self.name
+            if self.lines is not None:
+                row = int(np.argmax(~(values == np.rint(values)) | ~(np.abs(values) < 2.0**53)))
+                place = f"{self.name}:{self.lines[row]}"
+            raise InputError(f"{place}: {error}") from None
 
     def vectors(self, *names: str, wide: bool = False) -> Array | None:
         """Return the columns ``names`` side by side, (rows, m), in SI units; None without any of
@@ -372,9 +406,10 @@ def read_tables(
         options["contact_model"] = model
     return Source(
         _read_balls(table_of_balls),
-        _read_contacts(table_of_contacts),
+        (_read_contacts(table_of_contacts),),
         periods,
         is_period,
+        notes=tuple(filter(None, (table_of_balls.note, table_of_contacts.note))),
         **options,
     )
 
@@ -461,6 +496,7 @@ def _read_balls(columns: _Columns) -> Balls:
         rounding=columns.rounding(*_AXES),
         radius_rounding=radius_rounding,
         kinds=columns.kinds,
+        lines=columns.lines,
     )
 
 
@@ -479,6 +515,9 @@ def _read_contacts(columns: _Columns) -> Contacts:
         shift=shift,
         normal=columns.vectors("nx", "ny", "nz", wide=True),
         tangential_force=columns.vectors(*_TANGENTIAL, wide=True),
+        force=columns.vectors(*_FORCE_VECTOR, wide=True),
+        overlap=columns.find("overlap"),
+        lines=columns.lines,
         **springs,
     )
 
