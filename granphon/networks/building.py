@@ -358,11 +358,9 @@ class _Joining:
         contacts = contacts.select(is_fine)
         pairs = self._find_pairs(contacts, i[is_fine], j[is_fine])
         force, across = self._split_forces(contacts, pairs)
-        is_fine = faults.narrow()
         if contacts.overlap is not None:
-            _compare_overlaps(contacts.select(is_fine), self.places.balls, pairs.select(is_fine))
-            has_overlap = np.ones(len(contacts), bool)
-            pairs = replace(pairs, overlap=contacts.overlap, has_overlap=has_overlap)
+            pairs = self._take_overlaps(contacts, pairs)
+        is_fine = faults.narrow()
         if force is not None:
             force = force[is_fine]
         if across is not None:
@@ -441,6 +439,25 @@ class _Joining:
         pairs = _Pairs(i, j, radii_i, radii_j, shift, normal, overlap, is_ball)
         self._note_repeated(pairs)
         return pairs
+
+    def _take_overlaps(self, contacts: Contacts, pairs: _Pairs) -> _Pairs:
+        """Return the pairs with the overlaps of the source, (m,); note those that are none of balls
+        at these places, and warn if all are one multiple of theirs.
+        """
+        assert contacts.overlap is not None
+        touch = pairs.radii_i + pairs.radii_j
+        is_off = pairs.has_overlap & (np.abs(contacts.overlap - pairs.overlap) > _REACH * touch)
+        self.faults.note(
+            is_off,
+            "an overlap that is not that of places and radii",
+            values=contacts.overlap,
+            unit="m",
+            mend="Compare the units",
+        )
+        rows = ~self.faults.is_bad[self.faults.rows]
+        _compare_overlaps(contacts.select(rows), self.places.balls, pairs.select(rows))
+        has_overlap = np.ones(len(contacts), bool)
+        return replace(pairs, overlap=contacts.overlap, has_overlap=has_overlap)
 
     def _note_repeated(self, pairs: _Pairs) -> None:
         """Note contacts that are listed before."""

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from granphon.base.arrays import Array, Index
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, StoppedEarlyWarning, brief, message, warn_caller
 from granphon.base.packed import unpack
 from granphon.base.tables import read_rows
@@ -141,6 +141,23 @@ class Dump:
         return chosen[-1]
 
 
+def open_series(dump: Any, pairs: Any) -> tuple[list[int], Dump, Dump]:
+    """Return the time steps that two dumps both have, ascending, and the two; warn if one of them
+    is cut. InputError without a common step.
+    """
+    atoms = Dump.open(dump, "atoms")
+    touching = Dump.open(pairs, "entries")
+    for file in (atoms, touching):
+        if file.fault is not None:
+            warn_caller(message(f"the series ends early: {file.fault}"), StoppedEarlyWarning)
+            file.fault = None
+    steps = sorted({*atoms.steps} & {*touching.steps})
+    if not steps:
+        fault = f"{atoms.name} and {touching.name} have no time step in common"
+        raise InputError(fault, mend="Write both at the same steps")
+    return steps, atoms, touching
+
+
 def _describe_steps(steps: list[int]) -> str:
     """Return ascending time steps in words."""
     if len(steps) == 1:
@@ -187,6 +204,11 @@ class Lines:
     def take(self, first: int, count: int) -> bytes:
         """Return ``count`` lines from the index ``first`` on, with their line breaks."""
         return self._raw[self._starts[first] : self._starts[first + count]]
+
+    def begin_with(self, letter: str) -> Flags:
+        """Return (lines,) whether each line begins with a letter."""
+        letters = np.frombuffer(self._raw, np.uint8)[self._starts[:-1]]
+        return np.asarray(letters == ord(letter))
 
     def peek(self) -> str:
         """The line that is read next; "" at the end of the file."""
@@ -256,6 +278,11 @@ class Lines:
             if n_cells < n_needed:
                 fault = f"{where}: the last row has {n_cells} cells, and {n_needed} are needed"
                 raise InputError(fault, _NOT_WHOLE)
+        self.require_whole()
+
+    def require_whole(self) -> None:
+        """Raise :class:`InputError` if the end of the file lacks."""
+        where = f"{self.name}:{len(self)}"
         if self.is_broken:
             why = "The file is not whole: its last number may have lost digits"
             raise InputError(f"{where}: the last line has no line break at its end", why)

@@ -240,7 +240,7 @@ def read_balls(atoms: Frame, scales: Scales, frozen: Mapping[str, Any] | None) -
         rounding=scales.length * rounding,
         radius_rounding=scales.length * find_rounding(radii),
         kinds=kinds if len(set(kinds)) > 1 else None,
-        still=None if frozen is None else _find_frozen(atoms, frozen),
+        still=None if frozen is None else find_frozen(atoms, frozen),
         lines=atoms.first + 1 + np.arange(atoms.count),
     )
 
@@ -279,7 +279,7 @@ def _read_kinds(atoms: Frame) -> tuple[str, ...]:
     return ()
 
 
-def _find_frozen(atoms: Frame, frozen: Any) -> Flags:
+def find_frozen(atoms: Frame, frozen: Any) -> Flags:
     """Return (n,) whether each ball has one of the values of ``frozen`` in the column of that name;
     InputError for another mapping, an unknown column, and values that no ball has.
     """

@@ -122,7 +122,7 @@ def _name_columns(frame: Frame, keywords: str | Sequence[str] | None) -> Frame:
     if n_history < 0 or n_known + n_history != len(frame.names):
         fault = (
             f"{frame.name} has {len(frame.names)} columns, and {' '.join(chosen)} of"
-            f" compute pair/gran/local {'or more ' if 'history' in chosen else ''}gives {n_known}"
+            f" compute pair/gran/local gives {n_known}{' or more' if 'history' in chosen else ''}"
         )
         raise InputError(fault, mend="Give the keywords of the compute: keywords='pos id force'")
     names = list[str]()

@@ -1,16 +1,12 @@
 """Packings that LAMMPS makes, of every kind that its dumps can hold, against LAMMPS' own forces."""
 
-import gzip
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.base.errors import InconsistencyWarning, InputError, StoppedEarlyWarning
 from granphon.waves.operator import WaveOperator
 from tests import packings
-from tests.networks.test_lammps import count_slip_with_radii, dumps, measure, spoil
+from tests.networks.test_lammps import count_slip_with_radii, measure
 
 GLASS = packings.MATERIAL
 ROLLING = 3e5
