@@ -16,10 +16,12 @@ from __future__ import annotations
 import csv
 import os
 import re
-from collections.abc import Iterable, Sequence
+import sys
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from io import BytesIO, StringIO
+from io import BytesIO, StringIO, TextIOWrapper
+from itertools import islice
 from typing import Any, Self, TextIO
 
 import numpy as np
@@ -105,29 +107,36 @@ class Table:
         """Return the table in the bytes ``raw`` of a file called ``name``; errors and ``quoted`` as
         for :meth:`read`.
         """
-        # number, counted from 1, and text of each line that is not empty and no comment
-        lines = []
-        for number, line in enumerate(decode(name, raw).splitlines(), 1):
-            if line.strip()[:1] not in ("", "#"):
-                lines.append((number, line))
-        if not lines:
+        return next(cls.parse_parts(name, raw, sys.maxsize, quoted))
+
+    @classmethod
+    def parse_parts(
+        cls, name: str, raw: bytes, most_rows: int, quoted: bool = True
+    ) -> Iterator[Self]:
+        """Yield the table in the bytes ``raw`` in parts of ``most_rows`` rows, all under the same
+        headings, so that the cells of a large table are never all in memory; see :meth:`parse`.
+        """
+        lines = _list_lines(name, raw)
+        head_number, head = next(lines, (0, ""))
+        if not head:
             raise InputError(
                 f"{name} is empty", mend="Give each column a heading, with numbers below it"
             )
-        head_number, head = lines[0]
-        rows = lines[1:]
         separator = ","
         if "\t" in head:
             separator = "\t"
         elif ";" in head:
             separator = ";"
         headings = _read_headings(f"{name}:{head_number}", head, separator, quoted)
-        row_numbers = tuple(number for number, _ in rows)
-        row_texts = [text for _, text in rows]
-        columns = _split_evenly(row_texts, separator, len(headings))
-        if columns is None:
-            columns = _split_columns(name, rows, separator, len(headings))
-        return cls(name, headings, row_numbers, columns, quoted)
+        is_first = True
+        rows = list(islice(lines, most_rows))
+        while rows or is_first:
+            columns = _split_evenly([text for _, text in rows], separator, len(headings))
+            if columns is None:
+                columns = _split_columns(name, rows, separator, len(headings))
+            yield cls(name, headings, tuple(number for number, _ in rows), columns, quoted)
+            is_first = False
+            rows = list(islice(lines, most_rows))
 
     def __contains__(self, name: str) -> bool:
         return self._find_columns(name) != []
@@ -333,6 +342,17 @@ def table_text(
     stream = StringIO(newline="")
     write_table(stream, headings, rows, comments)
     return stream.getvalue()
+
+
+def _list_lines(name: str, raw: bytes) -> Iterator[tuple[int, str]]:
+    """Yield number, counted from 1, and text of each line that is not empty and no comment;
+    InputError for bytes that are no text.
+    """
+    decode(name, raw)
+    stream = TextIOWrapper(BytesIO(raw), encoding="utf-8-sig")
+    for number, line in enumerate(stream, 1):
+        if line.strip()[:1] not in ("", "#"):
+            yield number, line.rstrip("\n")
 
 
 def _read_headings(where: str, head: str, separator: str, may_quote: bool) -> tuple[Heading, ...]:

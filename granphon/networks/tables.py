@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -93,6 +95,8 @@ _OF_WALLS = ("radius", "diameter", "mass", "inertia")
 #: most columns whose names are compared with known names: programs write some tens, and the
 #: comparison is slow
 _MOST_NAMES = 1000
+#: rows of a table whose cells are in memory at one time
+_MOST_ROWS = 100_000
 #: begins the line of a written table that holds the fields of the whole network
 _REMARK = "# granphon network: "
 
@@ -125,14 +129,15 @@ class _Columns:
         self.remark: dict[str, Any] = {}
         self.sealed: bool | None = None
         self.lines: Index | None = None
-        self._table: Table | None = None
         self._arrays: dict[str, Any] = {}
+        parts: Iterator[Table] = iter(())
         if isinstance(source, str | os.PathLike):
             self.name = str(source)
-            self._table = self._read_file(source)
-            self.lines = np.array(self._table.lines, np.intp)
-            names = [heading.name for heading in self._table.headings]
-            self._headings = [str(heading) for heading in self._table.headings]
+            parts = self._open_file(source)
+            first = next(parts)
+            parts = chain([first], parts)
+            names = [heading.name for heading in first.headings]
+            self._headings = [str(heading) for heading in first.headings]
         else:
             self.name = f"the table of {subject}"
             self._arrays = self._read_arrays(source)
@@ -144,13 +149,11 @@ class _Columns:
         self._values: dict[str, Array] = {}
         self._units: dict[str, str] = {}
         self.kinds: tuple[str, ...] | None = None
+        self._read_parts(parts, known, columns)
         for name, quantity in known.items():
             heading = columns.get(name, name)
-            if name == "kind":  # the only column of names, which may be numbers
-                self._read_kinds(heading, keys)
-            elif self._table is not None and heading in self._table:
-                self._values[name] = _read_cells(self._table, name, heading, quantity)
-                self._units[name] = self._table.unit(heading)
+            if heading in self._arrays and name == "kind":
+                self._read_kinds(heading)
             elif heading in self._arrays:
                 self._values[name] = self._read_array(name, heading, quantity)
         sizes = {name: len(values) for name, values in self._values.items()}
@@ -158,17 +161,48 @@ class _Columns:
             shown = ", ".join(f"{size} of {name}" for name, size in sizes.items())
             raise InputError(f"{self.name} has columns of different lengths: {shown}")
 
-    def _read_file(self, path: str | os.PathLike[str]) -> Table:
-        """Return the table in a file, and set ``remark`` and ``sealed`` from the file."""
+    def _open_file(self, path: str | os.PathLike[str]) -> Iterator[Table]:
+        """Return the parts of the table in a file, and set ``remark`` and ``sealed`` from the
+        file.
+        """
         raw = read_bytes(path, MOST_BYTES)
-        text = decode(self.name, raw)
-        _text, self.sealed = open_seal(self.name, text.replace("\r\n", "\n"))
-        table = Table.parse(self.name, raw)
-        for line in text.splitlines():
-            if line.startswith(_REMARK):
-                self.remark = self._read_remark(line)
-                break
-        return table
+        text = decode(self.name, raw).replace("\r\n", "\n")
+        _text, self.sealed = open_seal(self.name, text)
+        remark = re.search(f"^{re.escape(_REMARK)}.*$", text, re.MULTILINE)
+        if remark:
+            self.remark = self._read_remark(remark[0])
+        return Table.parse_parts(self.name, raw, _MOST_ROWS)
+
+    def _read_parts(
+        self,
+        parts: Iterator[Table],
+        known: Mapping[str, Quantity | None],
+        columns: Mapping[str, str],
+    ) -> None:
+        """Read the columns of the parts of a table from a file, which go by the names ``known``, or
+        by the headings ``columns``.
+        """
+        pieces: dict[str, list[Any]] = {}
+        lines = list[Index]()
+        kinds = list[str]()
+        for part in parts:
+            lines.append(np.array(part.lines, np.intp))
+            for name, quantity in known.items():
+                heading = columns.get(name, name)
+                if heading not in part:
+                    continue
+                if name == "kind":  # the only column of names, which may be numbers
+                    key = Heading.parse(heading).key
+                    kinds += map(sys.intern, part.columns[part.keys.index(key)])
+                    self.kinds = ()
+                else:
+                    pieces.setdefault(name, []).append(_read_cells(part, name, heading, quantity))
+                    self._units[name] = part.unit(heading)
+        if lines:
+            self.lines = np.concatenate(lines)
+        if self.kinds is not None:
+            self.kinds = tuple(kinds)
+        self._values = {name: np.concatenate(arrays) for name, arrays in pieces.items()}
 
     def _read_remark(self, line: str) -> dict[str, Any]:
         """Return the fields of the whole network in the ``line`` of a written table; InputError if
@@ -239,18 +273,14 @@ class _Columns:
             f" columns={{NAME: HEADING}} names one."
         )
 
-    def _read_kinds(self, heading: str, keys: Sequence[str]) -> None:
-        """Set the names of the kinds of the balls, if the table has a column of them."""
-        if self._table is not None and heading in self._table:
-            cells = self._table.columns[keys.index(Heading.parse(heading).key)]
-            self.kinds = tuple(map(sys.intern, cells))
-        elif heading in self._arrays:
-            try:
-                names = np.asarray(self._arrays[heading]).ravel()
-            except ValueError as error:
-                problem = f"kind of {self.name}: {error}"
-                raise InputError(problem, mend="Give a list of names") from None
-            self.kinds = tuple(map(str, names.tolist()))
+    def _read_kinds(self, heading: str) -> None:
+        """Set the names of the kinds of the balls from an array of them."""
+        try:
+            names = np.asarray(self._arrays[heading]).ravel()
+        except ValueError as error:
+            problem = f"kind of {self.name}: {error}"
+            raise InputError(problem, mend="Give a list of names") from None
+        self.kinds = tuple(map(str, names.tolist()))
 
     def _read_array(self, name: str, heading: str, quantity: Quantity | None) -> Array:
         """Return the numbers (rows,) of the column ``name``, whose array is called ``heading``, in
