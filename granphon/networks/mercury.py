@@ -207,8 +207,7 @@ def _read_restart(
         table[:, :p],
         table[:, 3],
         masses,
-        # of a disc in a plane, and of a ball in space
-        inertias=(0.5 if plane else 0.4) * masses * table[:, 3] ** 2,
+        inertias=0.5 * masses * table[:, 3] ** 2 if plane else None,  # of discs
         labels=np.arange(count),
         rounding=find_rounding(table[:, :p]),
         radius_rounding=find_rounding(table[:, 3]),

@@ -322,6 +322,54 @@ def test_overlaps_and_force_vectors_take_the_place_of_few_digits(tmp_path):
         gp.ContactNetwork.from_table(exact, ends | vectors | in_mm, **options)
 
 
+# -- balls that do not move, and scripts of pages --------------------------------------------------
+
+
+def test_spheres_that_do_not_move_need_no_normals():
+    """Two spheres that are held, and one on them: normals, overlaps and arms are those of balls."""
+    radius = 5e-4
+    balls = {"x": [0.0, 9e-4, 4.5e-4], "y": [0.0, 0.0, 8.8e-4], "z": [0.0, 0.0, 1e-4]}
+    balls |= {"radius": [radius] * 3, "mass": [np.inf, np.inf, 1.3e-6]}
+    springs = {"normal_stiffness": [39.0] * 2, "shear_stiffness": [11.0] * 2}
+    contacts = {"i": [0, 1], "j": [2, 2], "normal_force": [1e-4] * 2} | springs
+    found = gp.ContactNetwork.from_table(balls, contacts, keep_rattlers=True)
+    distance = np.linalg.norm([4.5e-4, 8.8e-4, 1e-4])
+    np.testing.assert_allclose(found.normal[0], np.array([4.5e-4, 8.8e-4, 1e-4]) / distance)
+    np.testing.assert_allclose(found.arm_i, 0.5 * distance)
+    free = gp.ContactNetwork.from_table(
+        balls | {"mass": [1.3e-6] * 3}, contacts, keep_rattlers=True
+    )
+    np.testing.assert_array_equal(found.normal, free.normal)
+    np.testing.assert_array_equal(found.arm_i, free.arm_i)
+    flat = balls | {"radius": [np.inf, radius, radius]}
+    with pytest.raises(InputError, match="a flat wall, and no normal: balls 0 and 2"):
+        gp.ContactNetwork.from_table(flat, contacts, keep_rattlers=True)
+
+
+@pytest.mark.slow
+def test_the_script_of_the_page_makes_its_packing(tmp_path, monkeypatch):
+    """LAMMPS runs it, and the files are read as those that are kept."""
+    lmp = packings.start_or_skip()
+    page = (packings.FOLDER.parent.parent / "docs" / "how-to" / "lammps.md").read_text()
+    script = re.search(r"```\{code-block\} text\n(.*?)```", page, re.DOTALL)[1]
+    (tmp_path / "press.lmp").write_text(script)
+    monkeypatch.chdir(tmp_path)
+    lmp.file("press.lmp")
+    lmp.close()
+    options = {"material": GLASS, "rolling_stiffness": 1e5, "prestress": True}
+    made, kept = (
+        gp.ContactNetwork.from_lammps(
+            folder / f"{name}atoms.dump", folder / f"{name}pairs.dump", **options
+        )
+        for folder, name in ((tmp_path, ""), (packings.FOLDER, "pressed_"))
+    )
+    for network in (made, kept):
+        assert network.imbalance[2] < 1e-6
+    # how rounding grows on the way is that of the machine
+    assert abs(made.n_contacts - kept.n_contacts) < 10
+    np.testing.assert_allclose(made.normal_force.mean(), kept.normal_force.mean(), rtol=0.1)
+
+
 # -- files that are damaged ------------------------------------------------------------------------
 
 
