@@ -185,7 +185,7 @@ def read_contacts(pairs: Frame, scales: Scales, springs: Springs) -> Contacts:
     columns = pairs.read(known)
     # programs write the vector from j to i, and the forces on i: all are turned
     units = {"vector": scales.length, "tangential_force": scales.force, "force": scales.force}
-    vectors: dict[str, Array] = {}
+    vectors: dict[str, Any] = {}
     for field, names in _VECTORS.items():
         if set(names) <= set(known):
             vectors[field] = -units[field] * join_vectors(columns, names)

@@ -537,7 +537,7 @@ def _read_contacts(columns: _Columns) -> Contacts:
     j = columns.whole("j")
     steps = columns.vectors("shift_1", "shift_2", "shift_3", wide=True)
     shift = None if steps is None else read_whole_numbers(f"shift of {columns.name}", steps)
-    springs = {name: columns.find(name) for name in _OF_SPRINGS}
+    springs: dict[str, Any] = {name: columns.find(name) for name in _OF_SPRINGS}
     return Contacts(
         columns.name,
         i,
