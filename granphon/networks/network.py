@@ -1272,7 +1272,8 @@ class ContactNetwork(Result):
         """Yield each time step that two dumps of several steps both have, with its network, in
         ascending order.
 
-        ``program`` is "lammps" or "liggghts", ``options`` are those of its reader but ``step``.
+        ``program`` is "lammps" or "liggghts". ``dump`` and ``pairs`` are paths, as of its reader,
+        and ``options`` are the reader's but ``step``.
         Each file is read once. Frames that are cut, as a killed program leaves the last one, end
         the series, with a :class:`~granphon.base.errors.StoppedEarlyWarning`. Raises
         :class:`~granphon.base.errors.InputError` for another program, for dumps without a common
