@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -72,10 +73,16 @@ def read(repeats: int) -> list[Row]:
         write_files(folder, SIDE)
         seconds = alternate(
             repeats,
+            time.process_time,
             dumps=lambda: read_dumps(folder),
-            numbers=lambda: np.loadtxt(folder / "pairs.dump", skiprows=9),
+            numbers=lambda: [
+                np.loadtxt(folder / name, skiprows=9) for name in ("atoms.dump", "pairs.dump")
+            ],
             tables=lambda: read_tables(folder, SIDE),
-            cells=lambda: np.loadtxt(folder / "contacts.csv", skiprows=1, delimiter=","),
+            cells=lambda: [
+                np.loadtxt(folder / name, skiprows=1, delimiter=",")
+                for name in ("balls.csv", "contacts.csv")
+            ],
         )
         count = f"{3 * SIDE**3:,} contacts"
         rows = [
