@@ -8,6 +8,8 @@ wrong, why it matters, and how to mend it.
 from __future__ import annotations
 
 import re
+import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
@@ -238,6 +240,16 @@ def require_installed(what: str, *packages: str) -> None:
         with needing(what):
             if find_spec(package) is None:
                 raise ModuleNotFoundError(name=package)
+
+
+def warn_caller(text: str, category: type[Warning]) -> None:
+    """Issue a warning at the line, outside of granphon, from which granphon was called."""
+    level = 1
+    frame = sys._getframe()
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == "granphon":
+        frame = frame.f_back
+        level += 1
+    warnings.warn(text, category, stacklevel=level)
 
 
 def message(what: str, why: str = "", mend: str = "") -> str:

@@ -16,10 +16,12 @@ from __future__ import annotations
 import csv
 import os
 import re
-from collections.abc import Iterable, Sequence
+import sys
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from io import StringIO
+from io import BytesIO, StringIO, TextIOWrapper
+from itertools import islice
 from typing import Any, Self, TextIO
 
 import numpy as np
@@ -105,29 +107,36 @@ class Table:
         """Return the table in the bytes ``raw`` of a file called ``name``; errors and ``quoted`` as
         for :meth:`read`.
         """
-        # number, counted from 1, and text of each line that is not empty and no comment
-        lines = []
-        for number, line in enumerate(decode(name, raw).splitlines(), 1):
-            if line.strip()[:1] not in ("", "#"):
-                lines.append((number, line))
-        if not lines:
+        return next(cls.parse_parts(name, raw, sys.maxsize, quoted))
+
+    @classmethod
+    def parse_parts(
+        cls, name: str, raw: bytes, most_rows: int, quoted: bool = True
+    ) -> Iterator[Self]:
+        """Yield the table in the bytes ``raw`` in parts of ``most_rows`` rows, all under the same
+        headings, so that the cells of a large table are never all in memory; see :meth:`parse`.
+        """
+        lines = _list_lines(name, raw)
+        head_number, head = next(lines, (0, ""))
+        if not head:
             raise InputError(
                 f"{name} is empty", mend="Give each column a heading, with numbers below it"
             )
-        head_number, head = lines[0]
-        rows = lines[1:]
         separator = ","
         if "\t" in head:
             separator = "\t"
         elif ";" in head:
             separator = ";"
         headings = _read_headings(f"{name}:{head_number}", head, separator, quoted)
-        row_numbers = tuple(number for number, _ in rows)
-        row_texts = [text for _, text in rows]
-        columns = _split_evenly(row_texts, separator, len(headings))
-        if columns is None:
-            columns = _split_columns(name, rows, separator, len(headings))
-        return cls(name, headings, row_numbers, columns, quoted)
+        is_first = True
+        rows = list(islice(lines, most_rows))
+        while rows or is_first:
+            columns = _split_evenly([text for _, text in rows], separator, len(headings))
+            if columns is None:
+                columns = _split_columns(name, rows, separator, len(headings))
+            yield cls(name, headings, tuple(number for number, _ in rows), columns, quoted)
+            is_first = False
+            rows = list(islice(lines, most_rows))
 
     def __contains__(self, name: str) -> bool:
         return self._find_columns(name) != []
@@ -273,6 +282,44 @@ def plain_float(cell: str) -> float:
     return float(cell)
 
 
+def read_rows(
+    name: str,
+    body: bytes,
+    places: Sequence[int],
+    columns: Sequence[str],
+    count: int,
+    first_line: int,
+) -> NDArray[np.float64]:
+    """Return the numbers (count, m) of rows whose cells are parted by white space; nan and inf are
+    taken.
+
+    ``body`` has ``count`` lines, the first of which is line ``first_line`` of the file called
+    ``name``; ``places`` (m,) are the indices of the cells that are read, and ``columns`` (m,) name
+    them. Raises :class:`~granphon.base.errors.InputError`, which names the line, for a cell that is
+    missing or no number.
+    """
+    if not count or not places:
+        return np.empty((count, len(places)))
+    try:
+        # parsed by NumPy's compiled reader, which skips empty lines
+        rows = np.loadtxt(BytesIO(body), usecols=places, comments=None, ndmin=2, encoding="utf-8")
+        if len(rows) == count:
+            return rows
+    except ValueError:
+        pass  # the line of the bad cell is found below
+    numbers = np.empty((count, len(places)))
+    for row, line in enumerate(body.splitlines()):
+        cells = [cell.decode() for cell in line.split()]
+        for column, place in enumerate(places):
+            try:
+                numbers[row, column] = plain_float(cells[place])
+            except (IndexError, ValueError):
+                content = brief(cells[place], _MOST_QUOTED) if place < len(cells) else "nothing"
+                where = f"{name}:{first_line + row}: {columns[column]}"
+                raise InputError(f"{where}: found {content}, where a number is needed") from None
+    return numbers
+
+
 def write_table(
     stream: TextIO,
     headings: Iterable[Heading | str],
@@ -295,6 +342,17 @@ def table_text(
     stream = StringIO(newline="")
     write_table(stream, headings, rows, comments)
     return stream.getvalue()
+
+
+def _list_lines(name: str, raw: bytes) -> Iterator[tuple[int, str]]:
+    """Yield number, counted from 1, and text of each line that is not empty and no comment;
+    InputError for bytes that are no text.
+    """
+    decode(name, raw)
+    stream = TextIOWrapper(BytesIO(raw), encoding="utf-8-sig")
+    for number, line in enumerate(stream, 1):
+        if line.strip()[:1] not in ("", "#"):
+            yield number, line.rstrip("\n")
 
 
 def _read_headings(where: str, head: str, separator: str, may_quote: bool) -> tuple[Heading, ...]:

@@ -9,11 +9,10 @@ centres.
 from __future__ import annotations
 
 import math
-import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -24,15 +23,20 @@ from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
 from granphon.balls.on_site import name_springs
 from granphon.base.arrays import Array, Flags, Index
-from granphon.base.errors import InconsistencyWarning, InputError, brief, message
+from granphon.base.errors import InconsistencyWarning, InputError, brief, message, warn_caller
 from granphon.base.text import counted
-from granphon.base.validation import real_array, require, truth, whole_number
+from granphon.base.validation import choice, require, truth, whole_number
+from granphon.networks.faults import BAD, settle
+from granphon.networks.sources import (
+    LARGEST,
+    MOST_STEPS,
+    Balls,
+    Contacts,
+    find_repeated,
+    find_rounding,
+    note_pulling,
+)
 
-#: greatest number in SI, and the inverse of the least one: products of a few of them stay within
-#: the range of floats
-LARGEST = 1e60
-#: greatest number of cells between two balls
-MOST_STEPS = 1_000_000_000
 #: greatest gap or overlap of two balls, over the sum of their radii, at which they may be in
 #: contact
 _REACH = 0.25
@@ -48,13 +52,6 @@ _MOST_FACTOR = 10.0
 #: least force, over the mean, that is compared with Hertz's law: weaker contacts may not have come
 #: to rest
 _LEAST_COMPARED = 1e-3
-#: least and greatest number of significant digits with which a program writes numbers
-_DIGITS = (6, 15)
-#: number of different values of fewer digits from which on the values are rounded, not chosen by
-#: hand
-_CHOSEN = 100
-#: greatest relative error of a number that is read from a text and converted into SI
-_EXACT = 1e-14
 #: standard error of the forces that follow from overlaps, over the forces, above which there is a
 #: warning. Frequencies have a sixth of the error of forces, 0.1 %
 _LEAST_WARNED_ERROR = 6e-3
@@ -67,234 +64,78 @@ _LEAST_WARNED_RATIO = 0.049
 #: greatest scatter of a ratio that is the same for all contacts: the rounding in a file, and how
 #: far balls are from rest
 _SAME = 1e-4
-#: the largest file of balls or contacts that is read, bytes: that of some millions of contacts
-MOST_BYTES = 4_000_000_000
-
-
-@dataclass(frozen=True)
-class Balls:
-    """The balls of a source, in SI; None for fields that the source does not have.
-
-    ``name`` is the name of the source in messages. Positions are (n, 1), (n, 2) or (n, 3); the
-    other fields are (n,). ``labels`` are whole numbers that name the balls. ``rounding``, of the
-    shape of the positions, and ``radius_rounding`` (n,) are the greatest errors that the digits of
-    the source leave in positions and radii, m. ``on_site`` are stiffnesses (n,) of springs to the
-    ground by their names, N/m and N m.
-    """
-
-    name: str
-    positions: Array
-    radii: Array
-    masses: Array | None = None
-    inertias: Array | None = None
-    labels: Index | None = None
-    rounding: Array | None = None
-    radius_rounding: Array | None = None
-    kinds: tuple[str, ...] | None = None
-    on_site: Mapping[str, Array] = field(default_factory=dict)
-
-    def require(self, is_fine: Flags, name: str, values: Array) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` unless the ``values`` (n,) or (n, d), m,
-        of all balls are fine, (n,); the message names the first ball whose value is not, and calls
-        the value ``name``.
-        """
-        if np.all(is_fine):
-            return
-        ball = int(np.argmin(is_fine))
-        value = values[ball].tolist()
-        number = ball if self.labels is None else int(self.labels[ball])
-        why = ""
-        if value == math.inf:
-            why = "Only a body that does not move may have a radius of inf"
-        raise InputError(f"{self.name}: ball {number} has the {name} {value} m", why)
-
-    def find_errors(self, i: Index, j: Index, normal: Array) -> tuple[Array, Array]:
-        """Return the greatest and the standard error that rounding leaves in the overlaps of balls
-        i and j, each (n_c,), m; ``normal`` is (n_c, 3).
-        """
-        n_axes = self.positions.shape[1]
-        position_errors = self.rounding
-        if position_errors is None:
-            position_errors = np.zeros_like(self.positions)
-        radius_errors = self.radius_rounding
-        if radius_errors is None:
-            radius_errors = np.zeros_like(self.radii)
-        weights = np.abs(normal[:, :n_axes])  # of the error along each axis
-        greatest = np.einsum("ca,ca->c", weights, position_errors[i] + position_errors[j])
-        greatest = greatest + radius_errors[i] + radius_errors[j]
-        squares = np.einsum(
-            "ca,ca->c", weights**2, position_errors[i] ** 2 + position_errors[j] ** 2
-        )
-        squares = squares + radius_errors[i] ** 2 + radius_errors[j] ** 2
-        # errors of rounding are even up to the greatest: their variance is a third of its square
-        return greatest, np.sqrt(squares / 3.0)
-
-
-@dataclass(frozen=True)
-class Contacts:
-    """The contacts of a source, in SI; None for fields that the source does not have.
-
-    ``i`` and ``j`` are labels of balls, or their indices where balls have no labels. ``normal``,
-    ``vector`` from the centre of ball i to that of ball j, ``tangential_force``, with which ball i
-    acts on ball j, and ``shift``, whole cells by which ball j is displaced, are (n_c, 3); the other
-    fields are (n_c,). Forces that press are positive.
-    """
-
-    name: str
-    i: Index
-    j: Index
-    shift: Index | None = None
-    vector: Array | None = None
-    normal: Array | None = None
-    tangential_force: Array | None = None
-    normal_force: Array | None = None
-    normal_stiffness: Array | None = None
-    shear_stiffness: Array | None = None
-    torsion_stiffness: Array | None = None
-    bending_stiffness: Array | None = None
-    arm_i: Array | None = None
-    arm_j: Array | None = None
-
-    def refuse(self, bad: Flags, wrong: str, why: str = "", mend: str = "") -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if any contact is ``bad``; the message
-        names the first one.
-        """
-        if np.any(bad):
-            raise InputError(self.describe(bad, wrong), why, mend)
-
-    def describe(self, bad: Flags, wrong: str) -> str:
-        """Return words for the first contact that is ``bad`` (n_c,), with what is ``wrong`` with it
-        and the number of bad contacts.
-        """
-        first = int(np.flatnonzero(bad)[0])
-        n_bad = int(np.count_nonzero(bad))
-        total = f" ({n_bad} in all)" if n_bad > 1 else ""
-        return (
-            f"{self.name}: contact {first}, of balls {self.i[first]} and {self.j[first]},"
-            f" {wrong}{total}"
-        )
-
-    def require_pushing(self, force: Array, adhesive: bool) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if a force (n_c,), N, is not finite, or
-        pulls where contacts are not ``adhesive``.
-        """
-        is_odd = ~np.isfinite(force)
-        if not adhesive:
-            is_odd |= force < 0.0
-        self.refuse(
-            is_odd,
-            f"has the force {_first(force, is_odd):.6g} N",
-            "Forces that pull, or are not finite, are not of elastic balls",
-            "Forces that press count as positive",
-        )
-
-    def find_steps(self, between: Array, periods: Array, touch: Array, still: Flags) -> Index:
-        """Return the whole cells (n_c, p) by which balls j are displaced, from the vectors of
-        contacts; InputError for a vector that leads to no image of ball j, unless the contact is
-        ``still``, and for balls too many cells apart.
-
-        ``between`` (n_c, 3) leads from ball i to ball j in the cell, m; ``periods`` (p, 3) are the
-        periodic vectors of the cell, m; ``touch`` (n_c,) is the sum of the radii, m; contacts that
-        are ``still`` (n_c,) have a body that does not move, and may lie anywhere.
-        """
-        assert self.vector is not None
-        to_cells = np.linalg.pinv(periods)  # (3, p), from lengths to numbers of cells
-        steps = _round_steps((self.vector - between) @ to_cells)
-        deviations = np.linalg.norm(between + steps @ periods - self.vector, axis=1)
-        is_off = ~still & (deviations > _ROUNDED * touch)
-        mend = "Are both files of one time step?"
-        # the vectors from ball i to ball j less those of the contacts with the opposite sign
-        reversed_gaps = between + self.vector
-        reversed_gaps -= _round_steps(reversed_gaps @ to_cells) @ periods
-        fits_reversed = np.linalg.norm(reversed_gaps, axis=1) <= _ROUNDED * touch
-        if np.all(fits_reversed[~still]):
-            mend = "Turn the signs: the vector of a dump (dx, dy, dz) leads from ball j to ball i"
-        why = "Its vector does not lead from one to the other in this cell"
-        self.refuse(is_off, "is not where its balls are", why, mend)
-        return steps
-
-    def find_nearest_steps(
-        self, between: Array, periods: Array, touch: Array, still: Flags, with_itself: Flags
-    ) -> Index:
-        """Return the whole cells (n_c, p) by which balls j are displaced to where they are nearest
-        to balls i; InputError for balls that touch at more than one of their images, unless the
-        contact is ``still``, and for balls too many cells apart.
-
-        The arguments are those of :meth:`find_steps`; contacts ``with_itself`` (n_c,) join a ball
-        with its own image.
-        """
-        n_periods = len(periods)
-        rounded = -_round_steps(between @ np.linalg.pinv(periods))
-        # (3^p, p): in a tilted cell the nearest image may be beside the one that rounding finds
-        axis_steps = [[-1, 0, 1]] * n_periods
-        steps = np.stack(np.meshgrid(*axis_steps, indexing="ij"), axis=-1).reshape(-1, n_periods)
-        vectors = [between + (rounded + step) @ periods for step in steps]
-        distances = np.stack([np.linalg.norm(vector, axis=1) for vector in vectors], axis=1)
-        is_unmoved = np.all(rounded[:, None] + steps == 0, axis=2)
-        distances[with_itself[:, None] & is_unmoved] = np.inf
-        # a ball has two equally near images of itself, which are one contact
-        rank = np.where(with_itself, 2, 1)
-        second_distances = np.sort(distances, axis=1)[np.arange(len(distances)), rank]
-        self.refuse(
-            ~still & (second_distances < touch),
-            "is not the only one of its balls",
-            "The cell is so small that they touch at more than one place",
-            "Give the shift of each contact",
-        )
-        return np.asarray(rounded + steps[np.argmin(distances, axis=1)], np.intp)
+#: least tangential force over the force of a contact for which force vectors are more than normal
+_ACROSS = 1e-3
+#: least component of the direction of a normal along the line of the centres for which a body that
+#: does not move is a ball
+_ALIGNED = 0.999
 
 
 @dataclass(frozen=True)
 class _Pairs:
-    """Pairs of balls that touch, (n_c,): their indices, whether one of them is ``still``, their
-    radii, m, the ``shift`` of ball j, (n_c, 3) cells, the ``normal`` (n_c, 3), and the overlap, m.
+    """Pairs of balls that touch, (n_c,): their indices, their radii, m, the ``shift`` of ball j,
+    (n_c, 3) cells, the ``normal`` (n_c, 3), the overlap, m, zero where it is not known, and whether
+    it ``has_overlap``: a body that does not move need not be a ball.
     """
 
     i: Index
     j: Index
-    still: Flags
     radii_i: Array
     radii_j: Array
     shift: Index
     normal: Array
     overlap: Array
+    has_overlap: Flags
+
+    def select(self, rows: Any) -> Self:
+        """Return some of the pairs, given by their indices or by truth values (n_c,)."""
+        return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
     @property
     def arms(self) -> dict[str, Array]:
         """The arms, ``arm_i`` and ``arm_j`` (n_c,), m: from the centres to the middle of the
-        overlap, which is zero at bodies that do not move. The arm of a flat wall, which does not
-        turn, has no meaning.
+        overlap. The arm of a flat wall, which does not turn, has no meaning.
         """
         arms = {}
         for name, radii in (("arm_i", self.radii_i), ("arm_j", self.radii_j)):
             arms[name] = np.where(np.isfinite(radii), radii, 0.0) - 0.5 * self.overlap
         return arms
 
-    def find_coefficient(self, material: Material) -> Array:
-        """Return the coefficients (n_c,), N/m^(3/2), of Hertz's law between two balls, or a ball
-        and a flat wall, of a ``material``.
+    @property
+    def reduced_radii(self) -> Array:
+        """(n_c,) R_i R_j / (R_i + R_j), m: the radius of the ball at a flat wall."""
+        return 0.25 * self._find_diameters()
+
+    def _find_diameters(self) -> Array:
+        """Return the harmonic means (n_c,) of the diameters, m; twice the diameter of a ball at a
+        flat wall, whose curvature is zero.
         """
         small = np.minimum(self.radii_i, self.radii_j)
         large = np.maximum(self.radii_i, self.radii_j)
         is_flat = np.isinf(large)
-        finite_large = np.where(is_flat, small, large)
-        between_balls = harmonic_diameter(2.0 * small, 2.0 * finite_large)
-        # the curvature of a flat wall is zero, so that the harmonic mean is twice the diameter
-        diameters = np.where(is_flat, 4.0 * small, between_balls)
+        between_balls = harmonic_diameter(2.0 * small, 2.0 * np.where(is_flat, small, large))
+        return np.where(is_flat, 4.0 * small, between_balls)
+
+    def find_coefficient(self, material: Material) -> Array:
+        """Return the coefficients (n_c,), N/m^(3/2), of Hertz's law between two balls, or a ball
+        and a flat wall, of a ``material``.
+        """
         # the coefficient goes as the root of the diameter: its unit is that of a diameter of 1 m
-        return np.asarray(HertzLaw.between(material, 1.0).coefficient * np.sqrt(diameters))
+        unit = HertzLaw.between(material, 1.0).coefficient
+        return np.asarray(unit * np.sqrt(self._find_diameters()))
 
 
 @dataclass(frozen=True)
 class Source:
-    """The content of a source: balls, contacts, the cell (3, 3), m, and which of its vectors are
-    periods (3,).
+    """The content of a source: balls, contacts, one list of contacts or several, the cell (3, 3),
+    m, and which of its vectors are periods (3,).
 
-    The other fields are those of the network; None where the source does not have them.
+    The other fields are those of the network; None where the source does not have them. ``notes``
+    say what has been passed over, and why.
     """
 
     balls: Balls
-    contacts: Contacts
+    contacts: tuple[Contacts, ...]
     cell: Array
     pbc: Flags
     dimension: int | None = None
@@ -303,6 +144,7 @@ class Source:
     left_out: int = 0
     adhesive: bool = False
     contact_model: ContactModel | None = None
+    notes: tuple[str, ...] = ()
 
     def complete(
         self,
@@ -311,6 +153,7 @@ class Source:
         dimension: int | None,
         motions: str | None,
         prestress: bool | None,
+        bad: str,
     ) -> dict[str, Any]:
         """Return all fields of the network, by name, in SI units; arguments count before the fields
         of the source.
@@ -319,14 +162,13 @@ class Source:
         the warnings and errors too.
         """
         balls = self.balls
-        contacts = self.contacts
         dimension = self.dimension if dimension is None else dimension
         motions = self.motions if motions is None else motions
         prestress = require("prestress", truth, self.prestress if prestress is None else prestress)
+        drops = require("bad", partial(choice, options=BAD), bad) == "drop"
         if material is not None and not isinstance(material, Material):
             raise InputError(f"the material is {brief(material)}", mend="Give a gp.Material")
         friction = require("friction", truth, friction)
-        self._require_range()
         n_axes = balls.positions.shape[1]
         positions = np.zeros((len(balls.positions), 3))
         positions[:, :n_axes] = balls.positions
@@ -337,18 +179,19 @@ class Source:
         if material is not None:
             self._judge_material(material)
         masses = self._find_masses(material)
-        inertias = 0.4 * masses * balls.radii**2 if balls.inertias is None else balls.inertias
-        pairs = self._find_pairs(positions, np.isinf(masses), pbc)
-        force, stiffness, shear = self._find_springs(pairs, material, friction)
-        resists_slip = bool(np.any(shear))
-        has_tangential_forces = dimension > 1 and resists_slip
-        if prestress and has_tangential_forces and contacts.tangential_force is None:
-            _warn_of_missing_forces(contacts)
-        model = self.contact_model
-        if material is not None:
-            mean_diameter = 2.0 * float(np.mean(balls.radii[np.isfinite(balls.radii)]))
-            ball = Ball(material, mean_diameter)
-            model = ContactModel((ball,), friction=resists_slip, own_radii=True)
+        inertias = balls.inertias
+        if inertias is None:
+            inertias = 0.4 * masses * balls.radii**2
+        if balls.still is not None:
+            inertias = np.where(balls.still, np.inf, inertias)
+        joined = self._join_balls(positions, pbc, drops)
+        contact_fields = _concatenate([part.complete(balls, material, friction) for part in joined])
+        if all(part.is_normal or part.tangential_force is None for part in joined):
+            contact_fields.pop("tangential_force", None)
+        resists_slip = bool(np.any(contact_fields["shear_stiffness"]))
+        lacks_tangential = dimension > 1 and resists_slip
+        if prestress and lacks_tangential and "tangential_force" not in contact_fields:
+            _warn_of_missing_forces(self.contacts[0])
         if motions is None:
             motions = next(iter(allowed_motions(dimension)))
         return {
@@ -358,7 +201,7 @@ class Source:
             "radii": balls.radii,
             "masses": masses,
             "inertias": inertias,
-            **self._make_contact_fields(pairs, force, stiffness, shear),
+            **contact_fields,
             "motions": motions,
             "dimension": dimension,
             "prestress": prestress,
@@ -366,7 +209,7 @@ class Source:
             "labels": balls.labels,
             "kinds": balls.kinds,
             "adhesive": self.adhesive,
-            "contact_model": model,
+            "contact_model": self._find_model(material, resists_slip),
             "on_site": self._list_on_site(motions, dimension),
         }
 
@@ -388,239 +231,52 @@ class Source:
         columns = [springs.get(name, zeros) for name in names]
         return np.stack(columns, axis=1) if np.any(columns) else None
 
-    def _find_masses(self, material: Material | None) -> Array:
-        """Return the masses (n,), kg: of the source, or of solid balls of the material; InputError
-        without either.
-        """
-        balls = self.balls
-        if balls.masses is not None:
-            if material is not None:
-                self._compare_masses(material)
-            return balls.masses
+    def _find_model(self, material: Material | None, resists_slip: bool) -> ContactModel | None:
+        """Return the contact model of balls of the ``material``; without one that of the source."""
         if material is None:
-            problem = f"{balls.name} has no column 'mass', and no material is given"
-            raise InputError(problem, mend="Give the masses, or the material of the balls")
-        return np.asarray(material.density * (4.0 / 3.0 * math.pi) * balls.radii**3)
+            return self.contact_model
+        radii = self.balls.radii
+        ball = Ball(material, 2.0 * float(np.mean(radii[np.isfinite(radii)])))
+        return ContactModel((ball,), friction=resists_slip, own_radii=True)
 
-    def _make_contact_fields(
-        self, pairs: _Pairs, force: Array, stiffness: Array, shear: Array
-    ) -> dict[str, Any]:
-        """Return the fields of the contacts of the network, (n_c,) or (n_c, 3).
-
-        Where stiffnesses follow from Hertz's law, contacts without force are open and left out.
-        """
-        contacts = self.contacts
-        fields: dict[str, Any] = {
-            "i": pairs.i,
-            "j": pairs.j,
-            "shift": pairs.shift,
-            "normal": pairs.normal,
-            "normal_force": force,
-            "normal_stiffness": stiffness,
-            "shear_stiffness": shear,
-        }
-        zeros = np.zeros(len(force))
-        defaults = {"torsion_stiffness": zeros, "bending_stiffness": zeros, **pairs.arms}
-        for name, default in defaults.items():
-            values = getattr(contacts, name)
-            fields[name] = default if values is None else values
-        if contacts.tangential_force is not None:
-            fields["tangential_force"] = contacts.tangential_force
-        if contacts.normal_stiffness is None:
-            return _leave_out(fields, force <= 0.0)
-        return fields
-
-    def _require_range(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for positions, radii, vectors, shifts and
-        periods of the cell beyond the range of numbers, and for a radius or a period of zero.
+    def _find_masses(self, material: Material | None) -> Array:
+        """Return the masses (n,), kg: of the source, or of solid balls of the material, and
+        infinite of bodies that do not move; InputError without either.
         """
         balls = self.balls
-        contacts = self.contacts
-        is_placed = np.all(np.abs(balls.positions) < LARGEST, axis=1)
-        balls.require(is_placed, "place", balls.positions)
-        is_fixed = np.zeros(len(is_placed), bool)
-        if balls.masses is not None:
-            is_fixed = np.isinf(balls.masses)
-        is_flat_wall = is_fixed & np.isinf(balls.radii)
-        is_sized = (balls.radii > 0.0) & ((balls.radii < LARGEST) | is_flat_wall)
-        balls.require(is_sized, "radius", balls.radii)
-        if contacts.vector is not None:
-            is_far = ~np.all(np.abs(contacts.vector) < LARGEST, axis=1)
-            contacts.refuse(is_far, "has a vector that is not finite, or too large")
-        if contacts.shift is not None:
-            is_far = ~np.all(np.abs(contacts.shift) <= MOST_STEPS, axis=1)
-            contacts.refuse(is_far, f"has a shift of more than {MOST_STEPS} cells")
+        masses = balls.masses
+        if masses is not None and material is not None:
+            self._compare_masses(material)
+        if masses is None:
+            if material is None:
+                problem = f"{balls.name} has no column 'mass', and no material is given"
+                raise InputError(problem, mend="Give the masses, or the material of the balls")
+            with np.errstate(all="ignore"):  # radii that are wild are refused later
+                masses = material.density * (4.0 / 3.0 * math.pi) * balls.radii**3
+        return np.where(balls.fixed, np.inf, masses)
+
+    def _join_balls(self, positions: Array, pbc: Flags, drops: bool) -> list[_Joined]:
+        """Return the lists of contacts with the balls that they join, without contacts that have
+        faults.
+
+        ``positions`` are (n, 3), m; ``pbc`` (3,) says along which vectors of the cell the network
+        repeats. One InputError tells all balls and contacts that cannot be used; with ``drops``
+        such contacts are left out, with one warning.
+        """
         lengths = np.max(np.abs(self.cell), axis=1)
         is_short = (lengths < LARGEST) & ((lengths > 1.0 / LARGEST) | ~self.pbc)
         if not np.all(is_short):
             raise InputError(f"the cell is {self.cell.tolist()} m", mend="Give vectors in m")
-
-    def _find_pairs(self, positions: Array, is_fixed: Flags, pbc: Flags) -> _Pairs:
-        """Return the pairs of balls that contacts join.
-
-        ``positions`` are (n, 3), m; ``is_fixed`` (n,) says which balls do not move, and ``pbc``
-        (3,) along which vectors of the cell the network repeats. InputError for a contact with a
-        body that does not move and without a normal, for balls that move and are not near each
-        other, and as of :meth:`_find_ends` and, without shifts, :meth:`_find_shift`.
-        """
-        balls = self.balls
-        contacts = self.contacts
-        i, j = self._find_ends()
-        still = is_fixed[i] | is_fixed[j]
-        if contacts.normal is None:
-            contacts.refuse(
-                still,
-                "is with a body that does not move, and has no normal",
-                mend="Give nx, ny and nz",
-            )
-        radii_i = balls.radii[i]
-        radii_j = balls.radii[j]
-        touch = radii_i + radii_j  # the distance at which balls touch
-        shift = contacts.shift
-        if shift is None:
-            shift = self._find_shift(pbc, positions[j] - positions[i], touch, still, i == j)
-        vector = positions[j] + shift @ self.cell - positions[i]
-        distance = np.linalg.norm(vector, axis=1)
-        # a body that does not move may have any place: it need not be a ball
-        overlap = np.where(still, 0.0, touch - distance)
-        is_far = ~still & ~(np.abs(overlap) <= _REACH * touch)
-        contacts.refuse(
-            is_far,
-            f"joins balls that are not near each other: these, whose radii add up to"
-            f" {_first(touch, is_far):.6g} m, are {_first(distance, is_far):.6g} m apart",
-            mend="Compare the cell and the units",
-        )
-        normal = contacts.normal
-        if normal is None:
-            # a normal of balls in one place is nan, and is refused by the network
-            with np.errstate(invalid="ignore", divide="ignore"):
-                normal = vector / distance[:, None]
-        return _Pairs(i, j, still, radii_i, radii_j, shift, normal, overlap)
-
-    def _find_shift(
-        self, pbc: Flags, between: Array, touch: Array, still: Flags, with_itself: Flags
-    ) -> Index:
-        """Return the whole cells (n_c, 3) by which balls j are displaced: as the vectors of the
-        source say; without vectors to where they are nearest, or, of contacts that are ``still`` or
-        ``with_itself`` and have normals, to where these lead; zero at flat walls.
-
-        The arguments are those of :meth:`Contacts.find_nearest_steps`; ``pbc`` (3,) says which
-        vectors of the cell are periods. InputError for periods that are not independent, with
-        vectors as of :meth:`Contacts.find_steps`, and without them as of
-        :meth:`Contacts.find_nearest_steps`.
-        """
-        contacts = self.contacts
-        is_flat = np.isinf(touch)
-        between = np.where(is_flat[:, None], 0.0, between)  # a flat wall may have any place
-        shift = np.zeros((len(touch), 3), np.intp)
-        axes = np.flatnonzero(pbc)
-        periods = self.cell[axes]
-        if axes.size and np.linalg.matrix_rank(periods) < axes.size:
+        periods = self.cell[np.flatnonzero(pbc)]
+        if len(periods) and np.linalg.matrix_rank(periods) < len(periods):
             problem = "the periodic vectors of the cell are not independent of each other"
             raise InputError(problem, mend="Give other vectors, or name fewer as periodic")
-        if contacts.vector is not None:
-            shift[:, axes] = contacts.find_steps(between, periods, touch, still)
-        elif axes.size:
-            steps = contacts.find_nearest_steps(between, periods, touch, still, with_itself)
-            if contacts.normal is not None:
-                # a ball may touch one that does not move, or its own image, on several sides
-                is_led = (still & ~is_flat) | with_itself
-                vectors = touch[is_led, None] * contacts.normal[is_led]
-                to_cells = np.linalg.pinv(periods)
-                steps[is_led] = _round_steps((vectors - between[is_led]) @ to_cells)
-            shift[:, axes] = steps
-        shift[is_flat] = 0
-        return shift
-
-    def _find_ends(self) -> tuple[Index, Index]:
-        """Return the indices, each (n_c,), of the two balls of each contact, by their labels;
-        InputError for a label that two balls have, or none.
-        """
-        balls = self.balls
-        n_balls = len(balls.positions)
-        labels = np.arange(n_balls) if balls.labels is None else balls.labels
-        order = np.argsort(labels, kind="stable")
-        sorted_labels = labels[order]
-        repeated = sorted_labels[:-1][np.diff(sorted_labels) == 0]
-        if repeated.size:
-            problem = f"{balls.name} has two balls with the id {repeated[0]}"
-            raise InputError(problem, mend="Give each an id of its own")
-        why = f"There, {counted(n_balls, 'ball has an id', 'balls have ids')}"
-        if balls.labels is None:
-            why = f"There, balls are 0 to {n_balls - 1}"
-        problem = f"names a ball that is not among those of {balls.name}"
-        ends = list[Index]()
-        for end_labels in (self.contacts.i, self.contacts.j):
-            # the place of each label among the sorted ones, or of one beside it
-            places = np.minimum(np.searchsorted(sorted_labels, end_labels), max(n_balls - 1, 0))
-            is_missing = np.ones(len(end_labels), bool)
-            if n_balls:
-                is_missing = sorted_labels[places] != end_labels
-            self.contacts.refuse(is_missing, problem, why)
-            ends.append(np.asarray(order[places], np.intp))
-        return ends[0], ends[1]
-
-    def _find_springs(
-        self, pairs: _Pairs, material: Material | None, friction: bool
-    ) -> tuple[Array, Array, Array]:
-        """Return the normal force, N, the normal and the shear stiffness, N/m, each (n_c,): of the
-        source, or of balls of the ``material`` by the laws of Hertz and Mindlin.
-
-        A shear stiffness that the source does not have is zero without ``friction``. InputError for
-        forces that pull where contacts are not adhesive, and where a material, or the force of a
-        contact with a body that does not move, is needed and lacks. Forces of overlaps are judged
-        by :func:`_judge_errors`, which refuses or warns; forces of the source from which
-        stiffnesses follow are compared by :func:`_compare_forces`, which warns.
-        """
-        contacts = self.contacts
-        force = contacts.normal_force
-        stiffness = contacts.normal_stiffness
-        shear = contacts.shear_stiffness
-        if force is not None:
-            contacts.require_pushing(force, self.adhesive)
-        self._require_springs(material, friction)
-        if force is None or stiffness is None:
-            assert material is not None
-            coefficient = pairs.find_coefficient(material)
-            find_force = partial(_force_of_overlap, coefficient, pairs.overlap)
-            greatest_error, standard_error = self.balls.find_errors(pairs.i, pairs.j, pairs.normal)
-            if force is None:
-                contacts.refuse(
-                    pairs.still,
-                    "is with a body that does not move, and has no force",
-                    mend="Give normal_force",
-                )
-                force = find_force()
-                _judge_errors(contacts, self.balls, find_force, standard_error)
-            elif stiffness is None:
-                # the overlap with a body that does not move is not known
-                comparable = np.where(pairs.still, np.nan, force)
-                _compare_forces(contacts, comparable, find_force, greatest_error)
-            if stiffness is None:
-                unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
-                stiffness = coefficient * unit.stiffness(unit.overlap(force / coefficient))
-        if shear is None:
-            ratio = 0.0
-            if friction and material is not None:
-                ratio = material.mindlin_ratio
-            shear = stiffness * ratio
-        return force, stiffness, shear
-
-    def _require_springs(self, material: Material | None, friction: bool) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if the source lacks forces or
-        stiffnesses, and there is no material from which they follow.
-        """
-        names = ["normal_force", "normal_stiffness"]
-        if friction:
-            names.append("shear_stiffness")
-        lacking = [name for name in names if getattr(self.contacts, name) is None]
-        if not lacking or material is not None:
-            return
-        mend = "Give the material of the balls, from which they follow, or the columns"
-        if lacking == ["shear_stiffness"]:
-            mend = "Give the column, the material of the balls, or friction=False"
-        problem = f"{self.contacts.name} has no {', '.join(lacking)}, and no material is given"
-        raise InputError(problem, mend=mend)
+        ball_faults = self.balls.find_faults()
+        places = _Places(self.balls, positions, self.cell, pbc, ball_faults.is_bad)
+        lists = [_Joining(places, part, self.adhesive) for part in self.contacts]
+        joined = [part.join() for part in lists]
+        settle([ball_faults, *(part.faults for part in lists)], drops)
+        return joined
 
     def _is_level(self) -> bool:
         """Whether all balls are at one height z, and no contact leads up or down. A flat wall may
@@ -631,8 +287,8 @@ class Source:
         heights = balls.positions[is_ball, 2]
         if heights.size == 0 or np.ptp(heights) > _LEVEL * np.max(balls.radii[is_ball]):
             return False
-        normal = self.contacts.normal
-        return normal is None or bool(np.all(np.abs(normal[:, 2]) <= _LEVEL))
+        normals = [part.normal for part in self.contacts if part.normal is not None]
+        return all(bool(np.all(np.abs(normal[:, 2]) <= _LEVEL)) for normal in normals)
 
     def _judge_material(self, material: Material) -> None:
         """Warn of a density or a Young modulus that was probably given in another unit, where the
@@ -648,7 +304,7 @@ class Source:
                 side = "below" if at_least else "above"
                 fault = f"the {name} of the material is {value:g} {unit}, {side} {limit:g} {unit}"
                 text = message(fault, WRONG_UNIT.capitalize())
-                warnings.warn(text, InconsistencyWarning, stacklevel=4)
+                warn_caller(text, InconsistencyWarning)
 
     def _compare_masses(self, material: Material) -> None:
         """Warn if the masses that are given differ from those of solid balls of the material, in
@@ -673,7 +329,430 @@ class Source:
                 "Compare units and material. If balls are not solid, give the density of mass"
                 " over volume"
             )
-            warnings.warn(message(fault, why, mend), InconsistencyWarning, stacklevel=5)
+            warn_caller(message(fault, why, mend), InconsistencyWarning)
+
+
+@dataclass(frozen=True)
+class _Places:
+    """The balls that contacts join, their ``positions`` (n, 3), m, the ``cell`` (3, 3), m, and
+    along which of its vectors they repeat, (3,); ``bad`` (n,) are balls with faults.
+    """
+
+    balls: Balls
+    positions: Array
+    cell: Array
+    pbc: Flags
+    bad: Flags
+
+    @property
+    def axes(self) -> Index:
+        """The axes of the periods, (p,)."""
+        return np.flatnonzero(self.pbc)
+
+    @property
+    def periods(self) -> Array:
+        """The periods (p, 3), m."""
+        return self.cell[self.axes]
+
+
+class _Joining:
+    """One list of contacts on its way to the balls that it joins; ``faults`` are those of its
+    contacts.
+    """
+
+    def __init__(self, places: _Places, contacts: Contacts, adhesive: bool) -> None:
+        self.places = places
+        self.contacts = contacts
+        self.adhesive = adhesive
+        self.faults = contacts.start_faults()
+
+    def join(self) -> _Joined:
+        """Return the contacts without faults, with the balls that they join, and their forces."""
+        contacts = self.contacts
+        faults = self.faults
+        i, j = self._find_ends()
+        contacts.note_numbers(faults, self.adhesive)
+        # what follows needs contacts of balls that are where they are
+        is_bad_ball = self.places.bad
+        is_fine = faults.narrow(~(is_bad_ball[i] | is_bad_ball[j]) if is_bad_ball.size else None)
+        contacts = contacts.select(is_fine)
+        pairs = self._find_pairs(contacts, i[is_fine], j[is_fine])
+        force, across = self._split_forces(contacts, pairs)
+        if contacts.overlap is not None:
+            pairs = self._take_overlaps(contacts, pairs)
+        is_fine = faults.narrow()
+        if force is not None:
+            force = force[is_fine]
+        if across is not None:
+            across = across[is_fine]
+        is_normal = False
+        if contacts.tangential_force is None and force is not None and across is not None:
+            is_normal = bool(np.all(np.linalg.norm(across, axis=1) <= _ACROSS * np.abs(force)))
+        return _Joined(contacts.select(is_fine), pairs.select(is_fine), force, across, is_normal)
+
+    def _find_ends(self) -> tuple[Index, Index]:
+        """Return the indices, each (n_c,), of the two balls of each contact, by their labels; 0 of
+        a label that no ball has, which is a fault.
+        """
+        balls = self.places.balls
+        n_balls = len(balls.positions)
+        labels = np.arange(n_balls) if balls.labels is None else balls.labels
+        order = np.argsort(labels, kind="stable")
+        sorted_labels = labels[order]
+        why = f"There, {counted(n_balls, 'ball has an id', 'balls have ids')}"
+        if balls.labels is None:
+            why = f"There, balls are 0 to {n_balls - 1}"
+        ends = list[Index]()
+        is_missing = np.zeros(len(self.contacts), bool)
+        for end_labels in (self.contacts.i, self.contacts.j):
+            # the place of each label among the sorted ones, or of one beside it
+            places = np.minimum(np.searchsorted(sorted_labels, end_labels), max(n_balls - 1, 0))
+            is_found = np.zeros(len(end_labels), bool)
+            if n_balls:
+                is_found = sorted_labels[places] == end_labels
+            is_missing |= ~is_found
+            ends.append(np.where(is_found, order[places] if n_balls else 0, 0))
+        self.faults.note(is_missing, f"a ball that is not among those of {balls.name}", why=why)
+        i, j = ends
+        if not self.places.axes.size:
+            self.faults.note(i == j, "one ball at both ends")
+        return i, j
+
+    def _find_pairs(self, contacts: Contacts, i: Index, j: Index) -> _Pairs:
+        """Return the pairs of balls i and j (m,) that ``contacts`` (m,) join; note contacts that
+        cannot be where they are said to be.
+        """
+        balls = self.places.balls
+        radii_i = balls.radii[i]
+        radii_j = balls.radii[j]
+        touch = radii_i + radii_j  # the distance at which balls touch
+        is_still = balls.fixed[i] | balls.fixed[j]
+        if contacts.normal is None:
+            words = "a flat wall, and no normal"
+            self.faults.note(np.isinf(touch), words, mend="Give nx, ny and nz")
+        shift = contacts.shift
+        if shift is None:
+            shift = self._find_shift(contacts, i, j, is_still)
+        between = self.places.positions[j] - self.places.positions[i]
+        vector = between + shift @ self.places.cell
+        distance = np.linalg.norm(vector, axis=1)
+        is_near = np.abs(touch - distance) <= _REACH * touch
+        normal = contacts.normal
+        if normal is None:
+            # a normal of balls in one place is nan, and is refused by the network
+            with np.errstate(invalid="ignore", divide="ignore"):
+                normal = vector / distance[:, None]
+            is_ball = np.isfinite(touch)
+        else:
+            # a body that does not move may have any place: it need not be a ball
+            is_along = np.einsum("ca,ca->c", normal, vector) >= _ALIGNED * distance
+            is_ball = ~is_still | (np.isfinite(touch) & is_near & is_along)
+        excess = np.where(is_ball, distance - touch, 0.0)
+        self.faults.note(
+            is_ball & ~is_near,
+            "balls that are not near each other, by the distance between their surfaces",
+            values=excess,
+            unit="m",
+            mend="Compare the cell and the units",
+        )
+        overlap = np.where(is_ball, touch - distance, 0.0)
+        pairs = _Pairs(i, j, radii_i, radii_j, shift, normal, overlap, is_ball)
+        self._note_repeated(pairs)
+        return pairs
+
+    def _take_overlaps(self, contacts: Contacts, pairs: _Pairs) -> _Pairs:
+        """Return the pairs with the overlaps of the source, (m,); note those that are none of balls
+        at these places, and warn if all are one multiple of theirs.
+        """
+        assert contacts.overlap is not None
+        touch = pairs.radii_i + pairs.radii_j
+        is_off = pairs.has_overlap & (np.abs(contacts.overlap - pairs.overlap) > _REACH * touch)
+        self.faults.note(
+            is_off,
+            "an overlap that is not that of places and radii",
+            values=contacts.overlap,
+            unit="m",
+            mend="Compare the units",
+        )
+        rows = ~self.faults.is_bad[self.faults.rows]
+        _compare_overlaps(contacts.select(rows), self.places.balls, pairs.select(rows))
+        has_overlap = np.ones(len(contacts), bool)
+        return replace(pairs, overlap=contacts.overlap, has_overlap=has_overlap)
+
+    def _note_repeated(self, pairs: _Pairs) -> None:
+        """Note contacts that are listed before."""
+        fixed = self.places.balls.fixed
+        _first, again = find_repeated(
+            pairs.i, pairs.j, pairs.shift, pairs.normal, ~(fixed[pairs.i] | fixed[pairs.j])
+        )
+        is_repeated = np.zeros(len(pairs.i), bool)
+        is_repeated[again] = True
+        self.faults.note(
+            is_repeated,
+            "the balls of a contact before",
+            why="Every contact counts once",
+            mend="List each contact from one of its ends only",
+        )
+
+    def _find_shift(self, contacts: Contacts, i: Index, j: Index, is_still: Flags) -> Index:
+        """Return the whole cells (m, 3) by which balls j are displaced: as the vectors of the
+        source say; without vectors to where they are nearest, or, of contacts that are still or of
+        a ball with itself and have normals, to where these lead; zero at flat walls.
+
+        For the arguments see :meth:`_find_pairs`; contacts that are still (m,) have a body that
+        does not move.
+        """
+        places = self.places
+        touch = places.balls.radii[i] + places.balls.radii[j]
+        is_flat = np.isinf(touch)
+        between = places.positions[j] - places.positions[i]
+        between = np.where(is_flat[:, None], 0.0, between)  # a flat wall may have any place
+        shift = np.zeros((len(touch), 3), np.intp)
+        # a body that does not move may be anywhere, unless nothing but its place says where it is
+        is_anywhere = is_still if contacts.normal is not None else is_flat
+        if contacts.vector is not None:
+            shift[:, places.axes] = self._find_steps(contacts, between, touch, is_anywhere)
+        elif places.axes.size:
+            with_itself = i == j
+            steps = self._find_nearest_steps(between, touch, is_anywhere, with_itself)
+            if contacts.normal is not None:
+                # a ball may touch one that does not move, or its own image, on several sides
+                is_led = (is_still & ~is_flat) | with_itself
+                gaps = np.zeros_like(between)
+                gaps[is_led] = touch[is_led, None] * contacts.normal[is_led] - between[is_led]
+                led_steps = self._round_steps(gaps @ np.linalg.pinv(places.periods))
+                steps[is_led] = led_steps[is_led]
+            shift[:, places.axes] = steps
+        shift[is_flat] = 0
+        return shift
+
+    def _find_steps(
+        self, contacts: Contacts, between: Array, touch: Array, is_anywhere: Flags
+    ) -> Index:
+        """Return the whole cells (m, p) by which balls j are displaced, from the vectors of
+        contacts; note a vector that leads to no image of ball j.
+
+        ``between`` (m, 3) leads from ball i to ball j in the cell, m; ``touch`` (m,) is the sum of
+        the radii, m; contacts that are anywhere (m,) have a body that may lie anywhere.
+        """
+        assert contacts.vector is not None
+        periods = self.places.periods
+        to_cells = np.linalg.pinv(periods)  # (3, p), from lengths to numbers of cells
+        steps = self._round_steps((contacts.vector - between) @ to_cells)
+        deviations = np.linalg.norm(between + steps @ periods - contacts.vector, axis=1)
+        is_off = ~is_anywhere & (deviations > _ROUNDED * touch)
+        mend = "Are both files of one time step?"
+        # the vectors from ball i to ball j less those of the contacts with the opposite sign
+        reversed_gaps = between + contacts.vector
+        reversed_gaps -= self._round_steps(reversed_gaps @ to_cells) @ periods
+        fits_reversed = np.linalg.norm(reversed_gaps, axis=1) <= _ROUNDED * touch
+        if np.all(fits_reversed[is_off]):
+            mend = "Turn the signs: the vector of a dump (dx, dy, dz) leads from ball j to ball i"
+        words = "a vector that does not lead from ball to ball in this cell, off by a distance"
+        self.faults.note(is_off, words, values=deviations, unit="m", mend=mend)
+        return steps
+
+    def _find_nearest_steps(
+        self, between: Array, touch: Array, is_anywhere: Flags, with_itself: Flags
+    ) -> Index:
+        """Return the whole cells (m, p) by which balls j are displaced to where they are nearest to
+        balls i; note balls that touch at more than one of their images.
+
+        The arguments are those of :meth:`_find_steps`; contacts ``with_itself`` (m,) join a ball
+        with its own image.
+        """
+        periods = self.places.periods
+        n_periods = len(periods)
+        rounded = -self._round_steps(between @ np.linalg.pinv(periods))
+        # (3^p, p): in a tilted cell the nearest image may be beside the one that rounding finds
+        axis_steps = [[-1, 0, 1]] * n_periods
+        steps = np.stack(np.meshgrid(*axis_steps, indexing="ij"), axis=-1).reshape(-1, n_periods)
+        nearest = np.full(len(between), np.inf)
+        second = np.full(len(between), np.inf)
+        third = np.full(len(between), np.inf)
+        chosen = rounded.copy()
+        for step in steps:
+            candidate = rounded + step
+            distance = np.linalg.norm(between + candidate @ periods, axis=1)
+            distance[with_itself & np.all(candidate == 0, axis=1)] = np.inf
+            is_nearer = distance < nearest
+            chosen[is_nearer] = candidate[is_nearer]
+            third = np.minimum(third, np.maximum(second, distance))
+            second = np.minimum(second, np.maximum(nearest, distance))
+            nearest = np.minimum(nearest, distance)
+        # a ball has two equally near images of itself, which are one contact
+        others = np.where(with_itself, third, second)
+        self.faults.note(
+            ~is_anywhere & (others < touch),
+            "balls that touch at more than one place",
+            why="The cell is so small that one contact is not the only one of its balls",
+            mend="Give the shift of each contact",
+        )
+        return chosen
+
+    def _round_steps(self, steps: Array) -> Index:
+        """Return the nearest whole numbers of cells (m, p); note balls that are too many cells
+        apart.
+        """
+        is_near = np.abs(steps) <= MOST_STEPS  # False for nan
+        words = f"balls more than {MOST_STEPS} cells apart"
+        self.faults.note(~np.all(is_near, axis=1), words, mend="Compare cell and places")
+        return np.asarray(np.rint(np.where(is_near, steps, 0.0)), np.intp)
+
+    def _split_forces(self, contacts: Contacts, pairs: _Pairs) -> tuple[Array | None, Array | None]:
+        """Return the normal forces (m,), N, and the tangential forces (m, 3), N, of ``contacts``;
+        None if they are not known. Note contacts that pull, and those without force whose overlap
+        is not known.
+        """
+        normal_force = contacts.normal_force
+        across = contacts.tangential_force
+        if contacts.force is not None:
+            along = np.einsum("ca,ca->c", contacts.force, pairs.normal)
+            if normal_force is None:
+                mend = ""
+                if len(along) and np.max(along) <= 0.0:
+                    mend = "Turn the signs: they are those of the forces on the other ball"
+                note_pulling(self.faults, along, self.adhesive, mend)
+                normal_force = along
+            if across is None:
+                across = contacts.force - along[:, None] * pairs.normal
+        if normal_force is None and contacts.overlap is None:
+            words = "a body that does not move, and no force"
+            self.faults.note(~pairs.has_overlap, words, mend="Give normal_force")
+        return normal_force, across
+
+
+@dataclass(frozen=True)
+class _Joined:
+    """Contacts (m,) that have no fault, the ``pairs`` of balls that they join, and their normal and
+    tangential forces, (m,) and (m, 3), N; None where these are not known.
+
+    ``is_normal`` says that the tangential forces are nothing but what rounding has left of force
+    vectors along the normals, as programs write them that list tangential forces elsewhere.
+    """
+
+    contacts: Contacts
+    pairs: _Pairs
+    normal_force: Array | None
+    tangential_force: Array | None
+    is_normal: bool
+
+    def complete(self, balls: Balls, material: Material | None, friction: bool) -> dict[str, Any]:
+        """Return the fields of the contacts of the network, (m,) or (m, 3).
+
+        Where stiffnesses follow from Hertz's law, contacts without force are open and left out.
+        """
+        contacts = self.contacts
+        pairs = self.pairs
+        force, stiffness, shear = self._find_springs(balls, material, friction)
+        torsion, bending = self._find_rolling_springs(shear)
+        fields_of_contacts: dict[str, Any] = {
+            "i": pairs.i,
+            "j": pairs.j,
+            "shift": pairs.shift,
+            "normal": pairs.normal,
+            "normal_force": force,
+            "normal_stiffness": stiffness,
+            "shear_stiffness": shear,
+            "torsion_stiffness": torsion,
+            "bending_stiffness": bending,
+        }
+        for name, default in pairs.arms.items():
+            values = getattr(contacts, name)
+            fields_of_contacts[name] = default if values is None else values
+        if self.tangential_force is not None:
+            fields_of_contacts["tangential_force"] = self.tangential_force
+        if contacts.normal_stiffness is None:
+            return _leave_out(fields_of_contacts, force <= 0.0)
+        return fields_of_contacts
+
+    def _find_springs(
+        self, balls: Balls, material: Material | None, friction: bool
+    ) -> tuple[Array, Array, Array]:
+        """Return the normal force, N, the normal and the shear stiffness, N/m, each (m,): of the
+        source, or of balls of the ``material`` by the laws of Hertz and Mindlin.
+
+        A shear stiffness that the source does not have is zero without ``friction``. InputError
+        where a material is needed and lacks. Forces of overlaps are judged by
+        :func:`_judge_errors`, which refuses or warns; forces of the source from which stiffnesses
+        follow are compared by :func:`_compare_forces`, which warns.
+        """
+        contacts = self.contacts
+        pairs = self.pairs
+        force = self.normal_force
+        stiffness = contacts.normal_stiffness
+        shear = contacts.shear_stiffness
+        self._require_springs(material, friction)
+        if force is None or stiffness is None:
+            assert material is not None
+            coefficient = pairs.find_coefficient(material)
+            find_force = partial(_force_of_overlap, coefficient, pairs.overlap)
+            greatest_error, standard_error = _find_errors(contacts, balls, pairs)
+            if force is None:
+                force = find_force()
+                _judge_errors(contacts, balls, find_force, standard_error)
+            elif stiffness is None:
+                comparable = np.where(pairs.has_overlap, force, np.nan)
+                _compare_forces(contacts, comparable, find_force, greatest_error)
+            if stiffness is None:
+                unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
+                stiffness = coefficient * unit.stiffness(unit.overlap(force / coefficient))
+        if shear is None:
+            ratio = 0.0
+            if friction and material is not None:
+                ratio = material.mindlin_ratio
+            shear = stiffness * ratio
+        return force, stiffness, shear
+
+    def _require_springs(self, material: Material | None, friction: bool) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if the source lacks forces or
+        stiffnesses, and there is no material from which they follow.
+        """
+        contacts = self.contacts
+        lacking = ["normal_force"] if self.normal_force is None else []
+        names = ["normal_stiffness"]
+        if friction:
+            names.append("shear_stiffness")
+        lacking += [name for name in names if getattr(contacts, name) is None]
+        if not lacking or material is not None:
+            return
+        mend = "Give the material of the balls, from which they follow, or the columns"
+        if lacking == ["shear_stiffness"]:
+            mend = "Give the column, the material of the balls, or friction=False"
+        problem = f"{contacts.name} has no {', '.join(lacking)}, and no material is given"
+        raise InputError(problem, mend=mend)
+
+    def _find_rolling_springs(self, shear: Array) -> tuple[Array, Array]:
+        """Return the torsion and the bending stiffness (m,), N m; ``shear`` (m,) is the shear
+        stiffness, N/m.
+        """
+        contacts = self.contacts
+        radii = self.pairs.reduced_radii
+        torsion = contacts.torsion_stiffness
+        bending = contacts.bending_stiffness
+        if torsion is None:
+            torsion = np.zeros(len(radii))
+            if contacts.twisting == "marshall":
+                spots = np.sqrt(radii * np.maximum(self.pairs.overlap, 0.0))  # their radii, m
+                # Mindlin's shear stiffness is proportional to the radius of the spot, and LAMMPS
+                # takes the factor for the stiffness
+                is_constant = contacts.shear_stiffness is not None
+                torsion = 0.5 * shear * (spots**2 if is_constant else spots)
+            elif contacts.twisting is not None:
+                torsion = np.full(len(radii), float(contacts.twisting))
+        if bending is None:
+            bending = (contacts.rolling or 0.0) * radii**2
+        return np.asarray(torsion), np.asarray(bending)
+
+
+def _find_errors(contacts: Contacts, balls: Balls, pairs: _Pairs) -> tuple[Array, Array]:
+    """Return the greatest and the standard error (n_c,), m, that rounding leaves in overlaps: in
+    those of the source, or in those of places and radii.
+    """
+    if contacts.overlap is None:
+        return balls.find_errors(pairs.i, pairs.j, pairs.normal)
+    greatest = find_rounding(contacts.overlap)
+    return greatest, greatest / math.sqrt(3.0)
 
 
 def _warn_of_missing_forces(contacts: Contacts) -> None:
@@ -687,7 +766,7 @@ def _warn_of_missing_forces(contacts: Contacts) -> None:
         "Give tx, ty, tz (p1, p2, p3 of compute pair/local) or tangential_x,"
         " tangential_y, tangential_z"
     )
-    warnings.warn(message(fault, why, mend), InconsistencyWarning, stacklevel=4)
+    warn_caller(message(fault, why, mend), InconsistencyWarning)
 
 
 def _force_of_overlap(coefficient: Array, overlap: Array, error: Array | float = 0.0) -> Array:
@@ -721,7 +800,23 @@ def _judge_errors(
     )
     if error_share > _MOST_ERROR:
         raise InputError(fault, "An overlap is a small difference of places", mend)
-    warnings.warn(message(fault, mend=mend), InconsistencyWarning, stacklevel=5)
+    warn_caller(message(fault, mend=mend), InconsistencyWarning)
+
+
+def _compare_overlaps(contacts: Contacts, balls: Balls, pairs: _Pairs) -> None:
+    """Warn if the overlaps of the source are not those of places and radii, in the median by 5 % or
+    more; those that rounding may have made count for nothing.
+    """
+    assert contacts.overlap is not None
+    greatest, _standard = balls.find_errors(pairs.i, pairs.j, pairs.normal)
+    is_clear = pairs.has_overlap & (pairs.overlap * _LEAST_WARNED_RATIO > greatest)
+    if not np.any(is_clear):
+        return
+    ratio = float(np.median(contacts.overlap[is_clear] / pairs.overlap[is_clear]))
+    if abs(ratio - 1.0) >= _LEAST_WARNED_RATIO:
+        fault = f"{contacts.name}: the overlaps are {ratio:.4g} times those of places and radii"
+        mend = "Compare their units, and those of places and radii"
+        warn_caller(message(fault, mend=mend), InconsistencyWarning)
 
 
 def _compare_forces(
@@ -743,15 +838,18 @@ def _compare_forces(
     is_odd = (force / _MOST_FACTOR > greatest) | (force < least / _MOST_FACTOR)
     is_odd &= np.maximum(force, least) > _LEAST_COMPARED * mean
     if np.any(is_odd):
-        wrong = (
-            f"has the force {_first(force, is_odd):.6g} N, and the overlap of its balls makes"
-            f" {_first(expected, is_odd):.6g} N"
+        first = int(np.argmax(is_odd))
+        n_odd = int(np.count_nonzero(is_odd))
+        total = f" ({n_odd} in all)" if n_odd > 1 else ""
+        fault = (
+            f"{contacts.name}: the contact of {contacts.describe(first)} has the force"
+            f" {force[first]:.6g} N, and the overlap of its balls makes {expected[first]:.6g}"
+            f" N{total}"
         )
-        fault = contacts.describe(is_odd, wrong)
         mend = (
             "Compare units, material and columns. If the law is not Hertz's, give the stiffnesses"
         )
-        warnings.warn(message(fault, mend=mend), InconsistencyWarning, stacklevel=5)
+        warn_caller(message(fault, mend=mend), InconsistencyWarning)
         return
     # of weak contacts the overlaps have large relative errors
     is_strong = (expected > 0.0) & (force >= mean)
@@ -770,79 +868,7 @@ def _compare_forces(
         )
         why = "The material or the law is another one"
         mend = "Compare units and Young's modulus. If the law is not Hertz's, give the stiffnesses"
-        warnings.warn(message(fault, why, mend), InconsistencyWarning, stacklevel=5)
-
-
-def read_whole_numbers(name: str, values: Any) -> Index:
-    """Return ``values`` as an array of whole numbers; floats are taken if they are whole.
-
-    Raises :class:`~granphon.base.errors.InputError` for other values, and for numbers too large to
-    be an index.
-    """
-    if isinstance(values, np.ndarray) and values.dtype.kind == "i":
-        return np.asarray(values, np.intp)
-    numbers = real_array(name, values)
-    if numbers.dtype.kind == "i":
-        return np.asarray(numbers, np.intp)
-    is_exact = np.isfinite(numbers) & (np.abs(numbers) < 2.0**53)  # floats beyond skip numbers
-    is_whole = is_exact & (numbers == np.rint(numbers))
-    if not np.all(is_whole):
-        wrong = numbers[~is_whole].ravel()[0]
-        raise InputError(
-            f"{name} of the network has the number {wrong!s} where a whole number is needed"
-        )
-    return np.asarray(numbers, np.intp)
-
-
-def find_rounding(values: Array) -> Array:
-    """Return half a unit of the last digit of each of ``values``, of one source: their greatest
-    errors, of the same shape.
-
-    The number of digits that the source writes follows from all of its numbers. Where all are whole
-    multiples of the last digit of the largest, the source writes as many decimals of each. Numbers
-    that single precision holds have the digits of single precision. A few numbers of fewer digits
-    than a program writes were chosen by hand, and have no error.
-    """
-    sizes = np.abs(values)
-    with np.errstate(over="ignore"):
-        single = values.astype(np.float32)
-    is_counted = (sizes < LARGEST) & (sizes > 1.0 / LARGEST)  # others are refused, or play no part
-    least_digits, _most_digits = _DIGITS
-    n_digits = _count_digits(sizes[is_counted])
-    if n_digits < least_digits and np.unique(sizes[is_counted]).size < _CHOSEN:
-        return np.zeros(values.shape)
-    if n_digits >= least_digits and np.array_equal(single[is_counted], values[is_counted]):
-        spacing = np.spacing(np.where(is_counted, np.abs(single), np.float32(1.0)))
-        return np.where(is_counted, 0.5 * spacing, 0.0)
-    # a unit of the last digit of each value
-    exponents = np.floor(np.log10(np.where(is_counted, sizes, 1.0)))
-    last_units = 10.0 ** (exponents - n_digits + 1.0)
-    coarsest = float(np.max(last_units[is_counted]))
-    steps = sizes[is_counted] / coarsest
-    if np.allclose(steps, np.rint(steps), rtol=_EXACT, atol=0.0):
-        last_units = np.full(values.shape, coarsest)
-    return np.where(is_counted, 0.5 * last_units, 0.0)
-
-
-def _count_digits(sizes: Array) -> int:
-    """Return the least number of significant digits that represent all of ``sizes`` (n,), which are
-    above zero; at most that of floats.
-    """
-    _least_digits, most_digits = _DIGITS
-    mantissas = sizes / 10.0 ** np.floor(np.log10(sizes))  # from 1 to 10
-    for n_digits in range(1, most_digits):
-        power = 10.0 ** (n_digits - 1)
-        rounded = np.rint(mantissas * power) / power
-        if np.allclose(rounded, mantissas, rtol=_EXACT, atol=0.0):
-            return n_digits
-    return most_digits
-
-
-def _first(values: Array, bad: Flags) -> float:
-    """Return the one of ``values`` (n_c,) that belongs to the first contact that is ``bad`` (n_c,);
-    nan if none is.
-    """
-    return float(values[np.argmax(bad)]) if np.any(bad) else math.nan
+        warn_caller(message(fault, why, mend), InconsistencyWarning)
 
 
 def _leave_out(fields: Mapping[str, Any], is_open: Flags) -> dict[str, Any]:
@@ -850,12 +876,11 @@ def _leave_out(fields: Mapping[str, Any], is_open: Flags) -> dict[str, Any]:
     return {name: values[~is_open] for name, values in fields.items()}
 
 
-def _round_steps(steps: Array) -> Index:
-    """Return the nearest whole numbers of cells; :class:`InputError` if balls are too many cells
-    from each other.
+def _concatenate(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the fields of the contacts of several lists one behind the other; those that one of
+    the lists lacks are left out.
     """
-    is_near = np.abs(steps) <= MOST_STEPS  # False for nan
-    if not np.all(is_near):
-        problem = f"balls that touch are more than {MOST_STEPS} cells apart"
-        raise InputError(problem, mend="Compare cell and places")
-    return np.asarray(np.rint(steps), np.intp)
+    if len(parts) == 1:
+        return dict(parts[0])
+    names = [name for name in parts[0] if all(name in part for part in parts)]
+    return {name: np.concatenate([part[name] for part in parts]) for name in names}

@@ -1,30 +1,24 @@
-"""Dumps of LAMMPS: one of atoms and one of pairs that touch, at the same time step."""
+"""Dumps of LAMMPS: one of atoms and one of pairs that touch, at the same time step; contacts with
+walls are columns of the atoms.
+"""
 
 from __future__ import annotations
 
-import os
 import re
-import warnings
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from granphon.base.arrays import Array, Index
-from granphon.base.errors import InputError, StoppedEarlyWarning, brief, message
+from granphon.base.arrays import Array, Flags, Index
+from granphon.base.errors import InputError, brief
 from granphon.base.scales import Units
-from granphon.base.tables import plain_float
-from granphon.base.text import decode, list_names, read_bytes
+from granphon.base.text import list_names
 from granphon.base.validation import choice, not_negative, positive, require, whole_number
-from granphon.networks.building import (
-    MOST_BYTES,
-    Balls,
-    Contacts,
-    Source,
-    find_rounding,
-    read_whole_numbers,
-)
+from granphon.networks.building import Source
+from granphon.networks.dumps import Dump, Frame
+from granphon.networks.sources import Balls, Contacts, find_rounding
 
 #: length (m), mass (kg) and force (N) that are one in LAMMPS' styles of units
 _STYLES = {
@@ -33,187 +27,181 @@ _STYLES = {
 }  # fmt: skip
 #: greatest relative difference of boxes that are one: the dumps may be written with few digits
 _SAME_BOX = 1e-5
-_NAMES = ("i", "j", "force", "dx", "dy", "dz", "tx", "ty", "tz")
-_IS_DUMP = "Is this a dump of LAMMPS, of style custom or local, as text?"
+#: names of the vectors of pairs, each with its components
+_VECTORS = {
+    "vector": ("dx", "dy", "dz"),
+    "tangential_force": ("tx", "ty", "tz"),
+    "force": ("fx", "fy", "fz"),
+}
+#: columns of pairs that are read
+_NAMES = ("i", "j", "force", "delta", *_VECTORS["vector"], *_VECTORS["tangential_force"],
+          *_VECTORS["force"])  # fmt: skip
+#: columns of atoms that are read, or that a network has no use for
+_OF_ATOMS = ("id", "type", "element", "radius", "diameter", "mass")
 _WRITE_ATOMS = "Write it with: dump 1 all custom 1000 atoms.dump id x y z radius mass"
 _NAME_PAIRS = (
     "Name them in LAMMPS, dump_modify 2 colname 1 i colname 2 j, or here: columns=['i', 'j',"
     " 'force', ...]"
 )
+#: the columns of a fix wall/gran with the keyword contacts: of a force, of a place on the wall
+_WALL_FORCE = (2, 3, 4)
+_WALL_PLACE = (5, 6, 7)
 
 
-@dataclass
-class _Frame:
-    """One time step of a dump, in the units of the dump: its number, the cell, the names of the
-    columns, and the rows with their line numbers.
+@dataclass(frozen=True)
+class Scales:
+    """The length, m, the mass, kg, and the force, N, that are one in the files."""
+
+    length: float
+    mass: float
+    force: float
+
+    @classmethod
+    def find(cls, units: str | Units | None, frames: Sequence[Frame]) -> Scales:
+        """Return the scales of the ``units``, or, if these are None, of the style that the
+        ``frames`` name, by default SI.
+
+        InputError for an unknown style, for files of different styles, and for a style other than
+        that of the files; :class:`~granphon.base.scales.Units` belong to the style "lj".
+        """
+        styles_of_files = {frame.units for frame in frames if frame.units}
+        if len(styles_of_files) > 1:
+            first = frames[0]
+            fault = f"{first.name} is in units {first.units}, and {frames[1].name} in others"
+            raise InputError(fault, mend="Write both with the same units")
+        if isinstance(units, Units):
+            style = "lj"
+            scales = (units.length, units.mass, units.force)
+        else:
+            requested = next(iter(styles_of_files), "si") if units is None else units
+            style = require("units", lambda value: choice(value, [*_STYLES]), requested)
+            scales = _STYLES[style]
+        if styles_of_files and styles_of_files != {style}:
+            raise InputError(
+                f"{frames[0].name} says that its units are {styles_of_files.pop()},"
+                f" and units={style!r} is given",
+                mend="Leave units out",
+            )
+        return cls(*scales)
+
+
+@dataclass(frozen=True)
+class Springs:
+    """Stiffnesses that all contacts have; None where they follow from the law.
+
+    ``normal`` and ``shear`` are in N/m, ``rolling`` is the coefficient k of LAMMPS' rolling law, in
+    N/m, and ``twisting`` that of its twisting law, in N m, or "marshall". InputError for a number
+    out of range.
     """
 
-    name: str
-    step: int
-    units: str = ""
-    origin: Array = field(default_factory=lambda: np.zeros(3))
-    cell: Array = field(default_factory=lambda: np.zeros((3, 3)))
-    pbc: Array = field(default_factory=lambda: np.zeros(3, bool))
-    names: tuple[str, ...] = ()
-    rows: list[tuple[int, str]] = field(default_factory=list)
+    normal: float | None = None
+    shear: float | None = None
+    rolling: float | None = None
+    twisting: float | str | None = None
 
-    def read(self, column: str) -> Array:
-        """Return the numbers of a column, (rows,); InputError names the line of a cell that is no
-        number.
-        """
-        index = self.names.index(column)
-        numbers = np.empty(len(self.rows))
-        for row, (line, text) in enumerate(self.rows):
-            cells = text.split()
-            try:
-                numbers[row] = plain_float(cells[index])
-            except (IndexError, ValueError):
-                content = brief(cells[index], 40) if len(cells) > index else "nothing"
-                raise InputError(
-                    f"{self.name}:{line}: {column}: found {content}, where a number is needed"
-                ) from None
-        return numbers
+    def __post_init__(self) -> None:
+        if self.normal is not None:
+            positive("normal_stiffness", self.normal, "N/m")
+        if self.shear is not None:
+            not_negative("shear_stiffness", self.shear, "N/m")
+        if self.rolling is not None:
+            not_negative("rolling_stiffness", self.rolling, "N/m")
+        if isinstance(self.twisting, str):
+            require("twisting_stiffness", lambda word: choice(word, ["marshall"]), self.twisting)
+        elif self.twisting is not None:
+            not_negative("twisting_stiffness", self.twisting, "N*m")
 
-    def find_vectors(self, *columns: str) -> Array | None:
-        """The vectors (rows, 3) of three columns, or None without one of the columns."""
-        if not {*columns} <= {*self.names}:
-            return None
-        return np.stack([self.read(column) for column in columns], axis=1)
+    def of(self, count: int) -> dict[str, Any]:
+        """Return the fields of ``count`` contacts that have these stiffnesses, by name."""
+        fields: dict[str, Any] = {"rolling": self.rolling, "twisting": self.twisting}
+        for name, number in (("normal_stiffness", self.normal), ("shear_stiffness", self.shear)):
+            if number is not None:
+                fields[name] = np.full(count, float(number))
+        return fields
 
 
 def read_dumps(
-    dump: str | os.PathLike[str],
-    pairs: str | os.PathLike[str],
+    dump: Any,
+    pairs: Any,
+    *,
     units: str | Units | None,
     columns: Sequence[str] | None,
     step: int | None,
-    normal_stiffness: float | None,
-    shear_stiffness: float | None,
+    springs: Springs,
+    walls: str | Sequence[str],
+    frozen: Mapping[str, Any] | None,
 ) -> Source:
     """Return the balls and contacts of two dumps of one time step and one box, in SI units; see
     ``ContactNetwork.from_lammps`` for the arguments and errors.
     """
+    atoms, touching = find_frames(dump, pairs, step)
+    scales = Scales.find(units, [atoms, touching])
+    if columns is not None:
+        touching.names = read_names(columns, touching)
+    names_of_walls = (walls,) if isinstance(walls, str) else tuple(walls)
+    contacts = read_contacts(touching, scales, springs)
+    balls = read_balls(atoms, scales, frozen)
+    lists = [contacts]
+    for number, wall in enumerate(names_of_walls, 1):
+        label = -number
+        lists.append(_read_wall(atoms, balls, str(wall), label, scales, springs))
+        balls = add_wall(balls, label, str(wall))
+    notes = [note_columns(touching, _NAMES)]
+    notes += note_atoms(atoms, names_of_walls, frozen)
+    return Source(
+        balls,
+        tuple(lists),
+        scales.length * atoms.cell,
+        np.asarray(atoms.pbc, bool),
+        notes=tuple(note for note in notes if note),
+    )
+
+
+def find_frames(dump: Any, pairs: Any, step: int | None) -> tuple[Frame, Frame]:
+    """Return the frames of atoms and of pairs at one time ``step``, by default the last one;
+    InputError unless both are of one step and one box.
+    """
     step = None if step is None else whole_number("step", step, 0)
-    atoms = _read_frame(dump, step, "ATOMS")
-    touching = _read_frame(pairs, step, "ENTRIES")
+    atoms = Dump.open(dump, "atoms").find(step)
+    touching = Dump.open(pairs, "entries").find(step)
     if atoms.step != touching.step:
-        fault = f"{dump} ends at the time step {atoms.step}, and {pairs} at {touching.step}"
+        fault = f"{atoms.name} ends at the time step {atoms.step}, and {touching.name} at"
         why = "Balls and contacts must be of one step"
-        raise InputError(fault, why, "Give the step that both have")
+        raise InputError(f"{fault} {touching.step}", why, "Give the step that both have")
     has_same_cell = np.allclose(atoms.cell, touching.cell, rtol=_SAME_BOX)
     if not has_same_cell or np.any(atoms.pbc != touching.pbc):
-        fault = f"{dump} and {pairs} have different boxes"
+        fault = f"{atoms.name} and {touching.name} have different boxes"
         raise InputError(fault, mend="Are they of one simulation?")
-    scales = _find_units(units, atoms, touching)
-    if columns is not None:
-        touching.names = _read_names(columns, touching)
-    contacts = _read_contacts(touching, scales, normal_stiffness, shear_stiffness)
-    balls = _read_balls(atoms, scales)
-    length, _, _ = scales
-    return Source(balls, contacts, length * atoms.cell, np.asarray(atoms.pbc, bool))
+    return atoms, touching
 
 
-def _read_contacts(
-    pairs: _Frame,
-    scales: tuple[float, float, float],
-    normal_stiffness: float | None,
-    shear_stiffness: float | None,
-) -> Contacts:
-    """Return the contacts of a dump of pairs, in SI units; ``scales`` are those of
-    :func:`_find_units`, and the stiffnesses, N/m, those of each contact, if they are given.
-    InputError without ids, and for stiffnesses out of range.
-    """
-    length, _mass, force = scales
-    lacking = [name for name in ("i", "j") if name not in pairs.names]
-    if lacking:
-        fault = f"{pairs.name} has no column {' and no column '.join(lacking)}"
-        raise InputError(fault, f"Its columns are {list_names(pairs.names)}", _NAME_PAIRS)
-    i = _read_ids(pairs, "i")
-    j = _read_ids(pairs, "j")
-    # LAMMPS writes the vector from j to i, and the force on i: both are turned below
-    vector = pairs.find_vectors("dx", "dy", "dz")
-    tangential_force = pairs.find_vectors("tx", "ty", "tz")
-    normal_force = force * pairs.read("force") if "force" in pairs.names else None
-    n_contacts = len(pairs.rows)
-    normal_springs = None
-    if normal_stiffness is not None:
-        number = positive("normal_stiffness", normal_stiffness, "N/m")
-        normal_springs = np.full(n_contacts, number)
-    shear_springs = None
-    if shear_stiffness is not None:
-        number = not_negative("shear_stiffness", shear_stiffness, "N/m")
-        shear_springs = np.full(n_contacts, number)
+# -- pairs -----------------------------------------------------------------------------------------
+
+
+def read_contacts(pairs: Frame, scales: Scales, springs: Springs) -> Contacts:
+    """Return the contacts of a dump of pairs, in SI units; InputError without ids."""
+    require_columns(pairs, ("i", "j"), _NAME_PAIRS)
+    known = [name for name in _NAMES if name in pairs.names]
+    columns = pairs.read(known)
+    # programs write the vector from j to i, and the forces on i: all are turned
+    units = {"vector": scales.length, "tangential_force": scales.force, "force": scales.force}
+    vectors: dict[str, Any] = {}
+    for field, names in _VECTORS.items():
+        if set(names) <= set(known):
+            vectors[field] = -units[field] * join_vectors(columns, names)
     return Contacts(
         pairs.name,
-        i,
-        j,
-        vector=None if vector is None else -length * vector,
-        tangential_force=None if tangential_force is None else -force * tangential_force,
-        normal_force=normal_force,
-        normal_stiffness=normal_springs,
-        shear_stiffness=shear_springs,
+        read_ids(pairs, "i", columns),
+        read_ids(pairs, "j", columns),
+        normal_force=scales.force * columns["force"] if "force" in columns else None,
+        overlap=scales.length * columns["delta"] if "delta" in columns else None,
+        lines=pairs.first + 1 + np.arange(pairs.count),
+        **vectors,
+        **springs.of(pairs.count),
     )
 
 
-def _read_balls(atoms: _Frame, scales: tuple[float, float, float]) -> Balls:
-    """Return the balls of a dump of atoms, in SI units; ``scales`` are those of
-    :func:`_find_units`. InputError without places, ids or sizes.
-    """
-    length, mass, _force = scales
-    positions, rounding = _read_positions(atoms)
-    lacking = list[str]()
-    if "id" not in atoms.names:
-        lacking.append("id")
-    if "radius" not in atoms.names and "diameter" not in atoms.names:
-        lacking.append("radius")
-    if lacking:
-        listed = f"Its columns are {list_names(atoms.names)}"
-        raise InputError(f"{atoms.name} has no column {lacking[0]}", listed, _WRITE_ATOMS)
-    radii = atoms.read("radius") if "radius" in atoms.names else 0.5 * atoms.read("diameter")
-    masses = mass * atoms.read("mass") if "mass" in atoms.names else None
-    kinds = _read_kinds(atoms)
-    return Balls(
-        atoms.name,
-        length * (positions + atoms.origin),
-        length * radii,
-        masses,
-        labels=_read_ids(atoms, "id"),
-        rounding=length * rounding,
-        radius_rounding=length * find_rounding(radii),
-        kinds=kinds if len(set(kinds)) > 1 else None,
-    )
-
-
-def _find_units(
-    units: str | Units | None, atoms: _Frame, touching: _Frame
-) -> tuple[float, float, float]:
-    """Return the length, m, mass, kg, and force, N, that are one in the files: those of the
-    ``units``, or, if these are None, of the style that the files name, by default SI.
-
-    InputError for an unknown style, for files of different styles, and for a style other than that
-    of the files; :class:`~granphon.base.scales.Units` belong to the style "lj".
-    """
-    styles_of_files = {frame.units for frame in (atoms, touching) if frame.units}
-    if len(styles_of_files) > 1:
-        fault = f"{atoms.name} is in units {atoms.units}, and {touching.name} in others"
-        raise InputError(fault, mend="Write both with the same units")
-    if isinstance(units, Units):
-        style = "lj"
-        scales = (units.length, units.mass, units.force)
-    else:
-        requested = next(iter(styles_of_files), "si") if units is None else units
-        style = require("units", lambda value: choice(value, [*_STYLES]), requested)
-        scales = _STYLES[style]
-    if styles_of_files and styles_of_files != {style}:
-        raise InputError(
-            f"{atoms.name} says that its units are {styles_of_files.pop()},"
-            f" and units={style!r} is given",
-            mend="Leave units out",
-        )
-    return scales
-
-
-def _read_names(columns: Any, touching: _Frame) -> tuple[str, ...]:
+def read_names(columns: Any, touching: Frame) -> tuple[str, ...]:
     """Return the names of the columns of pairs from ``columns``, a list or a text of words;
     InputError unless there is one name for each column of the dump.
     """
@@ -227,315 +215,214 @@ def _read_names(columns: Any, touching: _Frame) -> tuple[str, ...]:
     raise InputError(f"columns are {brief(columns)}, and {shown}", mend=mend)
 
 
-def _read_positions(atoms: _Frame) -> tuple[Array, Array]:
-    """Return the positions (n, 3) of balls from the origin of the box, and their greatest errors by
-    rounding, (n, 3), in units of the dump; InputError without any of the columns.
+# -- atoms -----------------------------------------------------------------------------------------
+
+
+def read_balls(atoms: Frame, scales: Scales, frozen: Mapping[str, Any] | None) -> Balls:
+    """Return the balls of a dump of atoms, in SI units, of which those are ``frozen`` that have
+    these values in these columns. InputError without places, ids or sizes.
     """
+    names = _name_places(atoms)
+    has_radius = "radius" in atoms.names
+    size = "radius" if has_radius or "diameter" not in atoms.names else "diameter"
+    require_columns(atoms, ("id", size), _WRITE_ATOMS)
+    has_mass = "mass" in atoms.names
+    columns = atoms.read(["id", size, *names, *(["mass"] if has_mass else [])])
+    positions, rounding = _place(atoms, names, columns)
+    radii = columns[size] if has_radius else 0.5 * columns[size]
+    kinds = _read_kinds(atoms)
+    return Balls(
+        atoms.name,
+        scales.length * (positions + atoms.origin),
+        scales.length * radii,
+        scales.mass * columns["mass"] if has_mass else None,
+        labels=read_ids(atoms, "id", columns),
+        rounding=scales.length * rounding,
+        radius_rounding=scales.length * find_rounding(radii),
+        kinds=kinds if len(set(kinds)) > 1 else None,
+        still=None if frozen is None else find_frozen(atoms, frozen),
+        lines=atoms.first + 1 + np.arange(atoms.count),
+    )
+
+
+def _name_places(atoms: Frame) -> tuple[str, ...]:
+    """Return the names of the three columns of places; InputError without any."""
     # columns with "s" are fractions of the box, and those with "u" go on beyond its faces
-    for suffix, is_scaled in (("", False), ("u", False), ("s", True), ("su", True)):
-        names = [f"{axis}{suffix}" for axis in "xyz"]
-        coordinates = atoms.find_vectors(*names)
-        if coordinates is not None:
-            rounding = find_rounding(coordinates)
-            if is_scaled:
-                return coordinates @ atoms.cell, rounding @ np.abs(atoms.cell)
-            return coordinates - atoms.origin, rounding
+    for suffix in ("", "u", "s", "su"):
+        names = tuple(f"{axis}{suffix}" for axis in "xyz")
+        if set(names) <= set(atoms.names):
+            return names
     listed = f"Its columns are {list_names(atoms.names)}"
     raise InputError(f"{atoms.name} has no columns x, y and z", listed, _WRITE_ATOMS)
 
 
-def _read_kinds(atoms: _Frame) -> tuple[str, ...]:
+def _place(
+    atoms: Frame, names: tuple[str, ...], columns: Mapping[str, Array]
+) -> tuple[Array, Array]:
+    """Return the positions (n, 3) of balls from the origin of the box, and their greatest errors by
+    rounding, (n, 3), in units of the dump, from the columns of these ``names``.
+    """
+    coordinates = join_vectors(columns, names)
+    rounding = find_rounding(coordinates)
+    if names[0].startswith("xs"):
+        return coordinates @ atoms.cell, rounding @ np.abs(atoms.cell)
+    return coordinates - atoms.origin, rounding
+
+
+def _read_kinds(atoms: Frame) -> tuple[str, ...]:
     """Return the elements of balls, or else their types, a name for each ball; none without such a
     column.
     """
     for name in ("element", "type"):
         if name in atoms.names:
-            index = atoms.names.index(name)
-            rows = [text.split() for _line, text in atoms.rows]
-            return tuple(cells[index] for cells in rows if len(cells) > index)
+            return atoms.read_words(name)
     return ()
 
 
-def _read_ids(frame: _Frame, column: str) -> Index:
-    """Return the whole numbers (rows,) of a column; InputError names the dump."""
-    try:
-        return read_whole_numbers(column, frame.read(column))
-    except InputError as error:
-        text = str(error)
-        if frame.name not in text:
-            text = f"{frame.name}: {text}"
-        raise InputError(text) from None
-
-
-# -- the format ------------------------------------------------------------------------------------
-
-
-def _read_frame(path: str | os.PathLike[str], step: int | None, kind: str) -> _Frame:
-    """Return the frame at the time ``step``, or the last frame for None, of a dump whose lists are
-    of the ``kind`` "ATOMS" or "ENTRIES"; of several with one time step the last. InputError if
-    there is no such frame.
-
-    A program that is killed leaves its last frame cut: an earlier frame that is requested is read,
-    with a warning; without a requested step an error names the last one that can be read.
+def find_frozen(atoms: Frame, frozen: Any) -> Flags:
+    """Return (n,) whether each ball has one of the values of ``frozen`` in the column of that name;
+    InputError for another mapping, an unknown column, and values that no ball has.
     """
-    chosen: _Frame | None = None
-    steps = list[int]()
-    try:
-        for frame in _split_frames(str(path), read_bytes(path, MOST_BYTES), kind):
-            steps.append(frame.step)
-            if step is None or frame.step == step:
-                chosen = frame
-    except InputError as error:
-        if not steps:
-            raise
-        if step is None or chosen is None:
-            why = f"The last time step that can be read is {steps[-1]}"
-            raise InputError(str(error), why, f"Give step={steps[-1]}") from None
-        fault = f"{path} is read at the time step {step}, and cannot be read to its end: {error}"
-        warnings.warn(message(fault), StoppedEarlyWarning, stacklevel=4)
-    if chosen is None:
-        why = f"It has {_describe_steps(sorted({*steps}))}"
-        raise InputError(f"{path} has no time step {brief(step)}", why)
-    return chosen
-
-
-def _describe_steps(steps: list[int]) -> str:
-    """Return ascending time steps in words."""
-    if not steps:
-        return "none"
-    if len(steps) == 1:
-        return f"{steps[0]} alone"
-    return f"{steps[0]} to {steps[-1]}, {len(steps)} in all"
-
-
-def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
-    """Yield the frames of the dump ``name``, whose lists are of the ``kind`` "ATOMS" or "ENTRIES",
-    from its bytes; InputError where the dump cannot be read, when the frames before have been
-    yielded.
-
-    Units hold until a frame says others; the number of rows and the box are those of one frame.
-    """
-    lines = _Lines.of(name, raw)
-    units = ""
-    frame: _Frame | None = None
-    n_rows = -1  # of the frame; not known yet
-    is_open = False  # whether the list of the frame has not been read yet
-    while not lines.at_end:
-        title = lines.read_title()
-        if title is None:
-            continue
-        words = title.split()
-        if title == "UNITS":
-            units = lines.read_text()
-        elif title == "TIMESTEP":
-            frame = _Frame(name, lines.read_count(), units)
-            n_rows = -1
-            is_open = True
-        elif title.startswith("NUMBER OF"):
-            n_rows = lines.read_count()
-        elif title.startswith("BOX BOUNDS") and frame is not None:
-            words_of_box = title.removeprefix("BOX BOUNDS").split()
-            _read_box(frame, words_of_box, lines.texts, lines.place)
-            lines.place += 3
-        elif words[:1] in (["ATOMS"], ["ENTRIES"]) and frame is not None:
-            _require_kind(name, words[0], kind)
-            lines.read_rows(frame, words[1:], n_rows, kind)
-            is_open = False
-            yield frame
-        else:  # the line below another title, such as TIME, plays no part
-            lines.place += 1
-    if frame is None:
-        raise InputError(f"{name} has no time step", mend=_IS_DUMP)
-    if is_open:
-        fault = f"{name} ends before the {kind.lower()} of its time step {frame.step}"
-        raise InputError(fault, "The file is not whole")
-    if lines.is_broken:
-        lines.refuse_cut(frame)
-
-
-def _require_kind(name: str, found: str, kind: str) -> None:
-    """Raise :class:`InputError` if a dump has a list of another kind than needed."""
-    if found != kind:
-        required = "atoms (dump custom)" if kind == "ATOMS" else "pairs (dump local)"
-        raise InputError(f"{name} is a dump of {found.lower()}, and a dump of {required} is needed")
-
-
-@dataclass
-class _Lines:
-    """The lines of a dump, read one after the other.
-
-    LAMMPS ends each line with a line break: a file that ends without one, or with a row of too few
-    cells, is cut there.
-
-    Attributes
-    ----------
-    name : the dump in messages.
-    texts : the lines, without empty ones at the end.
-    is_broken : whether the last line has no line break at its end.
-    place : index of the line that is read next.
-    """
-
-    name: str
-    texts: list[str]
-    is_broken: bool
-    place: int = 0
-
-    @classmethod
-    def of(cls, name: str, raw: bytes) -> _Lines:
-        """Return the lines of the dump ``name`` from its bytes."""
-        text = decode(name, raw)
-        lines = text.splitlines()
-        while lines and not lines[-1].strip():
-            lines.pop()
-        has_last_break = text.rstrip(" \t").endswith(("\n", "\r"))
-        return cls(name, lines, is_broken=not has_last_break)
-
-    @property
-    def at_end(self) -> bool:
-        """Whether all lines have been read."""
-        return self.place >= len(self.texts)
-
-    def read_title(self) -> str | None:
-        """Read a line "ITEM: ..." and return what follows the word; None for an empty line, and
-        InputError for another one.
-        """
-        line = self.texts[self.place].strip()
-        if not line:
-            self.place += 1
-            return None
-        if not line.startswith("ITEM:"):
-            raise InputError(
-                f"{self.name}:{self.place + 1}: found {brief(line, 40)}, where a line 'ITEM: ...'"
-                f" is needed",
-                mend=_IS_DUMP,
-            )
-        self.place += 1
-        return line.removeprefix("ITEM:").strip()
-
-    def read_text(self) -> str:
-        """Read a line; "" at the end of the file."""
-        text = "" if self.at_end else self.texts[self.place].strip()
-        self.place += 1
-        return text
-
-    def read_count(self) -> int:
-        """Read a line that holds a whole number."""
-        count = _read_count(self.name, self.texts, self.place)
-        self.place += 1
-        return count
-
-    def read_rows(self, frame: _Frame, columns: list[str], count: int, kind: str) -> None:
-        """Put the names of ``columns`` and the next ``count`` rows into a ``frame``; ``count`` is
-        -1 if the file has not said how many there are.
-
-        InputError, in which ``kind`` names the rows, for a count that is not known, a file that
-        ends before, or in the last row, and a name of a column that LAMMPS does not write.
-        """
-        n_below = len(self.texts) - self.place
-        if count < 0:
-            fault = f"{self.name}:{self.place}: the number of {kind.lower()} is not given before"
-            raise InputError(fault, mend=_IS_DUMP)
-        if count > n_below:
-            fault = f"{self.name} ends before its {count} {kind.lower()} do: {n_below} are there"
-            raise InputError(fault, "The file is not whole")
-        for column in columns:
-            if not column.isascii() or not column.isprintable():
-                fault = f"{self.name}:{self.place}: found a column named {brief(column, 40)}"
-                why = "The names of LAMMPS are of plain letters, digits and signs"
-                raise InputError(fault, why)
-        frame.names = tuple(columns)
-        rows = self.texts[self.place : self.place + count]
-        frame.rows = list(enumerate(rows, self.place + 1))
-        self.place += count
-        if self.at_end:
-            self.refuse_cut(frame)
-
-    def refuse_cut(self, frame: _Frame) -> None:
-        """Raise :class:`InputError` if the last line is broken, or is the last row of the last
-        ``frame`` with too few cells.
-        """
-        last_line = len(self.texts)
-        where = f"{self.name}:{last_line}"
-        if frame.rows:
-            line_of_row, row = frame.rows[-1]
-            n_cells = len(row.split())
-            n_needed = len(frame.names)
-            if len(frame.rows) > 1:
-                # rows may be shorter than their heading, but not than the first of them
-                _line, first_row = frame.rows[0]
-                n_needed = min(len(first_row.split()), n_needed)
-            if line_of_row == last_line and n_cells < n_needed:
-                fault = f"{where}: the last row has {n_cells} cells, and {n_needed} are needed"
-                raise InputError(fault, "The file is not whole")
-        if self.is_broken:
-            why = "The file is not whole: its last number may have lost digits"
-            raise InputError(f"{where}: the last line has no line break at its end", why)
-
-
-def _read_count(name: str, lines: list[str], n: int) -> int:
-    """Return the whole number in line ``n`` of the dump ``name``, counted from 0."""
-    text = lines[n].strip() if n < len(lines) else ""
-    # 64 bits hold no number of more digits
-    if not re.fullmatch("[0-9]{1,19}", text):
-        limit = " of at most 19 digits" if len(text) > 19 else ""
-        raise InputError(
-            f"{name}:{n + 1}: found {brief(text, 40)}, where a whole number{limit} is needed"
+    if not isinstance(frozen, Mapping) or not frozen:
+        mend = "Give a column of the dump with the values there: frozen={'type': 2}"
+        raise InputError(f"frozen is {brief(frozen)}", mend=mend)
+    is_frozen = np.zeros(atoms.count, bool)
+    for column, values in frozen.items():
+        require_columns(atoms, (str(column),), "Give a column that it has")
+        listed = (
+            values if isinstance(values, Collection) and not isinstance(values, str) else [values]
         )
-    return int(text)
+        has_value = np.isin(atoms.read_words(column), [str(value) for value in listed])
+        if not np.any(has_value):
+            raise InputError(f"{atoms.name} has no ball with {column} = {brief(values)}")
+        is_frozen |= has_value
+    return is_frozen
 
 
-def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None:
-    """Read the three lines of a box from line ``n`` on, counted from 0, into a frame: orthogonal or
-    tilted, as the ``words`` of its heading say. Without boundary conditions nothing repeats.
+# -- walls -----------------------------------------------------------------------------------------
 
-    InputError for three general vectors, for lines that are no bounds, and for a length of zero or
-    below.
+
+def _read_wall(
+    atoms: Frame, balls: Balls, wall: str, label: int, scales: Scales, springs: Springs
+) -> Contacts:
+    """Return the contacts of ``balls`` with a wall, from the columns that ``fix wall/gran`` of the
+    name ``wall`` has with the keyword contacts; the wall has the ``label``. InputError without
+    these columns.
     """
-    if words[:1] == ["abc"]:
-        fault = f"{frame.name} has a box of three general vectors"
-        why = "LAMMPS lists pairs in another frame, in which its box is tilted"
-        raise InputError(fault, why, "Leave out dump_modify triclinic/general")
-    # the boundary conditions at the two faces across each axis: periodic, fixed or shrinking
-    boundaries = [word for word in words if len(word) == 2 and set(word) <= set("pfsm")]
-    is_tilted = words[:3] == ["xy", "xz", "yz"]
-    try:
-        rows = [[plain_float(cell) for cell in lines[n + axis].split()] for axis in range(3)]
-        bounds = np.array(rows)
-        frame.origin, frame.cell = _tilt_box(bounds) if is_tilted else _make_box(bounds)
-        if boundaries:
-            frame.pbc = np.array([boundary == "pp" for boundary in boundaries])
-        if frame.pbc.shape != (3,) or not np.all(np.isfinite(frame.cell)):
-            raise ValueError
-    except (IndexError, ValueError):
-        raise InputError(f"{frame.name}:{n + 1}: the bounds of the box cannot be read") from None
-    lengths = np.diag(frame.cell)
-    if not np.all(lengths > 0.0):
-        axis = int(np.argmin(lengths > 0.0))
-        fault = (
-            f"{frame.name}:{n + axis + 1}: the box has the length {lengths[axis]:g} along"
-            f" {'xyz'[axis]}"
-        )
-        why = "Its lower bound must be below the upper one"
-        raise InputError(fault, why, "Are the two exchanged?")
+    numbers = (1, *_WALL_FORCE, *_WALL_PLACE)
+    names = [f"f_{wall}[{number}]" for number in numbers]
+    mend = f"Add contacts to fix {wall}, and f_{wall}[*] to the columns of the dump"
+    require_columns(atoms, names, mend)
+    columns = atoms.read(names)
+    rows = np.flatnonzero(columns[names[0]])
+    force = join_vectors(columns, names[1:4])[rows]
+    touching = join_vectors(columns, names[4:])[rows]
+    between = scales.length * touching - balls.positions[rows]
+    axes = np.flatnonzero(atoms.pbc)
+    if axes.size:  # the place of an unwrapped ball may be cells away
+        periods = scales.length * atoms.cell[axes]
+        between -= np.rint(between @ np.linalg.pinv(periods)) @ periods
+    distance = np.linalg.norm(between, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):  # a normal of nan is told as a fault
+        normal = between / distance[:, None]
+    assert balls.labels is not None
+    return Contacts(
+        f"{atoms.name}, wall {wall}",
+        balls.labels[rows],
+        np.full(len(rows), label),
+        normal=normal,
+        force=-scales.force * force,
+        overlap=balls.radii[rows] - distance,
+        # LAMMPS and LIGGGHTS take the whole radius at walls
+        arm_i=balls.radii[rows],
+        arm_j=np.zeros(len(rows)),
+        lines=atoms.first + 1 + rows,
+        **springs.of(len(rows)),
+    )
 
 
-def _make_box(bounds: Array) -> tuple[Array, Array]:
-    """Return the origin (3,) and the vectors (3, 3) of an orthogonal box, whose ``bounds`` (3, 2)
-    are the lower and the upper ends.
+def add_wall(balls: Balls, label: int, kind: str) -> Balls:
+    """Return the ``balls`` and a flat wall of this ``label`` and ``kind``, which does not move."""
+    n_axes = balls.positions.shape[1]
+    still = np.zeros(len(balls.radii), bool) if balls.still is None else balls.still
+    rounding = balls.rounding
+    if rounding is not None:
+        rounding = np.append(rounding, np.zeros((1, n_axes)), axis=0)
+
+    def extend(values: Any, last: float) -> Any:
+        return None if values is None else np.append(values, last)
+
+    return Balls(
+        balls.name,
+        np.append(balls.positions, np.zeros((1, n_axes)), axis=0),
+        np.append(balls.radii, np.inf),
+        extend(balls.masses, np.inf),
+        extend(balls.inertias, np.inf),
+        labels=extend(balls.labels, label),
+        rounding=rounding,
+        radius_rounding=extend(balls.radius_rounding, 0.0),
+        kinds=None if balls.kinds is None else (*balls.kinds, kind),
+        still=np.append(still, True),
+        lines=extend(balls.lines, 0),
+    )
+
+
+# -- columns ---------------------------------------------------------------------------------------
+
+
+def require_columns(frame: Frame, names: Sequence[str], mend: str) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` unless a frame has columns of these
+    ``names``; the message has the advice ``mend``.
     """
-    return bounds[:, 0], np.diag(bounds[:, 1] - bounds[:, 0])
+    lacking = [name for name in names if name not in frame.names]
+    if lacking:
+        fault = f"{frame.name} has no column {' and no column '.join(lacking)}"
+        raise InputError(fault, f"Its columns are {list_names(frame.names)}", mend)
 
 
-def _tilt_box(bounds: Array) -> tuple[Array, Array]:
-    """Return the origin (3,) and the vectors (3, 3) of a tilted box.
+def join_vectors(columns: Mapping[str, Array], names: Sequence[str]) -> Array:
+    """Return the columns of these ``names`` side by side, (rows, m)."""
+    return np.stack([columns[name] for name in names], axis=1)
 
-    The rows of ``bounds`` (3, 3) are the lower and the upper end, along x, y and z, of the
-    orthogonal box around the tilted one, and a tilt: xy, xz and yz.
+
+def read_ids(frame: Frame, column: str, columns: Mapping[str, Array]) -> Index:
+    """Return the whole numbers (rows,) of a column; InputError names the line of another one."""
+    numbers = columns[column]
+    is_whole = (np.abs(numbers) < 2.0**53) & (numbers == np.rint(numbers))  # False for nan
+    if not np.all(is_whole):
+        row = int(np.argmin(is_whole))
+        where = f"{frame.name}:{frame.first + 1 + row}: {column}"
+        raise InputError(f"{where}: found {numbers[row]:.17g} where a whole number is needed")
+    return np.asarray(numbers, np.intp)
+
+
+def note_columns(frame: Frame, read: Collection[str]) -> str:
+    """Return the note on the columns of a frame that are not ``read``; "" if there are none."""
+    names = [name for name in frame.names if name not in read]
+    if not names:
+        return ""
+    listed = list_names(names)
+    return f"{frame.name}: not read, as a network has no such quantity: {listed}."
+
+
+def note_atoms(atoms: Frame, walls: Collection[str], frozen: Mapping[str, Any] | None) -> list[str]:
+    """Return the notes on columns of atoms that are not read; those that look like contacts with a
+    wall have a note of their own.
     """
-    xy, xz, yz = bounds[:, 2]
-    low = bounds[:, 0] - [min(0.0, xy, xz, xy + xz), min(0.0, yz), 0.0]
-    high = bounds[:, 1] - [max(0.0, xy, xz, xy + xz), max(0.0, yz), 0.0]
-    cell = np.diag(high - low)
-    cell[1, 0] = xy
-    cell[2, :2] = (xz, yz)
-    return low, cell
+    places = [f"{axis}{suffix}" for axis in "xyz" for suffix in ("", "u", "s", "su")]
+    read = {*_OF_ATOMS, *places, *(frozen or ())}
+    notes = []
+    fixes: dict[str, set[int]] = {}
+    for name in atoms.names:
+        match = re.fullmatch(r"f_(.+)\[(\d+)\]", name)
+        if match:
+            fixes.setdefault(match[1], set()).add(int(match[2]))
+    for fix, numbers in fixes.items():
+        if set(range(1, 9)) <= numbers:
+            read |= {f"f_{fix}[{number}]" for number in numbers}
+            if fix not in walls:
+                notes.append(
+                    f"{atoms.name}: contacts with the wall of fix {fix} are not read:"
+                    f" walls={fix!r} reads them."
+                )
+    return [*notes, note_columns(atoms, read)]

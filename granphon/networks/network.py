@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Annotated, Any, ClassVar, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +27,14 @@ from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.neighbours import TOUCH, repeat_contacts, require_joined
 from granphon.balls.on_site import name_springs, turn_on_site
 from granphon.base.arrays import Array, Flags, Index
-from granphon.base.errors import GranphonError, InconsistencyWarning, InputError, brief, message
+from granphon.base.errors import (
+    GranphonError,
+    InconsistencyWarning,
+    InputError,
+    brief,
+    message,
+    warn_caller,
+)
 from granphon.base.memory import require_memory
 from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
@@ -46,7 +52,17 @@ from granphon.base.validation import (
     truth,
     whole_number,
 )
-from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
+from granphon.networks.sources import (
+    ALONG,
+    LARGEST,
+    MOST_STEPS,
+    UNIT,
+    find_repeated,
+    read_whole_numbers,
+)
+
+if TYPE_CHECKING:
+    from granphon.networks.building import Source
 
 Found = TypeVar("Found")
 #: fields with one number for each ball
@@ -59,15 +75,12 @@ _SPRINGS = {
     "normal_stiffness": "above zero",
     **dict.fromkeys(("shear_stiffness", "torsion_stiffness", "bending_stiffness"), "zero or above"),
 }
-#: deviation of the length of a normal from one, or of a normal from the plane, that is put down to
-#: rounding in a file
-_UNIT = 1e-6
 #: greatest difference, over the sum of the two arms, between these and the distance of the centres
 _STRAY = 0.25
 #: least volume of a periodic cell over the product of the lengths of its vectors
 _FLAT = 1e-9
-#: greatest part of a tangential force along the normal: the rounding in a file
-_ALONG = 1e-2
+#: part of a tangential force along the normal, over the normal force, that is rounding
+_NOTHING = 1e-12
 #: sum of the forces on a ball, over the sum of their sizes, or over the mean force of a contact, up
 #: to which they are in balance: programs of discrete elements leave 1e-4 or less, and weights,
 #: walls or digits that a file lacks leave more
@@ -80,6 +93,8 @@ _MOVING = 5e-3
 _ALIKE = 0.25
 #: memory to repeat or to cut a network, and to check it, over that of its arrays
 _COPIES = 4.5
+#: the key of the notes of a reader among what a network keeps
+_NOTES = "notes"
 #: most cells along a period
 MOST_CELLS = 1_000_000
 
@@ -312,26 +327,13 @@ class ContactNetwork(Result):
         """
         i = self.i
         j = self.j
-        # A contact of a ball with its own image has no lower ball: there the first axis along
-        # which it leaves the cell decides.
-        first_axis = np.argmax(self.shift != 0, axis=1)[:, None]
-        first_shift = np.take_along_axis(self.shift, first_axis, axis=1)[:, 0]
-        is_from_higher = (i > j) | ((i == j) & (first_shift < 0))
-        # (n_c,) a number of the pair of balls, and (n_c, 3) cells from the lower to the higher
-        pair = np.where(is_from_higher, j, i) * self.n_balls + np.where(is_from_higher, i, j)
-        step = np.where(is_from_higher[:, None], -self.shift, self.shift)
-        contacts, twins = _find_alike(pair, step)
-        is_at_wall = ~(self.moving[i[twins]] & self.moving[j[twins]])
-        is_alike = is_from_higher[contacts] == is_from_higher[twins]
-        signs = np.where(is_alike, 1.0, -1.0)[:, None]
-        deviation = np.abs(self.normal[contacts] - signs * self.normal[twins])
-        is_elsewhere = np.any(deviation > _UNIT, axis=1)
-        is_repeated = ~(is_at_wall & is_elsewhere)
-        n_repeated = int(np.count_nonzero(is_repeated))
+        moves = self.moving[i] & self.moving[j]
+        contacts, twins = find_repeated(i, j, self.shift, self.normal, moves)
+        n_repeated = contacts.size
         if not n_repeated:
             return
-        contact = int(contacts[is_repeated][0])
-        twin = int(twins[is_repeated][0])
+        contact = int(contacts[0])
+        twin = int(twins[0])
         total = f" ({n_repeated} such in all)" if n_repeated > 1 else ""
         raise InputError(
             f"contacts {contact} and {twin} of the network are the same, between balls"
@@ -1012,6 +1014,7 @@ class ContactNetwork(Result):
         columns: Mapping[str, str] | None = None,
         keep_rattlers: bool = False,
         held_by: int | None = None,
+        bad: str = "refuse",
     ) -> Self:
         """Return the network that a table of balls and one of contacts describe.
 
@@ -1027,16 +1030,19 @@ class ContactNetwork(Result):
         ``normal_stiffness`` and ``shear_stiffness`` (default: those of Hertz and Mindlin under this
         force), ``torsion_stiffness`` and ``bending_stiffness`` (default: 0), ``nx``, ``ny``, ``nz``
         (default: along the line of the centres), ``arm_i`` and ``arm_j`` (default: the radii less
-        half the overlap; at a body that does not move the radii, zero of a flat wall), ``shift_1``,
+        half the overlap; zero of a flat wall), ``shift_1``,
         ``shift_2``, ``shift_3``, whole cells by which ball j is displaced (default: to where it is
         nearest, or to where the normal leads at a body that does not move and at an image of ball
         i), ``tangential_x``, ``tangential_y``, ``tangential_z``, the static force across the
-        contact with which ball i acts on ball j (default: not known). Other columns are not read.
+        contact with which ball i acts on ball j (default: not known), ``force_x``, ``force_y``,
+        ``force_z``, the whole static force, from which the normal and the tangential one follow
+        where they are not given, and ``overlap`` (default: that of places and radii). Other columns
+        are not read: :attr:`notes` name them.
 
         Parameters
         ----------
-        balls, contacts : the two tables. A mass of ``inf`` is a body that does not move; its
-            contacts need a normal.
+        balls, contacts : the two tables. A mass of ``inf`` is a body that does not move; where its
+            radius is ``inf`` too, a flat wall, its contacts need a normal.
         material : of all balls; also what :meth:`cut` needs for a floor.
         cell : lengths of the periods, m, or their vectors as rows, (p,) or (p, d); none by default.
         pbc : whether the network repeats along each vector of the cell; by default along all of
@@ -1053,6 +1059,10 @@ class ContactNetwork(Result):
         keep_rattlers : keep balls that carry no load. By default they are left out, and
             ``left_out`` is their number.
         held_by : least number of contacts that hold a ball, see :meth:`without_rattlers`.
+        bad : "refuse" or "drop" contacts that cannot be used, as those that pull, lead to no ball
+            or are listed twice. By default one error tells the kinds of fault, the number of
+            contacts of each and the worst three; "drop" leaves these contacts out, and an
+            :class:`~granphon.base.errors.InconsistencyWarning` tells the same.
 
         Forces that follow from overlaps have the error of places with few digits: where its
         standard value is above 0.6 % of the mean force there is an
@@ -1078,8 +1088,9 @@ class ContactNetwork(Result):
         from granphon.networks.tables import read_tables
 
         source = read_tables(balls, contacts, {} if columns is None else columns, cell, pbc)
-        network = cls(**source.complete(material, friction, dimension, motions, prestress))
-        return network._finish_reading(keep_rattlers, held_by)
+        return cls._complete(
+            source, material, friction, dimension, motions, prestress, keep_rattlers, held_by, bad
+        )
 
     @classmethod
     def from_lammps(
@@ -1093,38 +1104,59 @@ class ContactNetwork(Result):
         step: int | None = None,
         normal_stiffness: float | None = None,
         shear_stiffness: float | None = None,
+        rolling_stiffness: float | None = None,
+        twisting_stiffness: float | str | None = None,
+        walls: str | Sequence[str] = (),
+        frozen: Mapping[str, Any] | None = None,
         dimension: int | None = None,
         motions: str | None = None,
         friction: bool = True,
         prestress: bool = False,
         keep_rattlers: bool = False,
         held_by: int | None = None,
+        bad: str = "refuse",
     ) -> Self:
         """Return the network in two dumps of LAMMPS: of atoms, and of pairs that touch.
 
+        Either may be packed by gzip or Zstandard.
+
         Parameters
         ----------
-        dump : written by ``dump custom``, with columns id, x, y, z (or scaled or unwrapped ones),
-            radius or diameter, and mass if there is no material. Elements, or else types, are the
-            kinds of the balls where there are several.
-        pairs : written by ``dump local``, with columns i, j (the ids of a pair) and, if need be,
-            force (compressive, default: Hertz's at the overlap of the two balls); dx, dy, dz, the
-            vector from j to i, as p10, p11, p12 of ``compute pair/local`` (default: to the nearest
-            image); and tx, ty, tz, the tangential force on i, as p1, p2, p3 (default: not known).
+        dump : written by ``dump custom`` or ``dump yaml``, with columns id, x, y, z (or scaled or
+            unwrapped ones), radius or diameter, and mass if there is no material. Elements, or else
+            types, are the kinds of the balls where there are several.
+        pairs : written by ``dump local``, whatever ``dump_modify label`` calls its entries, with
+            columns i, j (the ids of a pair) and, if need be, force (compressive, default: Hertz's
+            at the overlap of the two balls); dx, dy, dz, the vector from j to i, as p10, p11, p12
+            of ``compute pair/local`` (default: to the nearest image); tx, ty, tz, the tangential
+            force on i, as p1, p2, p3 (default: not known); fx, fy, fz, the force on i, from which
+            normal and tangential forces follow where they are not given; and delta, the overlap
+            (default: that of places and radii).
         material : the one that the contacts of ``hertz/material`` have in the simulation; None for
             constant stiffnesses.
         units : "si", "cgs", "micro" or "nano", LAMMPS' style of units; or the scales of "lj" units.
             By default what the dump says, or "si".
         columns : names of the columns of pairs in their order, where the dump names them otherwise.
-        step : the time step, of several in the files; by default the last one.
+        step : the time step, of several in the files; by default the last one. :meth:`series` reads
+            them all.
         normal_stiffness, shear_stiffness : N/m, of all contacts whose law is linear, such as
             ``hooke``.
+        rolling_stiffness : k of ``rolling sds``, N/m: the bending stiffness is k R^2, where R is
+            the reduced radius R_i R_j / (R_i + R_j). By default contacts roll freely.
+        twisting_stiffness : k of ``twisting sds``, N m, the torsion stiffness; or "marshall". By
+            default contacts twist freely.
+        walls : names of the ``fix wall/gran ... contacts``, whose columns f_NAME[1] to f_NAME[7]
+            the dump of atoms has. A wall is a body that does not move, of infinite radius, with the
+            label -1, the next one -2, and so on.
+        frozen : columns of the dump of atoms, each with a value or values there: such balls do not
+            move. {"type": 2}, as of ``fix freeze``; {"id": [1, 2]}. By default all move.
         dimension : 1, 2 or 3; by default 2 where z is the same for all balls, else 3.
-        motions, friction, prestress, keep_rattlers, held_by : see :meth:`from_table`.
+        motions, friction, prestress, keep_rattlers, held_by, bad : see :meth:`from_table`.
 
         With ``prestress`` the response is that of ``mindlin/force``, with two differences: the part
         of the tangential forces without a potential is left out, and LAMMPS computes slip with the
-        radii. Contacts with walls are not in ``compute pair/local``, and are missing.
+        radii. Contacts with walls are not in ``compute pair/local``: without ``walls`` they are
+        missing. :attr:`notes` say what has not been read.
 
         Forces that are not those of the overlaps, masses that are not those of the density, rounded
         places and static forces out of balance are told as by :meth:`from_table`.
@@ -1137,19 +1169,185 @@ class ContactNetwork(Result):
         ------
         InputError : a file is not such a dump, or ends within the frame that is read, a column is
             missing, the two files are of different steps or units, places have too few digits for
-            overlaps; and what the class itself does not allow.
+            overlaps, balls or contacts cannot be used (all are told at once, the worst ones with
+            their ids); and what the class itself does not allow.
+        MissingPackageError : a file is packed by Zstandard, and nothing that is installed reads it.
         """
-        from granphon.networks.lammps import read_dumps
+        from granphon.networks.lammps import Springs, read_dumps
 
-        source = read_dumps(dump, pairs, units, columns, step, normal_stiffness, shear_stiffness)
-        network = cls(**source.complete(material, friction, dimension, motions, prestress))
-        return network._finish_reading(keep_rattlers, held_by)
+        source = read_dumps(
+            dump,
+            pairs,
+            units=units,
+            columns=columns,
+            step=step,
+            springs=Springs(
+                normal_stiffness, shear_stiffness, rolling_stiffness, twisting_stiffness
+            ),
+            walls=walls,
+            frozen=frozen,
+        )
+        return cls._complete(
+            source, material, friction, dimension, motions, prestress, keep_rattlers, held_by, bad
+        )
+
+    @classmethod
+    def from_liggghts(
+        cls,
+        dump: str | os.PathLike[str],
+        pairs: str | os.PathLike[str],
+        material: Material | None = None,
+        *,
+        walls: str | os.PathLike[str] | None = None,
+        keywords: str | Sequence[str] | None = None,
+        units: str | Units | None = None,
+        columns: Sequence[str] | None = None,
+        step: int | None = None,
+        normal_stiffness: float | None = None,
+        shear_stiffness: float | None = None,
+        rolling_stiffness: float | None = None,
+        frozen: Mapping[str, Any] | None = None,
+        dimension: int | None = None,
+        motions: str | None = None,
+        friction: bool = True,
+        prestress: bool = False,
+        keep_rattlers: bool = False,
+        held_by: int | None = None,
+        bad: str = "refuse",
+    ) -> Self:
+        """Return the network in dumps of LIGGGHTS: of atoms, of ``compute pair/gran/local``, and of
+        ``compute wall/gran/local``.
+
+        The formats are those of LIGGGHTS' documentation and source; the files may be packed by
+        gzip.
+
+        Parameters
+        ----------
+        dump : written by ``dump custom``, as for :meth:`from_lammps`.
+        pairs : written by ``dump local`` of ``compute pair/gran/local``, with id and force, or id
+            and delta. The force vectors give normal and tangential forces.
+        material : as for :meth:`from_lammps`; the law is that of ``model hertz``.
+        walls : written by ``dump local`` of ``compute wall/gran/local``, with pos, id and force.
+            Mesh m is a body that does not move, with the label -1 - m. By default no walls.
+        keywords : those of the computes, as "pos id force delta"; by default the computes are taken
+            to have none, or the columns are named as for :meth:`from_lammps`. The columns of
+            "history" may be any number.
+        rolling_stiffness : N/m, the constant k by which the bending stiffness is k R^2, where R is
+            the reduced radius. By default contacts roll freely.
+        units, columns, step, normal_stiffness, shear_stiffness, frozen, dimension, motions,
+            friction, prestress, keep_rattlers, held_by, bad : see :meth:`from_lammps`.
+
+        Raises
+        ------
+        InputError : the keywords do not give the number of columns; and as :meth:`from_lammps`.
+        MissingPackageError : as :meth:`from_lammps`.
+        """
+        from granphon.networks.lammps import Springs
+        from granphon.networks.liggghts import read_liggghts
+
+        source = read_liggghts(
+            dump,
+            pairs,
+            walls,
+            keywords=keywords,
+            units=units,
+            columns=columns,
+            step=step,
+            springs=Springs(normal_stiffness, shear_stiffness, rolling_stiffness),
+            frozen=frozen,
+        )
+        return cls._complete(
+            source, material, friction, dimension, motions, prestress, keep_rattlers, held_by, bad
+        )
+
+    @classmethod
+    def from_mercury(
+        cls,
+        fstat: str | os.PathLike[str],
+        particles: str | os.PathLike[str],
+        material: Material | None = None,
+        *,
+        time: float | None = None,
+        pbc: Sequence[bool] | None = None,
+        frozen: Mapping[str, Any] | None = None,
+        normal_stiffness: float | None = None,
+        shear_stiffness: float | None = None,
+        dimension: int | None = None,
+        motions: str | None = None,
+        friction: bool = True,
+        prestress: bool = False,
+        keep_rattlers: bool = False,
+        held_by: int | None = None,
+        bad: str = "refuse",
+    ) -> Self:
+        """Return the network in two files of MercuryDPM: contacts, and balls.
+
+        The formats are those of MercuryDPM's documentation and source; the files may be packed by
+        gzip. Wall w is a body that does not move, with the label -1 - w.
+
+        Parameters
+        ----------
+        fstat : the file .fstat, in which a contact of two balls that move stands twice.
+        particles : the file .data, or .restart, which also has masses, fixed balls and periods.
+        material : of the Hertz-Mindlin law, and of the masses of a file .data; None for constant
+            stiffnesses.
+        time : s, of several in the files; by default the last one of ``particles``.
+        pbc : along which axes the network repeats: by default as the periodic boundaries of a file
+            .restart say, and along none with a file .data, whose cell is its box.
+        frozen : as {"info": 1}: balls of a file .data that do not move. By default those whose
+            contacts stand in ``fstat`` from the other ball alone.
+        normal_stiffness, shear_stiffness : N/m, of all contacts of a linear law.
+        dimension, motions, friction, prestress, keep_rattlers, held_by, bad : see
+            :meth:`from_table`.
+
+        Raises
+        ------
+        InputError : a file is of another format, is cut, or does not have the time; and as
+            :meth:`from_table`.
+        MissingPackageError : as :meth:`from_lammps`.
+        """
+        from granphon.networks.lammps import Springs
+        from granphon.networks.mercury import read_mercury
+
+        source = read_mercury(
+            fstat,
+            particles,
+            time=time,
+            pbc=pbc,
+            frozen=frozen,
+            springs=Springs(normal_stiffness, shear_stiffness),
+        )
+        return cls._complete(
+            source, material, friction, dimension, motions, prestress, keep_rattlers, held_by, bad
+        )
+
+    @classmethod
+    def series(
+        cls, program: str, dump: Any, pairs: Any, **options: Any
+    ) -> Iterator[tuple[int, ContactNetwork]]:
+        """Yield each time step that two dumps of several steps both have, with its network, in
+        ascending order.
+
+        ``program`` is "lammps" or "liggghts". ``dump`` and ``pairs`` are paths, as of its reader,
+        and ``options`` are the reader's but ``step``.
+        Each file is read once. Frames that are cut, as a killed program leaves the last one, end
+        the series, with a :class:`~granphon.base.errors.StoppedEarlyWarning`. Raises
+        :class:`~granphon.base.errors.InputError` for another program, for dumps without a common
+        step, and as the reader.
+        """
+        from granphon.networks.dumps import open_series
+
+        reader = READERS[one_of("program", program, ("lammps", "liggghts"))]
+        steps, atoms, touching = open_series(dump, pairs)
+        for step in steps:
+            yield step, reader(atoms, touching, step=step, **options)
 
     @classmethod
     def read(cls, program: str, *files: Any, **options: Any) -> ContactNetwork:
         """Return the network in the ``files`` of a program, by the reader of this name.
 
-        "tables" is :meth:`from_table`, "lammps" :meth:`from_lammps`; others are those of
+        "tables" is :meth:`from_table`, "lammps" :meth:`from_lammps`, "liggghts"
+        :meth:`from_liggghts`, "mercury" :meth:`from_mercury`; others are those of
         :func:`~granphon.register_reader`. ``options`` are the reader's.
 
         Raises :class:`~granphon.base.errors.InputError` for a name without a reader, for what the
@@ -1169,15 +1367,38 @@ class ContactNetwork(Result):
             raise InputError(fault, mend=mend)
         return network
 
-    def _finish_reading(self, keep_rattlers: bool, held_by: int | None) -> Self:
-        """Return a network that was read without its rattlers, or with them if ``keep_rattlers``;
-        warn if the network is out of balance. For ``held_by`` see :meth:`without_rattlers`.
+    @classmethod
+    def _complete(
+        cls,
+        source: Source,
+        material: Material | None,
+        friction: bool,
+        dimension: int | None,
+        motions: str | None,
+        prestress: bool | None,
+        keep_rattlers: bool,
+        held_by: int | None,
+        bad: str,
+    ) -> Self:
+        """Return the network of what a program has left, without its rattlers, or with them if
+        ``keep_rattlers``; warn if the network is out of balance. For the arguments see
+        :meth:`from_table`.
         """
         keeps_all = require("keep_rattlers", truth, keep_rattlers)
-        network = self if keeps_all else self.without_rattlers(held_by)
+        whole = cls(**source.complete(material, friction, dimension, motions, prestress, bad))
+        network = whole if keeps_all else whole.without_rattlers(held_by)
+        network._cache[_NOTES] = source.notes
         if network.imbalance_warning:
-            warnings.warn(network.imbalance_warning, InconsistencyWarning, stacklevel=3)
+            warn_caller(network.imbalance_warning, InconsistencyWarning)
         return network
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the reader of the files of this network has passed over, and why; empty for a
+        network that no file holds, or that has been changed since.
+        """
+        notes: tuple[str, ...] = self._cache.get(_NOTES, ())
+        return notes
 
     def write_tables(self, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:
         """Write the network as two CSV files; :meth:`from_table` reads the same from them, to the
@@ -1195,6 +1416,8 @@ class ContactNetwork(Result):
 READERS: Registry[Callable[..., ContactNetwork]] = Registry("reader")
 READERS.own("tables", ContactNetwork.from_table)
 READERS.own("lammps", ContactNetwork.from_lammps)
+READERS.own("liggghts", ContactNetwork.from_liggghts)
+READERS.own("mercury", ContactNetwork.from_mercury)
 
 
 def register_reader(
@@ -1301,7 +1524,7 @@ def _list_demands_on_forces(network: ContactNetwork) -> Iterator[_Demand]:
     """Yield the demands on normals, forces, stiffnesses and arms."""
     # squares of larger numbers might overflow
     length = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)
-    yield "normal", np.abs(length - 1.0) <= _UNIT, "has a normal whose length is not one", ""
+    yield "normal", np.abs(length - 1.0) <= UNIT, "has a normal whose length is not one", ""
     for name, least in _SPRINGS.items():
         values = getattr(network, name)
         fault = f"has a {name} that is not {least}"
@@ -1319,8 +1542,9 @@ def _list_demands_on_forces(network: ContactNetwork) -> Iterator[_Demand]:
         is_finite = np.all(np.abs(tangential) < LARGEST, axis=1)
         yield name, is_finite, f"has a {name} {_TOO_LARGE} N", ""
         along = np.abs(np.einsum("ca,ca->c", tangential, network.normal))
-        # among the least of all numbers rounding turns a force
-        allowed = _ALONG * np.linalg.norm(tangential, axis=1) + np.finfo(float).tiny
+        # rounding turns a force that is nothing beside the normal one, or among the least numbers
+        nothing = _NOTHING * np.abs(network.normal_force) + np.finfo(float).tiny
+        allowed = ALONG * np.linalg.norm(tangential, axis=1) + nothing
         fault = f"has a {name} that is not across its normal"
         yield name, along <= allowed, fault, "Leave the normal force out of it"
     for name in ("arm_i", "arm_j"):
@@ -1336,12 +1560,12 @@ def _list_demands_on_geometry(network: ContactNetwork) -> Iterator[_Demand]:
     d = network.dimension
     where = "the line along x" if d == 1 else "the plane"
     # the components from d on are those that leave the line or the plane
-    is_flat = ~np.any(np.abs(network.normal[:, d:]) > _UNIT, axis=1)
+    is_flat = ~np.any(np.abs(network.normal[:, d:]) > UNIT, axis=1)
     yield "normal", is_flat, f"leaves {where} of a network in {d} dimensions", ""
     is_at_wall = ~(network.moving[network.i] & network.moving[network.j])
     vector = network.vector
     arms = network.arm_i + network.arm_j
-    is_level = ~np.any(np.abs(vector[:, d:]) > _UNIT * np.abs(arms)[:, None], axis=1)
+    is_level = ~np.any(np.abs(vector[:, d:]) > UNIT * np.abs(arms)[:, None], axis=1)
     yield "i", is_level | is_at_wall, f"joins balls that are not both in {where}", ""
     leads_on = np.einsum("ca,ca->c", network.normal, vector) > 0.0
     fault = "has a normal that does not lead from ball i to ball j"
@@ -1373,26 +1597,6 @@ def _read_periods(pbc: Any) -> tuple[bool, ...]:
         fault = f"pbc of the network is {brief(pbc)}"
         raise InputError(fault, mend="Give three truth values, one for each vector of the cell")
     return tuple(require("pbc", truth, value) for value in flags)
-
-
-def _find_alike(pair: Index, step: Index) -> tuple[Index, Index]:
-    """Return the indices, each (m,), of contacts and of their twins, which have the same ``pair``
-    and ``step``; of three alike the second is the twin of the first, and the third of the second.
-
-    ``pair`` (n_c,) is a number of the two balls of a contact, and ``step`` (n_c, 3) the cells
-    between them.
-    """
-    by_pair = np.argsort(pair, kind="stable")
-    is_as_previous = np.diff(pair[by_pair], prepend=-1) == 0
-    is_as_following = np.append(is_as_previous[1:], False)
-    # only contacts of pairs with several are sorted by their steps: these are few, as balls rarely
-    # touch through more than one image
-    several = by_pair[is_as_previous | is_as_following]
-    ordered = several[np.lexsort((*step[several].T, pair[several]))]
-    has_same_pair = np.diff(pair[ordered]) == 0
-    has_same_step = ~np.any(np.diff(step[ordered], axis=0), axis=1)
-    is_alike = has_same_pair & has_same_step
-    return ordered[:-1][is_alike], ordered[1:][is_alike]
 
 
 # -- rattlers --------------------------------------------------------------------------------------

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -33,11 +35,11 @@ from granphon.base.text import (
     warn_unverified,
 )
 from granphon.base.validation import real_array, require, truth
-from granphon.networks.building import (
+from granphon.networks.building import Source
+from granphon.networks.sources import (
     MOST_BYTES,
     Balls,
     Contacts,
-    Source,
     find_rounding,
     read_whole_numbers,
 )
@@ -83,9 +85,14 @@ CONTACTS: Mapping[str, Quantity | None] = {
     "tangential_x": _ACROSS,
     "tangential_y": _ACROSS,
     "tangential_z": _ACROSS,
+    "force_x": _ACROSS,
+    "force_y": _ACROSS,
+    "force_z": _ACROSS,
+    "overlap": _PLACE,
 }
 _AXES = ("x", "y", "z")
 _TANGENTIAL = tuple(f"tangential_{axis}" for axis in _AXES)
+_FORCE_VECTOR = tuple(f"force_{axis}" for axis in _AXES)
 _OF_SPRINGS = tuple(
     name for name in CONTACTS if name.endswith(("force", "stiffness")) or name.startswith("arm")
 )
@@ -94,6 +101,8 @@ _OF_WALLS = ("radius", "diameter", "mass", "inertia")
 #: most columns whose names are compared with known names: programs write some tens, and the
 #: comparison is slow
 _MOST_NAMES = 1000
+#: rows of a table whose cells are in memory at one time
+_MOST_ROWS = 100_000
 #: begins the line of a written table that holds the fields of the whole network
 _REMARK = "# granphon network: "
 
@@ -108,7 +117,9 @@ class _Columns:
 
     ``remark`` has the fields of the whole network in a written table; empty for a table from
     elsewhere. ``sealed`` says whether the file has a digest, which then fits; None for arrays.
-    ``kinds`` are the names in the column "kind"; None without that column.
+    ``kinds`` are the names in the column "kind"; None without that column. ``lines`` (rows,) are
+    the lines of a file; None for arrays. ``note`` names the columns that are not read; "" if all
+    are.
 
     InputError for a file that cannot be read, a name that seems misspelled, wrong units or cells,
     and columns of different lengths.
@@ -123,13 +134,16 @@ class _Columns:
     ) -> None:
         self.remark: dict[str, Any] = {}
         self.sealed: bool | None = None
-        self._table: Table | None = None
+        self.lines: Index | None = None
         self._arrays: dict[str, Any] = {}
+        parts: Iterator[Table] = iter(())
         if isinstance(source, str | os.PathLike):
             self.name = str(source)
-            self._table = self._read_file(source)
-            names = [heading.name for heading in self._table.headings]
-            self._headings = [str(heading) for heading in self._table.headings]
+            parts = self._open_file(source)
+            first = next(parts)
+            parts = chain([first], parts)
+            names = [heading.name for heading in first.headings]
+            self._headings = [str(heading) for heading in first.headings]
         else:
             self.name = f"the table of {subject}"
             self._arrays = self._read_arrays(source)
@@ -137,16 +151,15 @@ class _Columns:
             self._headings = names
         keys = [Heading.parse(name).key for name in names]
         self._require_spelling(names, keys, known, columns)
+        self.note = self._note_columns(names, keys, known, columns)
         self._values: dict[str, Array] = {}
         self._units: dict[str, str] = {}
         self.kinds: tuple[str, ...] | None = None
+        self._read_parts(parts, known, columns)
         for name, quantity in known.items():
             heading = columns.get(name, name)
-            if name == "kind":  # the only column of names, which may be numbers
-                self._read_kinds(heading, keys)
-            elif self._table is not None and heading in self._table:
-                self._values[name] = _read_cells(self._table, name, heading, quantity)
-                self._units[name] = self._table.unit(heading)
+            if heading in self._arrays and name == "kind":
+                self._read_kinds(heading)
             elif heading in self._arrays:
                 self._values[name] = self._read_array(name, heading, quantity)
         sizes = {name: len(values) for name, values in self._values.items()}
@@ -154,17 +167,48 @@ class _Columns:
             shown = ", ".join(f"{size} of {name}" for name, size in sizes.items())
             raise InputError(f"{self.name} has columns of different lengths: {shown}")
 
-    def _read_file(self, path: str | os.PathLike[str]) -> Table:
-        """Return the table in a file, and set ``remark`` and ``sealed`` from the file."""
+    def _open_file(self, path: str | os.PathLike[str]) -> Iterator[Table]:
+        """Return the parts of the table in a file, and set ``remark`` and ``sealed`` from the
+        file.
+        """
         raw = read_bytes(path, MOST_BYTES)
-        text = decode(self.name, raw)
-        _text, self.sealed = open_seal(self.name, text.replace("\r\n", "\n"))
-        table = Table.parse(self.name, raw)
-        for line in text.splitlines():
-            if line.startswith(_REMARK):
-                self.remark = self._read_remark(line)
-                break
-        return table
+        text = decode(self.name, raw).replace("\r\n", "\n")
+        _text, self.sealed = open_seal(self.name, text)
+        remark = re.search(f"^{re.escape(_REMARK)}.*$", text, re.MULTILINE)
+        if remark:
+            self.remark = self._read_remark(remark[0])
+        return Table.parse_parts(self.name, raw, _MOST_ROWS)
+
+    def _read_parts(
+        self,
+        parts: Iterator[Table],
+        known: Mapping[str, Quantity | None],
+        columns: Mapping[str, str],
+    ) -> None:
+        """Read the columns of the parts of a table from a file, which go by the names ``known``, or
+        by the headings ``columns``.
+        """
+        pieces: dict[str, list[Any]] = {}
+        lines = list[Index]()
+        kinds = list[str]()
+        for part in parts:
+            lines.append(np.array(part.lines, np.intp))
+            for name, quantity in known.items():
+                heading = columns.get(name, name)
+                if heading not in part:
+                    continue
+                if name == "kind":  # the only column of names, which may be numbers
+                    key = Heading.parse(heading).key
+                    kinds += map(sys.intern, part.columns[part.keys.index(key)])
+                    self.kinds = ()
+                else:
+                    pieces.setdefault(name, []).append(_read_cells(part, name, heading, quantity))
+                    self._units[name] = part.unit(heading)
+        if lines:
+            self.lines = np.concatenate(lines)
+        if self.kinds is not None:
+            self.kinds = tuple(kinds)
+        self._values = {name: np.concatenate(arrays) for name, arrays in pieces.items()}
 
     def _read_remark(self, line: str) -> dict[str, Any]:
         """Return the fields of the whole network in the ``line`` of a written table; InputError if
@@ -217,18 +261,34 @@ class _Columns:
                 problem = f"{self.name} has a column {brief(str(name))}"
                 raise InputError(problem, mend=f"Did you mean {guess!r}?")
 
-    def _read_kinds(self, heading: str, keys: Sequence[str]) -> None:
-        """Set the names of the kinds of the balls, if the table has a column of them."""
-        if self._table is not None and heading in self._table:
-            cells = self._table.columns[keys.index(Heading.parse(heading).key)]
-            self.kinds = tuple(map(sys.intern, cells))
-        elif heading in self._arrays:
-            try:
-                names = np.asarray(self._arrays[heading]).ravel()
-            except ValueError as error:
-                problem = f"kind of {self.name}: {error}"
-                raise InputError(problem, mend="Give a list of names") from None
-            self.kinds = tuple(map(str, names.tolist()))
+    def _note_columns(
+        self,
+        names: Sequence[str],
+        keys: Sequence[str],
+        known: Mapping[str, Quantity | None],
+        columns: Mapping[str, str],
+    ) -> str:
+        """Return the note on the columns that are not read; the arguments are those of
+        :meth:`_require_spelling`.
+        """
+        read = {Heading.parse(columns.get(name, name)).key for name in known}
+        passed_over = [str(name) for name, key in zip(names, keys, strict=True) if key not in read]
+        if not passed_over:
+            return ""
+        listed = list_names(passed_over)
+        return (
+            f"{self.name}: not read, as they go by no name that is known: {listed}."
+            f" columns={{NAME: HEADING}} names one."
+        )
+
+    def _read_kinds(self, heading: str) -> None:
+        """Set the names of the kinds of the balls from an array of them."""
+        try:
+            names = np.asarray(self._arrays[heading]).ravel()
+        except ValueError as error:
+            problem = f"kind of {self.name}: {error}"
+            raise InputError(problem, mend="Give a list of names") from None
+        self.kinds = tuple(map(str, names.tolist()))
 
     def _read_array(self, name: str, heading: str, quantity: Quantity | None) -> Array:
         """Return the numbers (rows,) of the column ``name``, whose array is called ``heading``, in
@@ -271,7 +331,11 @@ class _Columns:
         try:
             return read_whole_numbers(name, values)
         except InputError as error:
-            raise InputError(f"{self.name}: {error}") from None
+            place = self.name
+            if self.lines is not None:
+                row = int(np.argmax(~(values == np.rint(values)) | ~(np.abs(values) < 2.0**53)))
+                place = f"{self.name}:{self.lines[row]}"
+            raise InputError(f"{place}: {error}") from None
 
     def vectors(self, *names: str, wide: bool = False) -> Array | None:
         """Return the columns ``names`` side by side, (rows, m), in SI units; None without any of
@@ -380,9 +444,10 @@ def read_tables(
         options["contact_model"] = model
     return Source(
         _read_balls(table_of_balls),
-        _read_contacts(table_of_contacts),
+        (_read_contacts(table_of_contacts),),
         periods,
         is_period,
+        notes=tuple(filter(None, (table_of_balls.note, table_of_contacts.note))),
         **options,
     )
 
@@ -472,6 +537,7 @@ def _read_balls(columns: _Columns) -> Balls:
         on_site={
             name: columns.read(column) for name, column in _ON_SITE.items() if column in columns
         },
+        lines=columns.lines,
     )
 
 
@@ -482,7 +548,7 @@ def _read_contacts(columns: _Columns) -> Contacts:
     j = columns.whole("j")
     steps = columns.vectors("shift_1", "shift_2", "shift_3", wide=True)
     shift = None if steps is None else read_whole_numbers(f"shift of {columns.name}", steps)
-    springs = {name: columns.find(name) for name in _OF_SPRINGS}
+    springs: dict[str, Any] = {name: columns.find(name) for name in _OF_SPRINGS}
     return Contacts(
         columns.name,
         i,
@@ -490,6 +556,9 @@ def _read_contacts(columns: _Columns) -> Contacts:
         shift=shift,
         normal=columns.vectors("nx", "ny", "nz", wide=True),
         tangential_force=columns.vectors(*_TANGENTIAL, wide=True),
+        force=columns.vectors(*_FORCE_VECTOR, wide=True),
+        overlap=columns.find("overlap"),
+        lines=columns.lines,
         **springs,
     )
 

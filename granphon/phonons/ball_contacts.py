@@ -367,8 +367,8 @@ lammps_format = ExternalIOFormat(
 
 
 def _write_atoms(network: ContactNetwork) -> Atoms:
-    """Return the balls of a network as Atoms in its reduced units, with the arrays ``radius`` and
-    ``kinds``.
+    """Return the balls of a network as Atoms in its reduced units, with the arrays ``radius``,
+    ``kinds`` and ``rattler``, which says whether a ball carries no load.
 
     Balls that are held are Atoms of infinite mass; a flat wall, which has no size, is left out.
     """
@@ -385,6 +385,7 @@ def _write_atoms(network: ContactNetwork) -> Atoms:
     )
     balls.set_array("radius", network.radii[has_size] / scales.length)
     balls.set_array("kinds", kinds)
+    balls.set_array("rattler", np.isin(np.arange(network.n_balls), network.rattlers)[has_size])
     balls.info.update(scales.to_info())
     return balls
 

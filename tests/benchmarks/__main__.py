@@ -17,6 +17,7 @@ import bench_effective
 import bench_exact
 import bench_friction
 import bench_motion
+import bench_networks
 import bench_ordered
 import bench_pulses
 import bench_simulation
@@ -42,7 +43,7 @@ PARTS |= (
     | bench_waves.PARTS
     | bench_sweeps.PARTS
 )
-PARTS |= bench_friction.PARTS | bench_motion.PARTS | bench_times.PARTS
+PARTS |= bench_friction.PARTS | bench_motion.PARTS | bench_times.PARTS | bench_networks.PARTS
 PARTS |= {"factors": bench_waves.factors}
 
 if __name__ == "__main__":

@@ -184,6 +184,8 @@ def test_readers_for_viewers_keep_balls_without_load(program, tmp_path):
         whole.write_tables(*files)
     assert len(read(files[0])) == len(read(*files, material=glass)) == 30
     assert len(read(files[0], keep_rattlers=False)) == 29
+    balls = read(*files, material=glass)
+    assert np.flatnonzero(balls.arrays["rattler"]).tolist() == [26]  # LAMMPS' ball 27
 
 
 def test_readers_for_viewers_keep_balls_that_are_held(tmp_path):

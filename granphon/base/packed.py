@@ -1,0 +1,72 @@
+"""Files packed by gzip or Zstandard, as programs write them: unpacked in memory, up to a limit."""
+
+from __future__ import annotations
+
+import zlib
+from importlib import import_module
+from typing import Any
+
+from granphon.base.errors import InputError, MissingPackageError
+
+_GZIP = b"\x1f\x8b"
+_ZSTANDARD = b"\x28\xb5\x2f\xfd"
+#: modules with a ZstdDecompressor of the standard library's form: from Python 3.14 on its own, and
+#: the same for older ones
+_ZSTANDARD_MODULES = ("compression.zstd", "backports.zstd")
+#: the window bits by which zlib reads the head of gzip
+_GZIP_WINDOW = 31
+
+
+def unpack(name: str, raw: bytes, limit: int) -> tuple[bytes, bool]:
+    """Return the content of the bytes ``raw`` of a file called ``name``, which may be packed, and
+    whether the file is whole: of a packed file that is cut, the content before the cut.
+
+    Raises
+    ------
+    InputError : the content has more than ``limit`` bytes, or what is packed is damaged.
+    MissingPackageError : the file is packed by Zstandard, and nothing is installed that reads it.
+    """
+    if raw.startswith(_GZIP):
+        return _unpack_members(name, raw, limit, lambda: zlib.decompressobj(_GZIP_WINDOW))
+    if raw.startswith(_ZSTANDARD):
+        return _unpack_members(name, raw, limit, _find_zstandard(name).ZstdDecompressor)
+    return raw, True
+
+
+def _find_zstandard(name: str) -> Any:
+    """Return a module that unpacks Zstandard; MissingPackageError if there is none."""
+    for module in _ZSTANDARD_MODULES:
+        try:
+            return import_module(module)
+        except ImportError:
+            continue
+    fault = f"{name} is packed by Zstandard, which this Python does not read"
+    mend = "Install it: pip install backports.zstd; or unpack the file: unzstd FILE"
+    raise MissingPackageError(fault, mend=mend)
+
+
+def _unpack_members(name: str, raw: bytes, limit: int, start: Any) -> tuple[bytes, bool]:
+    """Return the content of packed bytes, whose members follow each other, and whether the last one
+    is whole; ``start`` makes the object that unpacks one member. Other arguments and errors are
+    those of :func:`unpack`.
+    """
+    parts: list[bytes] = []
+    n_left = limit + 1  # one more shows that there is more
+    while raw.strip(b"\0") and n_left > 0:
+        member = start()
+        try:
+            part = member.decompress(raw, n_left)
+        except Exception as error:  # each module has its own class
+            fault = f"{name} cannot be unpacked: {error}"
+            raise InputError(fault, "The packed file is damaged", "Make it again") from None
+        parts.append(part)
+        n_left -= len(part)
+        if not member.eof:
+            if n_left > 0:
+                return b"".join(parts), False
+            break
+        raw = member.unused_data
+    if n_left <= 0:
+        fault = f"{name} holds more than {limit // 1_000_000} MB when it is unpacked"
+        raise InputError(fault, mend="Is this the right file?")
+    return b"".join(parts), True

@@ -1,0 +1,493 @@
+"""Dumps of LAMMPS and LIGGGHTS: frames of rows with named columns, as text or YAML, also packed.
+
+Each frame has a time step, a box and a list, of atoms or of local entries such as pairs. Rows stay
+bytes until their numbers are needed.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from granphon.base.arrays import Array, Flags, Index
+from granphon.base.errors import InputError, StoppedEarlyWarning, brief, message, warn_caller
+from granphon.base.packed import unpack
+from granphon.base.tables import read_rows
+from granphon.base.text import decode, read_bytes
+from granphon.networks.sources import MOST_BYTES
+
+_IS_DUMP = "Is this a dump of style custom, local or yaml?"
+_NOT_WHOLE = "The file is not whole"
+#: what parts the cells of a row of YAML, "  - [ 1 , 0.5, ]": the dash becomes the first cell
+_NO_BRACKETS = bytes.maketrans(b"[],", b"   ")
+
+
+@dataclass
+class Frame:
+    """One time step of a dump, in the units of the dump.
+
+    Attributes
+    ----------
+    name : the dump in messages.
+    step : the number of the time step.
+    kind : "atoms" or "entries", what the rows are.
+    units : the style of units that the dump names; "" if it names none.
+    origin, cell : (3,) a corner of the box, and (3, 3) its vectors as rows.
+    pbc : (3,) whether the box is periodic.
+    names : the columns.
+    lines : the lines of the dump.
+    first, count : index of the line of the first row, and the number of rows.
+    offset : number of cells of a row before the first column.
+    """
+
+    name: str
+    step: int
+    kind: str = ""
+    units: str = ""
+    origin: Array = field(default_factory=lambda: np.zeros(3))
+    cell: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    pbc: Array = field(default_factory=lambda: np.zeros(3, bool))
+    names: tuple[str, ...] = ()
+    lines: Lines | None = None
+    first: int = 0
+    count: int = 0
+    offset: int = 0
+
+    def read(self, columns: Sequence[str]) -> dict[str, Array]:
+        """Return the numbers (rows,) of each of some ``columns``, by name; InputError names the
+        line of a cell that is no number.
+        """
+        places = [self.names.index(column) + self.offset for column in columns]
+        rows = read_rows(self.name, self._body, places, columns, self.count, self.first + 1)
+        return dict(zip(columns, rows.T, strict=True))
+
+    def read_words(self, column: str) -> tuple[str, ...]:
+        """Return the words (rows,) of a column; InputError names the line of a row that is too
+        short.
+        """
+        place = self.names.index(column) + self.offset
+        words = list[str]()
+        for row, line in enumerate(self._body.splitlines()):
+            cells = line.split(maxsplit=place + 1)
+            if len(cells) <= place:
+                where = f"{self.name}:{self.first + 1 + row}: {column}"
+                raise InputError(f"{where}: found nothing, where a name is needed")
+            words.append(sys.intern(cells[place].decode()))
+        return tuple(words)
+
+    @property
+    def _body(self) -> bytes:
+        """The rows, with cells parted by blanks."""
+        assert self.lines is not None
+        body = self.lines.take(self.first, self.count)
+        return body.translate(_NO_BRACKETS) if self.offset else body
+
+
+class Dump:
+    """The frames of a file: of ``kind`` "atoms" or "entries".
+
+    ``fault`` is the error at the place from which on the file cannot be read; None if it is whole.
+    InputError if no frame can be read.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], kind: str) -> None:
+        self.name = str(path)
+        self.frames: list[Frame] = []
+        self.fault: InputError | None = None
+        try:
+            for frame in _split_frames(self.name, path, kind):
+                self.frames.append(frame)
+        except InputError as error:
+            if not self.frames:
+                raise
+            self.fault = error
+
+    @classmethod
+    def open(cls, source: Any, kind: str) -> Dump:
+        """Return the dump at a path; a dump that is open is returned as it is."""
+        return source if isinstance(source, cls) else cls(source, kind)
+
+    @cached_property
+    def steps(self) -> list[int]:
+        """The time steps of the frames, ascending, each once."""
+        return sorted({frame.step for frame in self.frames})
+
+    def find(self, step: int | None) -> Frame:
+        """Return the frame at the time ``step``, or the last frame for None; of several with one
+        time step the last. InputError if there is no such frame.
+
+        A program that is killed leaves its last frame cut: an earlier frame that is requested is
+        read, with a warning; without a requested step an error names the last one that can be read.
+        """
+        chosen = [frame for frame in self.frames if step in (None, frame.step)]
+        if self.fault is not None:
+            if step is None or not chosen:
+                last = self.frames[-1].step
+                why = f"The last time step that can be read is {last}"
+                raise InputError(str(self.fault), why, f"Give step={last}")
+            fault = f"{self.name} is read at the time step {step}, and cannot be read to its end"
+            text = message(f"{fault}: {self.fault}")
+            warn_caller(text, StoppedEarlyWarning)
+        if not chosen:
+            why = f"It has {_describe_steps(self.steps)}"
+            raise InputError(f"{self.name} has no time step {brief(step)}", why)
+        return chosen[-1]
+
+
+def open_series(dump: Any, pairs: Any) -> tuple[list[int], Dump, Dump]:
+    """Return the time steps that two dumps both have, ascending, and the two; warn if one of them
+    is cut. InputError without a common step.
+    """
+    atoms = Dump.open(dump, "atoms")
+    touching = Dump.open(pairs, "entries")
+    for file in (atoms, touching):
+        if file.fault is not None:
+            warn_caller(message(f"the series ends early: {file.fault}"), StoppedEarlyWarning)
+            file.fault = None
+    steps = sorted({*atoms.steps} & {*touching.steps})
+    if not steps:
+        fault = f"{atoms.name} and {touching.name} have no time step in common"
+        raise InputError(fault, mend="Write both at the same steps")
+    return steps, atoms, touching
+
+
+def _describe_steps(steps: list[int]) -> str:
+    """Return ascending time steps in words."""
+    if len(steps) == 1:
+        return f"{steps[0]} alone"
+    return f"{steps[0]} to {steps[-1]}, {len(steps)} in all"
+
+
+class Lines:
+    """The lines of a file, which stay bytes; one of them is read next.
+
+    A program ends each line with a line break: a file that ends without one is cut there, and so is
+    a packed file whose end lacks. ``place`` is the index of the line that is read next.
+    """
+
+    def __init__(self, name: str, raw: bytes, is_whole: bool) -> None:
+        decode(name, raw)  # for the error of what is no text
+        raw = raw.removeprefix(b"\xef\xbb\xbf")
+        if b"\r" in raw:
+            raw = raw.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        self.name = name
+        self.is_packed_whole = is_whole
+        self.is_broken = not raw.rstrip(b" \t").endswith(b"\n")
+        self.place = 0
+        self._raw = raw
+        breaks = np.flatnonzero(np.frombuffer(raw, np.uint8) == ord("\n"))
+        #: where lines begin, and the end of the last one that is not empty
+        self._starts: Index = np.unique(np.concatenate([[0], breaks + 1, [len(raw)]]))
+        while len(self) and not self.take(len(self) - 1, 1).strip():
+            self._starts = self._starts[:-1]
+
+    def __len__(self) -> int:
+        return len(self._starts) - 1
+
+    @property
+    def at_end(self) -> bool:
+        """Whether all lines have been read."""
+        return self.place >= len(self)
+
+    @property
+    def where(self) -> str:
+        """File and line of the line that was read last."""
+        return f"{self.name}:{self.place}"
+
+    def take(self, first: int, count: int) -> bytes:
+        """Return ``count`` lines from the index ``first`` on, with their line breaks."""
+        return self._raw[self._starts[first] : self._starts[first + count]]
+
+    def begin_with(self, letter: str) -> Flags:
+        """Return (lines,) whether each line begins with a letter."""
+        letters = np.frombuffer(self._raw, np.uint8)[self._starts[:-1]]
+        return np.asarray(letters == ord(letter))
+
+    def peek(self) -> str:
+        """The line that is read next; "" at the end of the file."""
+        return "" if self.at_end else self.take(self.place, 1).decode().rstrip()
+
+    def read(self) -> str:
+        """Read a line, without the space around it; "" at the end of the file."""
+        text = self.peek().strip()
+        self.place += 1
+        return text
+
+    def read_count(self, text: str | None = None) -> int:
+        """Return the whole number in ``text``, which has been read, or else in the next line."""
+        digits = self.read() if text is None else text
+        # 64 bits hold no number of more digits
+        if not re.fullmatch("[0-9]{1,19}", digits):
+            limit = " of at most 19 digits" if len(digits) > 19 else ""
+            fault = (
+                f"{self.where}: found {brief(digits, 40)}, where a whole number{limit} is needed"
+            )
+            raise InputError(fault)
+        return int(digits)
+
+    def read_list(self, frame: Frame, columns: Sequence[str], count: int, kind: str) -> None:
+        """Let the next ``count`` lines be the rows of a ``frame`` under the names of ``columns``;
+        ``count`` is -1 if the file has not said how many there are.
+
+        InputError for another ``kind`` of list than is needed, a count that is not known, a file
+        that ends before, or in the last row, and a name of a column that no program writes.
+        """
+        if frame.kind != kind:
+            required = "atoms (dump custom)" if kind == "atoms" else "pairs (dump local)"
+            fault = f"{self.name} is a dump of {frame.kind}, and a dump of {required} is needed"
+            raise InputError(fault)
+        n_below = len(self) - self.place
+        if count < 0:
+            fault = f"{self.where}: the number of {kind} is not given before"
+            raise InputError(fault, mend=_IS_DUMP)
+        if count > n_below:
+            fault = f"{self.name} ends before its {count} {kind} do: {n_below} are there"
+            raise InputError(fault, _NOT_WHOLE)
+        for column in columns:
+            if not column.isascii() or not column.isprintable():
+                fault = f"{self.where}: found a column named {brief(column, 40)}"
+                why = "The names of programs are of plain letters, digits and signs"
+                raise InputError(fault, why)
+        frame.names = tuple(columns)
+        frame.lines = self
+        frame.first = self.place
+        frame.count = count
+        self.place += count
+        if self.at_end:
+            self.refuse_cut(frame)
+
+    def refuse_cut(self, frame: Frame) -> None:
+        """Raise :class:`InputError` if the last line is broken, or is the last row of the last
+        ``frame`` with too few cells.
+        """
+        where = f"{self.name}:{len(self)}"
+        last_row = frame.first + frame.count
+        if frame.count and last_row == len(self):
+            n_cells = len(self.take(last_row - 1, 1).split())
+            n_needed = len(frame.names) + frame.offset
+            if frame.count > 1:
+                # rows may be shorter than their heading, but not than the first of them
+                n_needed = min(len(self.take(frame.first, 1).split()), n_needed)
+            if n_cells < n_needed:
+                fault = f"{where}: the last row has {n_cells} cells, and {n_needed} are needed"
+                raise InputError(fault, _NOT_WHOLE)
+        self.require_whole()
+
+    def require_whole(self) -> None:
+        """Raise :class:`InputError` if the end of the file lacks."""
+        where = f"{self.name}:{len(self)}"
+        if self.is_broken:
+            why = "The file is not whole: its last number may have lost digits"
+            raise InputError(f"{where}: the last line has no line break at its end", why)
+        if not self.is_packed_whole:
+            why = "The file is not whole: what packs it ends before its end"
+            raise InputError(f"{where}: the packed file is cut", why)
+
+
+def _split_frames(name: str, path: str | os.PathLike[str], kind: str) -> Iterator[Frame]:
+    """Yield the frames of the dump ``name`` at a ``path``, whose lists are of the ``kind``;
+    InputError where the dump cannot be read, when the frames before have been yielded.
+    """
+    raw, is_whole = unpack(name, read_bytes(path, MOST_BYTES), MOST_BYTES)
+    lines = Lines(name, raw, is_whole)
+    first_word = lines.peek().partition(":")[0]
+    split = _split_yaml if first_word in ("---", "creator") else _split_text
+    frame = None
+    for frame in split(lines, kind):
+        if frame.lines is not None:
+            yield frame
+    if frame is None:
+        raise InputError(f"{name} has no time step", mend=_IS_DUMP)
+    if frame.lines is None:
+        raise InputError(f"{name} ends before the {kind} of its time step {frame.step}", _NOT_WHOLE)
+    lines.refuse_cut(frame)
+
+
+# -- text ------------------------------------------------------------------------------------------
+
+
+def _split_text(lines: Lines, kind: str) -> Iterator[Frame]:
+    """Yield the frames of a dump as text; the last one without rows if its list lacks.
+
+    Units hold until a frame says others; the number of rows and the box are those of one frame.
+    """
+    units = ""
+    label = ""  # of the list of the frame: ATOMS, ENTRIES, or what dump_modify label says
+    n_rows = -1  # of the frame; not known yet
+    frame: Frame | None = None  # whose list is not read yet
+    while not lines.at_end:
+        title = _read_title(lines)
+        word, *names = title.split() or [""]
+        if title == "UNITS":
+            units = lines.read()
+        elif title == "TIMESTEP":
+            frame = Frame(lines.name, lines.read_count(), units=units)
+            label = ""
+            n_rows = -1
+        elif title.startswith("NUMBER OF"):
+            label = title.removeprefix("NUMBER OF").strip()
+            n_rows = lines.read_count()
+        elif title.startswith("BOX BOUNDS") and frame is not None:
+            words = title.removeprefix("BOX BOUNDS").split()
+            boundaries, is_tilted = _read_box_words(lines.name, words)
+            place = lines.place
+            rows = [lines.read().split() for _ in range(3)]
+            _set_box(frame, rows, boundaries, is_tilted, place)
+        elif frame is not None and word and word in ("ATOMS", "ENTRIES", label):
+            frame.kind = "atoms" if word == "ATOMS" else "entries"
+            lines.read_list(frame, names, n_rows, kind)
+            yield frame
+            frame = None
+        elif title:  # the line below another title, such as TIME, plays no part
+            lines.read()
+    if frame is not None:
+        yield frame
+
+
+def _read_title(lines: Lines) -> str:
+    """Read a line "ITEM: ..." and return what follows the word; "" for an empty line, and
+    InputError for another one.
+    """
+    line = lines.read()
+    if line and not line.startswith("ITEM:"):
+        fault = f"{lines.where}: found {brief(line, 40)}, where a line 'ITEM: ...' is needed"
+        raise InputError(fault, mend=_IS_DUMP)
+    return line.removeprefix("ITEM:").strip()
+
+
+def _read_box_words(name: str, words: list[str]) -> tuple[list[str], bool]:
+    """Return the boundary conditions at the two faces across each axis, and whether the box is
+    tilted, from the ``words`` of its heading; InputError for three general vectors.
+    """
+    if words[:1] == ["abc"]:
+        fault = f"{name} has a box of three general vectors"
+        why = "LAMMPS lists pairs in another frame, in which its box is tilted"
+        raise InputError(fault, why, "Leave out dump_modify triclinic/general")
+    # periodic, fixed or shrinking
+    boundaries = [word for word in words if len(word) == 2 and set(word) <= set("pfsm")]
+    return boundaries, words[:3] == ["xy", "xz", "yz"]
+
+
+# -- YAML ------------------------------------------------------------------------------------------
+
+
+def _split_yaml(lines: Lines, kind: str) -> Iterator[Frame]:
+    """Yield the frames of a dump of style yaml, whose lines have the form that LAMMPS gives them;
+    the last one without rows if its list lacks.
+    """
+    units = ""
+    n_rows = -1
+    names: list[str] = []
+    boundaries: list[str] = []
+    frame: Frame | None = None
+    while not lines.at_end:
+        is_indented = lines.peek().startswith(" ")
+        key, colon, value = lines.read().partition(":")
+        if is_indented or (not colon and key in ("---", "...", "")):
+            continue  # lists of other keys, such as thermo, play no part
+        if not colon:
+            raise InputError(
+                f"{lines.where}: found {brief(key, 40)}, where 'key: value' is needed",
+                mend=_IS_DUMP,
+            )
+        words = [word.strip().strip("'\"") for word in value.strip(" []").split(",")]
+        words = [word for word in words if word]
+        if key == "timestep":
+            frame = Frame(lines.name, lines.read_count(value.strip()), "atoms", units, offset=1)
+            n_rows = -1
+        elif key == "units":
+            units = value.strip()
+            if frame is not None:
+                frame.units = units
+        elif key == "natoms":
+            n_rows = lines.read_count(value.strip())
+        elif key == "boundary":
+            boundaries = ["".join(pair) for pair in zip(words[::2], words[1::2], strict=False)]
+        elif key == "box" and frame is not None:
+            _read_yaml_box(lines, frame, boundaries)
+        elif key == "keywords":
+            names = words
+        elif key == "data" and frame is not None:
+            lines.read_list(frame, names, n_rows, kind)
+            yield frame
+            frame = None
+    if frame is not None:
+        yield frame
+
+
+def _read_yaml_box(lines: Lines, frame: Frame, boundaries: list[str]) -> None:
+    """Read the rows of the box of a ``frame``: three of bounds, and one of tilts if it is
+    tilted.
+    """
+    place = lines.place
+    rows: list[list[str]] = []
+    while lines.peek().startswith(" ") and len(rows) < 4:
+        rows.append(lines.read().strip("- ").translate(str.maketrans("[],", "   ")).split())
+    is_tilted = len(rows) == 4
+    if is_tilted:
+        tilts = rows.pop()
+        rows = [[*row, *tilts[axis : axis + 1]] for axis, row in enumerate(rows)]
+    _set_box(frame, rows, boundaries, is_tilted, place)
+
+
+# -- the box ---------------------------------------------------------------------------------------
+
+
+def _set_box(
+    frame: Frame, rows: list[list[str]], boundaries: list[str], is_tilted: bool, place: int
+) -> None:
+    """Set the box of a ``frame`` from the cells of its three ``rows``, which begin at the line of
+    index ``place``. Without boundary conditions nothing repeats.
+
+    InputError for cells that are no bounds, and for a length of zero or below.
+    """
+    try:
+        if not all(cell.isascii() and "_" not in cell for row in rows for cell in row):
+            raise ValueError
+        bounds = np.array([[float(cell) for cell in row] for row in rows])
+        frame.origin, frame.cell = _tilt_box(bounds) if is_tilted else _make_box(bounds)
+        if boundaries:
+            frame.pbc = np.array([boundary == "pp" for boundary in boundaries])
+        if frame.pbc.shape != (3,) or not np.all(np.isfinite(frame.cell)):
+            raise ValueError
+    except (IndexError, ValueError):
+        fault = f"{frame.name}:{place + 1}: the bounds of the box cannot be read"
+        raise InputError(fault) from None
+    lengths = np.diag(frame.cell)
+    if not np.all(lengths > 0.0):
+        axis = int(np.argmin(lengths > 0.0))
+        fault = (
+            f"{frame.name}:{place + axis + 1}: the box has the length {lengths[axis]:g} along"
+            f" {'xyz'[axis]}"
+        )
+        why = "Its lower bound must be below the upper one"
+        raise InputError(fault, why, "Are the two exchanged?")
+
+
+def _make_box(bounds: Array) -> tuple[Array, Array]:
+    """Return the origin (3,) and the vectors (3, 3) of an orthogonal box, whose ``bounds`` (3, 2)
+    are the lower and the upper ends.
+    """
+    return bounds[:, 0], np.diag(bounds[:, 1] - bounds[:, 0])
+
+
+def _tilt_box(bounds: Array) -> tuple[Array, Array]:
+    """Return the origin (3,) and the vectors (3, 3) of a tilted box.
+
+    The rows of ``bounds`` (3, 3) are the lower and the upper end, along x, y and z, of the
+    orthogonal box around the tilted one, and a tilt: xy, xz and yz.
+    """
+    xy, xz, yz = bounds[:, 2]
+    low = bounds[:, 0] - [min(0.0, xy, xz, xy + xz), min(0.0, yz), 0.0]
+    high = bounds[:, 1] - [max(0.0, xy, xz, xy + xz), max(0.0, yz), 0.0]
+    cell = np.diag(high - low)
+    cell[1, 0] = xy
+    cell[2, :2] = (xz, yz)
+    return low, cell

@@ -1,0 +1,182 @@
+"""Dumps of LIGGGHTS: one of atoms, one of ``compute pair/gran/local``, and one of
+``compute wall/gran/local`` where balls touch walls of meshes, at the same time step.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from granphon.base.arrays import Index
+from granphon.base.errors import InputError, brief
+from granphon.base.scales import Units
+from granphon.networks.building import Source
+from granphon.networks.dumps import Dump, Frame
+from granphon.networks.lammps import (
+    Scales,
+    Springs,
+    add_wall,
+    find_frames,
+    join_vectors,
+    note_atoms,
+    note_columns,
+    read_balls,
+    read_contacts,
+    read_ids,
+    read_names,
+    require_columns,
+)
+from granphon.networks.sources import Balls, Contacts
+
+#: the columns that each keyword of the two computes gives, in the order in which LIGGGHTS writes
+#: them, whatever the order of the keywords; those of "history" depend on the contact law
+_KEYWORDS = {
+    "pos": ("x1", "y1", "z1", "x2", "y2", "z2"),
+    "vel": ("vx1", "vy1", "vz1", "vx2", "vy2", "vz2"),
+    "id": ("i", "j", "periodic"),
+    "force": ("fx", "fy", "fz"),
+    "force_normal": ("fnx", "fny", "fnz"),
+    "force_tangential": ("ftx", "fty", "ftz"),
+    "torque": ("tqx", "tqy", "tqz"),
+    "torque_normal": ("tnx", "tny", "tnz"),
+    "torque_tangential": ("ttx", "tty", "ttz"),
+    "history": (),
+    "contactArea": ("area",),
+    "delta": ("delta",),
+    "contactPoint": ("cx", "cy", "cz"),
+    "ms_id": ("clump1", "clump2"),
+    "heatFlux": ("heat",),
+}  # fmt: skip
+#: what the computes give without keywords
+_DEFAULT = ("pos", "vel", "id", "force", "torque", "history", "contactArea")
+#: columns of pairs, and of contacts with walls, that are read
+_OF_PAIRS = ("i", "j", "fx", "fy", "fz", "delta")
+_OF_WALLS = ("mesh", "ball", *_KEYWORDS["pos"], "fx", "fy", "fz")
+
+
+def read_liggghts(
+    dump: Any,
+    pairs: Any,
+    walls: Any,
+    *,
+    keywords: str | Sequence[str] | None,
+    units: str | Units | None,
+    columns: Sequence[str] | None,
+    step: int | None,
+    springs: Springs,
+    frozen: Mapping[str, Any] | None,
+) -> Source:
+    """Return the balls and contacts of dumps of one time step and one box, in SI units; see
+    ``ContactNetwork.from_liggghts`` for the arguments and errors.
+    """
+    atoms, touching = find_frames(dump, pairs, step)
+    scales = Scales.find(units, [atoms, touching])
+    if columns is not None:
+        touching = replace(touching, names=read_names(columns, touching))
+    else:
+        touching = _name_columns(touching, keywords)
+    balls = read_balls(atoms, scales, frozen)
+    lists = [read_contacts(touching, scales, springs)]
+    notes = [note_columns(touching, _OF_PAIRS), *note_atoms(atoms, (), frozen)]
+    if walls is not None:
+        at_walls = _name_columns(Dump.open(walls, "entries").find(atoms.step), keywords)
+        at_walls = replace(at_walls, names=_rename_wall(at_walls.names))
+        meshes = _read_walls(at_walls, balls, scales, springs)
+        for mesh in np.unique(meshes.j).tolist():
+            balls = add_wall(balls, mesh, f"mesh {-mesh - 1}")
+        lists.append(meshes)
+        notes.append(note_columns(at_walls, _OF_WALLS))
+    else:
+        notes.append("Contacts with walls are not in a dump of pairs: walls=FILE reads them.")
+    return Source(
+        balls,
+        tuple(lists),
+        scales.length * atoms.cell,
+        np.asarray(atoms.pbc, bool),
+        notes=tuple(note for note in notes if note),
+    )
+
+
+def _name_columns(frame: Frame, keywords: str | Sequence[str] | None) -> Frame:
+    """Return a frame whose columns have the names that the ``keywords`` of the compute give them;
+    a frame that names its columns itself is returned as it is.
+
+    InputError for an unknown keyword, and for a frame with another number of columns than these
+    keywords give.
+    """
+    are_numbered = all(re.fullmatch(r"c_.+\[\d+\]", name) for name in frame.names)
+    if keywords is None and not are_numbered:
+        return frame
+    words = keywords.split() if isinstance(keywords, str) else keywords
+    chosen = _DEFAULT if words is None else tuple(map(str, words))
+    unknown = [word for word in chosen if word not in _KEYWORDS]
+    if unknown or not chosen:
+        mend = f"Give those of the compute: {', '.join(_KEYWORDS)}"
+        raise InputError(f"keywords are {brief(keywords)}", mend=mend)
+    n_known = sum(len(_KEYWORDS[word]) for word in chosen)
+    n_history = len(frame.names) - n_known if "history" in chosen else 0
+    if n_history < 0 or n_known + n_history != len(frame.names):
+        fault = (
+            f"{frame.name} has {len(frame.names)} columns, and {' '.join(chosen)} of"
+            f" compute pair/gran/local gives {n_known}{' or more' if 'history' in chosen else ''}"
+        )
+        raise InputError(fault, mend="Give the keywords of the compute: keywords='pos id force'")
+    names = list[str]()
+    for keyword, columns in _KEYWORDS.items():
+        if keyword == "history" and keyword in chosen:
+            names += [f"history{number}" for number in range(1, n_history + 1)]
+        elif keyword in chosen:
+            names += columns
+    return replace(frame, names=tuple(names))
+
+
+def _rename_wall(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the ``names`` of the columns of contacts with walls: where pairs have two balls and a
+    flag, they have the mesh, its triangle and the ball.
+    """
+    wall_names = dict(zip(_KEYWORDS["id"], ("mesh", "triangle", "ball"), strict=True))
+    return tuple(wall_names.get(name, name) for name in names)
+
+
+def _read_walls(frame: Frame, balls: Balls, scales: Scales, springs: Springs) -> Contacts:
+    """Return the contacts of ``balls`` with the walls of meshes, from a dump of
+    ``compute wall/gran/local``: mesh m has the label -1 - m. InputError for a dump without the
+    columns that are needed.
+    """
+    mend = "Write pos, id and force in compute wall/gran/local"
+    require_columns(frame, _OF_WALLS, mend)
+    columns = frame.read(_OF_WALLS)
+    labels = read_ids(frame, "ball", columns)
+    places = _find_places(balls, labels)
+    between = join_vectors(columns, ("x1", "y1", "z1")) - join_vectors(columns, ("x2", "y2", "z2"))
+    between *= scales.length
+    distance = np.linalg.norm(between, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):  # a normal of nan is told as a fault
+        normal = between / distance[:, None]
+    return Contacts(
+        frame.name,
+        labels,
+        -1 - read_ids(frame, "mesh", columns),
+        normal=normal,
+        force=-scales.force * join_vectors(columns, ("fx", "fy", "fz")),
+        overlap=balls.radii[places] - distance,
+        arm_i=balls.radii[places],
+        arm_j=np.zeros(frame.count),
+        lines=frame.first + 1 + np.arange(frame.count),
+        **springs.of(frame.count),
+    )
+
+
+def _find_places(balls: Balls, labels: Index) -> Index:
+    """Return the index of the ball of each of some ``labels`` (m,); 0 of a label that no ball has,
+    which is told as a fault of the contact.
+    """
+    assert balls.labels is not None
+    order = np.argsort(balls.labels, kind="stable")
+    places = np.searchsorted(balls.labels[order], labels)
+    is_inside = places < len(order)
+    return np.where(is_inside, order[np.where(is_inside, places, 0)], 0)

@@ -1,0 +1,349 @@
+"""Balls and contacts as a program of discrete elements has left them, in SI, and what is wrong with
+them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Self
+
+import numpy as np
+
+from granphon.base.arrays import Array, Flags, Index
+from granphon.base.errors import InputError
+from granphon.base.validation import real_array
+from granphon.networks.faults import Faults
+
+#: greatest number in SI, and the inverse of the least one: products of a few of them stay within
+#: the range of floats
+LARGEST = 1e60
+#: greatest number of cells between two balls
+MOST_STEPS = 1_000_000_000
+#: the largest file of balls or contacts that is read, bytes: that of some millions of contacts
+MOST_BYTES = 4_000_000_000
+#: deviation of the length of a normal from one, or of a normal from the plane, that is put down to
+#: rounding in a file
+UNIT = 1e-6
+#: greatest part of a tangential force along the normal: the rounding in a file
+ALONG = 1e-2
+#: least and greatest number of significant digits with which a program writes numbers
+_DIGITS = (6, 15)
+#: number of different values of fewer digits from which on the values are rounded, not chosen by
+#: hand
+_CHOSEN = 100
+#: greatest relative error of a number that is read from a text and converted into SI
+_EXACT = 1e-14
+#: the unit of each field of contacts that holds numbers with one
+_UNITS = {
+    "vector": "m",
+    "normal": "",
+    "force": "N",
+    "tangential_force": "N",
+    "normal_force": "N",
+    "overlap": "m",
+    "normal_stiffness": "N/m",
+    "shear_stiffness": "N/m",
+    "torsion_stiffness": "N m",
+    "bending_stiffness": "N m",
+    "arm_i": "m",
+    "arm_j": "m",
+}
+
+
+@dataclass(frozen=True)
+class Balls:
+    """The balls of a source, in SI; None for fields that the source does not have.
+
+    ``name`` is the name of the source in messages. Positions are (n, 1), (n, 2) or (n, 3); the
+    other fields are (n,). ``labels`` are whole numbers that name the balls. ``still`` are bodies
+    that do not move, whatever their masses. ``rounding``, of the shape of the positions, and
+    ``radius_rounding`` (n,) are the greatest errors that the digits of the source leave in
+    positions and radii, m. ``lines`` are the lines of the balls in a file. ``on_site`` are
+    stiffnesses (n,) of springs to the ground by their names, N/m and N m.
+    """
+
+    name: str
+    positions: Array
+    radii: Array
+    masses: Array | None = None
+    inertias: Array | None = None
+    labels: Index | None = None
+    rounding: Array | None = None
+    radius_rounding: Array | None = None
+    kinds: tuple[str, ...] | None = None
+    still: Flags | None = None
+    lines: Index | None = None
+    on_site: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def fixed(self) -> Flags:
+        """(n,) whether each body does not move: as the source says, or by an infinite mass."""
+        is_fixed = np.zeros(len(self.radii), bool) if self.still is None else self.still
+        return is_fixed if self.masses is None else is_fixed | np.isinf(self.masses)
+
+    def describe(self, row: int) -> str:
+        """Return the words that name a ball, by its index."""
+        line = "" if self.lines is None else f" in line {self.lines[row]}"
+        return f"ball {row if self.labels is None else self.labels[row]}{line}"
+
+    def find_faults(self) -> Faults:
+        """Return the balls with places, sizes or masses that none can have, and those whose label
+        is not their own.
+        """
+        faults = Faults(self.name, "balls", len(self.radii), self.describe)
+        is_placed = np.all(np.abs(self.positions) < LARGEST, axis=1)
+        words = "a place that is not finite, or too large"
+        faults.note(~is_placed, words, values=self.positions, unit="m")
+        is_flat_wall = self.fixed & np.isinf(self.radii)
+        is_sized = (self.radii > 0.0) & ((self.radii < LARGEST) | is_flat_wall)
+        why = ""
+        if np.any(np.isinf(self.radii) & ~is_sized):
+            why = "Only a body that does not move may have a radius of inf"
+        words = "a radius that is not above zero, or not finite"
+        faults.note(~is_sized, words, values=self.radii, unit="m", why=why)
+        for name, values, unit in (
+            ("mass", self.masses, "kg"),
+            ("moment of inertia", self.inertias, "kg m^2"),
+        ):
+            if values is not None:
+                words = f"a {name} that is not above zero"
+                faults.note(~(values > 0.0), words, values=values, unit=unit)
+        if self.labels is not None:
+            _, index, counts = np.unique(self.labels, return_inverse=True, return_counts=True)
+            words = "an id that another ball has too"
+            faults.note(counts[index] > 1, words, mend="Give each an id of its own")
+        return faults
+
+    def find_errors(self, i: Index, j: Index, normal: Array) -> tuple[Array, Array]:
+        """Return the greatest and the standard error that rounding leaves in the overlaps of balls
+        i and j, each (n_c,), m; ``normal`` is (n_c, 3).
+        """
+        n_axes = self.positions.shape[1]
+        position_errors = self.rounding
+        if position_errors is None:
+            position_errors = np.zeros_like(self.positions)
+        radius_errors = self.radius_rounding
+        if radius_errors is None:
+            radius_errors = np.zeros_like(self.radii)
+        weights = np.abs(normal[:, :n_axes])  # of the error along each axis
+        greatest = np.einsum("ca,ca->c", weights, position_errors[i] + position_errors[j])
+        greatest = greatest + radius_errors[i] + radius_errors[j]
+        squares = np.einsum(
+            "ca,ca->c", weights**2, position_errors[i] ** 2 + position_errors[j] ** 2
+        )
+        squares = squares + radius_errors[i] ** 2 + radius_errors[j] ** 2
+        # errors of rounding are even up to the greatest: their variance is a third of its square
+        return greatest, np.sqrt(squares / 3.0)
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """The contacts of a source, in SI; None for fields that the source does not have.
+
+    ``i`` and ``j`` are labels of balls, or their indices where balls have no labels. ``normal``,
+    ``vector`` from the centre of ball i to that of ball j, ``force`` and ``tangential_force``, with
+    which ball i acts on ball j, and ``shift``, whole cells by which ball j is displaced, are
+    (n_c, 3); the other arrays are (n_c,). Forces that press are positive. ``lines`` are the lines
+    of the contacts in a file.
+
+    ``rolling`` is the stiffness k of rolling, N/m: the bending stiffness is k R^2, of the reduced
+    radius R. ``twisting`` is the torsion stiffness, N m, or "marshall": half of the shear stiffness
+    over that length of the contact spot with which it grows, times the square of its radius.
+    """
+
+    name: str
+    i: Index
+    j: Index
+    shift: Index | None = None
+    vector: Array | None = None
+    normal: Array | None = None
+    force: Array | None = None
+    tangential_force: Array | None = None
+    normal_force: Array | None = None
+    overlap: Array | None = None
+    normal_stiffness: Array | None = None
+    shear_stiffness: Array | None = None
+    torsion_stiffness: Array | None = None
+    bending_stiffness: Array | None = None
+    arm_i: Array | None = None
+    arm_j: Array | None = None
+    lines: Index | None = None
+    rolling: float | None = None
+    twisting: float | str | None = None
+
+    def __len__(self) -> int:
+        return len(self.i)
+
+    @property
+    def lacks_force(self) -> bool:
+        """Whether normal forces are not known, and follow from overlaps."""
+        return self.normal_force is None and self.force is None
+
+    def select(self, rows: Any) -> Self:
+        """Return some of the contacts, given by their indices or by truth values (n_c,)."""
+        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
+        chosen = {name: a[rows] for name, a in arrays.items() if isinstance(a, np.ndarray)}
+        return replace(self, **chosen)
+
+    def describe(self, row: int) -> str:
+        """Return the words that name a contact, by its index."""
+        line = "" if self.lines is None else f" in line {self.lines[row]}"
+        return f"balls {self.i[row]} and {self.j[row]}{line}"
+
+    def start_faults(self) -> Faults:
+        """Return an empty list of the faults of these contacts."""
+        return Faults(self.name, "contacts", len(self), self.describe)
+
+    def note_numbers(self, faults: Faults, adhesive: bool) -> None:
+        """Note the contacts with numbers that are not finite or out of range, that pull where
+        contacts are not ``adhesive``, and with normals that are no unit vectors.
+        """
+        for name, unit in _UNITS.items():
+            values = getattr(self, name)
+            if values is None:
+                continue
+            words = f"a {name} that is not finite, or too large"
+            is_tame = np.abs(values) < LARGEST  # False for nan
+            is_wild = ~(is_tame if values.ndim == 1 else is_tame.all(axis=1))
+            faults.note(is_wild, words, values=values, unit=unit)
+            if name.endswith("stiffness"):
+                must_be_above = name == "normal_stiffness"
+                is_low = values <= 0.0 if must_be_above else values < 0.0
+                words = f"a {name} that is {'not above' if must_be_above else 'below'} zero"
+                faults.note(is_low, words, values=values, unit=unit)
+        if self.normal_force is not None:
+            note_pulling(faults, self.normal_force, adhesive)
+        if self.shift is not None:
+            is_far = ~np.all(np.abs(self.shift) <= MOST_STEPS, axis=1)
+            faults.note(is_far, f"a shift of more than {MOST_STEPS} cells")
+        if self.normal is not None:
+            # squares of larger numbers might overflow
+            length = np.linalg.norm(np.clip(self.normal, -2.0, 2.0), axis=1)
+            words = "a normal whose length is not one"
+            faults.note(np.abs(length - 1.0) > UNIT, words, values=self.normal)
+
+
+def note_pulling(faults: Faults, force: Array, adhesive: bool, mend: str = "") -> None:
+    """Note the contacts whose normal ``force`` (n_c,), N, pulls, unless they are ``adhesive``."""
+    if not adhesive:
+        faults.note(
+            force < 0.0,
+            "a force that pulls",
+            values=force,
+            unit="N",
+            why="Forces that pull are not of elastic balls",
+            mend=mend or "Forces that press count as positive",
+        )
+
+
+def read_whole_numbers(name: str, values: Any) -> Index:
+    """Return ``values`` as an array of whole numbers; floats are taken if they are whole.
+
+    Raises :class:`~granphon.base.errors.InputError` for other values, and for numbers too large to
+    be an index.
+    """
+    if isinstance(values, np.ndarray) and values.dtype.kind == "i":
+        return np.asarray(values, np.intp)
+    numbers = real_array(name, values)
+    if numbers.dtype.kind == "i":
+        return np.asarray(numbers, np.intp)
+    is_exact = np.isfinite(numbers) & (np.abs(numbers) < 2.0**53)  # floats beyond skip numbers
+    is_whole = is_exact & (numbers == np.rint(numbers))
+    if not np.all(is_whole):
+        wrong = numbers[~is_whole].ravel()[0]
+        raise InputError(
+            f"{name} of the network has the number {wrong!s} where a whole number is needed"
+        )
+    return np.asarray(numbers, np.intp)
+
+
+def find_rounding(values: Array) -> Array:
+    """Return half a unit of the last digit of each of ``values``, of one source: their greatest
+    errors, of the same shape.
+
+    The number of digits that the source writes follows from all of its numbers. Where all are whole
+    multiples of the last digit of the largest, the source writes as many decimals of each. Numbers
+    that single precision holds have the digits of single precision. A few numbers of fewer digits
+    than a program writes were chosen by hand, and have no error.
+    """
+    sizes = np.abs(values)
+    with np.errstate(over="ignore"):
+        single = values.astype(np.float32)
+    is_counted = (sizes < LARGEST) & (sizes > 1.0 / LARGEST)  # others are refused, or play no part
+    least_digits, _most_digits = _DIGITS
+    n_digits = _count_digits(sizes[is_counted])
+    if n_digits < least_digits and np.unique(sizes[is_counted]).size < _CHOSEN:
+        return np.zeros(values.shape)
+    if n_digits >= least_digits and np.array_equal(single[is_counted], values[is_counted]):
+        spacing = np.spacing(np.where(is_counted, np.abs(single), np.float32(1.0)))
+        return np.where(is_counted, 0.5 * spacing, 0.0)
+    # a unit of the last digit of each value
+    exponents = np.floor(np.log10(np.where(is_counted, sizes, 1.0)))
+    last_units = 10.0 ** (exponents - n_digits + 1.0)
+    coarsest = float(np.max(last_units[is_counted]))
+    steps = sizes[is_counted] / coarsest
+    if np.allclose(steps, np.rint(steps), rtol=_EXACT, atol=0.0):
+        last_units = np.full(values.shape, coarsest)
+    return np.where(is_counted, 0.5 * last_units, 0.0)
+
+
+def _count_digits(sizes: Array) -> int:
+    """Return the least number of significant digits that represent all of ``sizes`` (n,), which are
+    above zero; at most that of floats.
+    """
+    _least_digits, most_digits = _DIGITS
+    mantissas = sizes / 10.0 ** np.floor(np.log10(sizes))  # from 1 to 10
+    for n_digits in range(1, most_digits):
+        power = 10.0 ** (n_digits - 1)
+        rounded = np.rint(mantissas * power) / power
+        if np.allclose(rounded, mantissas, rtol=_EXACT, atol=0.0):
+            return n_digits
+    return most_digits
+
+
+def find_repeated(
+    i: Index, j: Index, shift: Index, normal: Array, moves: Flags
+) -> tuple[Index, Index]:
+    """Return the indices, each (m,), of contacts and of those that repeat them, from the same end
+    or from the other one.
+
+    ``i``, ``j`` (n_c,), ``shift`` and ``normal`` (n_c, 3) are those of contacts, and ``moves``
+    (n_c,) says whether both of their balls move: a wall may touch a ball at several places.
+    """
+    # A contact of a ball with its own image has no lower ball: there the first axis along which it
+    # leaves the cell decides.
+    first_axis = np.argmax(shift != 0, axis=1)[:, None]
+    first_shift = np.take_along_axis(shift, first_axis, axis=1)[:, 0]
+    is_from_higher = (i > j) | ((i == j) & (first_shift < 0))
+    # (n_c,) a number of the pair of balls, and (n_c, 3) cells from the lower to the higher
+    n_balls = int(max(np.max(i, initial=0), np.max(j, initial=0))) + 1
+    pair = np.where(is_from_higher, j, i) * n_balls + np.where(is_from_higher, i, j)
+    step = np.where(is_from_higher[:, None], -shift, shift)
+    contacts, twins = _find_alike(pair, step)
+    is_alike = is_from_higher[contacts] == is_from_higher[twins]
+    signs = np.where(is_alike, 1.0, -1.0)[:, None]
+    deviation = np.abs(normal[contacts] - signs * normal[twins])
+    is_elsewhere = np.any(deviation > UNIT, axis=1)
+    is_repeated = moves[twins] | ~is_elsewhere
+    return contacts[is_repeated], twins[is_repeated]
+
+
+def _find_alike(pair: Index, step: Index) -> tuple[Index, Index]:
+    """Return the indices, each (m,), of contacts and of their twins, which have the same ``pair``
+    and ``step``; of three alike the second is the twin of the first, and the third of the second.
+
+    ``pair`` (n_c,) is a number of the two balls of a contact, and ``step`` (n_c, 3) the cells
+    between them.
+    """
+    by_pair = np.argsort(pair, kind="stable")
+    is_as_previous = np.diff(pair[by_pair], prepend=-1) == 0
+    is_as_following = np.append(is_as_previous[1:], False)
+    # only contacts of pairs with several are sorted by their steps: these are few, as balls rarely
+    # touch through more than one image
+    several = by_pair[is_as_previous | is_as_following]
+    ordered = several[np.lexsort((*step[several].T, pair[several]))]
+    has_same_pair = np.diff(pair[ordered]) == 0
+    has_same_step = ~np.any(np.diff(step[ordered], axis=0), axis=1)
+    is_alike = has_same_pair & has_same_step
+    return ordered[:-1][is_alike], ordered[1:][is_alike]

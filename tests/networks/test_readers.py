@@ -1,0 +1,533 @@
+"""What readers of the files of other programs have in common: forms, faults, cuts, notes, and the
+formats of LIGGGHTS and MercuryDPM.
+"""
+
+import gzip
+import re
+import tracemalloc
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import granphon as gp
+from granphon.base.errors import InconsistencyWarning, InputError, StoppedEarlyWarning
+from tests import packings
+from tests.networks import written
+from tests.networks.test_lammps import dumps
+
+GLASS = packings.MATERIAL
+FIELDS = (
+    "positions", "radii", "masses", "normal_force", "normal_stiffness", "shear_stiffness",
+    "normal", "tangential_force",
+)  # fmt: skip
+
+
+def sort(network):
+    """The contacts of a network from the lower to the higher ball, in their order; walls last."""
+    turned = (network.i > network.j) & ~np.isinf(network.radii[network.j])
+    sign = np.where(turned, -1, 1)[:, None]
+    fields = {
+        "i": np.where(turned, network.j, network.i),
+        "j": np.where(turned, network.i, network.j),
+        "arm_i": np.where(turned, network.arm_j, network.arm_i),
+        "arm_j": np.where(turned, network.arm_i, network.arm_j),
+        "shift": sign * network.shift,
+        "normal": sign * network.normal,
+    }
+    if network.tangential_force is not None:
+        fields["tangential_force"] = sign * network.tangential_force
+    whole = replace(network, **fields)
+    order = np.lexsort((*whole.shift.T, whole.j, whole.i))
+    ordered = {name: getattr(whole, name)[order] for name in whole.contact_fields}
+    return replace(whole, **ordered)
+
+
+def require_same(found, expected):
+    """Assert that two networks have the same balls, contacts and forces, whatever the order of the
+    contacts.
+    """
+    found, expected = sort(found), sort(expected)
+    for name in ("i", "j", "shift"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    has_size = np.isfinite(expected.radii)
+    for name in FIELDS:
+        ours, theirs = getattr(found, name), getattr(expected, name)
+        if name == "positions":  # a flat wall may be anywhere
+            ours, theirs = ours[has_size], theirs[has_size]
+        if theirs is not None and ours is not None:
+            of = expected.normal_force if name == "tangential_force" else theirs
+            scale = np.max(np.abs(of[np.isfinite(of)]), initial=0.0)
+            np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9 * scale, err_msg=name)
+    assert found.pbc == expected.pbc
+
+
+NETWORKS = {"packing": written.glass_packing, "floor": written.layer_on_floor}
+
+
+# -- LIGGGHTS --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "keywords"),
+    [
+        ("packing", "id force delta"),
+        ("packing", ""),
+        ("packing", "pos id force"),
+        ("floor", "pos id force"),
+    ],
+)
+def test_dumps_of_liggghts(kind, keywords, tmp_path):
+    network = NETWORKS[kind]()
+    atoms, pairs, walls = written.write_liggghts(network, tmp_path, keywords)
+    found = gp.ContactNetwork.from_liggghts(
+        atoms, pairs, GLASS, walls=walls if kind == "floor" else None, keywords=keywords or None,
+        held_by=None if kind == "packing" else 1,
+    )  # fmt: skip
+    require_same(found, network)
+    assert any("not read" in note for note in found.notes)
+    with pytest.raises(InputError, match="columns, and pos id of"):
+        gp.ContactNetwork.from_liggghts(atoms, pairs, GLASS, keywords="pos id")
+    with pytest.raises(InputError, match="keywords are 'ids'"):
+        gp.ContactNetwork.from_liggghts(atoms, pairs, GLASS, keywords="ids")
+
+
+# -- MercuryDPM ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", NETWORKS)
+@pytest.mark.parametrize("particles", ["data", "restart"])
+def test_files_of_mercury(kind, particles, tmp_path):
+    network = NETWORKS[kind]()
+    fstat, data, restart = written.write_mercury(network, tmp_path)
+    options = {"held_by": None if kind == "packing" else 1}
+    if particles == "data":
+        options["pbc"] = network.pbc
+    found = gp.ContactNetwork.from_mercury(
+        fstat, data if particles == "data" else restart, GLASS, **options
+    )
+    require_same(found, network)
+    with pytest.raises(InputError, match="time"):
+        gp.ContactNetwork.from_mercury(fstat, data, GLASS, time=0.1)
+
+
+@pytest.mark.parametrize("particles", ["data", "restart"])
+def test_fixed_balls_of_mercury_are_those_without_lines_of_their_own(particles, tmp_path):
+    network = written.glass_packing()
+    still = np.arange(network.n_balls) % 7 == 0
+    touching = ~(still[network.i] & still[network.j])
+    contacts = {name: getattr(network, name)[touching] for name in network.contact_fields}
+    network = replace(
+        network,
+        masses=np.where(still, np.inf, network.masses),
+        inertias=np.where(still, np.inf, network.inertias),
+        **contacts,
+    )
+    fstat, data, restart = written.write_mercury(network, tmp_path)
+    options = {"pbc": network.pbc} if particles == "data" else {}
+    found = gp.ContactNetwork.from_mercury(
+        fstat, data if particles == "data" else restart, GLASS, keep_rattlers=True, **options
+    )
+    require_same(found, network)
+    np.testing.assert_array_equal(found.moving, ~still)
+    assert any("do not move" in note for note in found.notes) == (particles == "data")
+
+
+# -- faults ----------------------------------------------------------------------------------------
+
+
+def spoil(folder):
+    """The disks of the page on networks, with four kinds of fault in six of their 64 contacts."""
+    atoms, pairs = dumps("disks")
+    head, below = re.split(r"(?<=\n)(?=ITEM: ENTRIES)", pairs.read_text())
+    lines = below.splitlines()
+    rows = [line.split() for line in lines[1:]]
+    for row, force in ((3, "-2"), (7, "-90"), (9, "-5"), (11, "-0.5")):
+        rows[row][2] = force
+    rows[20][0] = "99"
+    rows[30][2] = "nan"
+    rows[40] = rows[41]
+    (folder / "pairs.dump").write_text(
+        head + "\n".join([lines[0], *(" ".join(row) for row in rows)]) + "\n"
+    )
+    return atoms, folder / "pairs.dump", {3, 7, 9, 11, 20, 30, 40}
+
+
+def test_all_faults_of_a_file_are_told_at_once(tmp_path):
+    atoms, pairs, bad = spoil(tmp_path)
+    with pytest.raises(InputError) as caught:
+        gp.ContactNetwork.from_lammps(atoms, pairs, GLASS)
+    text = str(caught.value)
+    assert "7 of 64 contacts" in text
+    first_line = (
+        pairs.read_text()
+        .splitlines()
+        .index(next(line for line in pairs.read_text().splitlines() if "ITEM: ENTRIES" in line))
+        + 2
+    )
+    # of each kind the number, and the worst three with ids and lines
+    assert re.search(r"4 with a force that pulls: .*-90 N.*-5 N.*-2 N.*\.\.\.", text)
+    assert "-0.5 N" not in text
+    assert (
+        f"balls 99 and 27 in line {first_line + 20}" in text.replace("  ", " ")
+        or "balls 99" in text
+    )
+    assert f"line {first_line + 7} (-90 N)" in text
+    assert "1 with a normal_force that is not finite" in text
+    assert "1 with the balls of a contact before" in text
+    assert "\n" not in text
+    with pytest.warns(InconsistencyWarning, match=r"7 of 64 .* left out") as told:
+        found = gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, bad="drop", keep_rattlers=True)
+    assert told[0].filename == __file__
+    whole = gp.ContactNetwork.from_lammps(*dumps("disks"), GLASS, keep_rattlers=True)
+    kept = np.delete(np.arange(64), sorted(bad))  # row 41 stands in row 40
+    np.testing.assert_array_equal(found.normal_force, whole.normal_force[kept])
+    np.testing.assert_array_equal(found.i, whole.i[kept])
+    with pytest.raises(InputError, match="bad"):
+        gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, bad="some")
+
+
+def test_faults_of_balls_and_contacts_are_told_together(tmp_path):
+    atoms, pairs, _bad = spoil(tmp_path)
+    lines = atoms.read_text().splitlines()
+    first = next(n for n, line in enumerate(lines) if "ITEM: ATOMS" in line) + 1
+    rows = [line.split() for line in lines[first:]]
+    names = lines[first - 1].split()[2:]
+    rows[4][names.index("radius")] = "-1"
+    rows[6][names.index("mass")] = "0"
+    rows[8][names.index("x")] = "nan"
+    rows[12][names.index("id")] = rows[13][names.index("id")]
+    (tmp_path / "atoms.dump").write_text("\n".join([*lines[:first], *map(" ".join, rows), ""]))
+    for bad in ("refuse", "drop"):  # contacts without balls cannot be left out
+        with pytest.raises(InputError) as caught:
+            gp.ContactNetwork.from_lammps(tmp_path / "atoms.dump", pairs, GLASS, bad=bad)
+        text = str(caught.value)
+        assert "5 of 30 balls" in text
+        for words in ("a radius", "a mass", "a place", "2 with an id", "a force that pulls"):
+            assert words in text
+        assert f"in line {first + 5} (-1" in text
+
+
+# -- forms of dumps --------------------------------------------------------------------------------
+
+
+def test_a_series_of_dumps(tmp_path):
+    """Several steps are read one after the other; those that only one file has are left out."""
+    for which, path in zip(("atoms", "pairs"), dumps("disks"), strict=True):
+        text = path.read_text()
+        steps = (5, 10, 20) if which == "atoms" else (10, 20, 30)
+        frames = [re.sub(r"TIMESTEP\n\d+", f"TIMESTEP\n{step}", text) for step in steps]
+        (tmp_path / which).write_text("".join(frames))
+    expected = gp.ContactNetwork.from_lammps(*dumps("disks"), GLASS)
+    paths = tmp_path / "atoms", tmp_path / "pairs"
+    found = dict(gp.ContactNetwork.series("lammps", *paths, material=GLASS))
+    assert [*found] == [10, 20]
+    assert all(network == expected for network in found.values())
+    whole = paths[0].read_text()
+    paths[0].write_text(whole[:-30])
+    with pytest.warns(StoppedEarlyWarning, match="series ends early"):
+        steps = [
+            step for step, _network in gp.ContactNetwork.series("lammps", *paths, material=GLASS)
+        ]
+    assert steps == [10]
+    paths[0].write_text(whole)
+    with pytest.raises(InputError, match="no time step in common"):
+        next(gp.ContactNetwork.series("lammps", paths[0], dumps("disks")[1], material=GLASS))
+    with pytest.raises(InputError, match="program"):
+        next(gp.ContactNetwork.series("tables", *paths))
+
+
+def test_packed_dumps(tmp_path):
+    """By gzip, in one member or several, and by Zstandard where it can be read."""
+    atoms, pairs = dumps("balls")
+    expected = gp.ContactNetwork.from_lammps(atoms, pairs, GLASS)
+    raw = atoms.read_bytes()
+    (tmp_path / "a.gz").write_bytes(gzip.compress(raw[:500]) + gzip.compress(raw[500:]))
+    assert gp.ContactNetwork.from_lammps(tmp_path / "a.gz", pairs, GLASS) == expected
+    packed = gzip.compress(raw * 2)
+    (tmp_path / "cut.gz").write_bytes(packed[:-40])
+    with pytest.raises(InputError, match="not whole"):
+        gp.ContactNetwork.from_lammps(tmp_path / "cut.gz", pairs, GLASS)
+    (tmp_path / "bad.gz").write_bytes(packed[:50] + b"\xff" * 40 + packed[90:])
+    with pytest.raises(InputError, match=r"unpacked|not whole"):
+        gp.ContactNetwork.from_lammps(tmp_path / "bad.gz", pairs, GLASS)
+    (tmp_path / "a.zst").write_bytes(b"\x28\xb5\x2f\xfd" + raw)
+    with pytest.raises(gp.GranphonError, match=r"Zstandard|unpacked"):
+        gp.ContactNetwork.from_lammps(tmp_path / "a.zst", pairs, GLASS)
+
+
+def test_notes_name_what_is_passed_over(tmp_path):
+    atoms, pairs = dumps("disks")
+    assert not gp.ContactNetwork.from_lammps(atoms, pairs, GLASS).notes
+    names = " ".join(f"f_lid[{n}]" for n in range(1, 9))
+    lines = atoms.read_text().splitlines()
+    first = next(n for n, line in enumerate(lines) if "ITEM: ATOMS" in line)
+    lines[first] += f" vx {names}"
+    lines[first + 1 :] = [line + " 3" + " 0" * 8 for line in lines[first + 1 :]]
+    (tmp_path / "atoms").write_text("\n".join([*lines, ""]))
+    notes = gp.ContactNetwork.from_lammps(tmp_path / "atoms", pairs, GLASS).notes
+    assert [bool(re.search("fix lid|: vx", note)) for note in notes] == [True, True]
+    with pytest.raises(InputError, match=r"no column f_floor\[1\]"):
+        gp.ContactNetwork.from_lammps(tmp_path / "atoms", pairs, GLASS, walls="floor")
+    for frozen, said in (
+        ({"type": 9}, "type"),
+        ({"id": 99}, "no ball with id = 99"),
+        (3, "frozen is 3"),
+    ):
+        with pytest.raises(InputError, match=said):
+            gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, frozen=frozen)
+    balls = {"x": [0.0, 1.9], "radius": [1.0, 1.0], "mass": [1.0, 1.0], "colour": [1, 2]}
+    contacts = {"i": [0], "j": [1], "normal_stiffness": [1.0], "normal_force": [1.0]}
+    found = gp.ContactNetwork.from_table(balls, contacts, friction=False, keep_rattlers=True)
+    assert "colour" in found.notes[0]
+
+
+def test_overlaps_and_force_vectors_take_the_place_of_few_digits(tmp_path):
+    """Places of six digits say nothing of overlaps; the columns of these and of forces do."""
+    network = written.glass_packing()
+    balls = dict(zip("xyz", np.round(network.positions, 7).T, strict=True))
+    balls |= {"radius": network.radii, "mass": network.masses}
+    ends = {"i": network.i, "j": network.j}
+    vectors = dict(
+        zip(("force_x", "force_y", "force_z"), -written.force_on_i(network).T, strict=True)
+    )
+    options = {"material": GLASS, "cell": np.diag(network.cell)}
+    by_vectors = gp.ContactNetwork.from_table(balls, ends | vectors, **options)
+    np.testing.assert_allclose(by_vectors.normal_force, network.normal_force, rtol=2e-3)
+    size = np.linalg.norm(network.tangential_force, axis=1)
+    off = np.linalg.norm(by_vectors.tangential_force - network.tangential_force, axis=1)
+    assert np.max(off / network.normal_force) < 2e-3 < np.median(size / network.normal_force)
+    deltas = {"overlap": written.overlaps(network)}
+    by_overlaps = gp.ContactNetwork.from_table(balls, ends | deltas, **options)
+    strong = network.normal_force > 1e-2 * network.normal_force.mean()
+    np.testing.assert_allclose(
+        by_overlaps.normal_force[strong], network.normal_force[strong], rtol=1e-3
+    )
+    turned = {name: -values for name, values in vectors.items()}
+    with pytest.raises(InputError, match="Turn the signs"):
+        gp.ContactNetwork.from_table(balls, ends | turned, **options)
+    exact = balls | dict(zip("xyz", network.positions.T, strict=True))
+    with (
+        pytest.warns(InconsistencyWarning, match="all forces are 0"),
+        pytest.warns(InconsistencyWarning, match="overlaps are 2 times"),
+    ):
+        gp.ContactNetwork.from_table(
+            exact, ends | vectors | {"overlap": 2.0 * deltas["overlap"]}, **options
+        )
+    in_mm = {"overlap": 1e3 * deltas["overlap"]}
+    with pytest.raises(InputError, match="an overlap that is not that of places"):
+        gp.ContactNetwork.from_table(exact, ends | vectors | in_mm, **options)
+
+
+# -- balls that do not move, and scripts of pages --------------------------------------------------
+
+
+def test_spheres_that_do_not_move_need_no_normals():
+    """Two spheres that are held, and one on them: normals, overlaps and arms are those of balls."""
+    radius = 5e-4
+    balls = {"x": [0.0, 9e-4, 4.5e-4], "y": [0.0, 0.0, 8.8e-4], "z": [0.0, 0.0, 1e-4]}
+    balls |= {"radius": [radius] * 3, "mass": [np.inf, np.inf, 1.3e-6]}
+    springs = {"normal_stiffness": [39.0] * 2, "shear_stiffness": [11.0] * 2}
+    contacts = {"i": [0, 1], "j": [2, 2], "normal_force": [1e-4] * 2} | springs
+    found = gp.ContactNetwork.from_table(balls, contacts, keep_rattlers=True)
+    distance = np.linalg.norm([4.5e-4, 8.8e-4, 1e-4])
+    np.testing.assert_allclose(found.normal[0], np.array([4.5e-4, 8.8e-4, 1e-4]) / distance)
+    np.testing.assert_allclose(found.arm_i, 0.5 * distance)
+    free = gp.ContactNetwork.from_table(
+        balls | {"mass": [1.3e-6] * 3}, contacts, keep_rattlers=True
+    )
+    np.testing.assert_array_equal(found.normal, free.normal)
+    np.testing.assert_array_equal(found.arm_i, free.arm_i)
+    flat = balls | {"radius": [np.inf, radius, radius]}
+    with pytest.raises(InputError, match="a flat wall, and no normal: balls 0 and 2"):
+        gp.ContactNetwork.from_table(flat, contacts, keep_rattlers=True)
+
+
+@pytest.mark.slow
+def test_the_script_of_the_page_makes_its_packing(tmp_path, monkeypatch):
+    """LAMMPS runs it, and the files are read as those that are kept."""
+    lmp = packings.start_or_skip()
+    page = (packings.FOLDER.parent.parent / "docs" / "how-to" / "lammps.md").read_text()
+    script = re.search(r"```\{code-block\} text\n(.*?)```", page, re.DOTALL)[1]
+    (tmp_path / "press.lmp").write_text(script)
+    monkeypatch.chdir(tmp_path)
+    lmp.file("press.lmp")
+    lmp.close()
+    options = {"material": GLASS, "rolling_stiffness": 1e5, "prestress": True}
+    made, kept = (
+        gp.ContactNetwork.from_lammps(
+            folder / f"{name}atoms.dump", folder / f"{name}pairs.dump", **options
+        )
+        for folder, name in ((tmp_path, ""), (packings.FOLDER, "pressed_"))
+    )
+    for network in (made, kept):
+        assert network.imbalance[2] < 1e-6
+    # how rounding grows on the way is that of the machine
+    assert abs(made.n_contacts - kept.n_contacts) < 10
+    np.testing.assert_allclose(made.normal_force.mean(), kept.normal_force.mean(), rtol=0.1)
+
+
+# -- files that are damaged ------------------------------------------------------------------------
+
+
+def lammps_files(folder):
+    return [path.read_bytes() for path in dumps("disks")], gp.ContactNetwork.from_lammps
+
+
+def yaml_files(folder):
+    text, pairs = (path.read_text() for path in dumps("disks"))
+    lines = text.splitlines()
+    first = next(n for n, line in enumerate(lines) if "ITEM: ATOMS" in line)
+    box = next(n for n, line in enumerate(lines) if "BOX BOUNDS" in line)
+    names = lines[first].split()[2:]
+    head = ["---", "creator: LAMMPS", "timestep: 0", f"natoms: {len(lines) - first - 1}"]
+    step = lines[lines.index("ITEM: TIMESTEP") + 1]
+    head[2] = f"timestep: {step}"
+    head += [
+        "boundary: [ p, p, p, p, f, f, ]"
+        if "ff" in lines[box]
+        else "boundary: [ p, p, p, p, p, p, ]"
+    ]
+    head += ["box:", *(f"  - [ {', '.join(line.split())} ]" for line in lines[box + 1 : box + 4])]
+    head += [f"keywords: [ {', '.join(names)},  ]", "data:"]
+    rows = [f"  - [ {' , '.join(line.split())}, ]" for line in lines[first + 1 :]]
+    return [
+        "\n".join([*head, *rows, "...", ""]).encode(),
+        pairs.encode(),
+    ], gp.ContactNetwork.from_lammps
+
+
+def packed_files(folder):
+    raw, read = lammps_files(folder)
+    return [gzip.compress(raw[0], mtime=0), raw[1]], read
+
+
+def liggghts_files(folder):
+    paths = written.write_liggghts(written.glass_packing(), folder)
+    return [path.read_bytes() for path in paths[:2]], read_forces
+
+
+def read_forces(atoms, pairs, material):
+    return gp.ContactNetwork.from_liggghts(atoms, pairs, material, keywords="id force delta")
+
+
+def mercury_files(folder):
+    paths = written.write_mercury(written.glass_packing(), folder)
+    return [path.read_bytes() for path in paths[:2]], read_in_the_box
+
+
+def restart_files(folder):
+    paths = written.write_mercury(written.glass_packing(), folder)
+    return [paths[0].read_bytes(), paths[2].read_bytes()], gp.ContactNetwork.from_mercury
+
+
+def read_in_the_box(fstat, data, material):
+    return gp.ContactNetwork.from_mercury(fstat, data, material, pbc=(True, True, True))
+
+
+SOURCES = {
+    "lammps": lammps_files,
+    "yaml": yaml_files,
+    "gzip": packed_files,
+    "liggghts": liggghts_files,
+    "mercury": mercury_files,
+    "restart": restart_files,
+}
+#: what stands in place of a number: ids that are missing, negative and huge, no numbers, other units
+WORDS = [
+    b"-3",
+    b"0",
+    b"99999999",
+    b"9" * 25,
+    b"nan",
+    b"inf",
+    b"",
+    b"1e300",
+    b"x",
+    b"1_0",
+    b"-1e-3",
+    b"1.5",
+]
+
+
+class Files:
+    """Two files of a program in a folder, their bytes, and their network."""
+
+    def __init__(self, name, folder):
+        self.folder = folder
+        self.raws, self.reader = SOURCES[name](folder)
+        self.network = self.read()
+
+    def read(self, which=0, raw=None):
+        """The network, with other bytes for one of the two files."""
+        for number, content in enumerate(self.raws):
+            has_other = raw is not None and number == which
+            (self.folder / "ab"[number]).write_bytes(raw if has_other else content)
+        return self.reader(self.folder / "a", self.folder / "b", GLASS)
+
+    def find_error(self, which, raw):
+        """What is said of a file that is damaged; "" if it is read."""
+        try:
+            self.read(which, raw)
+        except gp.GranphonError as error:
+            return str(error)
+        return ""
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(name, marks=() if name in ("lammps", "mercury") else pytest.mark.slow)
+        for name in SOURCES
+    ],
+)
+def files(request, tmp_path_factory):
+    return Files(request.param, tmp_path_factory.mktemp(request.param))
+
+
+@given(which=st.integers(0, 1), place=st.floats(0.0, 1.0))
+def test_a_file_that_is_cut_is_never_read_as_if_it_were_whole(files, which, place):
+    """It is an error or a warning, or nothing is lost."""
+    raw = files.raws[which]
+    try:
+        found = files.read(which, raw[: min(int(place * len(raw)), len(raw) - 1)])
+    except (gp.GranphonError, UserWarning) as told:
+        text = str(told)
+    else:
+        text = ""
+        assert found == files.network
+    assert "\n" not in text
+
+
+@given(which=st.integers(0, 1), place=st.floats(0.0, 1.0), word=st.sampled_from(WORDS))
+def test_a_number_that_is_none_is_told_or_plays_no_part(files, which, place, word):
+    """One error, which is short; or a network, as where the number is that of an image or a
+    flag.
+    """
+    raw = files.raws[which]
+    words = [match.span() for match in re.finditer(rb"[^\s,\[\]]+", raw)]
+    start, end = words[min(int(place * len(words)), len(words) - 1)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        text = files.find_error(which, raw[:start] + word + raw[end:])
+    assert "\n" not in text
+    assert len(text) < 2500
+    assert not text or text.isprintable()
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_memory_is_bounded_by_the_size_of_a_file(files, which):
+    """A count of rows that the file does not have takes no memory."""
+    raw = files.raws[which]
+    pattern = rb"(?:NUMBER OF \w+\n|natoms: |Particles )(\d+)|\A(\d+) "
+    for match in re.finditer(pattern, raw):
+        start, end = match.span(match.lastindex)
+        tracemalloc.start()
+        try:
+            assert files.find_error(which, raw[:start] + b"99999999999" + raw[end:])
+            assert tracemalloc.get_traced_memory()[1] < 4_000_000 + 60 * len(raw)
+        finally:
+            tracemalloc.stop()
