@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -27,7 +26,7 @@ from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.neighbours import TOUCH, repeat_contacts, require_joined
 from granphon.base.arrays import Array, Flags, Index
-from granphon.base.errors import GranphonError, InconsistencyWarning, InputError, brief, message
+from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.memory import require_memory
 from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
@@ -46,6 +45,7 @@ from granphon.base.validation import (
     whole_number,
 )
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
+from granphon.networks.consistency import BALANCED, MOVING, warn_of_faults
 
 Found = TypeVar("Found")
 #: fields with one number for each ball
@@ -67,13 +67,6 @@ _STRAY = 0.25
 _FLAT = 1e-9
 #: greatest part of a tangential force along the normal: the rounding in a file
 _ALONG = 1e-2
-#: sum of the forces on a ball, over the sum of their sizes, or over the mean force of a contact, up
-#: to which they are in balance: programs of discrete elements leave 1e-4 or less, and weights,
-#: walls or digits that a file lacks leave more
-_BALANCED = 1e-3
-#: the same sum over the mean force, from which a packing that nothing else can hold still moves: in
-#: files with three digits, too few for forces, it stays below
-_MOVING = 5e-3
 #: difference of the radii of balls that name no kind, over their mean, below which the balls are of
 #: one kind
 _ALIKE = 0.25
@@ -403,20 +396,41 @@ class ContactNetwork(Result):
         """The ball that is farthest from balance, the sum of the static forces on it, N, and that
         sum over the mean force of a contact.
         """
-        return self._find_farthest(self.unbalanced[0])
+        return self.find_farthest(self.unbalanced[0])
 
-    def _find_farthest(self, forces: Array) -> tuple[int, float, float]:
+    @cached_property
+    def mean_force(self) -> float:
+        """Mean size of the static forces of contacts, N."""
+        normal_force, across = self.static_forces
+        return float(np.mean(np.hypot(normal_force, np.linalg.norm(across, axis=1))))
+
+    @cached_property
+    def residual_forces(self) -> Array:
+        """(n, 3) sums of the static forces on each ball, N. Where bodies hold some balls, the one
+        acceleration that weights may give to all others is left out: that with the least squares of
+        what remains.
+        """
+        forces, _torques = self.unbalanced
+        if np.all(self.moving):
+            return forces
+        masses = np.where(self.moving, self.masses, 0.0)
+        acceleration = masses @ forces / (masses @ masses)
+        return read_only(forces - masses[:, None] * acceleration)
+
+    def find_farthest(self, forces: Array) -> tuple[int, float, float]:
         """Return the ball under the largest of the ``forces`` (n, 3), N, the size of that force, N,
         and the size over the mean force of a contact.
         """
-        normal_force, across = self.static_forces
-        mean_force = np.mean(np.hypot(normal_force, np.linalg.norm(across, axis=1)))
         sizes = np.linalg.norm(forces, axis=1)
         ball = int(np.argmax(sizes))
         size = float(sizes[ball])
         # without forces the mean may be zero too
-        ratio = float(size / mean_force) if size else 0.0
+        ratio = size / self.mean_force if size else 0.0
         return ball, size, ratio
+
+    def name_ball(self, ball: int) -> int:
+        """Return the label of a ball, or its index where balls have no labels."""
+        return ball if self.labels is None else int(self.labels[ball])
 
     def describe_imbalance(self, imbalance: tuple[int, float, float] | None = None) -> str:
         """Return in words which ball is farthest from balance, and by what force; empty if forces
@@ -425,24 +439,10 @@ class ContactNetwork(Result):
         ball, force, ratio = self.imbalance if imbalance is None else imbalance
         if not force:
             return ""
-        number = ball if self.labels is None else int(self.labels[ball])
         return (
-            f"The static forces on ball {number} add up to {force:.3g} N, {ratio:.2g} of the mean"
-            f" contact force"
+            f"The static forces on ball {self.name_ball(ball)} add up to {force:.3g} N,"
+            f" {ratio:.2g} of the mean contact force"
         )
-
-    @property
-    def imbalance_warning(self) -> str:
-        """Two sentences on the ball that is farthest from balance; empty if static forces do not
-        act, or are in balance.
-        """
-        if self.is_balanced:
-            return ""
-        mend = (
-            "Frequencies are of a network that is not at rest, unless something else acts on"
-            " the ball, as its weight or a wall"
-        )
-        return message(self.describe_imbalance(), mend)
 
     @property
     def is_balanced(self) -> bool:
@@ -452,7 +452,7 @@ class ContactNetwork(Result):
         if not self.prestress or not self.n_contacts:
             return True
         _ball, _force, ratio = self.imbalance
-        return ratio <= _BALANCED
+        return ratio <= BALANCED
 
     def require_rest(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if static forces act, and some ball is so
@@ -465,16 +465,9 @@ class ContactNetwork(Result):
         """
         if self.is_balanced or not all(self.pbc[: self.dimension]):
             return
-        forces, _torques = self.unbalanced
-        if not np.all(self.moving):
-            # the acceleration of weights is taken to be the one with the least squares of what
-            # remains
-            masses = np.where(self.moving, self.masses, 0.0)
-            acceleration = masses @ forces / (masses @ masses)
-            forces = forces - masses[:, None] * acceleration
-        farthest = self._find_farthest(forces)
+        farthest = self.find_farthest(self.residual_forces)
         _ball, _force, ratio = farthest
-        if ratio < _MOVING:
+        if ratio < MOVING:
             return
         raise InputError(
             "the balls of the network still move, and static forces act on them (prestress)",
@@ -655,6 +648,11 @@ class ContactNetwork(Result):
             fields["kinds"] = tuple(self.kinds[ball] for ball in chosen.tolist())
         return replace(self, **fields)
 
+    @cached_property
+    def piece_numbers(self) -> Index:
+        """(n,) number of the piece of each ball, see :func:`number_pieces`."""
+        return read_only(number_pieces(self.i, self.j, self.moving))
+
     def pieces(self) -> tuple[Self, ...]:
         """Return the networks into which this one falls, the largest first; (self,) if contacts
         join all balls.
@@ -664,7 +662,7 @@ class ContactNetwork(Result):
         network itself. There is no piece where no ball moves.
         """
         moving = self.moving
-        piece_of_ball = number_pieces(self.i, self.j, moving)
+        piece_of_ball = self.piece_numbers
         # the balls that move, in the order of their pieces, split between these
         members = np.flatnonzero(moving)
         members = members[np.argsort(piece_of_ball[members], kind="stable")]
@@ -1115,12 +1113,13 @@ class ContactNetwork(Result):
 
     def _finish_reading(self, keep_rattlers: bool, held_by: int | None) -> Self:
         """Return a network that was read without its rattlers, or with them if ``keep_rattlers``;
-        warn if the network is out of balance. For ``held_by`` see :meth:`without_rattlers`.
+        warn of what its numbers contradict
+        (:func:`~granphon.networks.consistency.compare_numbers`). For ``held_by`` see
+        :meth:`without_rattlers`.
         """
         keeps_all = require("keep_rattlers", truth, keep_rattlers)
         network = self if keeps_all else self.without_rattlers(held_by)
-        if network.imbalance_warning:
-            warnings.warn(network.imbalance_warning, InconsistencyWarning, stacklevel=3)
+        warn_of_faults(network)
         return network
 
     def write_tables(self, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:
@@ -1399,7 +1398,7 @@ class _Hold:
         # where contacts slip, two contacts or more whose forces are in balance, as along a straight
         # row, hold a ball
         net_force = np.linalg.norm(self.total_forces[balls], axis=1)
-        is_balanced = net_force <= _BALANCED * self.total_sizes[balls]
+        is_balanced = net_force <= BALANCED * self.total_sizes[balls]
         is_in_row = self.rows_hold & (counts >= 2) & is_balanced
         return np.asarray((counts >= self.least) | is_in_row | ~self.moving[balls])
 
