@@ -102,6 +102,8 @@ class Compatibility:
         none by default. They act on motions as in
         :func:`~granphon.dynamics.deformation_rows.carry_rows`, but for the part that has no
         potential.
+    tangential_growth : (n_c,) relative growth of a tangential force over the overlap, 1/d; 0 by
+        default.
     distance : (n_c,) distance r of the two centres, by which tangential forces turn with the
         contact; by default the length of the vector of the contact, so it must be given if
         tangential forces act and balls touch bodies that do not move.
@@ -128,6 +130,7 @@ class Compatibility:
         torsion: ArrayLike = 0.0,
         bending: ArrayLike = 0.0,
         tangential_force: ArrayLike = 0.0,
+        tangential_growth: ArrayLike = 0.0,
         distance: ArrayLike | None = None,
         motions: Motions = IN_PLANE,
         name: str = "of these contacts",
@@ -149,6 +152,8 @@ class Compatibility:
         )
         across = real_array("tangential_force", tangential_force)
         self.tangential_force: Array = read_only(np.broadcast_to(across, contacts.normal.shape))
+        growth = real_array("tangential_growth", tangential_growth)
+        self.tangential_growth: Array = read_only(np.broadcast_to(growth, len(contacts)))
         distances = np.linalg.norm(contacts.vector, axis=1)
         if distance is not None:
             distances = real_array("distance", distance)
@@ -403,7 +408,8 @@ class Compatibility:
         """Rows on which static forces act, and their stiffness (n_c,): -f/a of displacements across
         contacts.
 
-        Tangential forces T have three pairs of rows: each pair is the difference of two squares.
+        Tangential forces T have three pairs of rows, and one more if they grow with the overlap:
+        each pair is the difference of two squares.
         """
         table = self.contacts
         pushes = [(row, -self.prestress) for row in push_rows(table.normal, self.motions)]
@@ -427,6 +433,7 @@ class Compatibility:
             self.motions,
             gyration_i=gyration[table.i],
             gyration_j=gyration[table.j],
+            growth=self.tangential_growth,
         )
         return pushes + [(row, sign * size) for row, sign in split_pairs(pairs)]
 
@@ -580,7 +587,14 @@ class Compatibility:
             for ratio in (self.mindlin_ratio, self.torsion, self.bending)
         ]
         scalars = np.column_stack(
-            [table.arm_i, table.arm_j, self.stiffness, self.prestress, *ratios]
+            [
+                table.arm_i,
+                table.arm_j,
+                self.stiffness,
+                self.prestress,
+                self.tangential_growth,
+                *ratios,
+            ]
         )
         # arms are exchanged where the image is straight
         swapped = scalars.copy()

@@ -247,6 +247,7 @@ class ContactLattice(LongWaves):
             torsion=network.torsion_stiffness[kept] / rotational,
             bending=network.bending_stiffness[kept] / rotational,
             tangential_force=across / units.force,
+            tangential_growth=network.tangential_growth[kept] * units.length,
             distance=network.distance[kept] / units.length,
             motions=allowed_motions(dimension)[network.motions],
             name="of this network",

@@ -300,6 +300,7 @@ class Source:
     left_out: int = 0
     adhesive: bool = False
     contact_model: ContactModel | None = None
+    tangential_law: str = "mindlin/force"
 
     def complete(
         self,
@@ -364,6 +365,7 @@ class Source:
             "kinds": balls.kinds,
             "adhesive": self.adhesive,
             "contact_model": model,
+            "tangential_law": self.tangential_law,
         }
 
     def _find_masses(self, material: Material | None) -> Array:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from granphon.balls.ball import RIGID_PLANE
 from granphon.balls.contact_model import ContactModel
-from granphon.balls.hertz import HOLDING_FORCE
+from granphon.balls.hertz import HOLDING_FORCE, overlap_from
 from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
@@ -70,6 +70,16 @@ _ALONG = 1e-2
 #: difference of the radii of balls that name no kind, over their mean, below which the balls are of
 #: one kind
 _ALIKE = 0.25
+#: the power of the overlap as which a static tangential force grows while the slip stays, by the
+#: names of laws of other programs
+TANGENTIAL_LAWS = {
+    "mindlin/force": 0.0,
+    "mindlin": 0.5,
+    "mindlin_rescale/force": 0.25,
+    "mindlin_rescale": 0.75,
+    "yade": 0.0,
+    "liggghts": 0.5,
+}
 #: memory to repeat or to cut a network, and to check it, over that of its arrays
 _COPIES = 4.5
 #: most cells along a period
@@ -100,7 +110,7 @@ class ContactNetwork(Result):
     arm_i, arm_j : (n_c,) distances from the two centres to the contact, m.
     tangential_force : (n_c, 3) static forces across contacts, with which ball i acts on ball j, N;
         None if they are not known. With prestress they stay across the contacts as these turn, as
-        in LAMMPS, and keep their size.
+        in LAMMPS, and change with the overlap as the ``tangential_law`` says.
     motions : "longitudinal", "in_plane", "out_of_plane" or "all": the motions of each ball. Balls
         rotate only if some contact resists it.
     dimension : 1, 2 or 3 for balls on a line, in a plane, in space.
@@ -116,6 +126,12 @@ class ContactNetwork(Result):
         if they are not known.
     contact_model : the materials of the kinds and the law of their contacts, from which :meth:`cut`
         knows how balls stand on a floor; None if they are not known.
+    tangential_law : how a static tangential force T changes with the overlap delta while the slip
+        stays, by the name of the law in a program. "mindlin/force" and "yade": T keeps its size.
+        "mindlin" and "liggghts" (also ``gran/hertz/history``): the slip of the past is kept, and T
+        grows as the shear stiffness, as delta^(1/2). "mindlin_rescale" and "mindlin_rescale/force":
+        the same two, but slip or force shrinks where the overlap does; the response is the mean of
+        both directions, as delta^(3/4) and delta^(1/4).
 
     Raises
     ------
@@ -157,6 +173,7 @@ class ContactNetwork(Result):
     adhesive: bool = False
     kinds: Annotated[tuple[str, ...] | None, "n?"] = None
     contact_model: ContactModel | None = field(default=None, repr=False)
+    tangential_law: str = "mindlin/force"
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {
@@ -165,6 +182,7 @@ class ContactNetwork(Result):
             "adhesive": require("adhesive", truth, self.adhesive),
             "dimension": whole_number("dimension", self.dimension, 1, 3),
             "left_out": whole_number("left_out", self.left_out, 0),
+            "tangential_law": one_of("tangential_law", self.tangential_law, TANGENTIAL_LAWS),
         }
         lattice: Any = self.lattice
         if not isinstance(lattice, Lattice | None):
@@ -373,6 +391,17 @@ class ContactNetwork(Result):
         along = np.einsum("ca,ca->c", self.tangential_force, self.normal)
         across = self.tangential_force - along[:, None] * self.normal
         return read_only(self.normal_force + along), read_only(across)
+
+    @cached_property
+    def tangential_growth(self) -> Array:
+        """(n_c,) part by which a static tangential force grows, over the growth of the overlap, by
+        the ``tangential_law``, 1/m; zero without a normal force. The overlap is that of Hertz's
+        law, 3 f/2 k.
+        """
+        power = TANGENTIAL_LAWS[self.tangential_law]
+        overlap = overlap_from(self.normal_force, self.normal_stiffness)
+        growth = np.divide(power, overlap, out=np.zeros(self.n_contacts), where=overlap > 0.0)
+        return read_only(growth)
 
     @cached_property
     def unbalanced(self) -> tuple[Array, Array]:
@@ -953,6 +982,7 @@ class ContactNetwork(Result):
         motions: str | None = None,
         friction: bool = True,
         prestress: bool | None = None,
+        tangential_law: str | None = None,
         columns: Mapping[str, str] | None = None,
         keep_rattlers: bool = False,
         held_by: int | None = None,
@@ -991,6 +1021,8 @@ class ContactNetwork(Result):
             not. Contacts that resist slip bear tangential forces of the same order: without these
             there is an :class:`~granphon.base.errors.InconsistencyWarning`; and there is one if the
             static forces on a ball add up to more than 1e-3 of the mean force of a contact.
+        tangential_law : how static tangential forces change with the overlap, see the class; by
+            default as files of :meth:`write_tables` say, or "mindlin/force".
         columns : headings of columns that go by other names: {"radius": "R (mm)"}.
         keep_rattlers : keep balls that carry no load. By default they are left out, and
             ``left_out`` is their number.
@@ -1021,7 +1053,7 @@ class ContactNetwork(Result):
 
         source = read_tables(balls, contacts, {} if columns is None else columns, cell, pbc)
         network = cls(**source.complete(material, friction, dimension, motions, prestress))
-        return network._finish_reading(keep_rattlers, held_by)
+        return network._finish_reading(keep_rattlers, held_by, tangential_law)
 
     @classmethod
     def from_lammps(
@@ -1039,6 +1071,7 @@ class ContactNetwork(Result):
         motions: str | None = None,
         friction: bool = True,
         prestress: bool = False,
+        tangential_law: str | None = None,
         keep_rattlers: bool = False,
         held_by: int | None = None,
     ) -> Self:
@@ -1062,11 +1095,12 @@ class ContactNetwork(Result):
         normal_stiffness, shear_stiffness : N/m, of all contacts whose law is linear, such as
             ``hooke``.
         dimension : 1, 2 or 3; by default 2 where z is the same for all balls, else 3.
-        motions, friction, prestress, keep_rattlers, held_by : see :meth:`from_table`.
+        motions, friction, prestress, tangential_law, keep_rattlers, held_by : see
+            :meth:`from_table`.
 
-        With ``prestress`` the response is that of ``mindlin/force``, with two differences: the part
-        of the tangential forces without a potential is left out, and LAMMPS computes slip with the
-        radii. Contacts with walls are not in ``compute pair/local``, and are missing.
+        With ``prestress`` the response is that of the ``tangential_law``, with two differences: the
+        part of the tangential forces without a potential is left out, and LAMMPS computes slip with
+        the radii. Contacts with walls are not in ``compute pair/local``, and are missing.
 
         Forces that are not those of the overlaps, masses that are not those of the density, rounded
         places and static forces out of balance are told as by :meth:`from_table`.
@@ -1085,7 +1119,7 @@ class ContactNetwork(Result):
 
         source = read_dumps(dump, pairs, units, columns, step, normal_stiffness, shear_stiffness)
         network = cls(**source.complete(material, friction, dimension, motions, prestress))
-        return network._finish_reading(keep_rattlers, held_by)
+        return network._finish_reading(keep_rattlers, held_by, tangential_law)
 
     @classmethod
     def read(cls, program: str, *files: Any, **options: Any) -> ContactNetwork:
@@ -1111,14 +1145,18 @@ class ContactNetwork(Result):
             raise InputError(fault, mend=mend)
         return network
 
-    def _finish_reading(self, keep_rattlers: bool, held_by: int | None) -> Self:
-        """Return a network that was read without its rattlers, or with them if ``keep_rattlers``;
-        warn of what its numbers contradict
+    def _finish_reading(
+        self, keep_rattlers: bool, held_by: int | None, tangential_law: str | None
+    ) -> Self:
+        """Return a network that was read, with another ``tangential_law`` unless that is None, and
+        without its rattlers, or with them if ``keep_rattlers``; warn of what its numbers contradict
         (:func:`~granphon.networks.consistency.compare_numbers`). For ``held_by`` see
         :meth:`without_rattlers`.
         """
         keeps_all = require("keep_rattlers", truth, keep_rattlers)
         network = self if keeps_all else self.without_rattlers(held_by)
+        if tangential_law is not None:
+            network = replace(network, tangential_law=tangential_law)
         warn_of_faults(network)
         return network
 

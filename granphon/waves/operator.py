@@ -386,6 +386,7 @@ class WaveOperator(LinearOperator):
             network.ball_motions,
             gyration[network.i],
             gyration[network.j],
+            network.tangential_growth,
         )
         factors = [np.ones(network.n_contacts) for _ in pairs]
         pull_rows = [pull for pull, _ in pairs]
