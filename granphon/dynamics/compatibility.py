@@ -403,6 +403,19 @@ class Compatibility:
         zeros = np.zeros((len(table), self.motions.count))
         return resisted or [Row("elongation", 1.0, zeros, zeros)]
 
+    @property
+    def shifts(self) -> Array:
+        """(n_branches, n_u) the shifts of all balls, orthonormal; none if bodies that do not move
+        hold them.
+        """
+        count = len(self.motions.translations)
+        if self.is_held:
+            return np.zeros((self.n_branches, 0))
+        shifts = np.zeros((self.n_balls, self.motions.count, count))
+        weights = np.sqrt(self.masses / self.masses.sum())
+        shifts[:, np.arange(count), np.arange(count)] = weights[:, None]
+        return shifts.reshape(self.n_branches, count)
+
     @cached_property
     def static_rows(self) -> list[tuple[Row, Array]]:
         """Rows on which static forces act, and their stiffness (n_c,): -f/a of displacements across
