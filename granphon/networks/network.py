@@ -562,6 +562,33 @@ class ContactNetwork(Result):
         return 2.0 * self.n_contacts / self.n_balls
 
     @property
+    def fabric(self) -> Array:
+        """(d, d) fabric tensor: the mean of n n over the contacts, n being their normals, in d
+        dimensions. Its trace is 1; contacts that have no preferred direction have 1/d on the
+        diagonal.
+
+        In a plane the contacts have the angular density (1 + a cos 2(theta - theta_0))/2 pi, to
+        second order, where a is twice the difference of the two eigenvalues, and theta_0 the
+        direction of the larger one. InputError for a network without contacts.
+        """
+        return self._average_directions(np.ones(self.n_contacts))
+
+    @property
+    def force_fabric(self) -> Array:
+        """(d, d) the mean of f n n over the contacts, over the mean of f, with the normal forces f:
+        the :attr:`fabric` in which a contact counts as its force. InputError without forces.
+        """
+        return self._average_directions(self.normal_force)
+
+    def _average_directions(self, weights: Array) -> Array:
+        """Return the mean (d, d) of n n over the contacts, with ``weights`` (n_c,)."""
+        total = float(np.sum(weights))
+        if not total:
+            raise InputError("the network has no contacts, or none with a force")
+        normal = self.normal[:, : self.dimension]
+        return np.asarray(np.einsum("c,ca,cb->ab", weights, normal, normal) / total)
+
+    @property
     def contact_fields(self) -> tuple[str, ...]:
         """Names of the fields that have one entry for each contact."""
         names = [name for name, layout in self._shapes.items() if layout[0] == "c"]
