@@ -20,7 +20,7 @@ LARGEST_FACTORS = {1: 1_000_000, 2: 300_000, 3: 120_000 if find_spec("rslab") el
 _FACTORS_TIME = {1: (3.6e-7, 0.0), 2: (1.8e-7, 0.5), 3: (2.1e-8, 1.0)}
 #: their bytes for each of n motions while they are made, c n^p; of lattices that are not the
 #: densest, and of packings, from a quarter of that
-_FACTORS_BYTES = {1: (5e3, 0.0), 2: (15e3, 0.0), 3: (1.6e3, 1.0 / 3.0)}
+_FACTORS_BYTES = {1: (5e3, 0.0), 2: (15e3, 0.0), 3: (1.6e3, 0.33)}
 
 
 def compose(
