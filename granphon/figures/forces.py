@@ -147,7 +147,7 @@ def plot_forces(
         mend = "Give its network: plot(sample.network, color=...)"
         raise InputError("the balls of a sample have no colours", mend=mend)
     layer = _find_layer(sample) if isinstance(sample, Sample) else _project(sample)
-    values = None if color is None else _BallValues.of(sample, color)
+    values = None if color is None else _BallValues.of(source, color)
     if values is not None:
         layer = replace(layer, colours=values.find_colours(layer.shown), kinds={})
     shown = _choose_show(layer, window) if show == "auto" else show
