@@ -143,12 +143,13 @@ def plot_forces(
     if not isinstance(source, ContactNetwork | Sample):
         mend = "Give a sample, such as state.samples[0], or a gp.ContactNetwork"
         raise InputError(f"{brief(sample)} has no contact forces to draw", mend=mend)
-    if color is not None and isinstance(sample, Sample):
-        mend = "Give its network: plot(sample.network, color=...)"
-        raise InputError("the balls of a sample have no colours", mend=mend)
     layer = _find_layer(sample) if isinstance(sample, Sample) else _project(sample)
-    values = None if color is None else _BallValues.of(source, color)
-    if values is not None:
+    values = None
+    if color is not None:
+        if isinstance(sample, Sample):
+            mend = "Give its network: plot(sample.network, color=...)"
+            raise InputError("the balls of a sample have no colours", mend=mend)
+        values = _BallValues.of(sample, color)
         layer = replace(layer, colours=values.find_colours(layer.shown), kinds={})
     shown = _choose_show(layer, window) if show == "auto" else show
     edges = _choose_window(layer, window) if shown == "window" else layer.edges
