@@ -104,6 +104,8 @@ class Compatibility:
         none by default. They act on motions as in
         :func:`~granphon.dynamics.deformation_rows.carry_rows`, but for the part that has no
         potential.
+    tangential_growth : (n_c,) relative growth of a tangential force over the overlap, 1/d; 0 by
+        default.
     distance : (n_c,) distance r of the two centres, by which tangential forces turn with the
         contact; by default the length of the vector of the contact, so it must be given if
         tangential forces act and balls touch bodies that do not move.
@@ -133,6 +135,7 @@ class Compatibility:
         torsion: ArrayLike = 0.0,
         bending: ArrayLike = 0.0,
         tangential_force: ArrayLike = 0.0,
+        tangential_growth: ArrayLike = 0.0,
         distance: ArrayLike | None = None,
         motions: Motions = IN_PLANE,
         on_site: Array | None = None,
@@ -158,6 +161,8 @@ class Compatibility:
         )
         across = real_array("tangential_force", tangential_force)
         self.tangential_force: Array = read_only(np.broadcast_to(across, contacts.normal.shape))
+        growth = real_array("tangential_growth", tangential_growth)
+        self.tangential_growth: Array = read_only(np.broadcast_to(growth, len(contacts)))
         distances = np.linalg.norm(contacts.vector, axis=1)
         if distance is not None:
             distances = real_array("distance", distance)
@@ -430,12 +435,26 @@ class Compatibility:
             row.tail[self.n_between :] = 0.0
         return rows + anchor_rows(self.on_site, self.named_motions, motions, len(table))
 
+    @property
+    def shifts(self) -> Array:
+        """(n_branches, n_u) the shifts of all balls, orthonormal; none if bodies that do not move
+        hold them.
+        """
+        count = len(self.motions.translations)
+        if self.is_held:
+            return np.zeros((self.n_branches, 0))
+        shifts = np.zeros((self.n_balls, self.motions.count, count))
+        weights = np.sqrt(self.masses / self.masses.sum())
+        shifts[:, np.arange(count), np.arange(count)] = weights[:, None]
+        return shifts.reshape(self.n_branches, count)
+
     @cached_property
     def static_rows(self) -> list[tuple[Row, Array]]:
         """Rows on which static forces act, and their stiffness (n_c,): -f/a of displacements across
         contacts.
 
-        Tangential forces T have three pairs of rows: each pair is the difference of two squares.
+        Tangential forces T have three pairs of rows, and one more if they grow with the overlap:
+        each pair is the difference of two squares.
         """
         table = self.contacts
         pushes = [(row, -self.prestress) for row in push_rows(table.normal, self.motions)]
@@ -459,6 +478,7 @@ class Compatibility:
             self.motions,
             gyration_i=gyration[table.i],
             gyration_j=gyration[table.j],
+            growth=self.tangential_growth,
         )
         return pushes + [(row, sign * size) for row, sign in split_pairs(pairs)]
 
@@ -615,7 +635,14 @@ class Compatibility:
             for ratio in (self.mindlin_ratio, self.torsion, self.bending)
         ]
         scalars = np.column_stack(
-            [table.arm_i, table.arm_j, self.stiffness, self.prestress, *ratios]
+            [
+                table.arm_i,
+                table.arm_j,
+                self.stiffness,
+                self.prestress,
+                self.tangential_growth,
+                *ratios,
+            ]
         )
         # arms are exchanged where the image is straight
         swapped = scalars.copy()

@@ -262,6 +262,7 @@ class ContactLattice(LongWaves):
             torsion=extend(network.torsion_stiffness[kept] / rotational),
             bending=extend(network.bending_stiffness[kept] / rotational),
             tangential_force=extend(across / units.force),
+            tangential_growth=extend(network.tangential_growth[kept] * units.length),
             distance=extend(network.distance[kept] / units.length, 1.0),
             motions=motions,
             on_site=springs if len(anchored) else None,

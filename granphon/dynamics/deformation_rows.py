@@ -200,6 +200,7 @@ def carry_rows(
     motions: Motions,
     gyration_i: Array,
     gyration_j: Array,
+    growth: Array,
 ) -> list[tuple[Row, Row]]:
     """Return the stiffness that static forces T = ``force`` (n_c, 3) across contacts have, as pairs
     (pull, move) of rows: the sum of pull^T move.
@@ -211,7 +212,9 @@ def carry_rows(
 
     where v is the displacement across the contact and r the ``distance``; dM_j is the same with
     arm_j. Such a stiffness has no potential: the sum is not symmetric. T does not turn about n with
-    the balls. ``normal`` is (n_c, 3), and all else is as for :func:`contact_rows`.
+    the balls. In some laws T grows with the overlap, by dT = -g e T with the ``growth`` g (n_c,),
+    and acts at the arms as it does. ``normal`` is (n_c, 3), and all else is as for
+    :func:`contact_rows`.
     """
     n = normal
     beside = np.cross(normal, force)
@@ -231,11 +234,18 @@ def carry_rows(
 
     elongation = _make_row("elongation", 1.0, list(n.T), none, turn_j, turn_i, motions)
     unit = np.ones(len(n))
-    return [
+    pairs = [
         (elongation, push(force)),
         (turn(n, arm_j, arm_i), push(-beside)),  # as v x T is along n
         (turn(0.5 * beside, unit, unit), elongation),
     ]
+    if np.any(growth):
+        # the slip along T, and what T grows by
+        levers = (-arm_j * turn_j, arm_i * turn_i)
+        slip = _make_row("carry", 1.0, list(force.T), list(beside.T), *levers, motions)
+        head, tail = (growth[:, None] * ends for ends in (elongation.head, elongation.tail))
+        pairs.append((slip, Row("elongation", 1.0, head, tail)))
+    return pairs
 
 
 def split_pairs(pairs: Sequence[tuple[Row, Row]]) -> list[tuple[Row, float]]:

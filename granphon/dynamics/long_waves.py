@@ -44,6 +44,7 @@ from granphon.dynamics.elasticity import (
     take_voigt,
     voigt_pairs,
 )
+from granphon.dynamics.iterative_relaxation import IterativeRelaxation
 from granphon.dynamics.linalg import MANY_COLUMNS, cholesky_factor, is_independent, jacobi_svd
 from granphon.dynamics.sparse_relaxation import SparseRelaxation, compose_ends
 
@@ -63,6 +64,8 @@ _COUPLED = 1e-9
 #: greatest difference, over the constant c_xxxx, between elastic constants that are equal in an
 #: isotropic lattice; it allows for rounding
 _ISOTROPIC = 1e-10
+#: most motions of a cell in space that are relaxed by factors: 20,000 balls take 8 GB
+MOST_RELAXED_BY_FACTORS = 120_000
 #: numbers of directions up to which their long waves are kept
 _FEW_NUMBERS = 12
 
@@ -126,17 +129,19 @@ class LongWaves(Compatibility):
             vars(self)["_sparse"] = self._make_sparse(progress)
 
     @cached_property
-    def _sparse(self) -> SparseRelaxation:
-        """The relaxation of all inner motions by sparse factors."""
+    def _sparse(self) -> SparseRelaxation | IterativeRelaxation:
+        """The relaxation of all inner motions by sparse factors, or by iteration."""
         return self._make_sparse(silent)
 
-    def _make_sparse(self, progress: Progress) -> SparseRelaxation:
+    def _make_sparse(self, progress: Progress) -> SparseRelaxation | IterativeRelaxation:
         head, tail = compose_ends(self, *self._weight_rows())
+        if self.periods == 3 and self.n_branches > MOST_RELAXED_BY_FACTORS:
+            return IterativeRelaxation(self, (head - tail).tocsr(), progress)
         return SparseRelaxation(self, (head - tail).tocsr(), (head + tail).tocsr(), _SOFT, progress)
 
     @property
-    def _relaxation(self) -> SparseRelaxation | None:
-        """The relaxation of many inner motions by sparse factors; None where matrices are dense."""
+    def _relaxation(self) -> SparseRelaxation | IterativeRelaxation | None:
+        """The relaxation of many inner motions; None where matrices are dense."""
         return self._sparse if self._is_large else None
 
     @property

@@ -160,24 +160,10 @@ class SparseRelaxation:
         self._soft_deformations = deformations[:, ~is_free]
         idle = motions[:, is_idle]
         free_active = _leave_out(idle, basis @ right_vectors[is_free].T / self._scale[:, None])
-        shifts = self._shifts
+        shifts = self.lattice.shifts
         idle_shifts = _orthonormalise(shifts - _leave_out(idle, shifts))
         free = np.concatenate([idle_shifts, free_active], axis=1)
         self.free: Array = _orthonormalise(free - shifts @ (shifts.T @ free))
-
-    @property
-    def _shifts(self) -> Array:
-        """(n_branches, n_u) the shifts of all balls, orthonormal; none if bodies that do not move
-        hold them.
-        """
-        lattice = self.lattice
-        count = len(lattice.motions.translations)
-        if lattice.is_held:
-            return np.zeros((lattice.n_branches, 0))
-        shifts = np.zeros((lattice.n_balls, lattice.motions.count, count))
-        weights = np.sqrt(lattice.masses / lattice.masses.sum())
-        shifts[:, np.arange(count), np.arange(count)] = weights[:, None]
-        return shifts.reshape(lattice.n_branches, count)
 
     def relax(self, deformations: Array) -> Array:
         """Return the part of deformations (n_rows, ...) that remains once the inner motions have

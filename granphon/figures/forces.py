@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -14,6 +14,7 @@ from granphon.figures.scales import FORCES, ROW_HEIGHT, add_title, name_axis, st
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection, LineCollection, QuadMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -83,6 +84,12 @@ _MARGIN_OF_EQUAL_FORCES = 0.05
 #: least and greatest width of a line of a network, in widths of the line of the mean force: a
 #: single contact may carry nearly all of the force
 _WIDTHS = (0.2, 4.0)
+#: what the balls of a network may be coloured by: name of the numbers, and their unit
+_COLOURED_BY = {
+    "force": ("Mean contact force", "N"),
+    "overlap": ("Mean overlap", "m"),
+    "contacts": ("Contacts", ""),
+}
 #: what of the contacts may be shown
 Show = Literal["auto", "all", "window", "density"]
 _SHOWS = ("all", "window", "density", "auto")
@@ -96,6 +103,7 @@ def plot_forces(
     *,
     show: Show = "auto",
     window: Sequence[float] | None = None,
+    color: Any = None,
 ) -> Axes:
     """Draw the contact forces of a sample or a network: a line from ball to ball, as wide and as
     dark as its force.
@@ -121,6 +129,10 @@ def plot_forces(
         whose lines would be too thin to be told apart.
     window : the left, lower, right and upper edge of the window, in diameters, or m of a network;
         by default the 24 diameters in the middle.
+    color : what the balls of a network are coloured by: "force", the mean normal force of the
+        contacts of each ball, "overlap", their mean overlap by the places, or "contacts", their
+        number; or (n,) numbers of your own, as the spins of a mode. A bar says what colours mean.
+        None for kinds.
 
     If ``ax`` is not given, a new figure, one column wide, is made. Raises
     :class:`~granphon.base.errors.InputError` for another word of ``show``, for a window without a
@@ -132,6 +144,13 @@ def plot_forces(
         mend = "Give a sample, such as state.samples[0], or a gp.ContactNetwork"
         raise InputError(f"{brief(sample)} has no contact forces to draw", mend=mend)
     layer = _find_layer(sample) if isinstance(sample, Sample) else _project(sample)
+    values = None
+    if color is not None:
+        if isinstance(sample, Sample):
+            mend = "Give its network: plot(sample.network, color=...)"
+            raise InputError("the balls of a sample have no colours", mend=mend)
+        values = _BallValues.of(sample, color)
+        layer = replace(layer, colours=values.find_colours(layer.shown), kinds={})
     shown = _choose_show(layer, window) if show == "auto" else show
     edges = _choose_window(layer, window) if shown == "window" else layer.edges
     if ax is None:
@@ -139,7 +158,8 @@ def plot_forces(
         height = _WINDOW_HEIGHT if is_default_window else layer.height
         rows_of_legend = min(_MOST_LEGEND_ROWS, math.ceil(len(layer.kinds) / 2))
         with styled_figure(height + ROW_HEIGHT * rows_of_legend) as new_figure:
-            return plot_forces(sample, new_figure.subplots(), show=shown, window=window)
+            axes = new_figure.subplots()
+            return plot_forces(sample, axes, show=shown, window=window, color=color)
     remark = ""  # the end of the label of the colours
     artist: LineCollection | QuadMesh
     if shown == "density":
@@ -152,7 +172,69 @@ def plot_forces(
     _set_axes(layer, ax, edges)
     if artist.get_array() is not None:
         _add_bar(layer, ax, artist, remark)
+    if values is not None:
+        values.add_bar(ax)
     return ax
+
+
+@dataclass(frozen=True)
+class _BallValues:
+    """Numbers (n,) by which balls are coloured, with their name and unit, and the scale of the
+    colours: a diverging one where numbers have both signs.
+    """
+
+    numbers: Array
+    name: str
+    unit: str
+
+    @classmethod
+    def of(cls, network: ContactNetwork, color: Any) -> _BallValues:
+        """Return the numbers of a ``color`` of :func:`plot_forces`; InputError for another word,
+        and for numbers that are not one of each ball.
+        """
+        if not isinstance(color, str):
+            numbers = finite_array("color", color)
+            if numbers.shape != (network.n_balls,):
+                fault = f"color has the shape {numbers.shape}"
+                raise InputError(fault, mend=f"Give one of each of the {network.n_balls} balls")
+            return cls(numbers, "Value", "")
+        name, unit = _COLOURED_BY[one_of("color", color, _COLOURED_BY)]
+        contacts = np.ones(network.n_contacts)
+        if color == "force":
+            contacts = network.normal_force
+        elif color == "overlap":
+            touch = network.radii[network.i] + network.radii[network.j]
+            at_wall = np.isinf(network.distance)
+            contacts = np.where(at_wall, 0.0, touch - np.where(at_wall, touch, network.distance))
+        sums, counts = _sum_forces(network.i, network.j, contacts, network.n_balls)
+        numbers = sums if color == "contacts" else sums / np.maximum(counts, 1)
+        return cls(numbers, name, unit)
+
+    @property
+    def mapping(self) -> ScalarMappable:
+        """The scale of the colours."""
+        low = float(np.min(self.numbers))
+        high = float(np.max(self.numbers))
+        if low < 0.0 < high:
+            greatest = max(-low, high)
+            return ScalarMappable(Normalize(-greatest, greatest), "RdBu_r")
+        return ScalarMappable(Normalize(low, high if high > low else low + 1.0), "cividis")
+
+    def find_colours(self, shown: NDArray[np.intp]) -> Any:
+        """Return the colours (m,) of the balls with the indices ``shown`` (m,)."""
+        colours = np.empty(len(shown), object)
+        colours[:] = [tuple(colour) for colour in self.mapping.to_rgba(self.numbers[shown])]
+        return colours
+
+    def add_bar(self, ax: Axes) -> None:
+        """Add a bar of the colours beside the axes."""
+        figure: Any = ax.get_figure()
+        bar = figure.colorbar(self.mapping, ax=ax, location="right", aspect=40, pad=0.02).ax
+        if self.unit:
+            greatest = float(np.max(np.abs(self.numbers)))
+            name_axis(bar.yaxis, greatest, self.name, self.unit, short=True)
+        else:
+            bar.set_ylabel(self.name)
 
 
 def _set_axes(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> None:
@@ -349,6 +431,7 @@ class _Map:
     find_lines : returns the lines (m, 2, 2) of the contacts, and their forces (m,).
     network : the network; None for a sample.
     kinds : the colours of kinds of balls, by their names.
+    shown : (n,) indices of the balls of a network.
     """
 
     places: Array
@@ -364,6 +447,7 @@ class _Map:
     find_lines: Callable[[], tuple[Array, Array]]
     network: ContactNetwork | None = None
     kinds: Mapping[str, str] = field(default_factory=dict)
+    shown: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
 
     @property
     def size(self) -> Array:
@@ -536,6 +620,7 @@ def _project(network: ContactNetwork) -> _Map:
         find_lines=partial(_find_lines_of_network, network),
         network=network,
         kinds=kinds,
+        shown=shown,
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from granphon.balls.ball import BALL_LIMITS, WRONG_UNIT
 from granphon.balls.hertz import MOST_CONTACT_RADIUS
 from granphon.balls.material import ONSET_OF_YIELD
+from granphon.base.errors import message
 from granphon.base.results import Result
 from granphon.base.scales import prefixed
 from granphon.media.left_out import LEFT_OUT_LIMIT
@@ -118,8 +119,14 @@ class Check(Result):
     value : a number with the shape of the load, which must not be above ``limit``, or with
         ``at_least`` not below ``limit``. It is a pure number, or, as ``meaning`` says, in SI.
     limit : the limit, in the unit of the value.
-    reason : why the value is limited.
+    reason : why the value is limited, or, of a network, what a value beyond the limit does to
+        frequencies.
     at_least : whether the limit is a lower one.
+    fault : what is wrong where the condition of a network fails, in words; empty for others.
+    typical : of a network, the rms over balls, where the value is that of the worst ball; else
+        None.
+    worst : of a network, the balls, or pairs of balls that touch, that are farthest from the
+        others, the farthest first: their labels, or indices where there are none.
     """
 
     name: str
@@ -128,6 +135,9 @@ class Check(Result):
     limit: float
     reason: str
     at_least: bool = False
+    fault: str = ""
+    typical: float | None = None
+    worst: tuple[tuple[int, ...], ...] = ()
 
     @property
     def ok(self) -> Any:
@@ -169,6 +179,8 @@ class Check(Result):
         loads = np.size(self.value)
         if not failing:
             return None
+        if self.fault:
+            return message(self.fault, self.reason)
         place = f" ({where})" if where else ""
         value = np.asarray(self.value)
         worst = float(value.min() if self.at_least else value.max())

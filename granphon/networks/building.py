@@ -145,6 +145,7 @@ class Source:
     adhesive: bool = False
     contact_model: ContactModel | None = None
     notes: tuple[str, ...] = ()
+    tangential_law: str = "mindlin/force"
 
     def complete(
         self,
@@ -211,6 +212,7 @@ class Source:
             "adhesive": self.adhesive,
             "contact_model": self._find_model(material, resists_slip),
             "on_site": self._list_on_site(motions, dimension),
+            "tangential_law": self.tangential_law,
         }
 
     def _list_on_site(self, motions: str, dimension: int) -> Array | None:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from granphon.balls.ball import Body, Wall, find_wall, name_walls
 from granphon.balls.contact_model import ContactModel
-from granphon.balls.hertz import HOLDING_FORCE
+from granphon.balls.hertz import HOLDING_FORCE, overlap_from
 from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
@@ -29,11 +29,8 @@ from granphon.balls.on_site import name_springs, turn_on_site
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import (
     GranphonError,
-    InconsistencyWarning,
     InputError,
     brief,
-    message,
-    warn_caller,
 )
 from granphon.base.memory import require_memory
 from granphon.base.registry import Registry
@@ -52,6 +49,7 @@ from granphon.base.validation import (
     truth,
     whole_number,
 )
+from granphon.networks.consistency import BALANCED, MOVING, warn_of_faults
 from granphon.networks.sources import (
     ALONG,
     LARGEST,
@@ -81,16 +79,19 @@ _STRAY = 0.25
 _FLAT = 1e-9
 #: part of a tangential force along the normal, over the normal force, that is rounding
 _NOTHING = 1e-12
-#: sum of the forces on a ball, over the sum of their sizes, or over the mean force of a contact, up
-#: to which they are in balance: programs of discrete elements leave 1e-4 or less, and weights,
-#: walls or digits that a file lacks leave more
-_BALANCED = 1e-3
-#: the same sum over the mean force, from which a packing that nothing else can hold still moves: in
-#: files with three digits, too few for forces, it stays below
-_MOVING = 5e-3
 #: difference of the radii of balls that name no kind, over their mean, below which the balls are of
 #: one kind
 _ALIKE = 0.25
+#: the power of the overlap as which a static tangential force grows while the slip stays, by the
+#: names of laws of other programs
+TANGENTIAL_LAWS = {
+    "mindlin/force": 0.0,
+    "mindlin": 0.5,
+    "mindlin_rescale/force": 0.25,
+    "mindlin_rescale": 0.75,
+    "yade": 0.0,
+    "liggghts": 0.5,
+}
 #: memory to repeat or to cut a network, and to check it, over that of its arrays
 _COPIES = 4.5
 #: the key of the notes of a reader among what a network keeps
@@ -123,7 +124,7 @@ class ContactNetwork(Result):
     arm_i, arm_j : (n_c,) distances from the two centres to the contact, m.
     tangential_force : (n_c, 3) static forces across contacts, with which ball i acts on ball j, N;
         None if they are not known. With prestress they stay across the contacts as these turn, as
-        in LAMMPS, and keep their size.
+        in LAMMPS, and change with the overlap as the ``tangential_law`` says.
     motions : "longitudinal", "in_plane", "out_of_plane" or "all": the motions of each ball. Balls
         rotate only if some contact resists it.
     dimension : 1, 2 or 3 for balls on a line, in a plane, in space.
@@ -141,6 +142,12 @@ class ContactNetwork(Result):
         knows how balls stand on a floor; None if they are not known.
     on_site : (n, motions) stiffnesses of springs to the ground against each of the ``motions`` of a
         ball, displacements first, N/m, then rotations, N m; None without such springs.
+    tangential_law : how a static tangential force T changes with the overlap delta while the slip
+        stays, by the name of the law in a program. "mindlin/force" and "yade": T keeps its size.
+        "mindlin" and "liggghts" (also ``gran/hertz/history``): the slip of the past is kept, and T
+        grows as the shear stiffness, as delta^(1/2). "mindlin_rescale" and "mindlin_rescale/force":
+        the same two, but slip or force shrinks where the overlap does; the response is the mean of
+        both directions, as delta^(3/4) and delta^(1/4).
 
     Raises
     ------
@@ -185,6 +192,7 @@ class ContactNetwork(Result):
     kinds: Annotated[tuple[str, ...] | None, "n?"] = None
     contact_model: ContactModel | None = field(default=None, repr=False)
     on_site: Annotated[Array | None, "n m?", "", "zero or above"] = None
+    tangential_law: str = "mindlin/force"
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {
@@ -193,6 +201,7 @@ class ContactNetwork(Result):
             "adhesive": require("adhesive", truth, self.adhesive),
             "dimension": whole_number("dimension", self.dimension, 1, 3),
             "left_out": whole_number("left_out", self.left_out, 0),
+            "tangential_law": one_of("tangential_law", self.tangential_law, TANGENTIAL_LAWS),
         }
         lattice: Any = self.lattice
         if not isinstance(lattice, Lattice | None):
@@ -414,6 +423,17 @@ class ContactNetwork(Result):
         return read_only(self.normal_force + along), read_only(across)
 
     @cached_property
+    def tangential_growth(self) -> Array:
+        """(n_c,) part by which a static tangential force grows, over the growth of the overlap, by
+        the ``tangential_law``, 1/m; zero without a normal force. The overlap is that of Hertz's
+        law, 3 f/2 k.
+        """
+        power = TANGENTIAL_LAWS[self.tangential_law]
+        overlap = overlap_from(self.normal_force, self.normal_stiffness)
+        growth = np.divide(power, overlap, out=np.zeros(self.n_contacts), where=overlap > 0.0)
+        return read_only(growth)
+
+    @cached_property
     def unbalanced(self) -> tuple[Array, Array]:
         """Sums of the static forces, N, and of their torques, N m, on each ball, (n, 3): zero of
         balls that do not move.
@@ -435,20 +455,41 @@ class ContactNetwork(Result):
         """The ball that is farthest from balance, the sum of the static forces on it, N, and that
         sum over the mean force of a contact.
         """
-        return self._find_farthest(self.unbalanced[0])
+        return self.find_farthest(self.unbalanced[0])
 
-    def _find_farthest(self, forces: Array) -> tuple[int, float, float]:
+    @cached_property
+    def mean_force(self) -> float:
+        """Mean size of the static forces of contacts, N."""
+        normal_force, across = self.static_forces
+        return float(np.mean(np.hypot(normal_force, np.linalg.norm(across, axis=1))))
+
+    @cached_property
+    def residual_forces(self) -> Array:
+        """(n, 3) sums of the static forces on each ball, N. Where bodies hold some balls, the one
+        acceleration that weights may give to all others is left out: that with the least squares of
+        what remains.
+        """
+        forces, _torques = self.unbalanced
+        if np.all(self.moving):
+            return forces
+        masses = np.where(self.moving, self.masses, 0.0)
+        acceleration = masses @ forces / (masses @ masses)
+        return read_only(forces - masses[:, None] * acceleration)
+
+    def find_farthest(self, forces: Array) -> tuple[int, float, float]:
         """Return the ball under the largest of the ``forces`` (n, 3), N, the size of that force, N,
         and the size over the mean force of a contact.
         """
-        normal_force, across = self.static_forces
-        mean_force = np.mean(np.hypot(normal_force, np.linalg.norm(across, axis=1)))
         sizes = np.linalg.norm(forces, axis=1)
         ball = int(np.argmax(sizes))
         size = float(sizes[ball])
         # without forces the mean may be zero too
-        ratio = float(size / mean_force) if size else 0.0
+        ratio = size / self.mean_force if size else 0.0
         return ball, size, ratio
+
+    def name_ball(self, ball: int) -> int:
+        """Return the label of a ball, or its index where balls have no labels."""
+        return ball if self.labels is None else int(self.labels[ball])
 
     def describe_imbalance(self, imbalance: tuple[int, float, float] | None = None) -> str:
         """Return in words which ball is farthest from balance, and by what force; empty if forces
@@ -457,24 +498,10 @@ class ContactNetwork(Result):
         ball, force, ratio = self.imbalance if imbalance is None else imbalance
         if not force:
             return ""
-        number = ball if self.labels is None else int(self.labels[ball])
         return (
-            f"The static forces on ball {number} add up to {force:.3g} N, {ratio:.2g} of the mean"
-            f" contact force"
+            f"The static forces on ball {self.name_ball(ball)} add up to {force:.3g} N,"
+            f" {ratio:.2g} of the mean contact force"
         )
-
-    @property
-    def imbalance_warning(self) -> str:
-        """Two sentences on the ball that is farthest from balance; empty if static forces do not
-        act, or are in balance.
-        """
-        if self.is_balanced:
-            return ""
-        mend = (
-            "Frequencies are of a network that is not at rest, unless something else acts on"
-            " the ball, as its weight or a wall"
-        )
-        return message(self.describe_imbalance(), mend)
 
     @property
     def is_balanced(self) -> bool:
@@ -486,7 +513,7 @@ class ContactNetwork(Result):
         if not is_known or not self.n_contacts:
             return True
         _ball, _force, ratio = self.imbalance
-        return ratio <= _BALANCED
+        return ratio <= BALANCED
 
     def require_rest(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if static forces act, and some ball is so
@@ -499,16 +526,9 @@ class ContactNetwork(Result):
         """
         if self.is_balanced or not all(self.pbc[: self.dimension]):
             return
-        forces, _torques = self.unbalanced
-        if not np.all(self.moving):
-            # the acceleration of weights is taken to be the one with the least squares of what
-            # remains
-            masses = np.where(self.moving, self.masses, 0.0)
-            acceleration = masses @ forces / (masses @ masses)
-            forces = forces - masses[:, None] * acceleration
-        farthest = self._find_farthest(forces)
+        farthest = self.find_farthest(self.residual_forces)
         _ball, _force, ratio = farthest
-        if ratio < _MOVING:
+        if ratio < MOVING:
             return
         raise InputError(
             "the balls of the network still move, and static forces act on them (prestress)",
@@ -572,6 +592,33 @@ class ContactNetwork(Result):
     def coordination(self) -> float:
         """Mean number of contacts of a ball."""
         return 2.0 * self.n_contacts / self.n_balls
+
+    @property
+    def fabric(self) -> Array:
+        """(d, d) fabric tensor: the mean of n n over the contacts, n being their normals, in d
+        dimensions. Its trace is 1; contacts that have no preferred direction have 1/d on the
+        diagonal.
+
+        In a plane the contacts have the angular density (1 + a cos 2(theta - theta_0))/2 pi, to
+        second order, where a is twice the difference of the two eigenvalues, and theta_0 the
+        direction of the larger one. InputError for a network without contacts.
+        """
+        return self._average_directions(np.ones(self.n_contacts))
+
+    @property
+    def force_fabric(self) -> Array:
+        """(d, d) the mean of f n n over the contacts, over the mean of f, with the normal forces f:
+        the :attr:`fabric` in which a contact counts as its force. InputError without forces.
+        """
+        return self._average_directions(self.normal_force)
+
+    def _average_directions(self, weights: Array) -> Array:
+        """Return the mean (d, d) of n n over the contacts, with ``weights`` (n_c,)."""
+        total = float(np.sum(weights))
+        if not total:
+            raise InputError("the network has no contacts, or none with a force")
+        normal = self.normal[:, : self.dimension]
+        return np.asarray(np.einsum("c,ca,cb->ab", weights, normal, normal) / total)
 
     @property
     def contact_fields(self) -> tuple[str, ...]:
@@ -692,6 +739,11 @@ class ContactNetwork(Result):
             fields["on_site"] = self.on_site[chosen]
         return replace(self, **fields)
 
+    @cached_property
+    def piece_numbers(self) -> Index:
+        """(n,) number of the piece of each ball, see :func:`number_pieces`."""
+        return read_only(number_pieces(self.i, self.j, self.moving))
+
     def pieces(self) -> tuple[Self, ...]:
         """Return the networks into which this one falls, the largest first; (self,) if contacts
         join all balls.
@@ -701,7 +753,7 @@ class ContactNetwork(Result):
         network itself. There is no piece where no ball moves.
         """
         moving = self.moving
-        piece_of_ball = number_pieces(self.i, self.j, moving)
+        piece_of_ball = self.piece_numbers
         # the balls that move, in the order of their pieces, split between these
         members = np.flatnonzero(moving)
         members = members[np.argsort(piece_of_ball[members], kind="stable")]
@@ -1011,6 +1063,7 @@ class ContactNetwork(Result):
         motions: str | None = None,
         friction: bool = True,
         prestress: bool | None = None,
+        tangential_law: str | None = None,
         columns: Mapping[str, str] | None = None,
         keep_rattlers: bool = False,
         held_by: int | None = None,
@@ -1055,6 +1108,8 @@ class ContactNetwork(Result):
             not. Contacts that resist slip bear tangential forces of the same order: without these
             there is an :class:`~granphon.base.errors.InconsistencyWarning`; and there is one if the
             static forces on a ball add up to more than 1e-3 of the mean force of a contact.
+        tangential_law : how static tangential forces change with the overlap, see the class; by
+            default as files of :meth:`write_tables` say, or "mindlin/force".
         columns : headings of columns that go by other names: {"radius": "R (mm)"}.
         keep_rattlers : keep balls that carry no load. By default they are left out, and
             ``left_out`` is their number.
@@ -1089,7 +1144,16 @@ class ContactNetwork(Result):
 
         source = read_tables(balls, contacts, {} if columns is None else columns, cell, pbc)
         return cls._complete(
-            source, material, friction, dimension, motions, prestress, keep_rattlers, held_by, bad
+            source,
+            material,
+            friction,
+            dimension,
+            motions,
+            prestress,
+            keep_rattlers,
+            held_by,
+            bad,
+            tangential_law,
         )
 
     @classmethod
@@ -1112,6 +1176,7 @@ class ContactNetwork(Result):
         motions: str | None = None,
         friction: bool = True,
         prestress: bool = False,
+        tangential_law: str | None = None,
         keep_rattlers: bool = False,
         held_by: int | None = None,
         bad: str = "refuse",
@@ -1151,11 +1216,12 @@ class ContactNetwork(Result):
         frozen : columns of the dump of atoms, each with a value or values there: such balls do not
             move. {"type": 2}, as of ``fix freeze``; {"id": [1, 2]}. By default all move.
         dimension : 1, 2 or 3; by default 2 where z is the same for all balls, else 3.
-        motions, friction, prestress, keep_rattlers, held_by, bad : see :meth:`from_table`.
+        motions, friction, prestress, tangential_law, keep_rattlers, held_by, bad : see
+            :meth:`from_table`.
 
-        With ``prestress`` the response is that of ``mindlin/force``, with two differences: the part
-        of the tangential forces without a potential is left out, and LAMMPS computes slip with the
-        radii. Contacts with walls are not in ``compute pair/local``: without ``walls`` they are
+        With ``prestress`` the response is that of the ``tangential_law``, with two differences: the
+        part of the tangential forces without a potential is left out, and LAMMPS computes slip with
+        the radii. Contacts with walls are not in ``compute pair/local``: without ``walls`` they are
         missing. :attr:`notes` say what has not been read.
 
         Forces that are not those of the overlaps, masses that are not those of the density, rounded
@@ -1188,7 +1254,16 @@ class ContactNetwork(Result):
             frozen=frozen,
         )
         return cls._complete(
-            source, material, friction, dimension, motions, prestress, keep_rattlers, held_by, bad
+            source,
+            material,
+            friction,
+            dimension,
+            motions,
+            prestress,
+            keep_rattlers,
+            held_by,
+            bad,
+            tangential_law,
         )
 
     @classmethod
@@ -1211,6 +1286,7 @@ class ContactNetwork(Result):
         motions: str | None = None,
         friction: bool = True,
         prestress: bool = False,
+        tangential_law: str | None = None,
         keep_rattlers: bool = False,
         held_by: int | None = None,
         bad: str = "refuse",
@@ -1235,7 +1311,8 @@ class ContactNetwork(Result):
         rolling_stiffness : N/m, the constant k by which the bending stiffness is k R^2, where R is
             the reduced radius. By default contacts roll freely.
         units, columns, step, normal_stiffness, shear_stiffness, frozen, dimension, motions,
-            friction, prestress, keep_rattlers, held_by, bad : see :meth:`from_lammps`.
+            friction, prestress, tangential_law, keep_rattlers, held_by, bad : see
+            :meth:`from_lammps`.
 
         Raises
         ------
@@ -1257,7 +1334,16 @@ class ContactNetwork(Result):
             frozen=frozen,
         )
         return cls._complete(
-            source, material, friction, dimension, motions, prestress, keep_rattlers, held_by, bad
+            source,
+            material,
+            friction,
+            dimension,
+            motions,
+            prestress,
+            keep_rattlers,
+            held_by,
+            bad,
+            tangential_law,
         )
 
     @classmethod
@@ -1276,6 +1362,7 @@ class ContactNetwork(Result):
         motions: str | None = None,
         friction: bool = True,
         prestress: bool = False,
+        tangential_law: str | None = None,
         keep_rattlers: bool = False,
         held_by: int | None = None,
         bad: str = "refuse",
@@ -1297,7 +1384,7 @@ class ContactNetwork(Result):
         frozen : as {"info": 1}: balls of a file .data that do not move. By default those whose
             contacts stand in ``fstat`` from the other ball alone.
         normal_stiffness, shear_stiffness : N/m, of all contacts of a linear law.
-        dimension, motions, friction, prestress, keep_rattlers, held_by, bad : see
+        dimension, motions, friction, prestress, tangential_law, keep_rattlers, held_by, bad : see
             :meth:`from_table`.
 
         Raises
@@ -1318,7 +1405,16 @@ class ContactNetwork(Result):
             springs=Springs(normal_stiffness, shear_stiffness),
         )
         return cls._complete(
-            source, material, friction, dimension, motions, prestress, keep_rattlers, held_by, bad
+            source,
+            material,
+            friction,
+            dimension,
+            motions,
+            prestress,
+            keep_rattlers,
+            held_by,
+            bad,
+            tangential_law,
         )
 
     @classmethod
@@ -1379,17 +1475,20 @@ class ContactNetwork(Result):
         keep_rattlers: bool,
         held_by: int | None,
         bad: str,
+        tangential_law: str | None,
     ) -> Self:
         """Return the network of what a program has left, without its rattlers, or with them if
-        ``keep_rattlers``; warn if the network is out of balance. For the arguments see
+        ``keep_rattlers``; warn of what its numbers contradict
+        (:func:`~granphon.networks.consistency.compare_numbers`). For the arguments see
         :meth:`from_table`.
         """
         keeps_all = require("keep_rattlers", truth, keep_rattlers)
         whole = cls(**source.complete(material, friction, dimension, motions, prestress, bad))
         network = whole if keeps_all else whole.without_rattlers(held_by)
+        if tangential_law is not None:
+            network = replace(network, tangential_law=tangential_law)
         network._cache[_NOTES] = source.notes
-        if network.imbalance_warning:
-            warn_caller(network.imbalance_warning, InconsistencyWarning)
+        warn_of_faults(network)
         return network
 
     @property
@@ -1661,7 +1760,7 @@ class _Hold:
         # where contacts slip, two contacts or more whose forces are in balance, as along a straight
         # row, hold a ball
         net_force = np.linalg.norm(self.total_forces[balls], axis=1)
-        is_balanced = net_force <= _BALANCED * self.total_sizes[balls]
+        is_balanced = net_force <= BALANCED * self.total_sizes[balls]
         is_in_row = self.rows_hold & (counts >= 2) & is_balanced
         return np.asarray((counts >= self.least) | is_in_row | self.is_held[balls])
 

@@ -436,7 +436,14 @@ def read_tables(
     periods, is_period = _read_cell(cell, pbc)
     options: dict[str, Any] = {
         name: remark[name]
-        for name in ("dimension", "motions", "prestress", "left_out", "adhesive")
+        for name in (
+            "dimension",
+            "motions",
+            "prestress",
+            "left_out",
+            "adhesive",
+            "tangential_law",
+        )
         if name in remark
     }
     if "contact_model" in remark:
@@ -570,7 +577,7 @@ def write_tables(
     see ``ContactNetwork.write_tables``.
     """
     fields_of_whole: dict[str, Any] = {"cell": fields["cell"].tolist()}
-    for name in ("pbc", "dimension", "motions", "prestress", "left_out"):
+    for name in ("pbc", "dimension", "motions", "prestress", "left_out", "tangential_law"):
         fields_of_whole[name] = fields[name]
     if fields["adhesive"]:
         fields_of_whole["adhesive"] = True

@@ -21,6 +21,7 @@ from granphon.media.left_out import expect_shear_deficit, find_left_out
 from granphon.media.limits import Check, check_limit
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import as_state, ideal_lattice
+from granphon.networks.consistency import Comparison, compare_forces, compare_numbers
 from granphon.networks.network import ContactNetwork
 
 #: spread of log(k^3/f d*) of contacts that follow Hertz's law, over that of log f, at most, and
@@ -76,8 +77,7 @@ def validity(state: Any) -> Validity:
     """Compare the state with the limits of its medium (Section IV) and of the contact model (end of
     Section II).
 
-    For a crystal the limits are :attr:`CrystalState.limits`. For a network, whose material is not
-    known, only the contact radius has a limit, if its contacts follow Hertz's law. The quantities
+    For a crystal the limits are :attr:`CrystalState.limits`. For other states the quantities
     compared with limits are:
 
     - if balls differ, the contact force against the least one at which the medium is valid
@@ -100,7 +100,25 @@ def validity(state: Any) -> Validity:
       zero, unless its contacts stick;
     - Young modulus and density, which must be those of a solid, and the diameter, from 10 nm to 1
       m: others are probably given in a wrong unit.
+
+    For a network, with or without periods, they are these, as far as its numbers are known; each
+    names the balls that are farthest from the others, and the reason says what it does to
+    frequencies:
+
+    - "balance", "torques": the largest sum of the static forces on a ball over the mean force of a
+      contact, without the acceleration that weights give, and that of the torques; ``typical`` is
+      the rms. Where tangential forces are not known, or ends are open, only with prestress;
+    - "law", "scatter": of a network that was read, the force of the law at the overlap of the
+      places over the force, of contacts with the median force or more: the median, less one, and
+      the median deviation. "stiffness": the stiffness over that of Hertz's law. "rounding": the
+      part of the forces that the digits of places leave open;
+    - "masses", "inertias": of a network that was read, over those of solid spheres of the material;
+    - "rattlers": number of balls that carry no load; "pieces": number of sets of balls that do not
+      touch; "contacts": contacts per ball, at least the isostatic number;
+    - the mean contact radius over the ball radius, if contacts follow Hertz's law.
     """
+    if isinstance(state, ContactNetwork):
+        return state.cached(check_network)
     limits = getattr(state, "limits", None)  # a crystal knows its limits
     if limits is not None:
         return Validity(limits)
@@ -226,8 +244,22 @@ def _find_top_frequency(state: Any) -> Any:
 
 
 def check_network(network: ContactNetwork) -> Validity:
-    """Return the limits of a network, whose material is not known: the limit of the mean contact
-    radius, or none if the contacts do not follow Hertz's law.
+    """Return the checks of a network: those of numbers that may contradict each other
+    (:func:`~granphon.networks.consistency.compare_numbers`), and the limit of the mean contact
+    radius, if the contacts follow Hertz's law.
+    """
+    comparisons = [_make_check(comparison) for comparison in compare_numbers(network)]
+    return Validity((*comparisons, *_check_contact_radius(network)))
+
+
+def _make_check(comparison: Comparison) -> Check:
+    """Return a comparison of numbers of a network as a condition."""
+    return Check(**vars(comparison))
+
+
+def _check_contact_radius(network: ContactNetwork) -> tuple[Check, ...]:
+    """Return the limit of the mean contact radius of a network, whose material is not known; none
+    if the contacts do not follow Hertz's law.
 
     The overlap is found from force and stiffness, 3 f/2 k, which holds for Hertz's law alone. Its
     contacts are told by k^3/(f d*), which is the same for all in one material: its logarithm varies
@@ -235,7 +267,7 @@ def check_network(network: ContactNetwork) -> Validity:
     """
     is_pressed = (network.normal_force > 0.0) & np.isfinite(network.distance)
     if not np.any(is_pressed):
-        return Validity(())
+        return ()
     force = network.normal_force[is_pressed]
     stiffness = network.normal_stiffness[is_pressed]
     diameter_i = 2.0 * network.radii[network.i[is_pressed]]
@@ -243,16 +275,17 @@ def check_network(network: ContactNetwork) -> Validity:
     diameter = harmonic_diameter(diameter_i, diameter_j)
     log_material = 3.0 * np.log(stiffness) - np.log(force) - np.log(diameter)
     if np.std(log_material) > _HERTZIAN * np.std(np.log(force)) + _ROUNDED:
-        return Validity(())
+        return ()
     mean_overlap = np.mean(overlap_from(force, stiffness) / diameter)  # over the diameter d*
     ratio = contact_radius_ratio(mean_overlap, 1.0)
-    return Validity((check_limit("contact_radius", ratio),))
+    return (check_limit("contact_radius", ratio),)
 
 
 def network_warnings(network: ContactNetwork) -> tuple[str, ...]:
     """Return a warning for each limit that a network exceeds, and one if its static forces act and
     are out of balance.
     """
-    limits = check_network(network).warnings
-    imbalance = network.imbalance_warning
-    return (*limits, imbalance) if imbalance else limits
+    checks = _check_contact_radius(network)
+    if not network.is_balanced:
+        checks += (_make_check(compare_forces(network)),)
+    return Validity(checks).warnings

@@ -28,6 +28,8 @@ from granphon.waves.operator import WaveOperator
 _LOCAL_BYTES = 40.0
 #: most numbers of moments of all random vectors: their densities are 4 GiB
 MOST_MOMENTS = 2**26
+#: distance from zero, in resolutions, beyond which the line of modes without energy is not seen
+_BEYOND_ZERO = 4.0
 #: most numbers of moments of modes that are worked out together
 _BLOCK = 2**22
 
@@ -142,9 +144,11 @@ class SpectralDensity(Refinable):
     moments : number of Chebyshev moments.
     vectors : number of random vectors; 0 where all modes were found.
     seed : from which they are drawn.
+    dimension : 1, 2 or 3 for balls on a line, in a plane, in space.
     warnings : one sentence for each limit of the contact law that the network exceeds.
     """
 
+    _schema = 2
     units = {"total": "1/Hz"}
 
     frequencies: Annotated[Array, "n", "Hz"]
@@ -157,7 +161,29 @@ class SpectralDensity(Refinable):
     moments: int
     vectors: int
     seed: int
+    dimension: int
     warnings: tuple[str, ...] = ()
+
+    @property
+    def reduced(self) -> Array:
+        """(n,) the total over f^(d-1), 1/Hz^d per ball, with the frequency f and the dimension d:
+        constant where modes are plane waves of sound (Debye). At zero infinite, or nan.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            powers = self.frequencies ** (self.dimension - 1.0)
+            return np.asarray(self.total / powers)
+
+    @property
+    def boson_peak(self) -> float:
+        """The frequency, Hz, of the greatest :attr:`reduced` density above the line at zero, four
+        times the resolution: where modes exceed those of sound most; nan where the density falls
+        from there on.
+        """
+        start = int(np.searchsorted(self.frequencies, _BEYOND_ZERO * self.resolution))
+        reduced = self.reduced[start:]
+        peak = int(np.argmax(reduced))
+        # where the density falls at once the line at zero is not left behind
+        return float(self.frequencies[start + peak]) if peak else math.nan
 
     @property
     def total(self) -> Array:
@@ -193,6 +219,7 @@ class AllModes:
         # rounding may leave zeros below zero
         omega = np.sqrt(np.maximum(squared_frequencies, 0.0))
         self._frequencies = omega / (2.0 * math.pi)
+        self._dimension = operator.network.dimension
         self._warnings = network_warnings(operator.network)
         energies = modes**2
         translations = np.sum(energies[~operator.is_rotation], axis=0)
@@ -224,6 +251,7 @@ class AllModes:
             moments=moments,
             vectors=0,
             seed=self._seed,
+            dimension=self._dimension,
             warnings=self._warnings,
         )._with_work(partial(self.find, vectors=0))
 
@@ -286,6 +314,7 @@ class RandomVectors:
             moments=moments,
             vectors=vectors,
             seed=self._seed,
+            dimension=self._operator.network.dimension,
             warnings=network_warnings(self._operator.network),
         )._with_work(partial(self.find, vectors=vectors))
 

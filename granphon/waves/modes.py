@@ -48,6 +48,8 @@ from granphon.waves.operator import WaveOperator, explain_instability
 DENSE = 600
 #: frequency over the top frequency, at or below which a mode counts as one that costs no energy
 ZERO = 1e-6
+#: square of a frequency of a ball that moves alone, over top^2, up to which it is rounding of zero
+_FREE_SQUARE = 1e-14
 #: largest |D x - omega^2 x| / top^2 of a mode x of norm one; the error of omega^2 is the square of
 #: this residual over the distance of other modes
 RESIDUAL = 1e-8
@@ -161,6 +163,30 @@ class Problem:
     def of(cls, operator: WaveOperator) -> Self:
         """Return D on all motions that some spring holds."""
         return cls(operator, np.flatnonzero(np.diff(operator.matrix.indptr) > 0))
+
+    @cached_property
+    def free_motions(self) -> Any:
+        """Sparse, orthonormal motions (live, m) of single balls that deform no contact, as the
+        rotation about the line through two contacts; none where static forces act.
+        """
+        from scipy.sparse import csc_array
+
+        operator = self.operator
+        size = self.live.size
+        if operator.network.prestress:
+            return csc_array((size, 0))
+        squares, vectors = np.linalg.eigh(operator.ball_blocks)
+        balls, modes = np.nonzero(squares <= _FREE_SQUARE * self.top**2)
+        m = operator.motions.count
+        motions = operator.values(np.arange(operator.size))[balls]  # (k, m)
+        live_index = np.full(operator.size, -1)
+        live_index[self.live] = np.arange(size)
+        rows = live_index[motions]
+        # a ball that nothing holds has no live motion
+        is_held = np.all(rows >= 0, axis=1)
+        entries = vectors[balls, :, modes][is_held]
+        starts = m * np.arange(len(entries) + 1)
+        return csc_array((entries.ravel(), rows[is_held].ravel(), starts), (size, len(entries)))
 
     @cached_property
     def _entries(self) -> list[Any]:
@@ -1227,43 +1253,78 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
     """Return the ``count`` modes nearest to ``target``, rad/s, by factors at a shift next to it;
     more modes are sought until none is missed, and in the end all, by :func:`_find_dense`.
 
+    In packings most modes that cost no energy are of single balls, which turn about the line
+    through their two contacts. These are known, and Lanczos's vectors are kept free of them.
     InputError if fewer modes cost energy.
     """
     size = problem.live.size
     top = problem.top
-    n_zeros = problem.count_below((ZERO * top) ** 2)
-    if count > size - n_zeros:
-        raise make_too_few(size - n_zeros, count)
-    is_lowest = target <= ZERO * top
-    shift = -_SHIFT * top**2 if is_lowest else target**2
-    solve = problem.factors(shift).solve
+    shift = -_SHIFT * top**2 if target <= ZERO * top else target**2
+    factors = problem.factors(shift)
+    free = problem.free_motions
+    start = np.random.default_rng(0).normal(size=size)
+    start -= free @ (free.T @ start)
+
+    def solve(right: Array) -> Array:
+        """Return the solution, without what rounding has of single balls that move freely."""
+        solution = factors.solve(right)
+        return np.asarray(solution - free @ (free.T @ solution))
+
     n_searched = count + _SPARE
-    if is_lowest:
-        n_searched += n_zeros
     while n_searched * _SHARE <= size:
-        _, vectors = find_nearest(problem.shifted(0.0), n_searched, shift, solve)
+        _, vectors = find_nearest(problem.shifted(0.0), n_searched, shift, solve, start)
         omega, modes, residuals = problem.refine(vectors)
         chosen = problem.choose(omega, count, target)
-        are_precise = chosen.size == count and np.max(residuals[chosen]) <= RESIDUAL
-        if are_precise and _has_all(problem, omega, chosen, target, n_zeros):
-            largest_residual = float(residuals[chosen].max())
-            return Eigenpairs(
-                omega[chosen], modes[:, chosen], largest_residual, problem.loose + n_zeros
-            )
         n_searched *= 2
+        if chosen.size < count:
+            n_zeros = problem.count_below((ZERO * top) ** 2)
+            if count > size - n_zeros:
+                raise make_too_few(size - n_zeros, count)
+            n_searched = max(n_searched, count + n_zeros - free.shape[1] + _SPARE)
+        elif np.max(residuals[chosen]) <= RESIDUAL:
+            known_zeros = _prove_complete(problem, omega, chosen, target)
+            if known_zeros is not None:
+                largest_residual = float(residuals[chosen].max())
+                return Eigenpairs(
+                    omega[chosen], modes[:, chosen], largest_residual, problem.loose + known_zeros
+                )
     return _find_dense(problem, count, target)
 
 
-def _has_all(
-    problem: Problem, omega: Array, chosen: NDArray[np.intp], target: float, n_zeros: int
-) -> bool:
-    """Return whether all modes nearer to ``target``, rad/s, than the farthest of the ``chosen``
-    ones are among ``omega`` (m,), rad/s; ``n_zeros`` modes cost no energy.
+def _prove_complete(
+    problem: Problem, omega: Array, chosen: NDArray[np.intp], target: float
+) -> int | None:
+    """Return the number of modes that cost no energy, if all modes nearer to ``target``, rad/s,
+    than the farthest of the ``chosen`` ones are among ``omega`` (m,), rad/s; None if one is
+    missing.
     """
     zero = ZERO * problem.top
+    n_free = problem.free_motions.shape[1]
     reach = np.max(np.abs(omega[chosen] - target)) * (1.0 - _INSIDE)
-    low = max(target - reach, zero)
+    low = target - reach
     high = target + reach
-    n_below = n_zeros if low == zero else problem.count_below(low**2)
-    n_within = problem.count_below(high**2) - n_below
-    return bool(n_within == np.sum((omega > low) & (omega < high)))
+    n_below_high = problem.count_below(high**2)
+    if low <= zero:  # all modes below are among those that are known
+        is_complete = n_below_high == n_free + np.count_nonzero(omega < high)
+        return n_free + int(np.count_nonzero(omega <= zero)) if is_complete else None
+    n_within = n_below_high - problem.count_below(low**2)
+    is_complete = n_within == np.count_nonzero((omega > low) & (omega < high))
+    return problem.count_below(zero**2) if is_complete else None
+
+
+def count_modes(operator: WaveOperator, frequencies: Array) -> NDArray[np.intp]:
+    """Return the numbers (n_f,) of modes below ``frequencies`` (n_f,), Hz, of a network that is
+    stable; see :meth:`granphon.waves.waves.Waves.count_modes`.
+    """
+    problem = Problem.of(operator)
+    size = problem.live.size
+    limit = LARGEST_FACTORS[operator.network.dimension]
+    if size > limit:
+        raise InputError(
+            f"modes of {size:,} motions are too many to be counted",
+            f"Matrices are factorised up to {limit:,}",
+            "Integrate the density of states, waves.dos()",
+        )
+    omega = np.maximum(2.0 * math.pi * frequencies, ZERO * problem.top)
+    counts = [problem.count_below(value) if value <= problem.top**2 else size for value in omega**2]
+    return problem.loose + np.array(counts, np.intp)

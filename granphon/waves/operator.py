@@ -423,6 +423,7 @@ class WaveOperator(LinearOperator):
             network.ball_motions,
             gyration[network.i],
             gyration[network.j],
+            network.tangential_growth,
         )
         factors = [np.ones(network.n_contacts) for _ in pairs]
         pull_rows = [pull for pull, _ in pairs]
@@ -452,7 +453,7 @@ class WaveOperator(LinearOperator):
         return whole
 
     @cached_property
-    def _blocks(self) -> Array:
+    def ball_blocks(self) -> Array:
         """(n_free, motions, motions) block of D for each ball that moves alone, by springs and
         tension, (rad/s)^2.
         """
@@ -484,7 +485,7 @@ class WaveOperator(LinearOperator):
         time. Contacts that are pressed lower D, and tangential forces add at most the largest sum
         of a row.
         """
-        highest_alone = float(np.max(np.linalg.eigvalsh(self._blocks)))
+        highest_alone = float(np.max(np.linalg.eigvalsh(self.ball_blocks)))
         square_bound = 2.0 * highest_alone
         if self._carried is not None:
             double_symmetric_part = self._carried + self._carried.T

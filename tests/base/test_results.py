@@ -79,6 +79,7 @@ def results(packing):
         "validity": gp.validity(one),
         "validity over loads": gp.validity(many),
         "check": gp.validity(hard)["load"],
+        "validity of a network": gp.validity(one.network.repeat((3, 3))),
     }
 
 

@@ -16,6 +16,7 @@ from granphon.base.errors import GranphonError, InstabilityError
 from granphon.dynamics import long_waves, sparse_relaxation
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.fronts import Fronts, dissect
+from granphon.dynamics.iterative_relaxation import IterativeRelaxation
 from tests.dynamics.test_network_lattice import STEEL, random_network, ribbon
 from tests.packings import balance
 
@@ -44,6 +45,53 @@ def hang(contacts):
     kept = (network.i != 3) & (network.j != 3)
     kept[np.flatnonzero(~kept)[:contacts]] = True
     return keep(network, kept)
+
+
+ITERATED = {
+    "fcc": lambda: random_network("fcc", (3, 3, 3)),
+    "prestress": lambda: balance(random_network("fcc", (2, 2, 3), prestress=True)),
+    "a ball without contacts": lambda: hang(0),
+    "a ball with two contacts": lambda: hang(2),
+    "fewer contacts, no slip": lambda: bare("fcc", (3, 3, 3), 0.85, slip=False),
+}
+
+
+@pytest.mark.claim("iterated-moduli")
+@pytest.mark.parametrize("name", list(ITERATED))
+def test_iteration_gives_the_moduli_and_sound_of_factors(name, monkeypatch):
+    """The energy of a strain comes from above, with twice the digits of the motions."""
+    network = ITERATED[name]()
+    monkeypatch.setattr(long_waves, "MANY_COLUMNS", 0)
+    factored = ContactLattice.from_network(network)
+    assert factored._is_large
+    monkeypatch.setattr(long_waves, "MOST_RELAXED_BY_FACTORS", 0)
+    iterated = ContactLattice._make_of_network(network)
+    assert type(iterated._sparse) is IterativeRelaxation
+    tensor = factored.elastic_tensor()
+    change = iterated.elastic_tensor() - tensor
+    assert np.max(np.abs(change)) < 1e-10 * np.max(tensor)
+    if name != "prestress":
+        assert np.linalg.eigvalsh(change)[0] > -1e-12 * np.max(tensor)
+    directions = [[1.0, 0.0, 0.0], [1.0, 2.0, 3.0]]
+    assert_allclose(
+        iterated.sound_velocities(directions)[0],
+        factored.sound_velocities(directions)[0],
+        rtol=1e-9,
+    )
+
+
+def test_iteration_tells_of_a_network_that_gives_way(monkeypatch):
+    network = random_network("fcc", (2, 2, 3), prestress=True)
+    pressed = replace(
+        network,
+        normal_force=1.5 * np.mean(network.normal_stiffness) * network.distance,
+        tangential_force=None,
+    )
+    monkeypatch.setattr(long_waves, "MANY_COLUMNS", 0)
+    monkeypatch.setattr(long_waves, "MOST_RELAXED_BY_FACTORS", 0)
+    monkeypatch.setattr(gp.ContactNetwork, "require_rest", lambda network: None)
+    with pytest.raises(InstabilityError, match="gives way"):
+        ContactLattice.from_network(pressed).elastic_tensor()
 
 
 CASES = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import matplotlib
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -372,3 +373,44 @@ def test_a_state_and_a_sample_are_drawn_by_their_networks():
     assert len({tuple(one) for one in colours.tolist()}) == 2
     with pytest.raises(gp.GranphonError, match="2 loads"):
         gp.plot(gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force([1.0, 2.0]))
+
+
+@pytest.mark.parametrize("color", ["force", "overlap", "contacts", "numbers"])
+def test_balls_of_a_network_are_coloured_by_numbers(color):
+    """The colours ascend with the numbers, and a bar names them; texts stay on the page."""
+    network = gp.ContactNetwork.from_lammps(
+        packings.FOLDER / "disks_atoms.dump",
+        packings.FOLDER / "disks_pairs.dump",
+        packings.MATERIAL,
+    )
+    ends = np.concatenate([network.i, network.j])
+    counts = np.bincount(ends, minlength=network.n_balls)
+    overlap = network.radii[network.i] + network.radii[network.j] - network.distance
+    numbers = {
+        "force": np.bincount(ends, np.tile(network.normal_force, 2)) / counts,
+        "overlap": np.bincount(ends, np.tile(overlap, 2)) / counts,
+        "contacts": counts,
+        "numbers": np.linspace(-1.0, 2.0, network.n_balls),
+    }[color]
+    figure = gp.plot(network, color=numbers if color == "numbers" else color)
+    ax, *bars = figure.axes
+    names = {"force": "Mean contact force", "overlap": "Mean overlap", "contacts": "Contacts"}
+    labels = [bar.get_ylabel() + bar.get_xlabel() for bar in bars]
+    assert any(label.startswith(names.get(color, "Value")) for label in labels)
+    balls = with_gid(ax, "balls")
+    colours = balls.get_facecolor()
+    low, high = (np.min(numbers), np.max(numbers)) if color != "numbers" else (-2.0, 2.0)
+    name = "RdBu_r" if color == "numbers" else "cividis"
+    order = np.argsort(network.positions[:, 2], kind="stable")
+    expected = matplotlib.colormaps[name]((numbers[order] - low) / (high - low))
+    assert_allclose(colours, expected, atol=1e-2)
+    assert_inside_page(figure)
+
+
+def test_a_colour_that_a_network_does_not_have_is_refused():
+    network = gp.AveragedLattice(gp.Packing(packings.MATERIAL, 2e-3)).at_force(1.0).network
+    whole = network.repeat((3, 3))
+    with pytest.raises(InputError, match="color"):
+        plot_forces(whole, color="spin")
+    with pytest.raises(InputError, match="shape"):
+        plot_forces(whole, color=[1.0, 2.0])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import granphon as gp
+from granphon.base.errors import InputError
 from granphon.networks.network import ContactNetwork, number_pieces
 from granphon.waves.operator import WaveOperator
 
@@ -318,6 +319,7 @@ def test_rattlers_are_found_one_after_the_other():
     np.testing.assert_array_equal(make(balls, contacts, slip=0.5, masses=walls).rattlers, [9])
 
 
+@pytest.mark.filterwarnings("ignore:The network falls into")
 @pytest.mark.parametrize(
     ("weak", "left_out"), [(5e-7, 0), (1e-7, 0), (1.1e-8, 0), (1e-9, 18), (1e-12, 18)]
 )
@@ -787,3 +789,39 @@ def test_what_a_network_may_be():
     np.testing.assert_allclose(dense_frequencies(corner), [1.0, 1.0])
     with pytest.raises(gp.GranphonError, match="the same"):
         make([(0.0, 0.0), (50.0, -3.0)], [(0, 1), (0, 1)], masses=[1.0, INF])
+
+
+def test_the_fabric_of_lattices_and_rows():
+    """Closed forms: isotropic of a triangle, and of the cubes; n n of a row; a share of each of two
+    rows by its force.
+    """
+    for name, dimension in (("triangular", 2), ("fcc", 3), ("sc", 3)):
+        network = gp.ContactLattice.of(name, 0.8).contact_network(UNITS, 1e-3)
+        np.testing.assert_allclose(network.fabric, np.eye(dimension) / dimension, atol=1e-15)
+        np.testing.assert_allclose(network.force_fabric, network.fabric, atol=1e-15)
+    square = gp.ContactLattice.of("square", 0.8).contact_network(UNITS, 1e-3)
+    is_along = np.abs(square.normal[:, 0]) > 0.5
+    pulled = replace(square, normal_force=np.where(is_along, 3.0, 1.0))
+    np.testing.assert_allclose(pulled.fabric, np.eye(2) / 2.0, atol=1e-15)
+    np.testing.assert_allclose(pulled.force_fabric, np.diag([0.75, 0.25]), atol=1e-15)
+    angle = 0.4
+    normal = np.array([[np.cos(angle), np.sin(angle), 0.0]])
+    pair = replace(make([(0.0, 0.0), 2.0 * normal[0, :2]], [(0, 1)]), normal_force=np.zeros(1))
+    np.testing.assert_allclose(pair.fabric, np.outer(normal[0, :2], normal[0, :2]), atol=1e-15)
+    with pytest.raises(InputError, match="force"):
+        _ = pair.force_fabric
+
+
+def test_the_anisotropy_of_an_angular_density_is_that_of_the_fabric():
+    """Contacts drawn with the density (1 + a cos 2(theta - theta_0))/2 pi."""
+    a, theta_0, n = 0.3, 0.7, 4000
+    theta = 2.0 * np.pi * (np.arange(n) + 0.5) / n
+    for _ in range(50):  # the inverse of the distribution function
+        theta = 2.0 * np.pi * (np.arange(n) + 0.5) / n - 0.5 * a * (
+            np.sin(2.0 * (theta - theta_0)) + np.sin(2.0 * theta_0)
+        )
+    ends = np.column_stack([np.cos(theta), np.sin(theta)]) * 2.0
+    star = make([(0.0, 0.0), *map(tuple, ends)], [(0, ball) for ball in range(1, n + 1)])
+    sizes, axes = np.linalg.eigh(star.fabric)
+    assert 2.0 * (sizes[1] - sizes[0]) == pytest.approx(a, abs=1e-3)
+    assert np.arctan2(axes[1, 1], axes[0, 1]) % np.pi == pytest.approx(theta_0, abs=1e-3)

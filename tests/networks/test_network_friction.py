@@ -2,6 +2,7 @@
 and by hand.
 """
 
+import ctypes
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,19 @@ GLASS = packings.MATERIAL
 #: dimension, number of balls, filled part of the box before and after it is pressed with friction,
 #: seed
 PACKINGS = {"disks": (2, 20, 0.80, 0.85, 1), "balls": (3, 24, 0.56, 0.60, 5)}
+
+
+#: power of the overlap as which a tangential force grows at a constant slip, by LAMMPS' laws: the
+#: slip of the past is kept, or the force; where it is scaled down with the radius of the contact,
+#: the mean over growing and shrinking overlaps
+POWERS = {
+    "mindlin/force": 0.0,
+    "mindlin": 0.5,
+    "mindlin_rescale/force": 0.25,
+    "mindlin_rescale": 0.75,
+    "yade": 0.0,
+    "liggghts": 0.5,
+}
 
 
 def cross(v):
@@ -39,6 +53,9 @@ def respond(network, by_radii=False):
         r = network.distance[c]
         arms = network.arm_i[c], network.arm_j[c]
         reach = (network.radii[i], network.radii[j]) if by_radii else arms
+        # of Hertz's law the overlap is 3 f/2 k
+        overlap = 1.5 * network.normal_force[c] / network.normal_stiffness[c]
+        grown = POWERS[network.tangential_law] / overlap if overlap > 0.0 else 0.0
         apart = eye[6:9] - eye[0:3]
         turned = (eye[3:6], eye[9:12])
         aside = apart - np.outer(n, n @ apart)
@@ -47,6 +64,7 @@ def respond(network, by_radii=False):
         tilt = aside / r
         longer = n @ apart
         held = -network.shear_stiffness[c] * slip - np.outer(n, across @ tilt)
+        held -= grown * np.outer(across, longer)
         push = (
             held
             - network.normal_stiffness[c] * np.outer(n, longer)
@@ -68,8 +86,8 @@ def respond(network, by_radii=False):
     return whole[np.ix_(kept, kept)] / root / root[:, None]
 
 
-def press(lmp, dimension, count, loose, filled, seed):
-    """Press balls with friction until they are at rest."""
+def press(lmp, dimension, count, loose, filled, seed, law="mindlin/force"):
+    """Press balls with friction, by a ``law`` of LAMMPS, until they are at rest."""
     packings.relax(lmp, dimension, count, loose, seed)
     low, high = lmp.extract_box()[:2]
     side = (high[0] - low[0]) * (loose / filled) ** (1.0 / dimension)
@@ -77,7 +95,7 @@ def press(lmp, dimension, count, loose, filled, seed):
     plane = dimension == 2
     sides = " ".join(f"{axis} final 0 {side!r}" for axis in "xyz"[:dimension])
     lmp.commands_string(f"""
-        {packings.coefficients("mindlin/force NULL 0.1 0.5").replace("70000000000.0 0 ", "70000000000.0 0.1 ")}
+        {packings.coefficients(f"{law} NULL 0.1 0.5").replace("70000000000.0 0 ", "70000000000.0 0.1 ")}
         timestep 1e-7
         thermo 100000000
         fix move all nve/sphere {"disc" if plane else ""}
@@ -132,6 +150,95 @@ def test_lammps_responds_as_the_network_with_tangential_forces(pressed):
     np.testing.assert_allclose(found, wanted, atol=5e-5 * np.max(found))
     none = replace(network, tangential_force=np.zeros_like(network.normal))
     assert np.max(np.abs(found - respond(none, by_radii=True))) > 1e-3 * np.max(found)
+
+
+@pytest.mark.slow
+@pytest.mark.claim("tangential-laws")
+@pytest.mark.parametrize("name", list(PACKINGS))
+def test_lammps_responds_by_its_law_of_displacements(name, tmp_path):
+    """That of ``mindlin``, whose tangential forces grow with the overlap."""
+    running = packings.start_or_skip()
+    press(running, *PACKINGS[name], law="mindlin")
+    packings.write_dumps(running, tmp_path / "atoms.dump", tmp_path / "pairs.dump")
+    options = {"prestress": True, "keep_rattlers": True, "tangential_law": "mindlin"}
+    network = gp.ContactNetwork.from_lammps(
+        tmp_path / "atoms.dump", tmp_path / "pairs.dump", GLASS, **options
+    )
+    found = measure(running, network, "mindlin NULL 0 1")
+    running.close()
+    np.testing.assert_allclose(found, respond(network, by_radii=True), atol=5e-5 * np.max(found))
+    other = replace(network, tangential_law="mindlin/force")
+    assert np.max(np.abs(found - respond(other, by_radii=True))) > 1e-3 * np.max(found)
+
+
+@pytest.mark.claim("tangential-laws")
+@pytest.mark.parametrize("law", [law for law in POWERS if law != "yade"])
+def test_a_tangential_force_of_lammps_grows_with_the_overlap(law):
+    """One of two balls turns by one step of time, so that a tangential force acts; then the overlap
+    grows, or shrinks. LIGGGHTS' law of Hertz is that of ``gran/hertz/history``, from which it comes.
+    """
+    overlap = 2e-5
+    step = 1e-9
+    forces = {}
+    for push in (0.0, step, -step):
+        lmp = packings.start_or_skip()
+        places = [(-1e-3 + 0.5 * overlap, 0.0, 0.0), (1e-3 - 0.5 * overlap, 0.0, 0.0)]
+        packings.fill(lmp, "block -5e-3 5e-3 -5e-3 5e-3 -5e-3 5e-3", places, dimension=3)
+        pair = """
+            pair_style gran/hertz/history 70e9 50e9 0 0 0.5 0
+            pair_coeff * *"""
+        if law != "liggghts":
+            pair = f"pair_style granular\n{packings.coefficients(f'{law} NULL 0 1e9')}"
+        lmp.commands_string(f"""
+            set type 1 diameter 2e-3 density 2500
+            {pair}
+            fix move all nve/sphere
+            timestep 1e-12
+            run 0 post no""")
+        motion = np.zeros((2, 6))
+        motion[0, 5] = 1e-4  # rad, which turn the surface by 1e-7 m
+        press_pair = np.zeros((2, 6))
+        press_pair[0, 0] = push
+        for moved in (motion, press_pair):
+            for name, values in (("v", moved[:, :3]), ("omega", moved[:, 3:])):
+                numbers = (values / 1e-12).ravel()
+                lmp.scatter_atoms(name, 1, 3, (ctypes.c_double * 6)(*numbers))
+            lmp.command("run 1 post no")
+        forces[push] = np.array(lmp.gather_atoms("f", 1, 3)).reshape(2, 3)[1]
+        lmp.close()
+    slope = (forces[step][1] - forces[-step][1]) / (2.0 * step) / forces[0.0][1]
+    assert abs(forces[0.0][1]) > 1e-3 * forces[0.0][0]
+    assert slope * overlap == pytest.approx(POWERS[law], abs=1e-4)
+
+
+@pytest.mark.claim("tangential-laws")
+@pytest.mark.parametrize("law", ["mindlin", "mindlin_rescale"])
+def test_every_tangential_law_is_that_of_its_power(pressed, law):
+    """Of a network pressed by LAMMPS, in waves and in bands at the wave vector zero."""
+    network = replace(pressed[0].without_rattlers(), tangential_law=law)
+    whole = respond(network)
+    operator = WaveOperator(network)
+    np.testing.assert_allclose(operator.whole.toarray(), whole, atol=1e-12 * np.max(whole))
+    squares = np.linalg.eigvalsh(operator.matrix.toarray())
+    bands = ContactLattice.from_network(network).frequencies(np.zeros((1, network.dimension)))
+    stiff = squares > 1e-4 * squares[-1]
+    np.testing.assert_allclose(
+        (bands[0] * network.scales.frequency * 2.0 * np.pi)[stiff] ** 2,
+        squares[stiff],
+        rtol=1e-9,
+    )
+
+
+def test_a_law_that_is_unknown_is_refused(lattice, tmp_path):
+    with pytest.raises(InputError, match="tangential_law"):
+        replace(lattice, tangential_law="coulomb")
+    other = replace(lattice, tangential_law="mindlin")
+    files = tmp_path / "balls.csv", tmp_path / "contacts.csv"
+    other.write_tables(*files)
+    read = gp.ContactNetwork.from_table(*files)
+    assert read.tangential_law == "mindlin"
+    assert gp.ContactNetwork.from_table(*files, tangential_law="yade").tangential_law == "yade"
+    assert gp.ContactNetwork.from_dict(other.to_dict()) == other
 
 
 @pytest.mark.claim("network-friction")
@@ -402,6 +509,7 @@ def test_what_a_network_without_static_forces_leaves_out(pressed):
     assert 0.03 < off[1] < 0.05
 
 
+@pytest.mark.filterwarnings("ignore:The static torques")
 def test_prestress_without_tangential_forces_is_a_warning(tmp_path):
     balls = packings.FOLDER / "yade_balls.csv"
     contacts = packings.FOLDER / "yade_contacts.csv"

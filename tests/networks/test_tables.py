@@ -303,6 +303,7 @@ def test_a_table_of_a_row_between_walls():
     np.testing.assert_allclose(mass * np.linalg.eigvalsh(operator.matrix.toarray()), squares)
 
 
+@pytest.mark.filterwarnings("ignore:The static forces")
 def test_a_flat_wall_of_a_periodic_row_may_be_at_any_place():
     radius = 0.005
     balls = {
@@ -329,6 +330,7 @@ def test_a_flat_wall_of_a_periodic_row_may_be_at_any_place():
     np.testing.assert_array_equal(nearest.shift, found.shift[1:])
 
 
+@pytest.mark.filterwarnings("ignore:The network falls into")
 @pytest.mark.parametrize("n_cells", [1, 3])
 def test_a_ball_that_is_held_is_where_the_normal_leads_across_a_side_of_the_cell(n_cells):
     """Without shifts a clamped ball has the image that touches, on both sides in a cell of two
@@ -368,6 +370,7 @@ def test_a_ball_that_is_held_is_where_the_normal_leads_across_a_side_of_the_cell
     np.testing.assert_allclose(np.diag(stiffness)[1::2], -2.0 * 100.0 / spacing / 1e-3, rtol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:The balls have")
 @pytest.mark.parametrize("wall", [0.0, -0.001])
 def test_a_flat_wall_leaves_a_network_in_space(wall):
     """A radius of inf is no scale for heights: three balls on a floor are in space, a layer on a

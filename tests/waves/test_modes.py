@@ -120,6 +120,64 @@ def test_methods_agree_on_disorder(limits):
     assert found[0].zero_modes >= 2 + 3 * (100 - touching) > 2
 
 
+@pytest.mark.claim("count-modes")
+@pytest.mark.parametrize(
+    ("name", "shape"), [("triangular", (6, 5)), ("kagome", (4, 3)), slow("fcc", (4, 4, 4))]
+)
+def test_modes_below_a_frequency_are_those_of_the_bands(name, shape):
+    """Between and below all frequencies of a lattice, of which many are degenerate."""
+    network, bands = ideal(name, shape)
+    waves = gp.Waves(network)
+    steps = np.flatnonzero(np.diff(bands) > 1e-6 * bands[-1])
+    between = 0.5 * (bands[steps] + bands[steps + 1])
+    np.testing.assert_array_equal(waves.count_modes(between), steps + 1)
+    n_zeros = int(np.sum(bands < 1e-6 * bands[-1]))
+    assert waves.count_modes(1e-9) == n_zeros == waves.modes(2).zero_modes
+    assert waves.count_modes(1.01 * waves.operator.top) == bands.size
+    assert isinstance(waves.count_modes(1.0), int)
+    for wrong in (0.0, -1.0, math.nan, "1"):
+        with pytest.raises(InputError, match="frequencies"):
+            waves.count_modes(wrong)
+
+
+def test_modes_are_not_counted_without_factors(limits):
+    network, _ = ideal()
+    limits("filtered")
+    with pytest.raises(InputError, match=r"density of states"):
+        gp.Waves(network).count_modes(1.0)
+
+
+@pytest.mark.claim("count-modes")
+def test_modes_of_a_packing_with_balls_that_turn_freely(limits):
+    """Balls with two contacts in space turn about the line through both: Lanczos's vectors are free
+    of these, and none is missed.
+    """
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="fcc")).at_force(1.0)
+    whole = state.network.repeat((3, 3, 3))
+    turning = np.array([3, 11, 20])
+    # of each of these balls two contacts stay, which are no straight line
+    is_kept = np.ones(whole.n_contacts, bool)
+    for ball in turning:
+        is_kept[np.flatnonzero((whole.i == ball) | (whole.j == ball))[2:]] = False
+    fields = {name: getattr(whole, name)[is_kept] for name in whole.contact_fields}
+    loose = replace(whole, **fields, lattice=None, shape=None)
+    limits("factorised")
+    waves = gp.Waves(loose)
+    modes = waves.modes(12)
+    squares = np.linalg.eigvalsh(waves.operator.matrix.toarray())
+    frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+    n_zeros = int(np.sum(frequencies < 1e-6 * frequencies[-1]))
+    assert modes.zero_modes == n_zeros >= 3 + len(turning)
+    np.testing.assert_allclose(modes.frequencies, frequencies[n_zeros:][:12], rtol=1e-7)
+    middle = 0.5 * (modes.frequencies[-1] + modes.frequencies[-2])
+    assert waves.count_modes(middle) == np.sum(frequencies < middle)
+    problem = mode_finder.Problem.of(waves.operator)
+    free = problem.free_motions
+    assert free.shape[1] >= len(turning)
+    forces = problem.shifted(0.0) @ free.toarray()
+    assert np.max(np.abs(forces)) < 1e-14 * problem.top**2
+
+
 def test_mechanisms_are_counted(method):
     """The kagome lattice without friction has lines of balls that move at no cost: as many as A
     lacks in rank.

@@ -879,3 +879,36 @@ def test_polarisation_by_large_numbers_is_a_direction(waves):
         waves.spectral_function(q, [size, size], moments=16).values for size in (1e308, 1.0)
     )
     np.testing.assert_array_equal(large, plain)
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_the_boson_peak_is_the_greatest_reduced_density(dimension):
+    """Of a density made by hand: f^(d-1) times 1 + x exp(1 - x), x = (f/f_0)^2, which is greatest
+    at f_0; and of one that falls from zero on, none.
+    """
+    network = gp.ContactLattice.of("triangular", 0.8).contact_network(UNITS).repeat((4, 4))
+    dos = gp.Waves(network).dos(moments=256)
+    f = dos.frequencies
+    x = (f / (0.3 * dos.top)) ** 2
+    shape = f ** (dimension - 1.0) * (1.0 + x * np.exp(1.0 - x))
+    made = dataclasses.replace(
+        dos, translational=shape, rotational=np.zeros_like(f), dimension=dimension
+    )
+    spacing = np.max(np.diff(f))
+    assert made.boson_peak == pytest.approx(0.3 * dos.top, abs=spacing)
+    assert np.max(made.reduced[1:]) == pytest.approx(2.0, rel=1e-3)
+    falling = dataclasses.replace(made, translational=f ** (dimension - 1.0) * np.exp(-x))
+    assert np.isnan(falling.boson_peak)
+
+
+def test_the_reduced_density_of_long_waves_is_that_of_debye():
+    """Of a triangular lattice: f over that of two sound velocities, below the van Hove points."""
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, friction=False)
+    state = gp.AveragedLattice(packing).at_force(1.0)
+    network = state.network.repeat((48, 48))
+    dos = gp.Waves(network).dos(moments=256, vectors=4)
+    v = gp.sound_velocities(state)
+    area = 8e-3**2 * math.sqrt(3.0) / 2.0
+    debye = 2.0 * math.pi * area * (v.longitudinal**-2 + v.transverse**-2)
+    is_low = (dos.frequencies > 0.12 * dos.top) & (dos.frequencies < 0.25 * dos.top)
+    np.testing.assert_allclose(np.mean(dos.reduced[is_low]), debye, rtol=0.05)

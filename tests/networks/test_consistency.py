@@ -1,0 +1,232 @@
+"""The numbers of a network against each other: each fault is told by its own check, with the balls
+that have it and what it does to frequencies, which is measured here.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import granphon as gp
+from granphon.base.errors import InconsistencyWarning
+from tests import packings
+
+CELL = [5.424017457709516e-3] * 3
+#: of the contacts in the kept packings, the limit that they exceed
+RADIUS = "contact_radius"
+
+
+def read(name):
+    """A kept packing of LAMMPS, or of YADE."""
+    if name == "yade":
+        files = (packings.FOLDER / f"yade_{part}.csv" for part in ("balls", "contacts"))
+        return gp.ContactNetwork.from_table(*files, cell=CELL)
+    files = (packings.FOLDER / f"{name}_{part}.dump" for part in ("atoms", "pairs"))
+    return gp.ContactNetwork.from_lammps(*files, packings.MATERIAL)
+
+
+def failing(network):
+    """The checks that a network fails, by name, but for the size of contacts."""
+    checks = gp.validity(network).checks
+    return {check.name: check for check in checks if not check.ok and check.name != RADIUS}
+
+
+def find_effect(check):
+    """The part by which frequencies are off, in the words of a check."""
+    return float(re.search(r"by about ([\d.]+)%|by ([\d.]+)%", check.reason)[2]) / 100.0
+
+
+@pytest.mark.parametrize("name", ["disks", "balls", "glass", "yade"])
+def test_packings_of_programs_fail_nothing(name):
+    network = read(name)
+    assert not failing(network)
+    expected = {"law", "scatter", "rounding", "inertias", "rattlers", "pieces", "contacts"}
+    checks = {check.name for check in gp.validity(network).checks}
+    assert expected <= checks
+    assert ("masses" in checks) == ("stiffness" in checks) == (name != "yade")
+
+
+@pytest.mark.claim("network-validity")
+@pytest.mark.parametrize(
+    ("fields", "name", "power"),
+    [
+        (("masses", "inertias"), "masses", -0.5),
+        (("inertias",), "inertias", -0.5),
+        (("normal_stiffness", "shear_stiffness"), "stiffness", 0.5),
+    ],
+)
+@pytest.mark.parametrize("ratio", [0.8, 1.2])
+def test_a_ratio_that_is_off_changes_frequencies_as_its_check_says(fields, name, power, ratio):
+    """Masses, with the inertias, or stiffnesses, scale all frequencies; inertias alone bound them."""
+    network = read("disks")
+    off = replace(network, **{field: ratio * getattr(network, field) for field in fields})
+    checks = failing(off)
+    # forces that are those of overlaps no longer fit to the stiffnesses: f p/k is not the overlap
+    assert set(checks) == {name} | ({"law"} if name == "stiffness" else set())
+    check = checks[name]
+    assert check.value == pytest.approx(abs(ratio - 1.0), rel=1e-6)
+    effect = abs(ratio**power - 1.0)
+    assert find_effect(check) == pytest.approx(effect, abs=6e-4)
+    change = gp.Waves(off).modes(6).frequencies / gp.Waves(network).modes(6).frequencies - 1.0
+    if name == "inertias":
+        assert 0.0 < np.max(np.abs(change)) <= effect
+    else:
+        np.testing.assert_allclose(np.abs(change), effect, rtol=1e-7)
+
+
+@pytest.mark.claim("network-validity")
+@pytest.mark.parametrize("ratio", [0.5, 2.0, 1000.0])
+def test_forces_in_another_unit_change_frequencies_by_the_sixth_root(ratio):
+    network = read("balls")
+    off = replace(
+        network,
+        normal_force=network.normal_force / ratio,
+        normal_stiffness=network.normal_stiffness / np.cbrt(ratio),
+        shear_stiffness=network.shear_stiffness / np.cbrt(ratio),
+    )
+    (check,) = failing(off).values()
+    assert check.name == "law"
+    assert check.value == pytest.approx(abs(ratio - 1.0), rel=1e-6)
+    change = gp.Waves(network).modes(2).frequencies / gp.Waves(off).modes(2).frequencies - 1.0
+    assert find_effect(check) == pytest.approx(np.mean(np.abs(change)), abs=6e-4)
+
+
+def test_forces_in_another_order_scatter():
+    network = read("glass")
+    off = replace(network, normal_force=np.roll(network.normal_force, 1), contact_model=None)
+    check = failing(off)["scatter"]
+    assert check.value > 0.1
+    labels = network.labels.tolist()
+    for first, second in check.worst:
+        pair = labels.index(first), labels.index(second)
+        assert pair in set(zip(network.i.tolist(), network.j.tolist(), strict=True))
+
+
+def test_rounded_places_leave_forces_open_that_follow_from_them():
+    """Forces of their own do not depend on the digits of places."""
+    network = read("glass")
+    decimals = 6  # m, of radii of 1 mm and overlaps of some 10 um
+    rounded = np.round(network.positions, decimals)
+    vector = rounded[network.j] + network.shift @ network.cell - rounded[network.i]
+    touch = network.radii[network.i] + network.radii[network.j]
+    overlap = touch - np.linalg.norm(vector, axis=1)
+    force = network.normal_force * (overlap / np.median(overlap)) ** 1.5 / network.normal_force
+    off = replace(
+        network,
+        positions=rounded,
+        normal=vector / np.linalg.norm(vector, axis=1)[:, None],
+        normal_force=force,
+        normal_stiffness=1.5 * force / overlap,
+        contact_model=None,
+    )
+    assert failing(off)["rounding"].value == pytest.approx(
+        1.5 * np.sqrt(1.0 / 6.0) * 1e-6 / np.median(overlap), rel=0.5
+    )
+    own = replace(network, positions=rounded, contact_model=None)
+    assert not failing(own)
+
+
+@pytest.fixture(scope="module")
+def lattice():
+    """Balls of an ideal lattice, at rest under their static forces."""
+    packing = gp.Packing(packings.MATERIAL, 2e-3)
+    state = gp.AveragedLattice(packing).at_force(1.0, finite_overlap=True)
+    return state.network.repeat((4, 4))
+
+
+@pytest.mark.parametrize("prestress", [True, False])
+def test_a_packing_that_still_moves_is_told(lattice, prestress):
+    factors = np.ones(lattice.n_contacts)
+    factors[7] = 1.02
+    off = replace(lattice, normal_force=factors * lattice.normal_force, prestress=prestress)
+    check = failing(off)["balance"]
+    assert check.value == pytest.approx(0.02, rel=1e-2)
+    assert check.typical == pytest.approx(0.02 * np.sqrt(2.0 / 16.0), rel=1e-2)
+    assert {ball for (ball,) in check.worst} == {int(off.i[7]), int(off.j[7])}
+    still = replace(off, normal_force=lattice.normal_force)
+    assert not failing(still)
+
+
+def test_weights_are_no_imbalance(lattice):
+    held = np.arange(lattice.n_balls) == 0
+    still = replace(
+        lattice,
+        masses=np.where(held, np.inf, lattice.masses),
+        inertias=np.where(held, np.inf, lattice.inertias),
+    )
+    resting = packings.balance(still, [0.0, -0.05 * np.mean(still.normal_force), 0.0])
+    assert resting.imbalance[2] > 0.04
+    assert not failing(resting)
+    assert not gp.Waves(resting).warnings
+
+
+def test_tangential_forces_of_the_other_sign_turn_balls(lattice):
+    """Each force is across its contact, and turns both balls the same way."""
+    across = np.cross(lattice.normal, [0.0, 0.0, 1.0])
+    off = replace(lattice, tangential_force=0.1 * lattice.mean_force * across)
+    check = failing(off)["torques"]
+    # six contacts turn each ball
+    arm = lattice.arm_i[0] / lattice.radii[0]
+    assert check.value == pytest.approx(0.6 * arm / np.hypot(1.0, 0.1), rel=1e-6)
+
+
+@pytest.mark.claim("network-validity")
+@pytest.mark.parametrize("friction", [True, False])
+def test_too_few_contacts_leave_modes_without_energy(friction):
+    """At least as many as motions are more than the deformations that are resisted."""
+    units = gp.Units(1.0, 1.0, 1.0)
+    if friction:
+        network = gp.ContactLattice.of("triangular", 0.8).contact_network(units).repeat((4, 4))
+        is_kept = np.random.default_rng(4).random(network.n_contacts) < 0.42
+    else:
+        network = gp.ContactLattice.of("square", 0.0).contact_network(units).repeat((4, 4))
+        is_kept = ~np.isin(network.i, [0, 2, 8, 10]) | (np.abs(network.normal[:, 0]) < 0.5)
+    fields = {name: getattr(network, name)[is_kept] for name in network.contact_fields}
+    loose = replace(network, **fields).without_rattlers()
+    check = gp.validity(loose)["contacts"]
+    n_rows = (2 if friction else 1) * loose.n_contacts
+    n_motions = (3 if friction else 2) * loose.n_balls
+    assert check.value == pytest.approx(2.0 * loose.n_contacts / loose.n_balls)
+    assert check.ok == (n_rows >= n_motions - 2)
+    matrix = gp.Waves(loose).operator.matrix.toarray()
+    squares = np.linalg.eigvalsh(matrix)
+    n_zeros = np.count_nonzero(squares < 1e-10 * squares[-1])
+    assert not check.ok
+    assert n_zeros >= int(check.reason.split()[0]) + 2 == n_motions - n_rows
+    assert check.limit == pytest.approx((n_motions - 2) / n_rows * check.value)
+
+
+def test_rattlers_and_pieces_are_counted():
+    whole = gp.ContactNetwork.from_lammps(
+        packings.FOLDER / "disks_atoms.dump",
+        packings.FOLDER / "disks_pairs.dump",
+        packings.MATERIAL,
+        keep_rattlers=True,
+    )
+    check = failing(whole)["rattlers"]
+    assert (check.value, check.worst) == (1.0, ((27,),))
+    lattice = gp.ContactLattice.of("square", 0.8).contact_network(gp.Units(1.0, 1.0, 1.0))
+    rows = lattice.repeat((4, 4))
+    is_along = np.abs(rows.normal[:, 0]) > 0.5
+    fields = {name: getattr(rows, name)[is_along] for name in rows.contact_fields}
+    assert failing(replace(rows, **fields))["pieces"].value == 4.0
+
+
+def test_what_is_read_is_judged():
+    """A row between walls, whose forces are not in balance."""
+    balls = {"x": [0.0, 1.9, 3.8, 5.7], "radius": [1.0] * 4, "mass": [np.inf, 1.0, 1.0, np.inf]}
+    contacts = {"i": [0, 1, 2], "j": [1, 2, 3], "nx": [1.0] * 3, "normal_stiffness": [10.0] * 3}
+
+    def read_row(force):
+        table = contacts | {"normal_force": [1.0, force, 1.0]}
+        return gp.ContactNetwork.from_table(balls, table, friction=False)
+
+    with pytest.warns(InconsistencyWarning, match="forces on ball 1 .* weight"):
+        off = read_row(1.1)
+    check = gp.validity(off)["balance"]
+    assert check.value == pytest.approx(0.1 / (3.1 / 3.0))
+    assert check.worst == ((1,), (2,))
+    assert not failing(read_row(1.0))
