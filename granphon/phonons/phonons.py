@@ -1040,6 +1040,13 @@ class _BandEdges(NamedTuple):
         return lower, upper
 
 
+def find_phonons(state: State, dim: tuple[int, ...] | None = None) -> Phonons:
+    """Return the phonons of a state at one load, which the state keeps: all its spectra are found
+    from the same object. ``dim`` is that of :class:`Phonons`.
+    """
+    return state.cached(Phonons, None, dim)
+
+
 def _choose_starts(frequencies: Array, edges: _BandEdges) -> Index:
     """Return the wave vectors (e, n_starts) at which ``frequencies`` (n_q, n_branches)
     come next to each edge, the nearest first.

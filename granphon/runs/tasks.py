@@ -636,7 +636,7 @@ def _observe_gaps(state: ContactState) -> TaskResult:
     frequency (loads,), Hz.
     """
     # imported here: other runs do not need phonons
-    from granphon.phonons.phonons import Phonons
+    from granphon.phonons.phonons import find_phonons
 
     states = _split_loads(state)
     distinct_states = _find_distinct(state, states)
@@ -644,7 +644,7 @@ def _observe_gaps(state: ContactState) -> TaskResult:
     edges = np.full((2, len(distinct_states), n_branches), np.nan)
     tops = np.zeros(len(distinct_states))
     for index, distinct in enumerate(distinct_states):
-        phonons = Phonons(distinct)
+        phonons = find_phonons(distinct)
         branches, gaps = phonons.find_gaps()
         edges[:, index, branches] = gaps.T
         tops[index] = phonons.lattice.top_frequency * phonons.scales.frequency
@@ -684,11 +684,10 @@ def _observe_bands(
         notes.append(LATTICE_BANDS)
     if losses is not None:
         # imported here: other runs do not need phonopy
-        from granphon.phonons.phonons import Phonons
+        from granphon.phonons.phonons import find_phonons
 
         damped = [
-            single.cached(Phonons, None).damped(q, losses.damping, losses.loss_factor)
-            for single in states
+            find_phonons(single).damped(q, losses.damping, losses.loss_factor) for single in states
         ]
         damped_frequencies = np.array([bands.frequencies.real for bands in damped])
         decays = np.array([bands.decay for bands in damped])

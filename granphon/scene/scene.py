@@ -480,9 +480,9 @@ class RunResult(Results):
         """
         if not any(OUTPUTS[name].is_of(self.scene) for name in ("bands", "dos", "gaps")):
             return None
-        from granphon.phonons.phonons import Phonons
+        from granphon.phonons.phonons import find_phonons
 
-        return self.state.cached(Phonons, self.scene.dim)
+        return find_phonons(self.state, self.scene.dim)
 
     @cached_property
     def waves(self) -> SampleWaves | None:
