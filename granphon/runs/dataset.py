@@ -52,7 +52,7 @@ from granphon.base.validation import find_unit_of
 from granphon.dynamics.elasticity import voigt_names
 from granphon.media.arrangement import Balls
 from granphon.media.choice import is_exact_label
-from granphon.observables.catalogue import CATALOGUE, WAVE_COSTS, Analysis, entry_of
+from granphon.observables.catalogue import CATALOGUE, WAVE_COSTS, entry_of
 from granphon.runs.execution import solve_all
 from granphon.runs.notes import CaseNotes, tell_notes
 from granphon.runs.store import Store, TaskResult
@@ -60,7 +60,6 @@ from granphon.runs.tasks import (
     INCOMPLETE,
     SWEEP_SCHEMA,
     Grid,
-    SampleRecord,
     drop_marks,
     explain_end,
     find_reached,
@@ -182,13 +181,18 @@ class SweepRun:
         store: Store | None = None,
     ) -> list[TaskResult]:
         """Do all tasks, and return their results in the order of the cases and of the tasks of
-        each. The ``store`` keeps the results; without a store they are kept in memory.
+        each. The ``store`` keeps the results, but that of a single state which is known.
         """
-        task_store = store or Store()
         tasks = [task for case in self.grid.cases for task in case.tasks]
-        task_store.claim(collect_identity(self.frame), lambda: [task.name for task in tasks])
+        is_known = tasks[0].known_state is not None
+        if store is not None:
+            identity = None if is_known else collect_identity(self.frame)
+            store.claim(identity, lambda: [task.name for task in tasks])
+        if is_known:
+            with progress.step("state"):
+                return [task.solve() for task in tasks]
         label = "simulation" if self.grid.request.alone else "sweep"
-        return solve_all(label, tasks, executor, progress, task_store)
+        return solve_all(label, tasks, executor, progress, store)
 
     def join(self, results: Sequence[TaskResult]) -> Dataset:
         """Return the data set from the results of all tasks, in the order of :meth:`do`.
@@ -205,13 +209,6 @@ class SweepRun:
             error.reached = dataset.isel(load=reached).assign_attrs({INCOMPLETE: str(error)})
             raise error
         return dataset
-
-    def join_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> Dataset:
-        """Return the data set of a single state, which the ``analysis`` has found, with the waves
-        of the ``records``, one for each sample of the state.
-        """
-        (task,) = self.grid.cases[0].media
-        return fill(self.frame, self.grid, [task.tabulate(analysis, task.load, records)])
 
 
 def _require_sound(grid: Grid) -> None:

@@ -216,6 +216,18 @@ class Case:
         return self.medium.choose(self.packing, self.load)
 
     @cached_property
+    def state(self) -> ContactState:
+        """The state under the first load; once a single state has been joined from the results of
+        its samples, the one with their balls.
+        """
+        return self.solve(0)
+
+    def solve(self, index: int) -> ContactState:
+        """Return the state under the load number ``index``."""
+        serving = next(serving for serving in self.serving_media if index in serving.loads)
+        return serving.at(self.load[index], finite_overlap=self.request.finite_overlap)
+
+    @cached_property
     def media(self) -> list[MediumTask]:
         """A task for each medium that serves loads, and for each geometry of its lattice at these
         loads; an error names the case, and the load if the load is known.
@@ -236,7 +248,9 @@ class Case:
         tasks = list[MediumTask]()
         for serving in serving_media:
             request = self.request if serving.arrays else lattice_request
-            tasks.append(MediumTask(self.name(serving), serving, request))
+            # a single state has been found by the check of the scene
+            state = self.state if self.request.alone and not serving.arrays else None
+            tasks.append(MediumTask(self.name(serving), serving, request, state))
         return tasks
 
     @cached_property
@@ -247,9 +261,12 @@ class Case:
     def join(self, results: Sequence[TaskResult]) -> TaskResult:
         """Return the result of the case, arrays (loads, ...) by name, from the ``results`` of the
         :attr:`tasks`; variables that only some of several media have, chosen automatically, are
-        left out, and those that one medium has in one geometry alone are nan in the other.
+        left out, and those that one medium has in one geometry alone are nan in the other. Of a
+        single simulated state the case keeps the balls.
         """
         media = self.media
+        if self.request.alone and media[0].serving.arrays:
+            vars(self)["state"] = self._restore(results)
         remaining = iter(results)
         of_media = [medium.join(list(islice(remaining, len(medium.tasks)))) for medium in media]
         if len(of_media) == 1:
@@ -276,7 +293,7 @@ class Case:
             joined[name] = np.concatenate(pad_alike(blocks))[order]
         return joined | marks
 
-    def restore(self, results: Sequence[TaskResult]) -> SimulatedState:
+    def _restore(self, results: Sequence[TaskResult]) -> SimulatedState:
         """Return the only state of the case, that of a simulation, from the ``results`` of the
         :attr:`tasks`, which hold the balls of a sample each.
         """
@@ -286,10 +303,7 @@ class Case:
             restore_sample(task.simulation, result)
             for task, result in zip(self.tasks, results, strict=True)
         ]
-        state = SimulatedState.of(medium, samples, serving.load.applied[0])
-        if serving.chosen_automatically:
-            return replace(state, chosen_automatically=True)
-        return state
+        return _average_samples(serving, medium, samples, serving.load.applied[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -366,12 +380,13 @@ def pad_alike(arrays: Sequence[Array]) -> list[Array]:
 @dataclass(frozen=True, eq=False)
 class MediumTask(Task):
     """One medium on one packing at all loads that it serves, which are solved together, in one
-    step.
+    step, unless their state is a ``known_state``.
     """
 
     where: str
     serving: ServingMedium
     request: Request
+    known_state: ContactState | None = None
 
     @property
     def load(self) -> Load:
@@ -439,14 +454,16 @@ class MediumTask(Task):
         records = [
             SampleRecord.from_result(sample, index) for index in reached for sample in samples
         ]
-        state = SimulatedState.of(self.simulation, records, load)
-        averages = self.tabulate(Analysis(state, self.request.direction), load, records)
+        state = _average_samples(self.serving, self.simulation, records, load)
+        averages = self._add_waves(self.observe(state), state, load)
         marks = _join_marks(results, [np.arange(n_loads)] * len(results))
         return _expand_loads(averages, reached, n_loads) | marks
 
     def state(self, load: Load) -> ContactState:
         """Return the state under ``load``, all or some of the loads of the task."""
-        return self.serving.at(load, finite_overlap=self.request.finite_overlap or None)
+        if self.known_state is not None:
+            return self.known_state
+        return self.serving.at(load, finite_overlap=self.request.finite_overlap)
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Return every variable (loads, ...) by name, and the "warnings" that
@@ -455,39 +472,29 @@ class MediumTask(Task):
         An error names its task and, if it is known, its load.
         """
         try:
-            analysis = Analysis(self.state(self.load), self.request.direction)
-            variables = self.observe(analysis)
+            state = self.state(self.load)
+            variables = self.observe(state)
         except GranphonError as error:
             raise self._locate(error) from error
-        if self.serving.arrays:
-            return variables
-        return self._add_waves(variables, self.load, self.record_networks(analysis.state))
+        return variables if self.serving.arrays else self._add_waves(variables, state, self.load)
 
-    def tabulate(
-        self, analysis: Analysis, load: Load, records: Sequence[SampleRecord]
-    ) -> TaskResult:
-        """Return the variables of a state (loads, ...) by name at its ``load``, with the waves of
-        the ``records`` of its samples or networks.
+    def _add_waves(self, variables: TaskResult, state: ContactState, load: Load) -> TaskResult:
+        """Return the ``variables`` of a state at its ``load`` with its waves, if waves are
+        requested.
         """
-        return self._add_waves(self.observe(analysis), load, records)
-
-    def _add_waves(
-        self, variables: TaskResult, load: Load, records: Sequence[SampleRecord]
-    ) -> TaskResult:
-        """Return ``variables`` with the waves of the ``records``, if waves are requested."""
         if self.request.waves is None:
             return variables
-        return add_waves(variables, self, load, records)
+        return add_waves(variables, self, load, self.list_records(state))
 
-    def observe(self, analysis: Analysis) -> TaskResult:
+    def observe(self, state: ContactState) -> TaskResult:
         """Return the variables of a state (loads, ...) by name, and its "warnings".
 
         Waves of an edge are left out of simulated arrays, and bands are those of a lattice with the
         mean stiffness: notes say so. Conditions of validity that hold are among the notes where a
         medium was chosen automatically.
         """
-        state = analysis.state
         request = self.request
+        analysis = find_analysis(state, request.direction)
         # conditions that hold are kept only where another medium, at other loads, may not meet them
         notes: list[Check | str] = [
             check
@@ -543,23 +550,23 @@ class MediumTask(Task):
         notes += analysis.failed.values()
         return numbers, notes
 
-    def record_networks(self, state: ContactState, whole: bool = False) -> list[SampleRecord]:
-        """Return a record of the waves in the network of ``state`` at each load; an empty list if
-        no waves are requested. Errors name the task and the load, but of a single state.
-
-        With ``whole`` the records keep the results of the solvers too.
+    def list_records(self, state: ContactState) -> Sequence[Any]:
+        """Return a record of the waves of each sample of a state at each load, or of its network;
+        that of a single state has the results of the solvers too. Errors about a network name the
+        task and the load, but of a single state.
         """
-        records = list[SampleRecord]()
-        periods = self.serving.packing.structure.periods
-        if self.request.waves is None:
-            return records
+        if state.n_samples:
+            return state.samples
         # imported here: other runs do not need waves
         from granphon.runs.wave_records import record_networks
 
-        for index in range(self.load.size):
+        records = list[SampleRecord]()
+        request = self.request
+        periods = self.serving.packing.structure.periods
+        for index, single in enumerate(_split_loads(state)):
             try:
-                single = state if state.is_single else state[index]
-                waves = record_networks(single, self.request.waves, whole)
+                # kept, as the data set and the files of a single state need the same
+                waves = single.cached(record_networks, request.waves, request.alone)
                 records.append(SampleRecord(of_waves=waves))
             except GranphonError as error:
                 if self.request.alone:
@@ -599,11 +606,25 @@ class MediumTask(Task):
         """
         for index in range(self.load.size):
             try:
-                state = self.state(self.load[[index]])
-                self.observe(Analysis(state, self.request.direction))
+                self.observe(self.state(self.load[[index]]))
             except GranphonError as error_alone:
                 return index, error_alone
         return None, error
+
+
+def find_analysis(state: ContactState, direction: tuple[Any, ...] | None) -> Analysis:
+    """Return the analysis of a state along a ``direction``, which the state keeps."""
+    return state.cached(Analysis, direction)
+
+
+def _average_samples(
+    serving: ServingMedium, simulation: DirectSimulation, samples: Sequence[Any], load: Load
+) -> SimulatedState:
+    """Return the state of the ``samples`` of a ``simulation`` under a ``load``, or of their
+    records; the state says whether its medium was chosen.
+    """
+    state = SimulatedState.of(simulation, samples, load)
+    return replace(state, chosen_automatically=serving.chosen_automatically)
 
 
 def _split_loads(state: ContactState) -> list[ContactState]:
@@ -838,11 +859,11 @@ class SampleTask(MediumTask):
             }
             return _expand_loads(self._record(error.reached.samples), reached, n_loads) | marks
 
-    def observe(self, analysis: Analysis) -> TaskResult:
+    def observe(self, state: ContactState) -> TaskResult:
         """Return every number of the samples that is averaged, (n_loads, ...), and the balls if
         they are kept.
         """
-        return self._record(analysis.state.samples)
+        return self._record(state.samples)
 
     def _record(self, samples: Sequence[Any]) -> TaskResult:
         """Return the numbers of a sample at one or several loads that are averaged, (n_loads, ...),
@@ -961,7 +982,8 @@ def restore_sample(simulation: DirectSimulation, result: TaskResult) -> Sample |
         vars(equilibrium)["_derivatives"] = tuple(result[_BALLS + "derivatives"][0].tolist())
         sample = Sample(packing, seed, equilibrium)
     tensors = {name: rows[0] for name, rows in result.items() if name.startswith("elastic_")}
-    vars(sample).update(tensors)
+    waves = SampleRecord.from_result(result, 0).of_waves
+    vars(sample).update(tensors, of_waves=waves)
     return sample
 
 

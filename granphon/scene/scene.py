@@ -274,11 +274,8 @@ class Scene(SceneValues):
         yet, with the values of the outputs of the ``rows``; the ``store`` keeps finished tasks, if
         the scene has any.
         """
-        solution = self.plan.solve(executor, progress, store)
-        values = {"states": solution.dataset}
-        result = RunResult(
-            target, self, solution.analysis, solution.records, tuple(rows), values=values
-        )
+        dataset = self.plan.sweep(progress, executor, store=store)
+        result = RunResult(target, self, tuple(rows), values={"states": dataset})
         with self.origin.where_it_buckles():
             for row in rows:
                 if row.find is not None:
@@ -429,16 +426,11 @@ class RunResult(Results):
     scene : the scene that was run.
     folder, files : folder of the results, and the paths of the files written there.
     values : the values of outputs by their names.
-    given : the analysis of a single state; None after reading the result from its folder.
-    records : of each sample of a single state, or of the state, what is kept of its waves, arrays
-        by name; empty after reading the result from its folder.
     rows : the outputs that were found; empty after reading the result from its folder.
     failures : one sentence for each figure that could not be drawn, with the reason.
     """
 
     scene: Scene
-    given: Analysis | None = field(default=None, repr=False)
-    records: tuple[Mapping[str, Any], ...] = field(default=(), repr=False)
     rows: tuple[Export, ...] = field(default=(), repr=False)
     files: tuple[Path, ...] = ()
     failures: tuple[str, ...] = ()
@@ -514,17 +506,19 @@ class RunResult(Results):
         """The conditions under which the model holds, of the only state."""
         return self._analysis.validity
 
-    @cached_property
+    @property
     def _analysis(self) -> Analysis:
         """The analysis of the only state, which is solved again after reading the result from its
         folder; InputError if there are several states.
         """
-        if not self.scene.is_single:
-            problem = "the result is that of a sweep"
-            raise InputError(problem, "It has no single state", "Take its dataset")
-        if self.given is not None:
-            return self.given
-        return Analysis(self.scene.state(), self.scene.direction)
+        return self.scene.plan.analysis
+
+    @property
+    def records(self) -> list[Mapping[str, Any]]:
+        """Of each sample of the only state, or of its network, what is kept of its waves, arrays by
+        name.
+        """
+        return self.scene.plan.records
 
     @property
     def velocities(self) -> SoundVelocities | None:
