@@ -155,11 +155,6 @@ class PlannedCase:
         with self.places.at_medium(self.case.medium.label, "a tolerance that is met at every load"):
             return self.case.serving_media
 
-    @property
-    def state(self) -> ContactState:
-        """State of the contacts under the first load, the only one if the scene is not a sweep."""
-        return self._find_state(0)
-
     def states(self, quick: bool) -> Iterator[tuple[ServingMedium, ContactState]]:
         """Each medium and its state, or of those media alone whose states are ``quick`` to find.
 
@@ -170,12 +165,12 @@ class PlannedCase:
             if quick and not serving.is_quick:
                 continue
             if self.case.load.size == 1:
-                yield serving, self.state
+                state = self.case.state
             else:
                 with np.errstate(all="ignore"):  # what overflows is refused afterwards
                     finite_overlap = self.case.request.finite_overlap
                     state = serving.at(serving.load, finite_overlap=finite_overlap)
-                yield serving, state
+            yield serving, state
 
     @cached_property
     def is_possible(self) -> bool:
@@ -192,7 +187,7 @@ class PlannedCase:
             with self.at_load(index, f"{self.case.label}: "):
                 serving.medium.of(self.case.packing).require(self.case.load[index])
                 if serving.is_quick:
-                    state = self._find_state(index)
+                    state = self.case.solve(index) if index else self.case.state
                     if self.case.packing.repeats:
                         state.contact_lattice()  # raises for a lattice that is not rigid
         return True
@@ -220,17 +215,6 @@ class PlannedCase:
         text; see :class:`Places`.
         """
         return self.places.at_index("load", self.written, index, prefix)
-
-    def _find_state(self, index: int) -> ContactState:
-        """Return the state under the load number ``index``; InputError if double precision does not
-        hold its scales.
-        """
-        with np.errstate(all="ignore"):  # what overflows is refused afterwards
-            state = self.case.solve(index) if index else self.case.state
-        for scale in (state.scales.frequency, state.scales.velocity):
-            if not 0.0 < scale < math.inf:
-                raise InputError("the frequencies or velocities are beyond double precision")
-        return state
 
 
 def _note_limits(planned: PlannedCase) -> CaseNotes:
@@ -433,7 +417,7 @@ class Plan:
             is_quick = all(serving.is_quick for serving in planned.serving_media)
             if has_velocities and is_quick:
                 with self.places.at(*path, prefix=refusal):
-                    planned.state.reference_lattice.require_rigid()
+                    case.state.reference_lattice.require_rigid()
         return planned.require_start(most_balls)
 
     def _mend_mechanism(self) -> str:
@@ -497,11 +481,11 @@ class Plan:
         :class:`~granphon.base.errors.InputError` if the balls cannot carry the load, or if the
         scene is a sweep.
         """
-        case = self.case
+        planned = self.case
         # first, so that an error in choosing the medium is not placed at the load
-        _ = case.serving_media
-        with case.at_load(0):
-            return case.state
+        _ = planned.serving_media
+        with planned.at_load(0):
+            return planned.case.state
 
     @property
     def analysis(self) -> Analysis:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
@@ -223,9 +224,16 @@ class Case:
         return self.solve(0)
 
     def solve(self, index: int) -> ContactState:
-        """Return the state under the load number ``index``."""
+        """Return the state under the load number ``index``; InputError if double precision does not
+        hold its scales.
+        """
         serving = next(serving for serving in self.serving_media if index in serving.loads)
-        return serving.at(self.load[index], finite_overlap=self.request.finite_overlap)
+        with np.errstate(all="ignore"):  # what overflows is refused
+            state = serving.at(self.load[index], finite_overlap=self.request.finite_overlap)
+        for scale in (state.scales.frequency, state.scales.velocity):
+            if not 0.0 < scale < math.inf:
+                raise InputError("the frequencies or velocities are beyond double precision")
+        return state
 
     @cached_property
     def media(self) -> list[MediumTask]:

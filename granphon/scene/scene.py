@@ -506,7 +506,7 @@ class RunResult(Results):
         """The conditions under which the model holds, of the only state."""
         return self._analysis.validity
 
-    @property
+    @cached_property
     def _analysis(self) -> Analysis:
         """The analysis of the only state, which is solved again after reading the result from its
         folder; InputError if there are several states.
