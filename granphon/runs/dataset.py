@@ -18,6 +18,7 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -189,7 +190,8 @@ class SweepRun:
             identity = None if is_known else collect_identity(self.frame)
             store.claim(identity, lambda: [task.name for task in tasks])
         if is_known:
-            with progress.step("state"):
+            has_networks = tasks[0].request.waves is not None
+            with progress.step("networks") if has_networks else nullcontext():
                 return [task.solve() for task in tasks]
         label = "simulation" if self.grid.request.alone else "sweep"
         return solve_all(label, tasks, executor, progress, store)

@@ -331,7 +331,7 @@ class Plan:
         (serving,) = self.case.serving_media
         return serving
 
-    @property
+    @cached_property
     def has_tasks(self) -> bool:
         """Whether the work is cut into tasks, which can be done elsewhere, and are kept when they
         are finished: a sweep, or the samples of one state.
@@ -489,18 +489,17 @@ class Plan:
 
     @property
     def analysis(self) -> Analysis:
-        """The :meth:`state` with the results that several observables share; errors are those of
-        the state.
-        """
-        return find_analysis(self.state(), self.grid.request.direction)
+        """The only state with the results that several observables share."""
+        return find_analysis(self.case.case.state, self.grid.request.direction)
 
     @property
     def records(self) -> list[Mapping[str, Any]]:
-        """Of each sample of the :meth:`state`, or of its network, what is kept of its waves, arrays
-        by name.
+        """Of each sample of the only state, or of its network, what is kept of its waves, arrays by
+        name.
         """
-        (task,) = self.case.case.media
-        return [record.of_waves for record in task.list_records(self.state())]
+        case = self.case.case
+        (task,) = case.media
+        return [record.of_waves for record in task.list_records(case.state)]
 
     def states(self, quick: bool = False) -> Iterator[tuple[str, ContactState]]:
         """Return label and state of every medium at every combination of parameters, one after the

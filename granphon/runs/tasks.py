@@ -255,9 +255,12 @@ class Case:
         lattice_request = replace(self.request, waves=lattice_waves, exponents=True)
         tasks = list[MediumTask]()
         for serving in serving_media:
-            request = self.request if serving.arrays else lattice_request
-            # a single state has been found by the check of the scene
-            state = self.state if self.request.alone and not serving.arrays else None
+            request = self.request
+            state = None
+            if not serving.arrays:
+                request = lattice_request
+                # a single state has been found by the check of the scene
+                state = self.state if request.alone else None
             tasks.append(MediumTask(self.name(serving), serving, request, state))
         return tasks
 
@@ -273,7 +276,7 @@ class Case:
         single simulated state the case keeps the balls.
         """
         media = self.media
-        if self.request.alone and media[0].serving.arrays:
+        if self.request.alone and media[0].known_state is None:
             vars(self)["state"] = self._restore(results)
         remaining = iter(results)
         of_media = [medium.join(list(islice(remaining, len(medium.tasks)))) for medium in media]
@@ -436,7 +439,7 @@ class MediumTask(Task):
         """The tasks that can run side by side: one for each sample of a simulation; for another
         medium this task alone.
         """
-        samples = self.serving.samples
+        samples = self.serving.samples if self.known_state is None else []
         # bands, directions, edges and observables are found of the mean over samples
         request = replace(self.request, path=None, direction=None, surface=None, observe=())
         tasks: list[MediumTask] = []
@@ -453,7 +456,7 @@ class MediumTask(Task):
 
         ConvergenceError if there is no load that all samples have reached.
         """
-        if not self.serving.arrays:
+        if self.known_state is not None or not self.serving.arrays:
             return results[0]
         n_loads = self.load.size
         reached = find_reached(results, n_loads)
@@ -484,7 +487,8 @@ class MediumTask(Task):
             variables = self.observe(state)
         except GranphonError as error:
             raise self._locate(error) from error
-        return variables if self.serving.arrays else self._add_waves(variables, state, self.load)
+        # those of samples are added to their mean
+        return variables if state.n_samples else self._add_waves(variables, state, self.load)
 
     def _add_waves(self, variables: TaskResult, state: ContactState, load: Load) -> TaskResult:
         """Return the ``variables`` of a state at its ``load`` with its waves, if waves are

@@ -241,7 +241,6 @@ class Scene(SceneValues):
             result = RunResult(target, self, files=files)
             _ = result.dataset  # an error of its file is raised now
             return result
-        self.plan.require_waves()
         self.to_yaml()  # raises now if the scene cannot be written
         work_file = target / WORK_FILE
         # a state that is found at once keeps no parts, but the parts of another run are not to
