@@ -83,7 +83,7 @@ Array = NDArray[Any]
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
 #: last dimensions of variables of which some states have fewer values than others
-_UNEVEN = (("surface_wave",), ("gap",), ("response_peak",))
+_UNEVEN = (("surface_wave",), ("gap",), ("branch",), ("response_peak",))
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
 #: longest time that opening a file without a digest may take, s
@@ -493,7 +493,7 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
     """
     identity = {
         name: json.loads(frame.attrs[name])
-        for name in ("packing", "media", "waves", "surface", "damping")
+        for name in ("packing", "media", "observe", "waves", "surface", "damping")
         if name in frame.attrs
     }
     identity["finite_overlap"] = bool(frame.attrs["finite_overlap"])

@@ -911,7 +911,7 @@ def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Co
         return None
     array = next(iter(serving.arrays), None)
     n_balls = state.network.n_balls if array is None else array.balls
-    if settings.count(n_balls) > QUICK_BALLS:
+    if settings.count_balls(n_balls) > QUICK_BALLS:
         return None
     whole_network = state.network if array is None else state.network.repeat(array.cells)
     network = settings.shape(whole_network)
@@ -946,7 +946,7 @@ def _estimate_motion(serving: ServingMedium, settings: MotionSettings) -> Cost |
         return None
     network = state.network
     array = next(iter(serving.arrays), None)
-    n_cells = settings.count(1 if array is None else math.prod(array.cells))
+    n_cells = settings.count_balls(1 if array is None else math.prod(array.cells))
     step = settings.step  # s
     if not step:
         # a few cells have the contacts of the whole array, but for its edges, and so its step

@@ -18,12 +18,12 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from itertools import islice
 from types import SimpleNamespace
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,9 @@ from granphon.runs.execution import Task
 from granphon.runs.store import TaskResult
 from granphon.runs.workers import packages
 from granphon.waves.settings import BandsSettings, SurfaceSettings, WaveSettings
+
+if TYPE_CHECKING:
+    from granphon.phonons.phonons import Phonons
 
 Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
@@ -124,6 +127,7 @@ class Request:
     waves : settings of the waves in each sample of a simulation; None without waves.
     surface : the edge whose waves are requested; None for none.
     gaps : whether the edges of the gaps, and the top frequency, are requested.
+    cutoffs : whether the cut-off frequencies of the branches are requested.
     bands : how contacts damp the bands; None for bands without loss alone.
     exponents : whether the exponents of the velocities are requested, for which a simulation solves
         two more equilibria at each load.
@@ -141,6 +145,7 @@ class Request:
     waves: WaveSettings | None = None
     surface: SurfaceSettings | None = None
     gaps: bool = False
+    cutoffs: bool = False
     bands: BandsSettings | None = None
     exponents: bool = True
     sound: bool = True
@@ -524,8 +529,12 @@ class MediumTask(Task):
             variables |= _observe_edge(state, request.surface)
         if request.gaps:
             variables |= _observe_gaps(state)
-            if state.n_samples:
-                notes.append(LATTICE_BANDS)
+        if request.cutoffs:
+            cutoffs = _find_in_zone(state, lambda phonons: phonons.cutoffs())
+            lower, upper = np.moveaxis(cutoffs, -1, 0)
+            variables |= {"cutoff_lower": lower, "cutoff_upper": upper}
+        if state.n_samples and (request.gaps or request.cutoffs):
+            notes.append(LATTICE_BANDS)
         path = request.find_path(self.serving.packing.structure)
         if path is not None:
             qpoints, _labels = path
@@ -668,24 +677,35 @@ def _observe_gaps(state: ContactState) -> TaskResult:
     by the number of branches below the gap, of b branches, nan where there is no gap; and the top
     frequency (loads,), Hz.
     """
+
+    def find_edges(phonons: Phonons) -> Array:
+        edges = np.full((2, phonons.lattice.n_branches), np.nan)
+        branches, gaps = phonons.find_gaps()
+        edges[:, branches] = gaps.T
+        return edges
+
+    lower, upper = np.moveaxis(_find_in_zone(state, find_edges), 1, 0)
+    tops = _find_in_zone(
+        state, lambda phonons: phonons.lattice.top_frequency * phonons.scales.frequency
+    )
+    return {"gap_lower": lower, "gap_upper": upper, "top_frequency": tops}
+
+
+def _find_in_zone(state: ContactState, find: Callable[[Phonons], Any]) -> Array:
+    """Return the frequencies, Hz, that ``find`` returns of the phonons at each load (loads, ...);
+    where one lattice serves all loads, they are found once.
+    """
     # imported here: other runs do not need phonons
     from granphon.phonons.phonons import find_phonons
 
     states = _split_loads(state)
     distinct_states = _find_distinct(state, states)
-    n_branches = distinct_states[0].contact_lattice().n_branches
-    edges = np.full((2, len(distinct_states), n_branches), np.nan)
-    tops = np.zeros(len(distinct_states))
-    for index, distinct in enumerate(distinct_states):
-        phonons = find_phonons(distinct)
-        branches, gaps = phonons.find_gaps()
-        edges[:, index, branches] = gaps.T
-        tops[index] = phonons.lattice.top_frequency * phonons.scales.frequency
+    frequencies = np.array([find(find_phonons(distinct)) for distinct in distinct_states])
     # from the frequencies of the distinct states to those of all states
     scales = np.array([single.scales.frequency for single in states])
     ratios = scales / [distinct.scales.frequency for distinct in distinct_states]
-    lower, upper = ratios[:, None] * edges
-    return {"gap_lower": lower, "gap_upper": upper, "top_frequency": ratios * tops}
+    axes = (1,) * (frequencies.ndim - 1)
+    return np.asarray(ratios.reshape(-1, *axes) * frequencies)
 
 
 def _observe_bands(

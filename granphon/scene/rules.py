@@ -94,6 +94,7 @@ OBSERVABLES = (
     "velocities",
     "bands",
     "gaps",
+    "cutoffs",
     "dos",
     "surface",
     "spectrum",

@@ -116,9 +116,9 @@ class Scene(SceneValues):
         mapping.
     finite_overlap : keep the terms of relative order delta/d; True if all media are simulations in
         their exact geometry, which always have them.
-    observe : which of "velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse",
-        "response", "motion" to compute; spectrum, pulse and the density of states of the array
-        itself, of a simulation.
+    observe : which of "velocities", "bands", "gaps", "cutoffs", "dos", "surface", "spectrum",
+        "pulse", "response", "motion", "modes" to compute; spectrum, pulse and the density of states
+        of the array itself, of a simulation.
     direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of
         such directions; None for x, on which velocities do not depend where sound is isotropic.
     band, band_points : path of the bands, None for that of the lattice, and number of points on
@@ -130,8 +130,8 @@ class Scene(SceneValues):
         them.
     bands : how contacts damp the bands, if the scene observes them; None for bands without loss
         alone.
-    response, motion : which response of the network of each state to find, and how its balls move,
-        if the scene observes it.
+    response, motion, modes : which response of the network of each state to find, how its balls
+        move, and which of its lowest modes to find, if the scene observes it.
     dim : supercell of the exported force constants, a number for each period; None for the smallest
         that suffices.
     source : path of the file that the scene was read from; None for a scene made in Python.
@@ -289,7 +289,7 @@ class Scene(SceneValues):
         """How the states of the scene are checked and found."""
         has_velocities = "velocities" in self.observe
         # a mechanism has other observables, but no velocities
-        of_mechanisms = {"bands", "gaps", "dos", "surface", *NETWORK_BLOCKS}
+        of_mechanisms = {"bands", "gaps", "cutoffs", "dos", "surface", *NETWORK_BLOCKS}
         path = None
         if "bands" in self.observe:
             path = (self.path.arrays, self.band_points, self.path.labels)
@@ -302,6 +302,7 @@ class Scene(SceneValues):
             surface=self.observed_settings("surface"),
             # those of a single state are found with its phonons
             gaps="gaps" in self.observe and not self.is_single,
+            cutoffs="cutoffs" in self.observe,
             bands=self.observed_settings("bands"),
             observe=self.observe,
             sound=has_velocities or of_mechanisms.isdisjoint(self.observe),
