@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from textwrap import fill
 from typing import Any
 
 from granphon.figures.scales import add_legend, name_axis, scale_axis, styled_figure, thin_ticks
@@ -34,7 +35,7 @@ _HEIGHT = 1.25
 _HEIGHT_ALONE = 2.0
 _MARGINS = 0.55
 #: letters of a line of the title of a panel, by the number of columns
-_LETTERS = {1: 60, 2: 28, 3: 20}
+_LETTERS = {1: 60, 2: 26, 3: 16}
 #: look of the top frequency
 _TOP: dict[str, Any] = {"color": "black", "linewidth": 1.0}
 _FIELD: dict[str, Any] = {"facecolor": BLUE, "alpha": 0.3, "linewidth": 0.0}
@@ -188,8 +189,12 @@ def _draw_panels(
             x_values = np.asarray(states[x_name].values, float)
             order = np.argsort(x_values, kind="stable")
             draw(states.isel(load=order), ax, x_values[order], unit)
-            title = join_facts([facts[kind] for kind in differing], _LETTERS[n_columns])
-            ax.set_title(title, pad=3.0)
+            letters = _LETTERS[n_columns]
+            title = join_facts([facts[kind] for kind in differing], letters)
+            # a value may be parted from the kind of balls that has it
+            parts = title.replace("\N{NO-BREAK SPACE}of", " of").splitlines()
+            lines_of_title = [fill(part, letters, break_long_words=False) for part in parts]
+            ax.set_title("\n".join(lines_of_title), pad=3.0)
             scale_axis(ax, "x", all_x)
             name_axis(
                 ax.xaxis,

@@ -153,8 +153,12 @@ class Observable:
 
 
 def _write_words(name: str) -> str:
-    """Write a name as the label of an axis: words, the first with a capital letter."""
-    return name.replace("_", " ").capitalize()
+    """Write a name as the label of an axis: words, the first with a capital letter; of a parameter
+    of a kind of balls, "Density of A".
+    """
+    kind, _, parameter = name.rpartition(".")
+    words = parameter.replace("_", " ").capitalize()
+    return f"{words} of {kind}" if kind else words
 
 
 def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
@@ -850,8 +854,7 @@ def entry_of(name: str, packing: Balls) -> Observable:
     periods = packing.structure.periods
     if kind:
         title = f"{spell(parameter)} of {kind}"
-        label = title[0].upper() + title[1:]
-        return replace(entry, name=name, title=title, meaning=title, label=label)
+        return replace(entry, name=name, title=title, meaning=title, label=_write_words(name))
     if periods == 2 or not entry.per_dimension:
         return entry
     title = entry.title
