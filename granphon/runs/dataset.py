@@ -526,10 +526,12 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     _fill_errors(grid, results)
     _pad_uneven(results)  # before gaps, which have the shape of the values of others
     results, sentences = _fill_gaps(results, packing.structure.periods)
-    entries = []
-    for case, of_case, sentence in zip(grid.cases, notes, sentences, strict=True):
-        entries.append(CaseNotes.of(case, [*of_case, *filter(None, [sentence])]))
-    texts = tell_notes(entries)
+    notes = [
+        [*of_case, *filter(None, [text])] for of_case, text in zip(notes, sentences, strict=True)
+    ]
+    texts = list[str]()
+    if any(notes):
+        texts = tell_notes(list(map(CaseNotes.of, grid.cases, notes)))
     _fill_choices(grid, results)
     # the array of a variable has room for no case without the variable
     shared_names = set(results[0]).intersection(*results) - {grid.load.kind, "warnings"}
