@@ -511,7 +511,9 @@ class MediumTask(Task):
         medium was chosen automatically.
         """
         request = self.request
-        analysis = find_analysis(state, request.direction)
+        # that of a single state is kept with it; of others nothing is kept when they are done
+        find = find_analysis if request.alone else Analysis
+        analysis = find(state, request.direction)
         # conditions that hold are kept only where another medium, at other loads, may not meet them
         notes: list[Check | str] = [
             check
