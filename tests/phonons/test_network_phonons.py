@@ -358,7 +358,7 @@ def test_cells_too_large_are_refused_with_an_estimate():
     [
         ("chain", 101),
         ("triangular", 41),
-        ("honeycomb", 41),
+        pytest.param("honeycomb", 41, marks=pytest.mark.slow),
         pytest.param("fcc", 15, marks=pytest.mark.slow),
         pytest.param("diamond", 13, marks=pytest.mark.slow),
     ],
