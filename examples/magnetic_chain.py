@@ -32,11 +32,11 @@ held = gp.Crystal.on("chain", [BEAD], motions="in_plane", on_site=SPRINGS).at_fo
 kappa = held.shear_stiffness[0]
 turning = (SPRINGS["rotation"] + 4.0 * kappa * BEAD.radius**2) / BEAD.inertia
 squares = np.sort([SPRINGS["x"] / BEAD.mass, SPRINGS["y"] / BEAD.mass, turning])
-cutoffs = gp.Phonons(held).cutoffs()
-assert np.allclose(cutoffs.frequencies, np.sqrt(squares) / (2.0 * np.pi), rtol=1e-12)
+onset = gp.Phonons(held).onset()
+assert np.allclose(onset.frequencies, np.sqrt(squares) / (2.0 * np.pi), rtol=1e-12)
 gears = np.sqrt(SPRINGS["rotation"] / BEAD.inertia) / (2.0 * np.pi)
 assert np.isclose(gp.Phonons(held).frequencies([[0.5]])[0, 0], gears, rtol=1e-9)
-print("cut-off frequencies (Hz):", np.round(cutoffs.frequencies, 1))
+print("cut-off frequencies (Hz):", np.round(onset.frequencies, 1))
 
 # %%
 # A row of twenty beads is shaken along itself at one end. What arrives at the other end begins at

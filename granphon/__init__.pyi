@@ -91,7 +91,7 @@ from .observables.velocities import sound_velocities as sound_velocities
 from .phonons.ball_contacts import BallContacts as BallContacts
 from .phonons.bands import Bands as Bands
 from .phonons.bands import ComplexBands as ComplexBands
-from .phonons.bands import Cutoffs as Cutoffs
+from .phonons.bands import Onset as Onset
 from .phonons.bands import PhononModes as PhononModes
 from .phonons.calculator import HertzMindlin as HertzMindlin
 from .phonons.calculator import atoms as atoms

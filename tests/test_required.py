@@ -364,7 +364,7 @@ def test_a_scene_takes_few_calls_to_its_band_yaml(tmp_path):
         lambda: gp.Phonons(gp.AveragedLattice(steel).at_force(18.446)).bands().write(path)
     )
     assert sum(of_scene.values()) <= 4000
-    assert len(of_scene) <= 51
+    assert len(of_scene) <= 50
     assert sum(of_python.values()) <= 650
     assert len(of_python) <= 33
 

@@ -242,7 +242,7 @@ def write_values(values: Sequence[float], write: Callable[[float], Any]) -> Any:
 
 
 class Setting(NamedTuple):
-    """The declaration of an attribute of a :class:`Block`.
+    """The declaration of an attribute of a :class:`Block`, or of another key of a scene file.
 
     Attributes
     ----------
@@ -256,8 +256,8 @@ class Setting(NamedTuple):
     kind: Kind
     meaning: str
     default: str
-    title: str
-    is_optional: bool
+    title: str = ""
+    is_optional: bool = False
 
 
 def setting(

@@ -231,7 +231,9 @@ def draw_results(
     x: Annotated[
         str | None,
         typer.Option(
-            "--x", metavar="NAME", help="force, pressure, overlap, reduced_force, or a parameter."
+            "--x",
+            metavar="NAME",
+            help="What to draw over: force, pressure, overlap, reduced_force, or a parameter.",
         ),
     ] = None,
     y: Annotated[
@@ -240,25 +242,25 @@ def draw_results(
             "--y",
             "--variable",
             metavar="NAME",
-            help="What to draw over the load, such as bulk; any observable.",
+            help="What to draw over the load: any observable, such as bulk.",
         ),
     ] = None,
     where: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME=VALUE",
-            help="Draw these states of a sweep alone, as 'width=2 um, medium=ema'; a name that"
-            " comes twice has both values, and 'force=1 N to 5 N' is a range.",
+            help="Draw only these states of a sweep, as 'width=2 um, medium=ema'. 'force=1 N to"
+            " 5 N' is a range; for several values repeat the name.",
         ),
     ] = None,
     rows: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="Parameter, or medium, whose values have rows of panels."
+            metavar="NAME", help="A parameter, or medium: each of its values has a row of panels."
         ),
     ] = None,
     columns: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The same for columns of panels.")
+        str | None, typer.Option(metavar="NAME", help="The same for columns.")
     ] = None,
     data: Annotated[
         list[str] | None,
@@ -285,24 +287,28 @@ def draw_results(
 ) -> None:
     """Draw the results of one run, or of several in one figure.
 
-    For one run, the figure shows the bands with the density of states beside them (bands.png in the
-    folder, or the file given), the velocities and exponents of a sweep (sweep.png), or a fit
-    (fit.png). A file named response or motion shows these; one named spectrum, pulse or sample_dos
-    shows these waves in arrays, and of a sweep sweep_dos and sweep_spectra.
+    One run: the figure shows its bands, with the density of states beside them. A run without bands
+    shows its density of states, motion, surface or response instead, and a sweep its velocities
+    over the load, or what --y names. To draw another figure of the run, give its name to --out: "-o
+    surface.pdf" draws the surface. The names are those of the figures that 'granphon run' draws.
 
-    For several runs, or with --x or --data, the figure shows sweeps, single states and fits over
-    the load, with measured points (comparison.png in the working folder, or the file given). If all
-    runs hold bands, it shows their bands, one over the other.
+    Several runs: the figure compares their curves over the load, or over what --x names; with
+    --data it has measured points too. If all runs hold bands, it compares the bands. One run is
+    drawn in this way if --x or --data is given.
 
-    A sweep over parameters has a curve for each medium and combination of values. --where chooses
-    some of them; --rows and --columns share them out among small panels. Where they are too many
-    for one panel, and no option says otherwise, the parameters with the fewest values have panels,
-    and a line says which.
+    Sweeps over parameters: each combination of values has a curve. --where draws some of the curves
+    only. --rows and --columns give each value of a parameter a small panel of its own. If there are
+    too many curves for one panel, the parameters with the fewest values have panels, and a line
+    says which.
+
+    Without --out the figure of one run is written into its folder, and the figure of several runs
+    as comparison.png into the working folder.
 
     \b
     Examples:
       granphon plot out --force
       granphon plot out --asymptotes -o figure.pdf
+      granphon plot out -o surface.pdf
       granphon plot out --y contact_fraction -o contacts.pdf
       granphon plot out --where "width=2 um, medium=ema" --columns diameter -o some.pdf
       granphon plot steel glass --x pressure --data steel.csv -o both.pdf

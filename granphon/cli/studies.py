@@ -378,7 +378,7 @@ def _fit_response(
         problem = f"{scene} has {plan.n_states} states"
         raise InputError(problem, "A transfer function is of one", "Keep one load and medium")
     measured = TransferFunction.read(data, columns, settings.quantity)
-    network = settings.shape(plan.plan.cases[0].state.network)
+    network = settings.shape(plan.plan.cases[0].case.state.network)
     sources = [find_place(words) for words in settings.source]
     receivers = [find_place(words) for words in settings.receiver]
     return fit_damping(

@@ -338,7 +338,7 @@ class ContactLattice(LongWaves):
         parts = self._share_out(lambda part: self._find_modes(q[part], along[part]), len(q))
         return Modes(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
-    def cutoffs(self, direction: ArrayLike) -> tuple[Array, Array]:
+    def find_onset(self, direction: ArrayLike) -> tuple[Array, Array]:
         """Return the frequencies (n_branches,) at Gamma, (k/M)^1/2, ascending, and the curvatures
         (n_branches,) d^2 omega/dq^2 beside it along a ``direction`` (p,), d^2 (k/M)^1/2.
 
@@ -366,14 +366,14 @@ class ContactLattice(LongWaves):
         if self.is_anchored:
             why = "Long waves begin at a cut-off frequency, and have no velocity"
             if units is not None:
-                frequencies, curvatures = self.cutoffs(np.eye(self.periods)[0])
+                frequencies, curvatures = self.find_onset(np.eye(self.periods)[0])
                 hertz = write_quantity(float(frequencies[0]) * units.frequency, "Hz")
                 bend = float(curvatures[0]) * units.velocity * units.length
                 why = (
                     f"Long waves begin at a cut-off frequency, {hertz} of the lowest branch, whose"
                     f" curvature d^2 omega/dq^2 is {bend:.5g} m^2/s along x there"
                 )
-            mend = "Use gp.Phonons(...).cutoffs() and bands, or leave on_site out"
+            mend = "Use gp.Phonons(...).onset() and bands, or leave on_site out"
             raise InputError("springs to the ground hold the balls", why, mend)
         super().require_rigid()
 

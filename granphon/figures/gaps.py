@@ -1,5 +1,5 @@
-"""Figures of what the states of a sweep have beside their bands: gaps, and waves of an edge, over
-the load or a parameter.
+"""Figures of frequencies of the states of a sweep over the load or a parameter: gaps, branches from
+cut-off to cut-off, waves of an edge, and lowest modes.
 
 As in :mod:`granphon.figures.multiples`, each combination of medium and parameters has a panel.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from textwrap import fill
 from typing import Any
 
 from granphon.figures.scales import add_legend, name_axis, scale_axis, styled_figure, thin_ticks
@@ -34,10 +35,10 @@ _HEIGHT = 1.25
 _HEIGHT_ALONE = 2.0
 _MARGINS = 0.55
 #: letters of a line of the title of a panel, by the number of columns
-_LETTERS = {1: 60, 2: 28, 3: 20}
+_LETTERS = {1: 60, 2: 26, 3: 16}
 #: look of the top frequency
 _TOP: dict[str, Any] = {"color": "black", "linewidth": 1.0}
-_GAP: dict[str, Any] = {"facecolor": BLUE, "alpha": 0.3, "linewidth": 0.0}
+_FIELD: dict[str, Any] = {"facecolor": BLUE, "alpha": 0.3, "linewidth": 0.0}
 _DOTS: dict[str, Any] = {"color": ORANGE, "marker": "o", "markersize": 2.0, "linewidth": 0.8}
 
 #: what draws a panel: from the states of a curve, the numbers on the axis of x (n,) and the unit
@@ -57,23 +58,53 @@ def sweep_gaps_figure(dataset: Dataset, x: str | None = None) -> Figure:
 
     def draw(states: Dataset, ax: Axes, x_values: Array, unit: HertzPrefix) -> None:
         """Draw the gaps, and the top frequency, of the states of a panel."""
-        edges = []
-        for name in ("gap_lower", "gap_upper"):
-            edges.append(states[name].transpose("load", "gap").values / unit.hertz)
-        for gap, (lower, upper) in enumerate(zip(edges[0].T, edges[1].T, strict=True)):
-            if np.any(np.isfinite(lower)):
-                _draw_gap(ax, x_values, lower, upper, f"gap-{gap}")
+        _draw_fields(states, ("gap_lower", "gap_upper"), "gap", ax, x_values, unit)
         ax.plot(x_values, states["top_frequency"].values / unit.hertz, gid="top", **_TOP)
 
-    handles = [Patch(label="gap", **_GAP), Line2D([], [], label="top frequency", **_TOP)]
+    handles: list[Any] = [Line2D([], [], label="top frequency", **_TOP)]
+    if np.any(np.isfinite(dataset["gap_lower"].values)):
+        handles.insert(0, Patch(label="gap", **_FIELD))
     return _draw_panels(dataset, x, "top_frequency", draw, handles)
 
 
-def _draw_gap(ax: Axes, x: Array, lower: Array, upper: Array, gid: str) -> None:
-    """Draw a gap over ``x`` (n,) as a field between its edges (n,); at a single point, or at one
-    whose neighbours have no such gap, as a bar.
+def sweep_cutoffs_figure(dataset: Dataset, x: str | None = None) -> Figure:
+    """Draw a figure of the branches of a sweep, one column wide: each is a field over ``x`` from
+    its lowest to its highest frequency in the zone, as in :func:`sweep_gaps_figure`.
+
+    Raises :class:`~granphon.base.errors.InputError` if the sweep has no cut-off frequencies.
     """
-    ax.fill_between(x, lower, upper, gid=gid, **_GAP)
+    _require(dataset, "cutoff_lower", "cut-off frequencies", "cutoffs")
+
+    def draw(states: Dataset, ax: Axes, x_values: Array, unit: HertzPrefix) -> None:
+        """Draw the branches of the states of a panel."""
+        _draw_fields(states, ("cutoff_lower", "cutoff_upper"), "branch", ax, x_values, unit)
+
+    handles = [Patch(label="branch, from its lowest to its highest frequency", **_FIELD)]
+    return _draw_panels(dataset, x, "cutoff_upper", draw, handles)
+
+
+def _draw_fields(
+    states: Dataset,
+    names: tuple[str, str],
+    dimension: str,
+    ax: Axes,
+    x: Array,
+    unit: HertzPrefix,
+) -> None:
+    """Draw, for each number of a ``dimension``, the field over ``x`` (n,) between the variables
+    ``names`` of the ``states``, where they are known.
+    """
+    edges = [states[name].transpose("load", dimension).values / unit.hertz for name in names]
+    for number, (lower, upper) in enumerate(zip(edges[0].T, edges[1].T, strict=True)):
+        if np.any(np.isfinite(lower)):
+            _draw_field(ax, x, lower, upper, f"{dimension}-{number}")
+
+
+def _draw_field(ax: Axes, x: Array, lower: Array, upper: Array, gid: str) -> None:
+    """Draw a field over ``x`` (n,) between its edges (n,); at a single point, or at one whose
+    neighbours have no such field, a bar.
+    """
+    ax.fill_between(x, lower, upper, gid=gid, **_FIELD)
     is_known = np.isfinite(lower)
     has_neighbour = np.zeros(is_known.size, bool)
     has_neighbour[1:] |= is_known[:-1]
@@ -93,17 +124,36 @@ def sweep_surface_figure(dataset: Dataset, x: str | None = None) -> Figure:
     has no waves of an edge.
     """
     _require(dataset, "surface_frequency", "waves of an edge", "surface")
+    words = "waves of the edge, at the end of the path"
+    return _draw_lines(dataset, x, "surface_frequency", "surface_wave", words)
+
+
+def sweep_modes_figure(dataset: Dataset, x: str | None = None) -> Figure:
+    """Draw a figure of the lowest modes of the networks of a sweep, one column wide: their
+    frequencies over ``x``, as in :func:`sweep_gaps_figure`.
+
+    Raises :class:`~granphon.base.errors.InputError` if the sweep has no modes.
+    """
+    _require(dataset, "mode_frequency", "modes", "modes")
+    return _draw_lines(dataset, x, "mode_frequency", "mode", "lowest modes")
+
+
+def _draw_lines(dataset: Dataset, x: str | None, name: str, dimension: str, words: str) -> Figure:
+    """Draw, for each number of a ``dimension``, the frequencies ``name`` over ``x``; ``words`` are
+    those of the legend.
+    """
 
     def draw(states: Dataset, ax: Axes, x_values: Array, unit: HertzPrefix) -> None:
-        """Draw the waves of the states of a panel."""
-        frequencies = states["surface_frequency"].isel(surface_point=-1)
+        """Draw the lines of the states of a panel."""
+        frequencies = states[name]
+        if "surface_point" in frequencies.dims:
+            frequencies = frequencies.isel(surface_point=-1)
         if not np.any(np.isfinite(frequencies)):
             ax.annotate("no wave", (0.5, 0.5), xycoords="axes fraction", ha="center", color="0.4")
-        for number, wave in enumerate(frequencies.transpose("surface_wave", "load").values):
-            ax.plot(x_values, wave / unit.hertz, gid=f"wave-{number}", **_DOTS)
+        for number, line in enumerate(frequencies.transpose(dimension, "load").values):
+            ax.plot(x_values, line / unit.hertz, gid=f"wave-{number}", **_DOTS)
 
-    handles = [Line2D([], [], label="waves of the edge, at the end of the path", **_DOTS)]
-    return _draw_panels(dataset, x, "surface_frequency", draw, handles)
+    return _draw_panels(dataset, x, name, draw, [Line2D([], [], label=words, **_DOTS)])
 
 
 def _require(dataset: Dataset, name: str, words: str, subject: str) -> None:
@@ -139,8 +189,12 @@ def _draw_panels(
             x_values = np.asarray(states[x_name].values, float)
             order = np.argsort(x_values, kind="stable")
             draw(states.isel(load=order), ax, x_values[order], unit)
-            title = join_facts([facts[kind] for kind in differing], _LETTERS[n_columns])
-            ax.set_title(title, pad=3.0)
+            letters = _LETTERS[n_columns]
+            title = join_facts([facts[kind] for kind in differing], letters)
+            # a value may be parted from the kind of balls that has it
+            parts = title.replace("\N{NO-BREAK SPACE}of", " of").splitlines()
+            lines_of_title = [fill(part, letters, break_long_words=False) for part in parts]
+            ax.set_title("\n".join(lines_of_title), pad=3.0)
             scale_axis(ax, "x", all_x)
             name_axis(
                 ax.xaxis,

@@ -18,67 +18,66 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class _Drawing:
-    """The function that draws a result.
+class Picture:
+    """A picture of a kind of results: a row of :data:`PICTURES` or :data:`OF_DATASETS`.
 
     Attributes
     ----------
-    module, function : the module of figures, and the name of the function in the module.
+    figure : the function that draws it, "bands.bands_figure" in the module ``bands`` of figures.
     keyword : the keyword under which the function takes the result.
     height : where the function draws on an Axes, the height of a figure of the Axes, inches; else
         0.
     """
 
-    module: str
-    function: str
-    keyword: str
+    figure: str
+    keyword: str = "dataset"
     height: float = 0.0
 
     def load(self) -> Callable[..., Any]:
         """Import the function."""
-        module = import_module(f"granphon.figures.{self.module}")
-        function: Callable[..., Any] = getattr(module, self.function)
+        module, _, name = self.figure.partition(".")
+        function: Callable[..., Any] = getattr(import_module(f"granphon.figures.{module}"), name)
         return function
 
 
-#: pictures of results, by package and name of the class, so that no class is imported here
-_PICTURES = {
-    "granphon.Bands": _Drawing("bands", "bands_figure", "bands"),
-    "granphon.DensityOfStates": _Drawing("bands", "bands_figure", "dos"),
-    "granphon.WidthFit": _Drawing("curves", "fit_figure", "fit"),
-    "granphon.DampingFit": _Drawing("waves", "transfer_fit_figure", "fit"),
-    "granphon.Traces": _Drawing("traces", "traces_figure", "traces"),
-    "granphon.TradeOff": _Drawing("work_precision", "tradeoff_figure", "result"),
-    "granphon.PathSpectra": _Drawing("waves", "spectrum_figure", "spectra"),
-    "granphon.SpectralFunction": _Drawing("waves", "plot_lines", "spectrum", 2.6),
-    "granphon.SpectralDensity": _Drawing("waves", "plot_sample_dos", "dos", 2.4),
-    "granphon.SurfaceSpectrum": _Drawing("waves", "plot_surface", "spectrum", 3.1),
-    "granphon.Transmission": _Drawing("waves", "plot_transmission", "result", 2.3),
-    "granphon.ComplexBands": _Drawing("waves", "complex_bands_figure", "bands"),
-    "granphon.Motion": _Drawing("motions", "motion_figure", "motion"),
-    "granphon.Response": _Drawing("waves", "response_figure", "response"),
-    "granphon.Pulse": _Drawing("waves", "pulse_figure", "pulse"),
-    "granphon.NetworkModes": _Drawing("modes", "plot_network_mode", "modes", 3.4),
-    "granphon.ContactNetwork": _Drawing("forces", "plot_forces", "sample"),
-    "granphon.SimulatedState": _Drawing("forces", "forces_figure", "state"),
-    "xarray.Dataset": _Drawing("curves", "sweep_figure", "dataset"),
+#: the default pictures of results, by the places of their classes in the package: no class is
+#: imported here
+PICTURES = {
+    "phonons.bands.Bands": Picture("bands.bands_figure", "bands"),
+    "phonons.dos.DensityOfStates": Picture("bands.bands_figure", "dos"),
+    "phonons.bands.ComplexBands": Picture("waves.complex_bands_figure", "bands"),
+    "phonons.surfaces.SurfaceSpectrum": Picture("waves.plot_surface", "spectrum", 3.1),
+    "fits.fit.WidthFit": Picture("curves.fit_figure", "fit"),
+    "fits.transfer.DampingFit": Picture("waves.transfer_fit_figure", "fit"),
+    "fits.traces.Traces": Picture("traces.traces_figure", "traces"),
+    "tradeoffs.measure.TradeOff": Picture("work_precision.tradeoff_figure", "result"),
+    "waves.path_spectra.PathSpectra": Picture("waves.spectrum_figure", "spectra"),
+    "waves.spectral_functions.SpectralFunction": Picture("waves.plot_lines", "spectrum", 2.6),
+    "waves.dos.SpectralDensity": Picture("waves.plot_sample_dos", "dos", 2.4),
+    "waves.scattering.Transmission": Picture("waves.plot_transmission", "result", 2.3),
+    "waves.motion.Motion": Picture("motions.motion_figure", "motion"),
+    "waves.response.Response": Picture("waves.response_figure", "response"),
+    "waves.pulses.Pulse": Picture("waves.pulse_figure", "pulse"),
+    "waves.modes.NetworkModes": Picture("modes.plot_network_mode", "modes", 3.4),
+    "networks.network.ContactNetwork": Picture("forces.plot_forces", "sample"),
+    "media.simulation.SimulatedState": Picture("forces.forces_figure", "state"),
+}
+#: the pictures of data sets, by the names of the outputs whose figures they are
+OF_DATASETS = {
+    "sweep": Picture("curves.sweep_figure"),
+    "response": Picture("waves.responses_figure"),
+    "motion": Picture("motions.motions_figure"),
+    "sweep_dos": Picture("waves.sweep_dos_figure"),
+    "sweep_spectra": Picture("waves.sweep_spectra_figure"),
+    "sweep_gaps": Picture("gaps.sweep_gaps_figure"),
+    "sweep_surface": Picture("gaps.sweep_surface_figure"),
+    "sweep_cutoffs": Picture("gaps.sweep_cutoffs_figure"),
+    "sweep_modes": Picture("gaps.sweep_modes_figure"),
 }
 #: cells along each period in the picture of a small network, for one, two and three periods
 _CELLS = (8, 4, 2)
 #: greatest number of balls of a network that counts as small
 _MOST_BALLS = 8
-#: pictures of the networks of the states of a data set, by the block of the scene
-_OF_STATES = {
-    "response": _Drawing("waves", "responses_figure", "dataset"),
-    "motion": _Drawing("motions", "motions_figure", "dataset"),
-}
-#: pictures of the waves of all states of a sweep, by the stem of their file
-_OF_SWEEPS = {
-    "sweep_dos": _Drawing("waves", "sweep_dos_figure", "dataset"),
-    "sweep_spectra": _Drawing("waves", "sweep_spectra_figure", "dataset"),
-    "sweep_gaps": _Drawing("gaps", "sweep_gaps_figure", "dataset"),
-    "sweep_surface": _Drawing("gaps", "sweep_surface_figure", "dataset"),
-}
 
 
 def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
@@ -103,13 +102,12 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     Raises :class:`~granphon.base.errors.InputError` for any other object, and for an option that
     the function does not have.
     """
-    # package and name of the class and of its bases
-    classes = []
-    for kind in type(result).__mro__:
-        package = kind.__module__.partition(".")[0]
-        classes.append(f"{package}.{kind.__name__}")
-    # a data set is a mapping too, of variables
-    are_several = isinstance(result, Mapping | list | tuple) and "xarray.Dataset" not in classes
+    # a data set is a mapping too, of variables; a result may be a tuple with names
+    are_several = (
+        isinstance(result, Mapping | list | tuple)
+        and not hasattr(result, "data_vars")
+        and _find_picture(result) is None
+    )
     if are_several or axes is not None:
         from granphon.figures.curves import comparison_figure, plot_together
 
@@ -121,52 +119,54 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
         return figure  # type: ignore[no-any-return]
     dataset = find_dataset(result)
     if dataset is not None:
-        drawing, arguments = _choose_of_dataset(result, dataset)
+        picture, arguments = _choose_of_dataset(result, dataset)
     else:
-        drawing, arguments = _choose_of_object(result, classes)
-    draw = drawing.load()
-    _require_options(draw, drawing.function, arguments | {"ax": None}, options)
-    if drawing.height:
+        picture, arguments = _choose_of_object(result)
+    draw = picture.load()
+    _require_options(draw, draw.__name__, arguments | {"ax": None}, options)
+    if picture.height:
         from granphon.figures.scales import draw_alone
 
-        return _show(draw_alone(lambda ax: draw(**arguments, ax=ax, **options), drawing.height))
+        return _show(draw_alone(lambda ax: draw(**arguments, ax=ax, **options), picture.height))
     figure_or_axes = draw(**arguments, **options)
     makes_axes = "ax" in signature(draw).parameters
     return _show(figure_or_axes.get_figure() if makes_axes else figure_or_axes)
 
 
-def draw_states(dataset: Any, block: str) -> Figure:
-    """Draw the results of the network of each state of a data set, for a block of the scene."""
-    figure: Figure = _OF_STATES[block].load()(dataset)
+def draw_dataset(dataset: Any, name: str) -> Figure:
+    """Draw the picture of a data set that is the figure of the output ``name``."""
+    figure: Figure = OF_DATASETS[name].load()(dataset)
     return figure
 
 
-def draw_waves_of_sweep(dataset: Any, stem: str) -> Figure:
-    """Draw the waves of all states of a sweep that the ``stem`` of a file names."""
-    figure: Figure = _OF_SWEEPS[stem].load()(dataset)
-    return figure
-
-
-def _choose_of_object(result: Any, classes: list[str]) -> tuple[_Drawing, dict[str, Any]]:
-    """Return the drawing of an object without a data set, and the arguments of its function.
-
-    ``classes`` are the names of the object's class and of its bases. If none of these has a
-    drawing, the drawing is that of the object's network, or of some cells of a small network.
-    InputError if there is no network.
+def _find_picture(result: Any) -> Picture | None:
+    """Return the picture of the class of a ``result``, or of the first of its bases that has one;
+    None without one.
     """
-    known_classes = [name for name in classes if name in _PICTURES]
-    is_dataset = classes[0] == "xarray.Dataset"
-    if known_classes and not is_dataset:
-        drawing = _PICTURES[known_classes[0]]
-        return drawing, {drawing.keyword: result}
+    for kind in type(result).__mro__:
+        picture = PICTURES.get(f"{kind.__module__}.{kind.__qualname__}".removeprefix("granphon."))
+        if picture is not None:
+            return picture
+    return None
+
+
+def _choose_of_object(result: Any) -> tuple[Picture, dict[str, Any]]:
+    """Return the picture of an object without a data set, and the arguments of its function.
+
+    An object that has none is drawn by its network, or by some cells of a small network. InputError
+    if there is no network.
+    """
+    picture = _find_picture(result)
+    if picture is not None:
+        return picture, {picture.keyword: result}
     network = getattr(result, "network", None)
-    if not known_classes and isinstance(network, ContactNetwork):
+    if isinstance(network, ContactNetwork):
         periods = sum(network.pbc)
         is_small = network.n_balls <= _MOST_BALLS
         if periods > 0 and is_small:
             n_cells = _CELLS[periods - 1]
             network = network.repeat((n_cells,) * periods)
-        return _PICTURES["granphon.ContactNetwork"], {"sample": network}
+        return _choose_of_object(network)
     refuse_unpressed(result)
     drawable = (
         "bands (complex ones too), a transmission, a density of states, a sweep, a fit, a"
@@ -177,8 +177,8 @@ def _choose_of_object(result: Any, classes: list[str]) -> tuple[_Drawing, dict[s
     raise InputError(f"{brief(result)} has no default picture", mend=f"Give {drawable}")
 
 
-def _choose_of_dataset(result: Any, dataset: Any) -> tuple[_Drawing, dict[str, Any]]:
-    """Return the drawing of a data set, or of the spectra of a scene's ``result`` that has the data
+def _choose_of_dataset(result: Any, dataset: Any) -> tuple[Picture, dict[str, Any]]:
+    """Return the picture of a data set, or of the spectra of a scene's ``result`` that has the data
     set, and the arguments of its function. InputError for a data set without an axis of loads.
     """
     if "load" not in dataset.dims:
@@ -190,21 +190,19 @@ def _choose_of_dataset(result: Any, dataset: Any) -> tuple[_Drawing, dict[str, A
     if dataset is not result:
         spectra = {name: getattr(result, name, None) for name in ("bands", "dos")}
         if any(spectrum is not None for spectrum in spectra.values()):
-            return _PICTURES["granphon.Bands"], spectra
-        surface = getattr(result, "surface", None)
-        if surface is not None:
-            return _PICTURES["granphon.SurfaceSpectrum"], {"spectrum": surface}
+            return PICTURES["phonons.bands.Bands"], spectra
         motion = getattr(getattr(result, "waves", None), "motion", None)
-        if motion is not None:
-            return _PICTURES["granphon.Motion"], {"motion": motion}
-    drawing = _PICTURES["xarray.Dataset"]
-    is_single_state = dataset["valid"].size == 1
-    if is_single_state:  # which has no curves over the load
+        for drawn in (getattr(result, "surface", None), motion):
+            if drawn is not None:
+                return _choose_of_object(drawn)
+    name = "sweep"
+    if dataset["valid"].size == 1:  # a single state has no curves over the load
         if "response_phase" in dataset:
-            drawing = _OF_STATES["response"]
+            name = "response"
         elif "motion_force" in dataset:
-            drawing = _OF_STATES["motion"]
-    return drawing, {"dataset": dataset}
+            name = "motion"
+    picture = OF_DATASETS[name]
+    return picture, {picture.keyword: dataset}
 
 
 def _show(figure: Any) -> Figure:

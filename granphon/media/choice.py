@@ -570,11 +570,13 @@ class ServingMedium:
                 samples.append(replace(self, medium=medium))
         return samples
 
-    def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
+    def at(self, load: Load, *, finite_overlap: bool = False) -> ContactState:
         """Return the state of the medium at a load, any of those that it serves; the state says
         whether it was chosen.
         """
-        state: ContactState = self.medium.of(self.packing).at(load, finite_overlap=finite_overlap)
+        medium = self.medium.of(self.packing)
+        # False is the default of a scene, and counts as no wish of the user
+        state: ContactState = medium.at(load, finite_overlap=finite_overlap or None)
         return replace(state, chosen_automatically=True) if self.chosen_automatically else state
 
     def by_geometry(self, finite_overlap: bool = False) -> list[ServingMedium]:

@@ -38,8 +38,8 @@ from granphon.observables.velocities import (
 #: what must be worked out to find an observable: nothing beyond the packing; the state; the long
 #: waves of the state; its long waves at neighbouring loads, for which a simulation solves two more
 #: equilibria; a pulse through each sample, its spectral functions, or its density of states; bands,
-#: along a path that is given; the waves of an edge; or the network of the state, as it answers to a
-#: drive
+#: along a path that is given; the waves of an edge; edges of gaps, or of branches, in the zone; or
+#: the network of the state, its modes, and how it answers to a drive
 CostClass = Literal[
     "packing",
     "state",
@@ -51,10 +51,19 @@ CostClass = Literal[
     "bands",
     "surface",
     "gaps",
+    "cutoffs",
     "network",
 ]
-#: costs of the observables of the waves in simulated arrays, at edges, beside gaps, and in networks
-WAVE_COSTS: tuple[CostClass, ...] = ("pulse", "spectrum", "dos", "surface", "gaps", "network")
+#: costs of the observables of the waves in simulated arrays, at edges, in the zone, and in networks
+WAVE_COSTS: tuple[CostClass, ...] = (
+    "pulse",
+    "spectrum",
+    "dos",
+    "surface",
+    "gaps",
+    "cutoffs",
+    "network",
+)
 
 
 @dataclass(frozen=True)
@@ -149,8 +158,12 @@ class Observable:
 
 
 def _write_words(name: str) -> str:
-    """Write a name as the label of an axis: words, the first with a capital letter."""
-    return name.replace("_", " ").capitalize()
+    """Write a name as the label of an axis: words, the first with a capital letter; of a parameter
+    of a kind of balls, "Density of A".
+    """
+    kind, _, parameter = name.rpartition(".")
+    words = parameter.replace("_", " ").capitalize()
+    return f"{words} of {kind}" if kind else words
 
 
 def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
@@ -289,6 +302,7 @@ _of_network, _of_response, _of_peaks = (
     for dims in ((), ("response_frequency", "receiver"), ("receiver", "response_peak"))
 )
 _of_peak = partial(_of_network, told=True, digits=7)
+_of_modes = partial(Observable, cost="network", dims=("mode",))
 _of_bands = partial(Observable, cost="bands", dims=("segment", "point", "branch"))
 _OVER_SAMPLES = "standard error over samples of the"
 _LAYER = "of the layer taken one diameter thick"
@@ -688,6 +702,16 @@ _OBSERVABLES = (
     _of_network(
         "motion_force", "N", "greatest normal force of a contact over time", dims=("motion_time",)
     ),
+    _of_modes("mode_frequency", "Hz", "frequencies of the lowest modes that cost energy"),
+    _of_modes(
+        "mode_frequency_error", "Hz", f"{_OVER_SAMPLES} frequencies of these modes", sampled=True
+    ),
+    _of_modes(
+        "mode_participation",
+        "1",
+        "participation ratio of these modes: part of the balls that move, of equal energies",
+    ),
+    _of_modes("mode_rotation", "1", "part of the kinetic energy of these modes in rotations"),
     Observable("choice", "", "medium that the automatic medium chose"),
     Observable("expected_error", "1", "expected relative error of velocities and frequencies"),
     Observable("truth", "", "simulated arrays that the expected error is relative to", swept=False),
@@ -701,6 +725,16 @@ _OBSERVABLES = (
         "intervals from zero to the top frequency without a branch",
         cost="bands",
         swept=False,
+    ),
+    *(
+        Observable(
+            f"cutoff_{edge}",
+            "Hz",
+            f"{which} frequencies of the branches in the whole zone",
+            cost="cutoffs",
+            dims=("branch",),
+        )
+        for edge, which in (("lower", "lowest"), ("upper", "highest"))
     ),
     *(
         Observable(
@@ -797,7 +831,7 @@ def is_free(name: str) -> bool:
     """Return whether a name is an identifier that neither a dimension of data sets has nor a part
     that scenes observe.
     """
-    reserved = {"load", "medium", "gaps", "response", "motion"}
+    reserved = {"load", "medium", "response", "motion", "modes"}
     for entry in _OBSERVABLES:
         reserved |= {entry.cost, *entry.dims}
     return name.isidentifier() and name not in reserved
@@ -825,8 +859,7 @@ def entry_of(name: str, packing: Balls) -> Observable:
     periods = packing.structure.periods
     if kind:
         title = f"{spell(parameter)} of {kind}"
-        label = title[0].upper() + title[1:]
-        return replace(entry, name=name, title=title, meaning=title, label=label)
+        return replace(entry, name=name, title=title, meaning=title, label=_write_words(name))
     if periods == 2 or not entry.per_dimension:
         return entry
     title = entry.title

@@ -534,7 +534,7 @@ class ComplexBands(Result, array="wavenumbers"):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Cutoffs(Result, array="frequencies"):
+class Onset(Result, array="frequencies"):
     """Where the branches of a lattice begin: at Gamma. ``np.asarray`` of it is ``frequencies``.
 
     Attributes

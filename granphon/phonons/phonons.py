@@ -45,7 +45,7 @@ from granphon.media.cost import Cost
 from granphon.media.state import State, as_state, given_state
 from granphon.networks.network import given_network
 from granphon.observables.validity import find_warnings
-from granphon.phonons.bands import Bands, ComplexBands, Cutoffs, PhononModes
+from granphon.phonons.bands import Bands, ComplexBands, Onset, PhononModes
 from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
 from granphon.phonons.dos import DensityOfStates
@@ -92,6 +92,8 @@ _NARROW = 1e-2
 #: number of points of the mesh from which an edge of a band is sought, and of steps at most
 _STARTS = 6
 _TURNS = 30
+#: number of such points for the edges of every branch, which may have several extremes
+_MORE_STARTS = 24
 #: number of points, for each start, where the branches on both sides of a narrow gap are closest
 _CLOSEST = 4
 #: number of branches beyond which it is sought from fewer points, as many edges are near
@@ -806,7 +808,7 @@ class Phonons:
         """
         return self.find_gaps(mesh)[1]
 
-    def cutoffs(self, direction: ArrayLike | None = None) -> Cutoffs:
+    def onset(self, direction: ArrayLike | None = None) -> Onset:
         """Return the frequency of each branch at Gamma, and the curvature there.
 
         Where springs to the ground hold the balls there is no sound: bands begin at a cut-off
@@ -818,11 +820,11 @@ class Phonons:
         """
         axis = np.eye(self._periods)[0] if direction is None else direction
         along = one_direction(axis, self._periods)
-        frequencies, curvatures = self.lattice.cutoffs(along)
+        frequencies, curvatures = self.lattice.find_onset(along)
         scales = self.scales
         gaps = self.gaps()
         starts_above_zero = len(gaps) and gaps[0, 0] == 0.0
-        return Cutoffs(
+        return Onset(
             frequencies * scales.frequency,
             curvatures * scales.velocity * scales.length,
             along,
@@ -833,10 +835,8 @@ class Phonons:
         """Return the number of branches below each of the :meth:`gaps`, (n,), which tells a gap
         from the others under every load, and the gaps, (n, 2) Hz; ``mesh`` is as there.
         """
-        numbers = self._read_gap_mesh(mesh)
-        points = self._list_gap_points(numbers)
-        q = self.lattice.wavevectors(points)
-        frequencies = self.lattice.frequencies(q)  # (n_q, n_branches)
+        zone = self._sample_zone(mesh)
+        frequencies = zone.frequencies
         bottoms = frequencies.min(axis=0)
         tops = frequencies.max(axis=0)
         # the highest frequency of all branches below each branch
@@ -846,24 +846,39 @@ class Phonons:
         if not above_gaps.size:
             return above_gaps, np.zeros((0, 2))
         edges = _BandEdges.of(above_gaps)
-        # the longest step of the mesh, 1/d
-        spacing = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
-        start_points = points[_choose_starts(frequencies, edges)]
-        starts = self.lattice.wavevectors(start_points)  # (e, n_starts, p), 1/d
-        heights = self._climb_edges(edges, starts, spacing)
-        is_narrow = edges.is_narrow(heights, _NARROW * float(tops[-1]))
-        for edge in np.flatnonzero(is_narrow).tolist():
-            # branches that cross at a point of their own make a cone, whose tip no path along
-            # group velocities reaches: the edges of a narrow gap are sought on finer meshes too
-            closest = _find_closest(frequencies, edges.below_gap(edge), _CLOSEST * starts.shape[1])
-            centres = np.concatenate([starts[edge], self.lattice.wavevectors(points[closest])])
-            height = self._zoom(centres, edges.branch[edge], edges.sign[edge], spacing)
-            heights[edge] = max(heights[edge], height)
+        heights, starts = self._climb_edges(edges, zone, _STARTS)
+        n_closest = _CLOSEST * starts.shape[1]
+        heights = self._zoom_into_cones(edges, heights, zone, starts, n_closest)
         lower, upper = edges.pair_frequencies(heights)
         intervals = np.stack([np.maximum(lower, floors[above_gaps]), upper], axis=1)
         is_gap = upper - lower > narrowest
         gaps = np.reshape(intervals[is_gap], (-1, 2)) * self.scales.frequency
         return above_gaps[is_gap], gaps
+
+    def cutoffs(self, mesh: Sequence[int] | None = None) -> Array:
+        """Return the cut-off frequencies, (n_branches, 2) Hz: the lowest and the highest frequency
+        of each branch in the whole zone. At each wave vector branches are ordered by frequency.
+
+        They are sought as the edges of :meth:`gaps`, from more points; ``mesh`` is as there.
+        """
+        zone = self._sample_zone(mesh)
+        b = self.lattice.n_branches
+        edges = _BandEdges.of(np.arange(b))
+        heights, starts = self._climb_edges(edges, zone, _MORE_STARTS)
+        heights = self._zoom_into_cones(edges, heights, zone, starts[:, :1], 1)
+        tops, bottoms = edges.pair_frequencies(heights)  # each top with the bottom above
+        top_edge = _BandEdges(np.array([b - 1]), np.ones(1), 1)
+        top, _ = self._climb_edges(top_edge, zone, _MORE_STARTS)
+        cutoffs = np.stack([bottoms, np.concatenate([tops[1:], top])], axis=1)
+        return np.asarray(np.maximum(cutoffs, 0.0) * self.scales.frequency)
+
+    def _sample_zone(self, mesh: Sequence[int] | None) -> _ZoneSample:
+        """Return the frequencies at the wave vectors at which edges of bands are sought."""
+        numbers = self._read_gap_mesh(mesh)
+        points = self._list_gap_points(numbers)
+        frequencies = self.lattice.frequencies(self.lattice.wavevectors(points))
+        spacing = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
+        return _ZoneSample(points, frequencies, spacing)
 
     def _read_gap_mesh(self, mesh: Sequence[int] | None) -> tuple[int, ...]:
         """Return the numbers of wave vectors (p,) of the mesh on which gaps are sought.
@@ -894,16 +909,39 @@ class Phonons:
         points = [point[None, :p] for point in self.special_points.values()]
         return np.concatenate([grid, *points])
 
-    def _climb_edges(self, edges: _BandEdges, starts: Array, longest_step: float) -> Array:
+    def _climb_edges(
+        self, edges: _BandEdges, zone: _ZoneSample, most_starts: int
+    ) -> tuple[Array, Array]:
         """Return the greatest frequency times sign (e,) of each of the ``edges`` that is reached
-        from its wave vectors ``starts`` (e, n_starts, p), in steps up to ``longest_step``, both
-        1/d.
+        from the best points of the zone, ``most_starts`` at most, and the wave vectors of these,
+        (e, n_starts, p), 1/d.
         """
+        points = zone.points[_choose_starts(zone.frequencies, edges, most_starts)]
+        starts = self.lattice.wavevectors(points)
         n_edges, n_starts, p = starts.shape
         branch = np.repeat(edges.branch, n_starts)
         sign = np.repeat(edges.sign, n_starts)
-        heights = self._climb(starts.reshape(-1, p), branch, sign, longest_step)
-        return np.asarray(heights.reshape(n_edges, n_starts).max(axis=1))
+        heights = self._climb(starts.reshape(-1, p), branch, sign, zone.spacing)
+        return np.asarray(heights.reshape(n_edges, n_starts).max(axis=1)), starts
+
+    def _zoom_into_cones(
+        self, edges: _BandEdges, heights: Array, zone: _ZoneSample, starts: Array, n_closest: int
+    ) -> Array:
+        """Return the ``heights`` (e,) of ``edges``, of narrow gaps those on finer meshes too.
+
+        Branches that cross at a point of their own make a cone, whose tip no path along group
+        velocities reaches. The meshes are about the ``starts`` (e, n_starts, p), 1/d, of an edge,
+        and about so many points, ``n_closest``, at which the branches are closest.
+        """
+        higher = heights.copy()
+        is_narrow = edges.is_narrow(heights, _NARROW * float(zone.frequencies.max()))
+        for edge in np.flatnonzero(is_narrow).tolist():
+            closest = _find_closest(zone.frequencies, edges.below_gap(edge), n_closest)
+            closest_points = self.lattice.wavevectors(zone.points[closest])
+            centres = np.concatenate([starts[edge], closest_points])
+            height = self._zoom(centres, edges.branch[edge], edges.sign[edge], zone.spacing)
+            higher[edge] = max(heights[edge], height)
+        return higher
 
     def _climb(self, starts: Array, branch: Index, sign: Array, longest_step: float) -> Array:
         """Return the greatest frequency times ``sign`` (n,) of a ``branch`` (n,) along its group
@@ -1013,6 +1051,21 @@ class Phonons:
         write_phonopy(bridge, path, self.scales, top, lattice.motions, self._periods, kinds)
 
 
+class _ZoneSample(NamedTuple):
+    """Where edges of bands are sought.
+
+    Attributes
+    ----------
+    points : (n_q, p) wave vectors, fractions of the reciprocal cell.
+    frequencies : (n_q, n_branches) at these, (k/M)^1/2.
+    spacing : the longest step of the mesh, 1/d.
+    """
+
+    points: Array
+    frequencies: Array
+    spacing: float
+
+
 class _BandEdges(NamedTuple):
     """Edges of gaps, (e,): first the tops of the branches below the gaps, in ascending order, then
     the bottoms of the branches above.
@@ -1041,15 +1094,15 @@ class _BandEdges(NamedTuple):
         return int(self.branch[edge] - is_bottom)
 
     def is_narrow(self, heights: Array, width: float) -> Flags:
-        """Return which edges (e,) are of a gap between two branches that is below ``width``, with
-        frequencies times sign ``heights`` (e,).
+        """Return which edges (e,) are of a gap between two branches that is below ``width``, or of
+        branches that overlap by less, with frequencies times sign ``heights`` (e,).
         """
         is_narrow = np.zeros(len(self.branch), bool)
         # the bottoms of the same gaps are last; before them may be that of the gap without a top
         tops = np.arange(self.n_tops)
         bottoms = np.arange(len(self.branch) - self.n_tops, len(self.branch))
         gap_widths = -heights[bottoms] - heights[tops]
-        is_narrow[tops] = gap_widths < width
+        is_narrow[tops] = np.abs(gap_widths) < width
         is_narrow[bottoms] = is_narrow[tops]
         return is_narrow
 
@@ -1064,11 +1117,18 @@ class _BandEdges(NamedTuple):
         return lower, upper
 
 
-def _choose_starts(frequencies: Array, edges: _BandEdges) -> Index:
-    """Return the wave vectors (e, n_starts) at which ``frequencies`` (n_q, n_branches)
-    come next to each edge, the nearest first.
+def find_phonons(state: State, dim: tuple[int, ...] | None = None) -> Phonons:
+    """Return the phonons of a state at one load, which the state keeps: all its spectra are found
+    from the same object. ``dim`` is that of :class:`Phonons`.
     """
-    n_starts = max(1, min(_STARTS, _FEW_BRANCHES // frequencies.shape[1]))
+    return state.cached(Phonons, None, dim)
+
+
+def _choose_starts(frequencies: Array, edges: _BandEdges, most_starts: int) -> Index:
+    """Return the numbers (e, n_starts) of the wave vectors at which ``frequencies`` (n_q,
+    n_branches) come next to each edge, the nearest first, ``most_starts`` at most.
+    """
+    n_starts = max(1, min(most_starts, _FEW_BRANCHES // frequencies.shape[1]))
     order = np.argsort(-edges.sign * frequencies[:, edges.branch], axis=0, kind="stable")
     return np.asarray(order[:n_starts].T)
 

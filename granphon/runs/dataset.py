@@ -18,6 +18,7 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -52,7 +53,7 @@ from granphon.base.validation import find_unit_of
 from granphon.dynamics.elasticity import voigt_names
 from granphon.media.arrangement import Balls
 from granphon.media.choice import is_exact_label
-from granphon.observables.catalogue import CATALOGUE, WAVE_COSTS, Analysis, entry_of
+from granphon.observables.catalogue import CATALOGUE, WAVE_COSTS, entry_of
 from granphon.runs.execution import solve_all
 from granphon.runs.notes import CaseNotes, tell_notes
 from granphon.runs.store import Store, TaskResult
@@ -60,7 +61,6 @@ from granphon.runs.tasks import (
     INCOMPLETE,
     SWEEP_SCHEMA,
     Grid,
-    SampleRecord,
     drop_marks,
     explain_end,
     find_reached,
@@ -83,7 +83,7 @@ Array = NDArray[Any]
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
 #: last dimensions of variables of which some states have fewer values than others
-_UNEVEN = (("surface_wave",), ("gap",), ("response_peak",))
+_UNEVEN = (("surface_wave",), ("gap",), ("branch",), ("response_peak",))
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
 #: longest time that opening a file without a digest may take, s
@@ -182,13 +182,19 @@ class SweepRun:
         store: Store | None = None,
     ) -> list[TaskResult]:
         """Do all tasks, and return their results in the order of the cases and of the tasks of
-        each. The ``store`` keeps the results; without a store they are kept in memory.
+        each. The ``store`` keeps the results, but that of a single state which is known.
         """
-        task_store = store or Store()
         tasks = [task for case in self.grid.cases for task in case.tasks]
-        task_store.claim(collect_identity(self.frame), lambda: [task.name for task in tasks])
+        is_known = tasks[0].known_state is not None
+        if store is not None:
+            identity = None if is_known else collect_identity(self.frame)
+            store.claim(identity, lambda: [task.name for task in tasks])
+        if is_known:
+            has_networks = tasks[0].request.waves is not None
+            with progress.step("networks") if has_networks else nullcontext():
+                return [task.solve() for task in tasks]
         label = "simulation" if self.grid.request.alone else "sweep"
-        return solve_all(label, tasks, executor, progress, task_store)
+        return solve_all(label, tasks, executor, progress, store)
 
     def join(self, results: Sequence[TaskResult]) -> Dataset:
         """Return the data set from the results of all tasks, in the order of :meth:`do`.
@@ -205,13 +211,6 @@ class SweepRun:
             error.reached = dataset.isel(load=reached).assign_attrs({INCOMPLETE: str(error)})
             raise error
         return dataset
-
-    def join_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> Dataset:
-        """Return the data set of a single state, which the ``analysis`` has found, with the waves
-        of the ``records``, one for each sample of the state.
-        """
-        (task,) = self.grid.cases[0].media
-        return fill(self.frame, self.grid, [task.tabulate(analysis, task.load, records)])
 
 
 def _require_sound(grid: Grid) -> None:
@@ -494,7 +493,7 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
     """
     identity = {
         name: json.loads(frame.attrs[name])
-        for name in ("packing", "media", "waves", "surface", "damping")
+        for name in ("packing", "media", "observe", "waves", "surface", "damping")
         if name in frame.attrs
     }
     identity["finite_overlap"] = bool(frame.attrs["finite_overlap"])
@@ -527,10 +526,12 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     _fill_errors(grid, results)
     _pad_uneven(results)  # before gaps, which have the shape of the values of others
     results, sentences = _fill_gaps(results, packing.structure.periods)
-    entries = []
-    for case, of_case, sentence in zip(grid.cases, notes, sentences, strict=True):
-        entries.append(CaseNotes.of(case, [*of_case, *filter(None, [sentence])]))
-    texts = tell_notes(entries)
+    notes = [
+        [*of_case, *filter(None, [text])] for of_case, text in zip(notes, sentences, strict=True)
+    ]
+    texts = list[str]()
+    if any(notes):
+        texts = tell_notes(list(map(CaseNotes.of, grid.cases, notes)))
     _fill_choices(grid, results)
     # the array of a variable has room for no case without the variable
     shared_names = set(results[0]).intersection(*results) - {grid.load.kind, "warnings"}

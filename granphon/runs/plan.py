@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext, supp
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -49,8 +49,8 @@ from granphon.runs.dataset import (
     write_sweep,
 )
 from granphon.runs.notes import CaseNotes, tell_notes
-from granphon.runs.store import Store, TaskResult, open_store
-from granphon.runs.tasks import INCOMPLETE, Case, Grid, SampleRecord, to_json
+from granphon.runs.store import Store, open_store
+from granphon.runs.tasks import INCOMPLETE, Case, Grid, find_analysis, to_json
 from granphon.waves.settings import (
     MOMENTS,
     READINGS,
@@ -155,11 +155,6 @@ class PlannedCase:
         with self.places.at_medium(self.case.medium.label, "a tolerance that is met at every load"):
             return self.case.serving_media
 
-    @cached_property
-    def state(self) -> ContactState:
-        """State of the contacts under the first load, the only one if the scene is not a sweep."""
-        return self._find_state(0)
-
     def states(self, quick: bool) -> Iterator[tuple[ServingMedium, ContactState]]:
         """Each medium and its state, or of those media alone whose states are ``quick`` to find.
 
@@ -169,8 +164,13 @@ class PlannedCase:
         for serving in self.serving_media:
             if quick and not serving.is_quick:
                 continue
-            is_alone = self.case.load.size == 1
-            yield serving, self.state if is_alone else self._solve(serving, serving.load)
+            if self.case.load.size == 1:
+                state = self.case.state
+            else:
+                with np.errstate(all="ignore"):  # what overflows is refused afterwards
+                    finite_overlap = self.case.request.finite_overlap
+                    state = serving.at(serving.load, finite_overlap=finite_overlap)
+            yield serving, state
 
     @cached_property
     def is_possible(self) -> bool:
@@ -187,7 +187,7 @@ class PlannedCase:
             with self.at_load(index, f"{self.case.label}: "):
                 serving.medium.of(self.case.packing).require(self.case.load[index])
                 if serving.is_quick:
-                    state = self._find_state(index) if index else self.state
+                    state = self.case.solve(index) if index else self.case.state
                     if self.case.packing.repeats:
                         state.contact_lattice()  # raises for a lattice that is not rigid
         return True
@@ -216,25 +216,6 @@ class PlannedCase:
         """
         return self.places.at_index("load", self.written, index, prefix)
 
-    def _find_state(self, index: int) -> ContactState:
-        """Return the state under the load number ``index``; InputError if double precision does not
-        hold its scales.
-        """
-        serving = next(serving for serving in self.serving_media if index in serving.loads)
-        state = self._solve(serving, self.case.load[index])
-        for scale in (state.scales.frequency, state.scales.velocity):
-            if not 0.0 < scale < math.inf:
-                raise InputError("the frequencies or velocities are beyond double precision")
-        return state
-
-    def _solve(self, serving: ServingMedium, load: Load) -> ContactState:
-        """Return the state of one of the media under one or several loads."""
-        # False is the default of a scene, and counts as no wish of the user
-        finite_overlap = self.case.request.finite_overlap or None
-        # what overflows is refused afterwards
-        with np.errstate(all="ignore"):
-            return serving.at(load, finite_overlap=finite_overlap)
-
 
 def _note_limits(planned: PlannedCase) -> CaseNotes:
     """Return the limits that the states of a case pass, of those that are quick to find."""
@@ -248,22 +229,6 @@ def _note_limits(planned: PlannedCase) -> CaseNotes:
             checks[key] = checks[key].join(check) if key in checks else check
     served = np.concatenate(loads) if loads else np.zeros(0, int)
     return CaseNotes(planned.case, tuple(checks.values()), served)
-
-
-class Solution(NamedTuple):
-    """What the work of a plan has found.
-
-    Attributes
-    ----------
-    dataset : every state.
-    analysis : that of a single state; None for several states.
-    records : of each sample of a single state, or of the state, what is kept of its waves, arrays
-        by name; empty for several states.
-    """
-
-    dataset: Dataset
-    analysis: Analysis | None = None
-    records: tuple[Mapping[str, Any], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,7 +317,7 @@ class Plan:
         scene is a sweep.
         """
         if not self.is_single:
-            mend = "Use states(), or run it"
+            mend = "Use states(), or the dataset of its run"
             raise InputError("the scene is a sweep", "It has many states", mend)
         return self.cases[0]
 
@@ -366,10 +331,10 @@ class Plan:
         (serving,) = self.case.serving_media
         return serving
 
-    @property
+    @cached_property
     def has_tasks(self) -> bool:
-        """Whether the work is cut into tasks, which can be done elsewhere: a sweep, or the samples
-        of one state.
+        """Whether the work is cut into tasks, which can be done elsewhere, and are kept when they
+        are finished: a sweep, or the samples of one state.
         """
         return not self.is_single or bool(self.serving.arrays)
 
@@ -452,7 +417,7 @@ class Plan:
             is_quick = all(serving.is_quick for serving in planned.serving_media)
             if has_velocities and is_quick:
                 with self.places.at(*path, prefix=refusal):
-                    planned.state.reference_lattice.require_rigid()
+                    case.state.reference_lattice.require_rigid()
         return planned.require_start(most_balls)
 
     def _mend_mechanism(self) -> str:
@@ -516,11 +481,25 @@ class Plan:
         :class:`~granphon.base.errors.InputError` if the balls cannot carry the load, or if the
         scene is a sweep.
         """
-        case = self.case
+        planned = self.case
         # first, so that an error in choosing the medium is not placed at the load
-        _ = case.serving_media
-        with case.at_load(0):
-            return case.state
+        _ = planned.serving_media
+        with planned.at_load(0):
+            return planned.case.state
+
+    @property
+    def analysis(self) -> Analysis:
+        """The only state with the results that several observables share."""
+        return find_analysis(self.case.case.state, self.grid.request.direction)
+
+    @property
+    def records(self) -> list[Mapping[str, Any]]:
+        """Of each sample of the only state, or of its network, what is kept of its waves, arrays by
+        name.
+        """
+        case = self.case.case
+        (task,) = case.media
+        return [record.of_waves for record in task.list_records(case.state)]
 
     def states(self, quick: bool = False) -> Iterator[tuple[str, ContactState]]:
         """Return label and state of every medium at every combination of parameters, one after the
@@ -603,36 +582,6 @@ class Plan:
 
     # -- work --------------------------------------------------------------------------------------
 
-    def solve(
-        self,
-        executor: Executor | None = None,
-        progress: Progress = silent,
-        store: Store | None = None,
-    ) -> Solution:
-        """Do the work, and return what it has found; of a single state the balls of its samples,
-        and the whole results of waves, are kept. The ``store`` keeps finished tasks, if there are
-        any.
-        """
-        work = SweepRun.of(self.grid)
-        results = list[TaskResult]()
-        if self.has_tasks:
-            results = work.do(executor, progress, store)
-        elif store is not None:
-            store.claim(None)
-        if not self.is_single:
-            return Solution(work.join(results))
-        state = self.grid.cases[0].restore(results) if results else self.state()
-        analysis = Analysis(state, self.grid.request.direction)
-        with self.places.where_it_buckles():
-            records = [SampleRecord.from_result(result, 0) for result in results]
-            if not records:
-                (task,) = self.grid.cases[0].media
-                has_networks = self.waves is not None and bool(self.waves.of_networks)
-                with progress.step("networks") if has_networks else nullcontext():
-                    records = task.record_networks(state, whole=True)
-            dataset = work.join_alone(analysis, records)
-        return Solution(dataset, analysis, tuple(record.of_waves for record in records))
-
     def sweep(
         self,
         progress: Progress = silent,
@@ -652,7 +601,11 @@ class Plan:
         """
         self.require_waves()
         with self.place_errors():
-            return self._sweep(progress, executor, path, resume, overwrite, store)
+            if self.has_tasks:
+                return self._sweep(progress, executor, path, resume, overwrite, store)
+            _ = self.state()  # first, so that its errors are placed at the load
+            with self.places.where_it_buckles():
+                return self._sweep(progress, executor, path, resume, overwrite, store)
 
     def _sweep(
         self,
@@ -671,9 +624,7 @@ class Plan:
             why = "Its finished parts are kept beside its file"
             raise InputError(problem, why, "Give path")
         if target is None:
-            opened_store = open_store(None) if store is None else nullcontext(store)
-            with opened_store as task_store:
-                return run.join(run.do(executor, progress, task_store))
+            return run.join(run.do(executor, progress, store))
         if target.suffix != ".nc":
             why = "It is a netCDF file, with a .csv beside it"
             raise InputError(f"{target} does not end in .nc", why)
@@ -960,7 +911,7 @@ def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Co
         return None
     array = next(iter(serving.arrays), None)
     n_balls = state.network.n_balls if array is None else array.balls
-    if settings.count(n_balls) > QUICK_BALLS:
+    if settings.count_balls(n_balls) > QUICK_BALLS:
         return None
     whole_network = state.network if array is None else state.network.repeat(array.cells)
     network = settings.shape(whole_network)
@@ -995,7 +946,7 @@ def _estimate_motion(serving: ServingMedium, settings: MotionSettings) -> Cost |
         return None
     network = state.network
     array = next(iter(serving.arrays), None)
-    n_cells = settings.count(1 if array is None else math.prod(array.cells))
+    n_cells = settings.count_balls(1 if array is None else math.prod(array.cells))
     step = settings.step  # s
     if not step:
         # a few cells have the contacts of the whole array, but for its edges, and so its step

@@ -51,6 +51,8 @@ def sweep(
     bands: str | ArrayLike | Sequence[ArrayLike] | None = None,
     npoints: int = 101,
     labels: Sequence[str] | None = None,
+    gaps: bool = False,
+    cutoffs: bool = False,
     dos: bool = False,
     spectrum: SpectrumSettings | Mapping[str, Any] | None = None,
     pulse: PulseSettings | Mapping[str, Any] | None = None,
@@ -84,6 +86,10 @@ def sweep(
         it are added to the data set.
     npoints : number of points on each segment of that path.
     labels : names of the corners of that path; by default the letters, or the coordinates.
+    gaps : whether to find the gaps and the top frequency of each state, as
+        :meth:`granphon.phonons.phonons.Phonons.find_gaps` does.
+    cutoffs : whether to find the lowest and the highest frequency of each branch, as
+        :meth:`granphon.phonons.phonons.Phonons.cutoffs` does.
     dos, spectrum, pulse : what of the waves in each sample to find, where all media are
         simulations: the density of states of the array; spectral functions, as the keys
         ``polarisation``, ``resolution`` (Hz), ``points`` of a leg and ``path``, such as "GM", by
@@ -123,11 +129,14 @@ def sweep(
     ``work`` and ``dissipated_energy``; if one is "auto", the ``choice`` at each load, and its
     ``expected_error`` (+inf where it is not known); velocities and moduli that balls with some of
     the swept motions do not have are nan there, and the warnings say which; with bands
-    ``frequencies`` (..., segment, point, branch) in Hz; of waves in simulated arrays means over
-    samples with standard errors: ``dos_total`` (..., node) over ``dos_frequency``,
-    ``line_frequency``, ``line_width``, ``phase_velocity``, ``mean_free_path`` and ``attenuation``
-    (..., polarisation, wavevector), ``ioffe_regel_longitudinal`` and the like, ``pulse_velocity``,
-    ``time_of_flight``, ``coherent_fraction``, nan where a warning says why. Loads are a coordinate
+    ``frequencies`` (..., segment, point, branch) in Hz; with gaps ``gap_lower`` and ``gap_upper``
+    (..., gap) in Hz by the number of branches below, nan where there is no gap, and
+    ``top_frequency``; with cutoffs ``cutoff_lower`` and ``cutoff_upper`` (..., branch) in Hz; of
+    waves in simulated arrays means over samples with standard errors: ``dos_total`` (..., node)
+    over ``dos_frequency``, ``line_frequency``, ``line_width``, ``phase_velocity``,
+    ``mean_free_path`` and ``attenuation`` (..., polarisation, wavevector),
+    ``ioffe_regel_longitudinal`` and the like, ``pulse_velocity``, ``time_of_flight``,
+    ``coherent_fraction``, nan where a warning says why. Loads are a coordinate
     under their own name. ``attrs`` holds versions, packing, media and the warnings of validity, as
     JSON.
 
@@ -139,8 +148,8 @@ def sweep(
         lattices of different dimension, waves of media that are no simulations or that an array
         does not have, a pulse in several directions, a ``path`` that does not end in .nc, and
         ``resume`` without a path.
-    MechanismError : a lattice is a mechanism; raised before anything is computed. With bands,
-        velocities and moduli are left out instead, with a warning.
+    MechanismError : a lattice is a mechanism; raised before anything is computed. With bands, gaps
+        or cutoffs, velocities and moduli are left out instead, with a warning.
     InstabilityError : with finite overlap, a lattice buckles.
     FileExistsInRunError : the files exist, or finished tasks of another sweep or version do, and
         ``overwrite`` is off; raised before anything is computed.
@@ -167,9 +176,12 @@ def sweep(
 
     waves = _read_waves(dos, spectrum, pulse, directions, lattice)
     path_of_bands = None if bands is None else (bands, npoints, labels)
-    observe = ["velocities"]
-    if bands is not None:
-        observe.append("bands")
+    of_zone = {
+        "bands": bands is not None,
+        "gaps": require("gaps", truth, gaps),
+        "cutoffs": require("cutoffs", truth, cutoffs),
+    }
+    observe = ["velocities", *(name for name, is_requested in of_zone.items() if is_requested)]
     if waves is not None:
         observe += waves.names
     request = Request(
@@ -177,7 +189,9 @@ def sweep(
         path=path_of_bands,
         direction=directions,
         waves=waves,
-        sound=bands is None,  # a mechanism has bands too, though no sound
+        gaps=of_zone["gaps"],
+        cutoffs=of_zone["cutoffs"],
+        sound=not any(of_zone.values()),  # a mechanism has bands too, though no sound
         observe=tuple(observe),
     )
     grid = Grid(packing, axes, choices, load, request)

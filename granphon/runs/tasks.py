@@ -17,12 +17,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from itertools import islice
 from types import SimpleNamespace
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +53,9 @@ from granphon.runs.execution import Task
 from granphon.runs.store import TaskResult
 from granphon.runs.workers import packages
 from granphon.waves.settings import BandsSettings, SurfaceSettings, WaveSettings
+
+if TYPE_CHECKING:
+    from granphon.phonons.phonons import Phonons
 
 Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
@@ -123,6 +127,7 @@ class Request:
     waves : settings of the waves in each sample of a simulation; None without waves.
     surface : the edge whose waves are requested; None for none.
     gaps : whether the edges of the gaps, and the top frequency, are requested.
+    cutoffs : whether the cut-off frequencies of the branches are requested.
     bands : how contacts damp the bands; None for bands without loss alone.
     exponents : whether the exponents of the velocities are requested, for which a simulation solves
         two more equilibria at each load.
@@ -140,6 +145,7 @@ class Request:
     waves: WaveSettings | None = None
     surface: SurfaceSettings | None = None
     gaps: bool = False
+    cutoffs: bool = False
     bands: BandsSettings | None = None
     exponents: bool = True
     sound: bool = True
@@ -216,6 +222,25 @@ class Case:
         return self.medium.choose(self.packing, self.load)
 
     @cached_property
+    def state(self) -> ContactState:
+        """The state under the first load; once a single state has been joined from the results of
+        its samples, the one with their balls.
+        """
+        return self.solve(0)
+
+    def solve(self, index: int) -> ContactState:
+        """Return the state under the load number ``index``; InputError if double precision does not
+        hold its scales.
+        """
+        serving = next(serving for serving in self.serving_media if index in serving.loads)
+        with np.errstate(all="ignore"):  # what overflows is refused
+            state = serving.at(self.load[index], finite_overlap=self.request.finite_overlap)
+        for scale in (state.scales.frequency, state.scales.velocity):
+            if not 0.0 < scale < math.inf:
+                raise InputError("the frequencies or velocities are beyond double precision")
+        return state
+
+    @cached_property
     def media(self) -> list[MediumTask]:
         """A task for each medium that serves loads, and for each geometry of its lattice at these
         loads; an error names the case, and the load if the load is known.
@@ -235,8 +260,13 @@ class Case:
         lattice_request = replace(self.request, waves=lattice_waves, exponents=True)
         tasks = list[MediumTask]()
         for serving in serving_media:
-            request = self.request if serving.arrays else lattice_request
-            tasks.append(MediumTask(self.name(serving), serving, request))
+            request = self.request
+            state = None
+            if not serving.arrays:
+                request = lattice_request
+                # a single state has been found by the check of the scene
+                state = self.state if request.alone else None
+            tasks.append(MediumTask(self.name(serving), serving, request, state))
         return tasks
 
     @cached_property
@@ -247,9 +277,12 @@ class Case:
     def join(self, results: Sequence[TaskResult]) -> TaskResult:
         """Return the result of the case, arrays (loads, ...) by name, from the ``results`` of the
         :attr:`tasks`; variables that only some of several media have, chosen automatically, are
-        left out, and those that one medium has in one geometry alone are nan in the other.
+        left out, and those that one medium has in one geometry alone are nan in the other. Of a
+        single simulated state the case keeps the balls.
         """
         media = self.media
+        if self.request.alone and media[0].known_state is None:
+            vars(self)["state"] = self._restore(results)
         remaining = iter(results)
         of_media = [medium.join(list(islice(remaining, len(medium.tasks)))) for medium in media]
         if len(of_media) == 1:
@@ -276,7 +309,7 @@ class Case:
             joined[name] = np.concatenate(pad_alike(blocks))[order]
         return joined | marks
 
-    def restore(self, results: Sequence[TaskResult]) -> SimulatedState:
+    def _restore(self, results: Sequence[TaskResult]) -> SimulatedState:
         """Return the only state of the case, that of a simulation, from the ``results`` of the
         :attr:`tasks`, which hold the balls of a sample each.
         """
@@ -286,10 +319,7 @@ class Case:
             restore_sample(task.simulation, result)
             for task, result in zip(self.tasks, results, strict=True)
         ]
-        state = SimulatedState.of(medium, samples, serving.load.applied[0])
-        if serving.chosen_automatically:
-            return replace(state, chosen_automatically=True)
-        return state
+        return _average_samples(serving, medium, samples, serving.load.applied[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -366,12 +396,13 @@ def pad_alike(arrays: Sequence[Array]) -> list[Array]:
 @dataclass(frozen=True, eq=False)
 class MediumTask(Task):
     """One medium on one packing at all loads that it serves, which are solved together, in one
-    step.
+    step, unless their state is a ``known_state``.
     """
 
     where: str
     serving: ServingMedium
     request: Request
+    known_state: ContactState | None = None
 
     @property
     def load(self) -> Load:
@@ -413,7 +444,7 @@ class MediumTask(Task):
         """The tasks that can run side by side: one for each sample of a simulation; for another
         medium this task alone.
         """
-        samples = self.serving.samples
+        samples = self.serving.samples if self.known_state is None else []
         # bands, directions, edges and observables are found of the mean over samples
         request = replace(self.request, path=None, direction=None, surface=None, observe=())
         tasks: list[MediumTask] = []
@@ -430,7 +461,7 @@ class MediumTask(Task):
 
         ConvergenceError if there is no load that all samples have reached.
         """
-        if not self.serving.arrays:
+        if self.known_state is not None or not self.serving.arrays:
             return results[0]
         n_loads = self.load.size
         reached = find_reached(results, n_loads)
@@ -439,14 +470,16 @@ class MediumTask(Task):
         records = [
             SampleRecord.from_result(sample, index) for index in reached for sample in samples
         ]
-        state = SimulatedState.of(self.simulation, records, load)
-        averages = self.tabulate(Analysis(state, self.request.direction), load, records)
+        state = _average_samples(self.serving, self.simulation, records, load)
+        averages = self._add_waves(self.observe(state), state, load)
         marks = _join_marks(results, [np.arange(n_loads)] * len(results))
         return _expand_loads(averages, reached, n_loads) | marks
 
     def state(self, load: Load) -> ContactState:
         """Return the state under ``load``, all or some of the loads of the task."""
-        return self.serving.at(load, finite_overlap=self.request.finite_overlap or None)
+        if self.known_state is not None:
+            return self.known_state
+        return self.serving.at(load, finite_overlap=self.request.finite_overlap)
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Return every variable (loads, ...) by name, and the "warnings" that
@@ -455,39 +488,32 @@ class MediumTask(Task):
         An error names its task and, if it is known, its load.
         """
         try:
-            analysis = Analysis(self.state(self.load), self.request.direction)
-            variables = self.observe(analysis)
+            state = self.state(self.load)
+            variables = self.observe(state)
         except GranphonError as error:
             raise self._locate(error) from error
-        if self.serving.arrays:
-            return variables
-        return self._add_waves(variables, self.load, self.record_networks(analysis.state))
+        # those of samples are added to their mean
+        return variables if state.n_samples else self._add_waves(variables, state, self.load)
 
-    def tabulate(
-        self, analysis: Analysis, load: Load, records: Sequence[SampleRecord]
-    ) -> TaskResult:
-        """Return the variables of a state (loads, ...) by name at its ``load``, with the waves of
-        the ``records`` of its samples or networks.
+    def _add_waves(self, variables: TaskResult, state: ContactState, load: Load) -> TaskResult:
+        """Return the ``variables`` of a state at its ``load`` with its waves, if waves are
+        requested.
         """
-        return self._add_waves(self.observe(analysis), load, records)
-
-    def _add_waves(
-        self, variables: TaskResult, load: Load, records: Sequence[SampleRecord]
-    ) -> TaskResult:
-        """Return ``variables`` with the waves of the ``records``, if waves are requested."""
         if self.request.waves is None:
             return variables
-        return add_waves(variables, self, load, records)
+        return add_waves(variables, self, load, self.list_records(state))
 
-    def observe(self, analysis: Analysis) -> TaskResult:
+    def observe(self, state: ContactState) -> TaskResult:
         """Return the variables of a state (loads, ...) by name, and its "warnings".
 
         Waves of an edge are left out of simulated arrays, and bands are those of a lattice with the
         mean stiffness: notes say so. Conditions of validity that hold are among the notes where a
         medium was chosen automatically.
         """
-        state = analysis.state
         request = self.request
+        # that of a single state is kept with it; of others nothing is kept when they are done
+        find = find_analysis if request.alone else Analysis
+        analysis = find(state, request.direction)
         # conditions that hold are kept only where another medium, at other loads, may not meet them
         notes: list[Check | str] = [
             check
@@ -505,8 +531,12 @@ class MediumTask(Task):
             variables |= _observe_edge(state, request.surface)
         if request.gaps:
             variables |= _observe_gaps(state)
-            if state.n_samples:
-                notes.append(LATTICE_BANDS)
+        if request.cutoffs:
+            cutoffs = _find_in_zone(state, lambda phonons: phonons.cutoffs())
+            lower, upper = np.moveaxis(cutoffs, -1, 0)
+            variables |= {"cutoff_lower": lower, "cutoff_upper": upper}
+        if state.n_samples and (request.gaps or request.cutoffs):
+            notes.append(LATTICE_BANDS)
         path = request.find_path(self.serving.packing.structure)
         if path is not None:
             qpoints, _labels = path
@@ -543,23 +573,23 @@ class MediumTask(Task):
         notes += analysis.failed.values()
         return numbers, notes
 
-    def record_networks(self, state: ContactState, whole: bool = False) -> list[SampleRecord]:
-        """Return a record of the waves in the network of ``state`` at each load; an empty list if
-        no waves are requested. Errors name the task and the load, but of a single state.
-
-        With ``whole`` the records keep the results of the solvers too.
+    def list_records(self, state: ContactState) -> Sequence[Any]:
+        """Return a record of the waves of each sample of a state at each load, or of its network;
+        that of a single state has the results of the solvers too. Errors about a network name the
+        task and the load, but of a single state.
         """
-        records = list[SampleRecord]()
-        periods = self.serving.packing.structure.periods
-        if self.request.waves is None:
-            return records
+        if state.n_samples:
+            return state.samples
         # imported here: other runs do not need waves
         from granphon.runs.wave_records import record_networks
 
-        for index in range(self.load.size):
+        records = list[SampleRecord]()
+        request = self.request
+        periods = self.serving.packing.structure.periods
+        for index, single in enumerate(_split_loads(state)):
             try:
-                single = state if state.is_single else state[index]
-                waves = record_networks(single, self.request.waves, whole)
+                # kept, as the data set and the files of a single state need the same
+                waves = single.cached(record_networks, request.waves, request.alone)
                 records.append(SampleRecord(of_waves=waves))
             except GranphonError as error:
                 if self.request.alone:
@@ -599,11 +629,25 @@ class MediumTask(Task):
         """
         for index in range(self.load.size):
             try:
-                state = self.state(self.load[[index]])
-                self.observe(Analysis(state, self.request.direction))
+                self.observe(self.state(self.load[[index]]))
             except GranphonError as error_alone:
                 return index, error_alone
         return None, error
+
+
+def find_analysis(state: ContactState, direction: tuple[Any, ...] | None) -> Analysis:
+    """Return the analysis of a state along a ``direction``, which the state keeps."""
+    return state.cached(Analysis, direction)
+
+
+def _average_samples(
+    serving: ServingMedium, simulation: DirectSimulation, samples: Sequence[Any], load: Load
+) -> SimulatedState:
+    """Return the state of the ``samples`` of a ``simulation`` under a ``load``, or of their
+    records; the state says whether its medium was chosen.
+    """
+    state = SimulatedState.of(simulation, samples, load)
+    return replace(state, chosen_automatically=serving.chosen_automatically)
 
 
 def _split_loads(state: ContactState) -> list[ContactState]:
@@ -635,24 +679,35 @@ def _observe_gaps(state: ContactState) -> TaskResult:
     by the number of branches below the gap, of b branches, nan where there is no gap; and the top
     frequency (loads,), Hz.
     """
+
+    def find_edges(phonons: Phonons) -> Array:
+        edges = np.full((2, phonons.lattice.n_branches), np.nan)
+        branches, gaps = phonons.find_gaps()
+        edges[:, branches] = gaps.T
+        return edges
+
+    lower, upper = np.moveaxis(_find_in_zone(state, find_edges), 1, 0)
+    tops = _find_in_zone(
+        state, lambda phonons: phonons.lattice.top_frequency * phonons.scales.frequency
+    )
+    return {"gap_lower": lower, "gap_upper": upper, "top_frequency": tops}
+
+
+def _find_in_zone(state: ContactState, find: Callable[[Phonons], Any]) -> Array:
+    """Return the frequencies, Hz, that ``find`` returns of the phonons at each load (loads, ...);
+    where one lattice serves all loads, they are found once.
+    """
     # imported here: other runs do not need phonons
-    from granphon.phonons.phonons import Phonons
+    from granphon.phonons.phonons import find_phonons
 
     states = _split_loads(state)
     distinct_states = _find_distinct(state, states)
-    n_branches = distinct_states[0].contact_lattice().n_branches
-    edges = np.full((2, len(distinct_states), n_branches), np.nan)
-    tops = np.zeros(len(distinct_states))
-    for index, distinct in enumerate(distinct_states):
-        phonons = Phonons(distinct)
-        branches, gaps = phonons.find_gaps()
-        edges[:, index, branches] = gaps.T
-        tops[index] = phonons.lattice.top_frequency * phonons.scales.frequency
+    frequencies = np.array([find(find_phonons(distinct)) for distinct in distinct_states])
     # from the frequencies of the distinct states to those of all states
     scales = np.array([single.scales.frequency for single in states])
     ratios = scales / [distinct.scales.frequency for distinct in distinct_states]
-    lower, upper = ratios[:, None] * edges
-    return {"gap_lower": lower, "gap_upper": upper, "top_frequency": ratios * tops}
+    axes = (1,) * (frequencies.ndim - 1)
+    return np.asarray(ratios.reshape(-1, *axes) * frequencies)
 
 
 def _observe_bands(
@@ -684,11 +739,10 @@ def _observe_bands(
         notes.append(LATTICE_BANDS)
     if losses is not None:
         # imported here: other runs do not need phonopy
-        from granphon.phonons.phonons import Phonons
+        from granphon.phonons.phonons import find_phonons
 
         damped = [
-            single.cached(Phonons, None).damped(q, losses.damping, losses.loss_factor)
-            for single in states
+            find_phonons(single).damped(q, losses.damping, losses.loss_factor) for single in states
         ]
         damped_frequencies = np.array([bands.frequencies.real for bands in damped])
         decays = np.array([bands.decay for bands in damped])
@@ -839,11 +893,11 @@ class SampleTask(MediumTask):
             }
             return _expand_loads(self._record(error.reached.samples), reached, n_loads) | marks
 
-    def observe(self, analysis: Analysis) -> TaskResult:
+    def observe(self, state: ContactState) -> TaskResult:
         """Return every number of the samples that is averaged, (n_loads, ...), and the balls if
         they are kept.
         """
-        return self._record(analysis.state.samples)
+        return self._record(state.samples)
 
     def _record(self, samples: Sequence[Any]) -> TaskResult:
         """Return the numbers of a sample at one or several loads that are averaged, (n_loads, ...),
@@ -962,7 +1016,8 @@ def restore_sample(simulation: DirectSimulation, result: TaskResult) -> Sample |
         vars(equilibrium)["_derivatives"] = tuple(result[_BALLS + "derivatives"][0].tolist())
         sample = Sample(packing, seed, equilibrium)
     tensors = {name: rows[0] for name, rows in result.items() if name.startswith("elastic_")}
-    vars(sample).update(tensors)
+    waves = SampleRecord.from_result(result, 0).of_waves
+    vars(sample).update(tensors, of_waves=waves)
     return sample
 
 

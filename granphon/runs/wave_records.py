@@ -73,6 +73,7 @@ from granphon.waves.pulses import (
 from granphon.waves.response import Response, require_places
 from granphon.waves.settings import (
     RESPONSES,
+    ModesSettings,
     MotionSettings,
     NetworkSettings,
     PulseSettings,
@@ -216,7 +217,7 @@ def require_network(
         if state is None:
             continue
         n_balls = state.network.n_balls if array is None else array.balls
-        if settings.count(n_balls) > most:
+        if settings.count_balls(n_balls) > most:
             continue
         network = state.network if array is None else state.network.repeat(array.cells)
         if isinstance(settings, MotionSettings) and key == "drive":
@@ -760,6 +761,29 @@ def write_contacts(motion: Motion, path: Path, settings: MotionSettings) -> None
     path.write_text(table_text(headings, rows), encoding="utf-8")
 
 
+def _record_modes(x: Any, settings: ModesSettings) -> tuple[dict[str, Array], dict[str, Any]]:
+    """Return the numbers of the lowest modes of the network of ``x``, and no files: rows of
+    frequencies, Hz, participation ratios and parts in rotations, (3, modes).
+    """
+    modes = Waves(settings.shape(given_network(x))).modes(settings.count)
+    rows = [modes.frequencies, modes.participation_ratio, modes.rotational_fraction]
+    return {"modes": np.array(rows)}, {}
+
+
+def _average_modes(
+    records: Sequence[Record], _settings: ModesSettings
+) -> tuple[dict[str, Array], list[str]]:
+    """Return the means over samples of the numbers of the modes, by name, with the standard error
+    of the frequencies if there are several samples; and no notes.
+    """
+    tables = np.array([record["modes"] for record in records])  # (samples, 3, modes)
+    names = ("mode_frequency", "mode_participation", "mode_rotation")
+    observables = dict(zip(names, np.mean(tables, axis=0), strict=True))
+    if len(records) > 1:
+        observables["mode_frequency_error"] = np.asarray(standard_error(tables[:, 0], axis=0))
+    return observables, []
+
+
 #: for each block about networks, the function that records a network, and the function that
 #: averages the records of samples
 RECORDS: dict[
@@ -767,6 +791,7 @@ RECORDS: dict[
 ] = {
     "response": (_record_response, _average_responses),
     "motion": (record_motion, average_motions),
+    "modes": (_record_modes, _average_modes),
 }
 
 

@@ -20,13 +20,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
-from granphon.balls.loads import Load, balls_on_side
+from granphon.balls.loads import Load
 from granphon.balls.material import Material
-from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import Packing
 from granphon.base.errors import ConvergenceError, GranphonError, InstabilityError, Refused
 from granphon.base.quantities import (
-    ACCELERATION,
     LENGTH,
     LOAD_KINDS,
     NUMBER,
@@ -34,7 +32,7 @@ from granphon.base.quantities import (
     find_written_unit,
 )
 from granphon.base.scales import write_quantity
-from granphon.base.settings import NEEDED, Block, Kind, list_settings, whole_from, with_unit
+from granphon.base.settings import NEEDED, Kind, Setting, list_settings, whole_from
 from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.base.validation import block, read_inside, refuse_unknown_key
 from granphon.media.arrangement import Arrangement
@@ -50,7 +48,7 @@ from granphon.scene.rules import (
     table_named,
 )
 from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
-from granphon.waves.settings import CUT, REPEAT, named_tables
+from granphon.waves.settings import named_tables
 
 #: column at which the words of a key stand in a preset, and the most letters of them in a line
 _WORDS_COLUMN = 38
@@ -87,43 +85,34 @@ class Field(NamedTuple):
     default: str = ""
 
 
-def _load_field(kind: str, words: str) -> Field:
-    return Field(f"load.{kind}", "load", rules.load_kind(kind), words, "one load is required")
+#: the attributes of a scene that have the values of some blocks, where their keys are not those of
+#: the attributes
+_ATTRIBUTES = {
+    "packing.lattice": "packing.structure",
+    "packing.finite_overlap": "finite_overlap",
+    "crystal.kinds": "packing.order",
+    "crystal.finite_overlap": "finite_overlap",
+    "load.balls_per_side": "load.balls_per_side",
+    "load.gravity": "load.gravity",
+}
 
 
-def _list_fields(settings: type[Block], block: str, attribute: str) -> Iterator[Field]:
-    """Return the fields of a ``block``, as the ``settings`` at an ``attribute`` of a scene declare
-    them.
+def _list_fields(
+    declarations: Mapping[str, Setting], block: str, attribute: str, is_whole: bool = False
+) -> Iterator[Field]:
+    """Return the fields of a ``block``, as they are declared, of which each has the value of the
+    same name at an ``attribute`` of a scene, or of the attribute as a whole.
     """
-    for name, declared in list_settings(settings).items():
+    for name, declared in declarations.items():
+        key = f"{block}.{name}"
+        default_attribute = attribute if is_whole else f"{attribute}.{name}"
         yield Field(
-            f"{block}.{name}",
-            f"{attribute}.{name}",
+            key,
+            _ATTRIBUTES.get(key, default_attribute),
             declared.kind,
             declared.meaning,
             declared.default,
         )
-
-
-def _packing_field(
-    key: str, words: str, default: str = "", kind: Kind | None = None, attribute: str = ""
-) -> Field:
-    """Return the field of the ``key`` of a packing, "packing.diameter", or of a crystal. By default
-    its attribute has the same name, and its kind is that of the name.
-    """
-    name = key.rpartition(".")[2]
-    return Field(key, attribute or f"packing.{name}", kind or PARTS[name], words, default)
-
-
-def _unless_zero(kind: Kind) -> Kind:
-    """Return a ``kind`` of value that is not written if it is zero."""
-    return Kind(kind.read, lambda value, context: kind.write(value, context) if value else None)
-
-
-def _write_motions(motions: str, context: Context) -> str | None:
-    """Return the motions of a packing; None for those that its lattice has by default."""
-    default = next(iter(allowed_motions(context.lattice.dimension)))
-    return None if motions == default else motions
 
 
 FIELDS: tuple[Field, ...] = (
@@ -134,48 +123,8 @@ FIELDS: tuple[Field, ...] = (
         "version of this format",
         f"`{SCENE_SCHEMA}`",
     ),
-    *_list_fields(Material, "material", "packing.material"),
-    _packing_field(
-        "packing.lattice",
-        "how the balls are arranged, see [lattices](#lattices)",
-        attribute="packing.structure",
-    ),
-    _packing_field("packing.diameter", "diameter of a ball; the mean, if they differ", NEEDED),
-    _packing_field(
-        "packing.spread",
-        "how diameters differ, see [spread](#spread)",
-        "equal balls",
-        rules.OWN_SPREAD,
-    ),
-    _packing_field(
-        "packing.friction",
-        "whether contacts resist shear; without friction, torsion and bending balls do not rotate",
-    ),
-    _packing_field(
-        "packing.finite_overlap",
-        "keep the [terms of relative order"
-        " overlap/diameter](../explanation/model.md#finite-overlap)",
-        attribute="finite_overlap",
-    ),
-    _packing_field(
-        "packing.motions",
-        "how each ball moves, see [lattices](#lattices)",
-        "`longitudinal` on a chain, `in_plane` in the plane, `all` in space",
-        Kind(PARTS["motions"].read, _write_motions),
-    ),
-    _packing_field(
-        "packing.torsion",
-        "stiffness of a contact against twist, over k d²; `mindlin`: that of Hertz contacts"
-        " without slip",
-        "`0`",
-        _unless_zero(PARTS["torsion"]),
-    ),
-    _packing_field(
-        "packing.bending",
-        "stiffness of a contact against rolling, over k d²",
-        "`0`",
-        _unless_zero(PARTS["bending"]),
-    ),
+    *_list_fields(list_settings(Material), "material", "packing.material"),
+    *_list_fields(rules.PACKING, "packing", "packing"),
     Field(
         "balls",
         "packing.kinds",
@@ -183,130 +132,8 @@ FIELDS: tuple[Field, ...] = (
         "kinds of balls by name, see [crystals](#crystals)",
         NEEDED,
     ),
-    _packing_field(
-        "crystal.lattice",
-        "a lattice, or `NaCl`, `CsCl`, `zincblende`",
-        "`cell` and `sites`",
-        rules.STRUCTURE,
-    ),
-    _packing_field(
-        "crystal.kinds",
-        "names of kinds that follow each other on its sites",
-        "all kinds in turn",
-        rules.ORDER,
-        "packing.order",
-    ),
-    _packing_field(
-        "crystal.cell",
-        "vectors along which the crystal repeats, each a list of lengths",
-        "`lattice`",
-        rules.CELL,
-    ),
-    _packing_field(
-        "crystal.sites",
-        "a block `kind`, `at` for each ball: its kind, and its place",
-        "`lattice`",
-        rules.SITES,
-    ),
-    _packing_field(
-        "crystal.repeat", "cells of the supercell along each period", "one cell", REPEAT
-    ),
-    _packing_field(
-        "crystal.cut",
-        "block `axis`, `layers`, `edges` of a strip, slab or column, or a list; an edge is a word,"
-        " or `{wall: ...}` with a material, or the kind of balls that has it",
-        "none",
-        CUT,
-    ),
-    _packing_field(
-        "crystal.replace",
-        "numbers of balls, and the kinds that take their places",
-        "none",
-        rules.REPLACE,
-    ),
-    _packing_field("crystal.remove", "numbers of balls that are taken out", "none", rules.REMOVE),
-    _packing_field(
-        "crystal.seed",
-        "of the diameters, where kinds have a spread: `repeat` is then a sample",
-        "`0`",
-        rules.SEED,
-    ),
-    _packing_field(
-        "crystal.law",
-        "the law of contacts, or a block of pairs of kinds with a law for each",
-        "`hertz`",
-        rules.LAW,
-    ),
-    _packing_field("crystal.friction", "whether contacts resist shear"),
-    _packing_field(
-        "crystal.motions",
-        "how each ball moves, see [lattices](#lattices)",
-        "as in `packing`",
-        rules.MOTIONS,
-    ),
-    _packing_field("crystal.torsion", "as in `packing`", "`0`"),
-    _packing_field("crystal.bending", "as in `packing`", "`0`"),
-    _packing_field(
-        "crystal.on_site",
-        "springs to the ground: one stiffness of displacements, or a block of `x`, `y`, `z`,"
-        " `rotation`, `rotation_x` and so on",
-        "none",
-        rules.ON_SITE,
-    ),
-    _packing_field(
-        "crystal.finite_overlap",
-        "the true geometry: contacts turn, the cell deforms, and static forces enter the response",
-        attribute="finite_overlap",
-    ),
-    _load_field("force", "mean force between touching balls"),
-    _load_field(
-        "pressure",
-        "force per length of the boundary; on a chain the force, N; in space the force per"
-        " area, Pa",
-    ),
-    _load_field(
-        "overlap",
-        "how far touching balls are pressed into each other; may be negative if balls differ",
-    ),
-    _load_field(
-        "side_force", "push F on each side of a hexagonal frame: the contact force is F/(n √3)"
-    ),
-    Field(
-        "load.balls_per_side",
-        "load.balls_per_side",
-        Kind.plain(balls_on_side),
-        "the number n of balls that lean on a side of that frame",
-        "required with `side_force`",
-    ),
-    Field(
-        "load.stress",
-        "load",
-        rules.tensor_kind("stress"),
-        "of a crystal: the stress in Voigt order, or as a matrix; tension is positive",
-        "one load is required",
-    ),
-    Field(
-        "load.strain",
-        "load",
-        rules.tensor_kind("strain"),
-        "of a crystal: the strain of its periods from where balls touch; extension is positive",
-        "one load is required",
-    ),
-    Field(
-        "load.times",
-        "load",
-        rules.TIMES,
-        "factors by which a stress or strain is multiplied",
-        "`1`",
-    ),
-    Field(
-        "load.gravity",
-        "load.gravity",
-        with_unit(ACCELERATION),
-        "of a crystal with a floor or clamp: the acceleration towards it, with another load"
-        " or alone",
-        "none",
-    ),
+    *_list_fields(rules.CRYSTAL, "crystal", "packing"),
+    *_list_fields(rules.LOAD, "load", "load", is_whole=True),
     Field(
         "medium",
         "media",
@@ -339,7 +166,9 @@ FIELDS: tuple[Field, ...] = (
         field
         for name, settings in WAVE_BLOCKS.items()
         # the waves of a scene have no spectrum that is not observed, so that none is written
-        for field in _list_fields(settings, name, "waves.spectrum" if name == "spectrum" else name)
+        for field in _list_fields(
+            list_settings(settings), name, "waves.spectrum" if name == "spectrum" else name
+        )
     ),
     Field(
         "phonopy.dim",

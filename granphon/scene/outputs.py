@@ -16,12 +16,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from granphon.base.errors import GranphonError, InputError, brief, one_line
-from granphon.base.registry import Registry, list_added
+from granphon.base.registry import Registry
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import read_yaml, require_schema
 from granphon.observables.catalogue import CATALOGUE, is_free
@@ -36,6 +36,8 @@ SUMMARY_SCHEMA = 1
 DIAMETERS_FILE = "diameters.csv"
 #: ending of the files that hold figures
 _FIGURE = ".png"
+#: the number of states of a run in words, for the reference
+_NUMBERS = {"any": "", "one": "one state", "many": "a sweep"}
 #: commands whose files a later run in the same folder replaces
 _OF_RUNS = ("run", "report")
 #: the states that a figure shows: texts of values by the name of a parameter, see
@@ -51,7 +53,9 @@ class Export:
     ----------
     name : its name in the table.
     files : names of its files. The figure, one at most, ends in .png; the other files hold numbers.
-    when : function of a scene that says whether its run has the output.
+    observed : the word with which a scene observes the output; empty where no word decides.
+    states : whether runs of "one" state, of "many" or of "any" number have the output.
+    when : function of a scene that says whether its run has the output, beside these two.
     find : function of the results of a run that returns the value of the output, None where there
         is nothing to write; without a function the output is a view of other values.
     summarise : function of the results of a single state that returns numbers of the output for
@@ -70,7 +74,8 @@ class Export:
         load come before it where there are several states.
     command : the command of granphon that writes the files.
     label : the name in words, of the work that finds the output.
-    occasion, words : which runs have the output, and what its files hold, for the reference.
+    occasion, words : which runs have the output, and what its files hold, for the reference; by
+        default the ``occasion`` names what is ``observed``, and the number of ``states``.
     caption : what the figure shows; by default the ``words``.
     numbers : the files that hold numbers.
     figure, stem : the file of the figure, and its name without the ending; empty for none.
@@ -78,7 +83,9 @@ class Export:
 
     name: str
     files: tuple[str, ...]
-    when: Callable[[Any], Any]
+    observed: str = ""
+    states: Literal["any", "one", "many"] = "any"
+    when: Callable[[Any], Any] | None = None
     find: Callable[[Any], Any] | None = None
     summarise: Callable[[Any], dict[str, Any]] | None = None
     write: Callable[[Any, Path], None] | None = None
@@ -103,6 +110,8 @@ class Export:
         # the dataclass is frozen: what follows from the arguments is put in place here
         assign = partial(object.__setattr__, self)
         figures = [name for name in self.files if name.endswith(_FIGURE)]
+        occasion = [f"`{self.observed}`" if self.observed else "", _NUMBERS[self.states]]
+        assign("occasion", self.occasion or ", ".join(filter(None, occasion)) or "every run")
         assign("caption", self.caption or self.words)
         assign("label", self.label or self.name.replace("_", " "))
         assign("numbers", tuple(name for name in self.files if name not in figures))
@@ -121,7 +130,11 @@ class Export:
 
     def is_of(self, scene: Any) -> bool:
         """Whether a run of a ``scene`` has the output."""
-        return bool(self._call(self.when, scene))
+        if self.command != "run" or (self.observed and self.observed not in scene.observe):
+            return False
+        if self.states != "any" and (self.states == "one") != scene.is_single:
+            return False
+        return self.when is None or bool(self._call(self.when, scene))
 
     def find_value(self, run: Any) -> Any:
         """Return the value of the output of a run; None for a view of other values."""
@@ -206,43 +219,14 @@ class Results:
 # -- when a run has an output ----------------------------------------------------------------------
 
 
-def _always(_scene: Any) -> bool:
-    return True
-
-
-def _never(_scene: Any) -> bool:
-    """Of files that other commands write, or that stand where a run has failed."""
-    return False
-
-
-def _observes(name: str, scene: Any) -> bool:
-    """Whether a scene observes what has this ``name``."""
-    return name in scene.observe
-
-
-def _alone(name: str, scene: Any) -> bool:
-    """Whether a scene of one state observes what has this ``name``."""
-    return scene.is_single and name in scene.observe
-
-
-def _together(name: str, scene: Any) -> bool:
-    """Whether a scene of several states observes what has this ``name``."""
-    return not scene.is_single and name in scene.observe
-
-
-def _of_sample(name: str, scene: Any) -> bool:
-    """Whether the one state of a scene, which observes what has this ``name``, is simulated."""
-    return _alone(name, scene) and bool(scene.serving.arrays)
-
-
 def _has_sample(scene: Any) -> bool:
-    """Whether a scene has one state, which is simulated."""
-    return scene.is_single and bool(scene.serving.arrays)
+    """Whether the one state of a scene is simulated."""
+    return bool(scene.serving.arrays)
 
 
 def _has_friction(scene: Any) -> bool:
     """Whether the one state of a scene is simulated with a history of friction."""
-    return _has_sample(scene) and any(array.friction_history for array in scene.serving.arrays)
+    return any(array.friction_history for array in scene.serving.arrays)
 
 
 # -- how it is found -------------------------------------------------------------------------------
@@ -486,18 +470,18 @@ def _choose_states(results: Any, where: Wishes | None) -> Dataset:
     return dataset
 
 
-def _draw_states(name: str, results: Any, where: Wishes | None = None) -> Any:
-    """Return the figure of the networks of the states, for the block ``name`` of a scene."""
-    from granphon.figures.plot import draw_states
+def _draw_dataset(name: str, results: Any, where: Wishes | None = None) -> Any:
+    """Return the figure of the states that an output ``name`` has."""
+    from granphon.figures.plot import draw_dataset
 
-    return draw_states(_choose_states(results, where), name)
+    return draw_dataset(_choose_states(results, where), name)
 
 
 def _draw_motion(results: Any, where: Wishes | None = None) -> Any:
     """Return the figure of the motion of a single state, or of the energies of several."""
     if not where and results["balls_in_motion"] is not None:
         return _plot("balls_in_motion", results)
-    return _draw_states("motion", results, where)
+    return _draw_dataset("motion", results, where)
 
 
 def draw_curves(
@@ -516,13 +500,6 @@ def draw_curves(
 
     dataset = _choose_states(results, where)
     return sweep_figure(dataset, variable=variable, rows=rows, columns=columns, tell=tell)
-
-
-def _draw_waves(stem: str, results: Any, where: Wishes | None = None) -> Any:
-    """Return the figure of the waves of all states that the ``stem`` of its file names."""
-    from granphon.figures.plot import draw_waves_of_sweep
-
-    return draw_waves_of_sweep(_choose_states(results, where), stem)
 
 
 def _draw_bands(results: Any, asymptotes: Any = None) -> Any:
@@ -558,23 +535,19 @@ for _row in (
     Export(
         "scene",
         ("scene.yaml",),
-        _always,
         write=_write_scene,
-        occasion="every run",
         words="the scene in SI units with every default, and versions",
     ),
     # which the run itself writes as its last file, as it names the others
     Export(
         "summary",
         ("summary.yaml",),
-        _always,
-        occasion="every run",
         words="[the numbers](#quantities-of-a-state)",
     ),
     Export(
         "diameters",
         (DIAMETERS_FILE,),
-        lambda scene: scene.diameters is not None,
+        when=lambda scene: scene.diameters is not None,
         write=_write_diameters,
         occasion="a measured spread of more than 1000 balls",
         words="`diameter (m)`",
@@ -582,44 +555,41 @@ for _row in (
     Export(
         "states",
         ("sweep.nc", "sweep.csv"),
-        _always,
         write=_write_states,
         read=_read_states,
         joined="dataset",
         marks=(b"",),
-        occasion="every run",
         words="[every state](#sweepnc-and-sweepcsv), also a single one: netCDF for xarray, and a"
         " table",
     ),
     Export(
         "response",
         ("response.csv", "response.png"),
-        partial(_observes, "response"),
+        observed="response",
         summarise=_list_peaks,
         write=partial(_write_table, "response.csv", ("response_frequency", "receiver")),
-        draw=partial(_draw_states, "response"),
+        draw=partial(_draw_dataset, "response"),
         rank=5,
         of_states=True,
-        occasion="`response`",
         words="magnitude and phase for each state, frequency and receiver",
         caption="Response of the network",
     ),
     Export(
         "motion",
         ("motion.csv", "motion.png"),
-        partial(_observes, "motion"),
+        observed="motion",
         write=partial(_write_table, "motion.csv", ("motion_time",)),
         draw=_draw_motion,
         rank=3,
         of_states=True,
-        occasion="`motion`",
         words="energies and the greatest force for each state and time",
         caption="Motion of the balls",
     ),
     Export(
         "damped_bands",
         ("damped_bands.csv",),
-        lambda scene: scene.observed_settings("bands") is not None,
+        observed="bands",
+        when=lambda scene: scene.bands is not None,
         write=partial(
             _write_table, "damped_bands.csv", ("segment", "point", "branch"), numbered=True
         ),
@@ -629,85 +599,122 @@ for _row in (
     Export(
         "sweep",
         ("sweep.png",),
-        lambda scene: not scene.is_single,
+        states="many",
         draw=draw_curves,
         source="sweep.nc",
         rank=6,
-        occasion="a sweep",
         words="velocities and exponents over the load",
         caption="Sound velocities over the load, or the parameter, and their local exponent",
     ),
     Export(
         "sweep_dos",
         ("sweep_dos.csv", "sweep_dos.png"),
-        partial(_together, "dos"),
+        observed="dos",
+        states="many",
         write=partial(_write_table, "sweep_dos.csv", ("node",)),
-        draw=partial(_draw_waves, "sweep_dos"),
-        occasion="`dos`, a sweep",
+        draw=partial(_draw_dataset, "sweep_dos"),
         words="densities of states of the arrays",
         caption="Densities of states of the simulated arrays",
     ),
     Export(
         "sweep_spectra",
         ("sweep_spectra.csv", "sweep_spectra.png"),
-        partial(_together, "spectrum"),
+        observed="spectrum",
+        states="many",
         write=partial(_write_table, "sweep_spectra.csv", ("polarisation", "wavevector")),
-        draw=partial(_draw_waves, "sweep_spectra"),
-        occasion="`spectrum`, a sweep",
+        draw=partial(_draw_dataset, "sweep_spectra"),
         words="[lines of plane waves](#waves-in-arrays)",
         caption="Spectral functions of the simulated arrays",
     ),
     Export(
         "sweep_gaps",
         ("sweep_gaps.csv", "sweep_gaps.png"),
-        partial(_together, "gaps"),
+        observed="gaps",
+        states="many",
         write=partial(_write_table, "sweep_gaps.csv", ("gap",), numbered=True),
-        draw=partial(_draw_waves, "sweep_gaps"),
-        occasion="`gaps`, a sweep",
+        draw=partial(_draw_dataset, "sweep_gaps"),
         words="edges of each gap, by the number of branches below; gaps and top frequency over the"
         " load",
         caption="Gaps between the branches, and the top frequency",
     ),
     Export(
+        "sweep_cutoffs",
+        ("sweep_cutoffs.csv", "sweep_cutoffs.png"),
+        observed="cutoffs",
+        states="many",
+        write=partial(_write_table, "sweep_cutoffs.csv", ("branch",), numbered=True),
+        draw=partial(_draw_dataset, "sweep_cutoffs"),
+        words="lowest and highest frequency of each branch in the zone; these over the load",
+        caption="Branches, from their lowest to their highest frequency",
+    ),
+    Export(
+        "cutoffs",
+        ("cutoffs.csv",),
+        observed="cutoffs",
+        states="one",
+        write=partial(_write_table, "cutoffs.csv", ("branch",), numbered=True),
+        words="lowest and highest frequency of each branch in the zone",
+    ),
+    Export(
+        "sweep_modes",
+        ("sweep_modes.csv", "sweep_modes.png"),
+        observed="modes",
+        states="many",
+        write=partial(_write_table, "sweep_modes.csv", ("mode",)),
+        draw=partial(_draw_dataset, "sweep_modes"),
+        words="lowest modes of each network: frequency, participation, part in rotations; the"
+        " frequencies over the load",
+        caption="Frequencies of the lowest modes",
+    ),
+    Export(
+        "modes",
+        ("modes.csv",),
+        observed="modes",
+        states="one",
+        write=partial(_write_table, "modes.csv", ("mode",)),
+        words="lowest modes of the network: frequency, participation, part in rotations",
+    ),
+    Export(
         "sweep_surface",
         ("sweep_surface.csv", "sweep_surface.png"),
-        partial(_together, "surface"),
+        observed="surface",
+        states="many",
         write=partial(
             _write_table, "sweep_surface.csv", ("surface_point", "surface_wave"), numbered=True
         ),
-        draw=partial(_draw_waves, "sweep_surface"),
-        occasion="`surface`, a sweep",
+        draw=partial(_draw_dataset, "sweep_surface"),
         words="waves of the edge along the path; those at its end over the load",
         caption="Waves of the edge at the end of the path",
     ),
     Export(
         "balls_in_motion",
         ("motion.nc", "motion_contacts.csv"),
-        partial(_alone, "motion"),
+        observed="motion",
+        states="one",
         find=_find_motion,
         write=_write_motion,
         read=partial(_read_by, "Motion", "read"),
-        occasion="`motion`, one state",
         words="balls at all times, network, forces of contacts; of each contact arrival and"
         " greatest force",
     ),
     Export(
         "surface",
         ("surface.json", "surface.csv", "surface.png"),
-        partial(_alone, "surface"),
+        observed="surface",
+        states="one",
         find=_find_surface,
         write=partial(_write_with_table, "surface"),
         read=partial(_read_json, "SurfaceSpectrum"),
         draw=partial(_plot, "surface"),
         rank=4,
-        occasion="`surface`, one state",
         words="spectrum of the outer layer: `gp.SurfaceSpectrum.from_dict`; waves of the edge; map",
         caption="Waves of the edge",
     ),
     Export(
         "bands",
         ("band.yaml", "bands.png"),
-        partial(_alone, "bands"),
+        observed="bands",
+        states="one",
         find=_find_bands,
         summarise=lambda run: {"top_frequency": float(run.bands.frequencies.max())},
         write=partial(_write_value, "bands", "band.yaml", "write"),
@@ -716,7 +723,6 @@ for _row in (
         joined="bands",
         marks=(rb"\nphonon:",),
         rank=1,
-        occasion="`bands`, one state",
         words="[bands](#bandyaml) in phonopy's format; the bands, with the density of states if"
         " asked for",
         caption="Frequencies along the path of wave vectors, and the density of states",
@@ -724,29 +730,31 @@ for _row in (
     Export(
         "force_constants",
         ("phonopy_params.yaml",),
-        partial(_alone, "bands"),
+        observed="bands",
+        states="one",
         find=_find_force_constants,
         write=partial(_write_value, "force_constants", "phonopy_params.yaml", "save"),
-        occasion="`bands`, one state",
         words="[force constants](#phonopy_paramsyaml) for phonopy and Euphonic",
     ),
     Export(
         "dos",
         ("dos.csv",),
-        partial(_alone, "dos"),
+        observed="dos",
+        states="one",
         find=lambda run: run.phonons.dos(mesh=run.scene.mesh),
         write=partial(_write_value, "dos", "dos.csv", "write_csv"),
         read=partial(_read_by, "DensityOfStates", "read_csv"),
         joined="dos",
         marks=(rb"\Afrequency_Hz",),  # other tables are for spreadsheets
         label="density of states",
-        occasion="`dos`, one state",
         words="[density of states](#doscsv)",
     ),
     Export(
         "dos_figure",
         ("dos.png",),
-        lambda scene: _alone("dos", scene) and not _alone("bands", scene),
+        observed="dos",
+        states="one",
+        when=lambda scene: "bands" not in scene.observe,
         draw=_draw_bands,
         source="dos.csv",
         rank=2,
@@ -757,7 +765,8 @@ for _row in (
     Export(
         "gaps",
         (),
-        partial(_alone, "gaps"),
+        observed="gaps",
+        states="one",
         find=lambda run: run.phonons.gaps(),
         summarise=lambda run: {"gaps": run.gaps.tolist()},
         read=_read_gaps,
@@ -766,7 +775,8 @@ for _row in (
     Export(
         "sample",
         ("sample.extxyz", "forces.png"),
-        _has_sample,
+        states="one",
+        when=_has_sample,
         write=_write_sample,
         draw=_plot_sample,
         source="",
@@ -777,7 +787,8 @@ for _row in (
     Export(
         "network",
         ("sample_balls.csv", "sample_contacts.csv"),
-        _has_friction,
+        states="one",
+        when=_has_friction,
         write=_write_network,
         occasion="the same with `friction_history`",
         words="[balls of the first sample, and its contacts that carry load]"
@@ -786,7 +797,9 @@ for _row in (
     Export(
         "sample_dos",
         ("sample_dos.json", "sample_dos.csv", "sample_dos.png"),
-        partial(_of_sample, "dos"),
+        observed="dos",
+        states="one",
+        when=_has_sample,
         find=partial(_find_kept, "dos", "SpectralDensity"),
         write=partial(_write_fields, "sample_dos", _DENSITY_COLUMNS),
         read=partial(_read_json, "SpectralDensity"),
@@ -798,25 +811,25 @@ for _row in (
     Export(
         "spectrum",
         ("spectrum.json", "spectrum.csv", "spectrum.png"),
-        partial(_alone, "spectrum"),
+        observed="spectrum",
+        states="one",
         find=_find_spectra,
         write=partial(_write_with_table, "spectrum"),
         read=partial(_read_json, "PathSpectra"),
         draw=partial(_plot, "spectrum"),
-        occasion="`spectrum`, one state",
         words="spectral functions of the first sample; their peaks, widths, mean free paths; map",
         caption="Spectral functions of the simulated arrays",
     ),
     Export(
         "pulse",
         ("pulse.json", "pulse.csv", "pulse.png"),
-        partial(_alone, "pulse"),
+        observed="pulse",
+        states="one",
         find=_find_pulse,
         summarise=lambda run: {"pulse_distance": run["pulse"].distance},
         write=partial(_write_fields, "pulse", _PULSE_COLUMNS),
         read=partial(_read_json, "Pulse"),
         draw=partial(_plot, "pulse"),
-        occasion="`pulse`, one state",
         words="what was sent and heard: `gp.Pulse.from_dict`; force, coherent signal, speckle;"
         " figure",
         caption="A pulse through the simulated arrays",
@@ -824,14 +837,13 @@ for _row in (
     Export(
         "sweep_incomplete",
         ("sweep_incomplete.nc", "sweep_incomplete.csv"),
-        _never,
+        when=lambda _scene: False,  # it is written where a run fails
         occasion="a path that ends early",
         words="the loads that all media reached, as `sweep`",
     ),
     Export(
         "report",
         ("report.html", "report.md"),
-        _never,
         command="report",
         occasion="`granphon report`",
         words="[one page](../how-to/report.md) about the folder",
@@ -839,7 +851,6 @@ for _row in (
     Export(
         "fit",
         ("fit.yaml", "fit.csv", "fit.png"),
-        _never,
         write=lambda results, folder: results["fit"].write(folder),
         read=_read_fit,
         draw=partial(_plot, "fit"),
@@ -854,7 +865,6 @@ for _row in (
     Export(
         "tradeoff",
         ("tradeoff.csv", "tradeoff.png"),
-        _never,
         write=_write_tradeoff,
         draw=partial(_plot, "tradeoff"),
         source="",
@@ -924,7 +934,8 @@ def register_output(
     row = Export(
         name,
         tuple(files),
-        when or partial(_observes, name),
+        observed="" if when else name,
+        when=when,
         find=find,
         write=write,
         read=read,
@@ -968,12 +979,7 @@ def _require_files(row: Export) -> None:
 
 def list_outputs(scene: Any) -> list[Export]:
     """Return the rows of the outputs that a run of a ``scene`` has."""
-    added = list_added("output")
-    rows = []
-    for name, row in OUTPUTS.items():
-        if row.is_of(scene) if name in added else row.when(scene):
-            rows.append(row)
-    return rows
+    return [row for _name, row in OUTPUTS.items() if row.is_of(scene)]
 
 
 def list_figures(folder: Path) -> list[Export]:

@@ -27,6 +27,7 @@ from granphon.balls.lattices import (
     find_lattice,
     name_structure,
 )
+from granphon.balls.loads import balls_on_side
 from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
 from granphon.balls.on_site import DISPLACEMENTS, ROTATION, ROTATIONS
@@ -40,11 +41,13 @@ from granphon.balls.packing import (
 )
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
+    ACCELERATION,
     INERTIA,
     LENGTH,
     LOADS,
     MASS,
     STIFFNESS,
+    TENSORS,
     TURN_STIFFNESS,
     WAY,
     WIDTH,
@@ -54,7 +57,9 @@ from granphon.base.quantities import (
 )
 from granphon.base.registry import list_added
 from granphon.base.settings import (
+    NEEDED,
     Kind,
+    Setting,
     ValueContext,
     block_of,
     list_settings,
@@ -88,7 +93,7 @@ from granphon.base.validation import (
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
 from granphon.scene.outputs import DIAMETERS_FILE
-from granphon.waves.settings import NETWORK_BLOCKS
+from granphon.waves.settings import CUT, NETWORK_BLOCKS, REPEAT
 
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
@@ -97,6 +102,7 @@ OBSERVABLES = (
     "velocities",
     "bands",
     "gaps",
+    "cutoffs",
     "dos",
     "surface",
     "spectrum",
@@ -154,14 +160,14 @@ def _make_discrete(lists: Mapping[str, Any]) -> Discrete:
         return Discrete(**lists)
 
 
-def _read_normal(value: Any, context: Context) -> Normal:
+def _read_normal(value: Any, context: ValueContext) -> Normal:
     """Read a standard deviation, or a block {std, cutoff}."""
     if not isinstance(value, dict):
         return Normal(WIDTH.read(value))
     return Normal(**_NORMAL.read(value, context))
 
 
-def _read_measured(value: Any, context: Context) -> Measured:
+def _read_measured(value: Any, context: ValueContext) -> Measured:
     """Return the spread of measured diameters of a value: the name of a table, a block {file,
     column}, or a block {diameters}. Tables are sought in the folder of the scene.
     """
@@ -195,7 +201,7 @@ _SPREADS = {
 }
 
 
-def _read_spread(value: Any, context: Context) -> Any:
+def _read_spread(value: Any, context: ValueContext) -> Any:
     """Return the spread of diameters of a block of one key, which names the distribution."""
     allowed = f"exactly one of {', '.join(_SPREADS)}"
     if not isinstance(value, dict):
@@ -210,7 +216,7 @@ def _read_spread(value: Any, context: Context) -> Any:
     return spread
 
 
-def _write_spread(spread: Any, context: Context) -> dict[str, Any]:
+def _write_spread(spread: Any, context: ValueContext) -> dict[str, Any]:
     """Return the block of a spread of diameters, whose key names the distribution."""
     classes: dict[str, Any] = {
         "uniform": Uniform,
@@ -292,7 +298,7 @@ def choose_lattice(lattice: Lattice, swept: Sequence[str | Lattice]) -> Lattice:
     return lattice if has_same_periods and has_same_dimension else first_swept
 
 
-def _read_motions(value: Any, context: Context) -> str:
+def _read_motions(value: Any, context: ValueContext) -> str:
     """Return the name of the motions of balls, which every lattice of the scene must allow."""
     for lattice in context.swept or (context.lattice,):
         options = tuple(allowed_motions(lattice.dimension))
@@ -343,15 +349,66 @@ PARTS: dict[str, Kind] = {
 }
 
 
-def _write_own_spread(spread: Any, context: Context) -> dict[str, Any]:
+def _write_own_spread(spread: Any, context: ValueContext) -> dict[str, Any]:
+    """Return the block of the spread of a packing: if its diameters are too many, the scene names a
+    table of them.
+    """
     return {"measured": DIAMETERS_FILE} if is_long(spread) else _write_spread(spread, context)
 
 
-#: the spread of a packing: if its diameters are too many, the scene names a table of them
-OWN_SPREAD = Kind(_read_spread, _write_own_spread)
+def _unless_zero(kind: Kind) -> Kind:
+    """Return a ``kind`` of value that is not written if it is zero."""
+    return Kind(kind.read, lambda value, context: kind.write(value, context) if value else None)
 
 
-def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any, ...]], ...]:
+def _write_motions(motions: str, context: ValueContext) -> str | None:
+    """Return the motions of a packing; None for those that its lattice has by default."""
+    default = next(iter(allowed_motions(context.lattice.dimension)))
+    return None if motions == default else motions
+
+
+#: the keys of the block "packing"
+PACKING: dict[str, Setting] = {
+    "lattice": Setting(
+        PARTS["lattice"], "how the balls are arranged, see [lattices](#lattices)", "`triangular`"
+    ),
+    "diameter": Setting(PARTS["diameter"], "diameter of a ball; the mean, if they differ", NEEDED),
+    "spread": Setting(
+        Kind(_read_spread, _write_own_spread),
+        "how diameters differ, see [spread](#spread)",
+        "equal balls",
+    ),
+    "friction": Setting(
+        PARTS["friction"],
+        "whether contacts resist shear; without friction, torsion and bending balls do not rotate",
+        "`true`",
+    ),
+    "finite_overlap": Setting(
+        PARTS["finite_overlap"],
+        "keep the [terms of relative order"
+        " overlap/diameter](../explanation/model.md#finite-overlap)",
+        "`false`",
+    ),
+    "motions": Setting(
+        Kind(_read_motions, _write_motions),
+        "how each ball moves, see [lattices](#lattices)",
+        "`longitudinal` on a chain, `in_plane` in the plane, `all` in space",
+    ),
+    "torsion": Setting(
+        _unless_zero(PARTS["torsion"]),
+        "stiffness of a contact against twist, over k d²; `mindlin`: that of Hertz contacts"
+        " without slip",
+        "`0`",
+    ),
+    "bending": Setting(
+        _unless_zero(PARTS["bending"]),
+        "stiffness of a contact against rolling, over k d²",
+        "`0`",
+    ),
+}
+
+
+def _read_parameters(value: Any, context: ValueContext) -> tuple[tuple[str, tuple[Any, ...]], ...]:
     """Return the parameters of a sweep, in the order of their block, each as its name and its
     values; those of a crystal have the name of a kind and a point in front.
     """
@@ -368,7 +425,7 @@ def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any
     return tuple(block(value, rules).items())
 
 
-def _read_axis(value: Any, name: str, context: Context) -> tuple[Any, ...]:
+def _read_axis(value: Any, name: str, context: ValueContext) -> tuple[Any, ...]:
     """Return the values of the parameter ``name`` of a sweep, numbers in SI units; Refused for a
     value that is given twice.
     """
@@ -410,15 +467,15 @@ PARAMETERS_SWEPT = Kind(_read_parameters, _write_parameters)
 # -- loads, media and observables ------------------------------------------------------------------
 
 
-def load_kind(name: str) -> Kind:
+def _load_kind(name: str) -> Kind:
     """Return the kind of the values of a load, "force", "pressure", "overlap" or "side_force"; the
     unit of a pressure depends on the lattice.
     """
 
-    def read(value: Any, context: Context) -> tuple[float, ...]:
+    def read(value: Any, context: ValueContext) -> tuple[float, ...]:
         return read_values(value, partial(_read_load, name=name, lattice=context.lattice))
 
-    def write(load: Any, context: Context) -> Any:
+    def write(load: Any, context: ValueContext) -> Any:
         # gravity alone is a pressure of zero
         if load.kind != name or not any(load.values):
             return None
@@ -451,7 +508,7 @@ def _has_unit_of_other_lattices(value: Any, name: str) -> bool:
     return False
 
 
-def _read_media(value: Any, context: Context) -> tuple[MediumChoice, ...]:
+def _read_media(value: Any, context: ValueContext) -> tuple[MediumChoice, ...]:
     """Return the choices of media of a value, one medium or a list of media; Refused for a medium
     that is given twice.
     """
@@ -466,7 +523,7 @@ def _read_media(value: Any, context: Context) -> tuple[MediumChoice, ...]:
     return choices
 
 
-def _write_media(choices: Sequence[MediumChoice], context: Context) -> Any:
+def _write_media(choices: Sequence[MediumChoice], context: ValueContext) -> Any:
     settings = [(choice.name, choice.settings_on(context.lattice)) for choice in choices]
     media = [{name: options} if options else name for name, options in settings]
     return media if len(media) > 1 else media[0]
@@ -528,7 +585,7 @@ def grid_kind(examples: Sequence[str], low: int, high: int, low_in_space: int) -
     are 1.
     """
 
-    def read(value: Any, context: Context) -> tuple[int, ...]:
+    def read(value: Any, context: ValueContext) -> tuple[int, ...]:
         periods = context.lattice.periods
         numbers = [value] if periods == 1 and is_whole(value) else value
         least = low_in_space if periods == 3 else low
@@ -611,7 +668,7 @@ def _make_number_kind(entry: Any) -> Kind:
     return Kind.plain(entry, float)
 
 
-def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
+def _read_balls(value: Any, context: ValueContext) -> tuple[tuple[str, Ball], ...]:
     """Return the kinds of balls, each as its name and a ball, of a block of names, each with a
     material, a diameter, a mass and inertia if these are not those of a solid ball, and a spread if
     the diameters differ.
@@ -779,30 +836,14 @@ def _write_structure(structure: Any) -> Any:
     return write_lattice(structure)
 
 
-STRUCTURE = Kind.plain(_read_structure, _write_structure)
-ORDER = Kind.plain(
-    partial(each, rule=label, what="names of kinds"), lambda names: list(names) or None
-)
-CELL = Kind.plain(_read_vectors, lambda rows: [[WAY.write(x) for x in row] for row in rows] or None)
 _VECTOR = Kind.plain(
     lambda vector: _read_vectors([vector])[0], lambda vector: [WAY.write(x) for x in vector]
 )
 _SITE = block_of({"kind": Kind.plain(label), "at": _VECTOR}, ("kind", "at"))
 _SITES = listed(_SITE.made(lambda site: (site["at"], site["kind"])), "sites")
-SITES = Kind(
-    _SITES.read,
-    lambda sites, context: (
-        _SITES.write([{"kind": kind, "at": place} for place, kind in sites], context) or None
-    ),
-)
-REPLACE = Kind.plain(_read_replaced, lambda pairs: dict(pairs) or None)
-REMOVE = Kind.plain(_read_removed, lambda balls: list(balls) or None)
-SEED = whole_from(0)
-LAW = Kind.plain(_read_law, _write_law)
 _ALL_MOTIONS = tuple(
     dict.fromkeys(motions for dimension in (1, 2, 3) for motions in allowed_motions(dimension))
 )
-MOTIONS = word_of(*_ALL_MOTIONS)
 #: the spring to the ground of each motion, by name
 _SPRINGS = block_of(
     {
@@ -813,7 +854,7 @@ _SPRINGS = block_of(
 _SPRING = with_unit(STIFFNESS)
 
 
-def _read_on_site(value: Any, context: Context) -> Any:
+def _read_on_site(value: Any, context: ValueContext) -> Any:
     """Return the stiffness of springs to the ground against all displacements, N/m, or names of
     motions, each with its stiffness, N/m or N m; None of an empty block.
     """
@@ -822,7 +863,7 @@ def _read_on_site(value: Any, context: Context) -> Any:
     return _SPRING.read(value, context)
 
 
-def _write_on_site(springs: Any, context: Context) -> Any:
+def _write_on_site(springs: Any, context: ValueContext) -> Any:
     if springs is None:
         return None
     if isinstance(springs, tuple):
@@ -830,7 +871,84 @@ def _write_on_site(springs: Any, context: Context) -> Any:
     return _SPRING.write(springs, context)
 
 
-ON_SITE = Kind(_read_on_site, _write_on_site)
+def _write_sites(sites: Sequence[Any], context: ValueContext) -> Any:
+    blocks = [{"kind": kind, "at": place} for place, kind in sites]
+    return _SITES.write(blocks, context) or None
+
+
+#: the keys of the block "crystal"
+CRYSTAL: dict[str, Setting] = {
+    "lattice": Setting(
+        Kind.plain(_read_structure, _write_structure),
+        "a lattice, or `NaCl`, `CsCl`, `zincblende`",
+        "`cell` and `sites`",
+    ),
+    "kinds": Setting(
+        Kind.plain(
+            partial(each, rule=label, what="names of kinds"), lambda names: list(names) or None
+        ),
+        "names of kinds that follow each other on its sites",
+        "all kinds in turn",
+    ),
+    "cell": Setting(
+        Kind.plain(
+            _read_vectors, lambda rows: [[WAY.write(x) for x in row] for row in rows] or None
+        ),
+        "vectors along which the crystal repeats, each a list of lengths",
+        "`lattice`",
+    ),
+    "sites": Setting(
+        Kind(_SITES.read, _write_sites),
+        "a block `kind`, `at` for each ball: its kind, and its place",
+        "`lattice`",
+    ),
+    "repeat": Setting(REPEAT, "cells of the supercell along each period", "one cell"),
+    "cut": Setting(
+        CUT,
+        "block `axis`, `layers`, `edges` of a strip, slab or column, or a list; an edge is a word,"
+        " or `{wall: ...}` with a material, or the kind of balls that has it",
+        "none",
+    ),
+    "replace": Setting(
+        Kind.plain(_read_replaced, lambda pairs: dict(pairs) or None),
+        "numbers of balls, and the kinds that take their places",
+        "none",
+    ),
+    "remove": Setting(
+        Kind.plain(_read_removed, lambda balls: list(balls) or None),
+        "numbers of balls that are taken out",
+        "none",
+    ),
+    "seed": Setting(
+        whole_from(0),
+        "of the diameters, where kinds have a spread: `repeat` is then a sample",
+        "`0`",
+    ),
+    "law": Setting(
+        Kind.plain(_read_law, _write_law),
+        "the law of contacts, or a block of pairs of kinds with a law for each",
+        "`hertz`",
+    ),
+    "friction": Setting(PARTS["friction"], "whether contacts resist shear", "`true`"),
+    "motions": Setting(
+        word_of(*_ALL_MOTIONS),
+        "how each ball moves, see [lattices](#lattices)",
+        "as in `packing`",
+    ),
+    "torsion": Setting(PARTS["torsion"], "as in `packing`", "`0`"),
+    "bending": Setting(PARTS["bending"], "as in `packing`", "`0`"),
+    "on_site": Setting(
+        Kind(_read_on_site, _write_on_site),
+        "springs to the ground: one stiffness of displacements, or a block of `x`, `y`, `z`,"
+        " `rotation`, `rotation_x` and so on",
+        "none",
+    ),
+    "finite_overlap": Setting(
+        PARTS["finite_overlap"],
+        "the true geometry: contacts turn, the cell deforms, and static forces enter the response",
+        "`false`",
+    ),
+}
 
 
 #: axes of the components of a symmetric tensor of 2 and 3 periods in Voigt order
@@ -840,15 +958,15 @@ _VOIGT_PAIRS = {
 }
 
 
-def tensor_kind(name: str) -> Kind:
+def _tensor_kind(name: str) -> Kind:
     """Return the kind of a tensor along the periods, "stress" or "strain": a list in Voigt order,
     or a symmetric matrix.
     """
 
-    def read(value: Any, context: Context) -> tuple[float, ...]:
+    def read(value: Any, context: ValueContext) -> tuple[float, ...]:
         return _read_tensor(value, name, context.lattice.periods)
 
-    def write(load: Any, context: Context) -> Any:
+    def write(load: Any, context: ValueContext) -> Any:
         if load.kind != name:
             return None
         tensor = _join_tensor(load) or load.tensor
@@ -924,7 +1042,51 @@ def _write_times(load: Any) -> Any:
     return write_values(load.values, float)
 
 
-TIMES = Kind.plain(lambda value: read_values(value, above_zero), _write_times)
+def _load(kind: str, meaning: str) -> Setting:
+    """Return the declaration of a ``kind`` of load, of which a scene has one."""
+    make_kind = _tensor_kind if kind in TENSORS else _load_kind
+    return Setting(make_kind(kind), meaning, "one load is required")
+
+
+#: the keys of the block "load"
+LOAD: dict[str, Setting] = {
+    "force": _load("force", "mean force between touching balls"),
+    "pressure": _load(
+        "pressure",
+        "force per length of the boundary; on a chain the force, N; in space the force per"
+        " area, Pa",
+    ),
+    "overlap": _load(
+        "overlap",
+        "how far touching balls are pressed into each other; may be negative if balls differ",
+    ),
+    "side_force": _load(
+        "side_force", "push F on each side of a hexagonal frame: the contact force is F/(n √3)"
+    ),
+    "balls_per_side": Setting(
+        Kind.plain(balls_on_side),
+        "the number n of balls that lean on a side of that frame",
+        "required with `side_force`",
+    ),
+    "stress": _load(
+        "stress", "of a crystal: the stress in Voigt order, or as a matrix; tension is positive"
+    ),
+    "strain": _load(
+        "strain",
+        "of a crystal: the strain of its periods from where balls touch; extension is positive",
+    ),
+    "times": Setting(
+        Kind.plain(lambda value: read_values(value, above_zero), _write_times),
+        "factors by which a stress or strain is multiplied",
+        "`1`",
+    ),
+    "gravity": Setting(
+        with_unit(ACCELERATION),
+        "of a crystal with a floor or clamp: the acceleration towards it, with another load"
+        " or alone",
+        "none",
+    ),
+}
 
 
 def split_tensor(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -116,9 +116,9 @@ class Scene(SceneValues):
         mapping.
     finite_overlap : keep the terms of relative order delta/d; True if all media are simulations in
         their exact geometry, which always have them.
-    observe : which of "velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse",
-        "response", "motion" to compute; spectrum, pulse and the density of states of the array
-        itself, of a simulation.
+    observe : which of "velocities", "bands", "gaps", "cutoffs", "dos", "surface", "spectrum",
+        "pulse", "response", "motion", "modes" to compute; spectrum, pulse and the density of states
+        of the array itself, of a simulation.
     direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of
         such directions; None for x, on which velocities do not depend where sound is isotropic.
     band, band_points : path of the bands, None for that of the lattice, and number of points on
@@ -130,8 +130,8 @@ class Scene(SceneValues):
         them.
     bands : how contacts damp the bands, if the scene observes them; None for bands without loss
         alone.
-    response, motion : which response of the network of each state to find, and how its balls move,
-        if the scene observes it.
+    response, motion, modes : which response of the network of each state to find, how its balls
+        move, and which of its lowest modes to find, if the scene observes it.
     dim : supercell of the exported force constants, a number for each period; None for the smallest
         that suffices.
     source : path of the file that the scene was read from; None for a scene made in Python.
@@ -241,7 +241,6 @@ class Scene(SceneValues):
             result = RunResult(target, self, files=files)
             _ = result.dataset  # an error of its file is raised now
             return result
-        self.plan.require_waves()
         self.to_yaml()  # raises now if the scene cannot be written
         work_file = target / WORK_FILE
         # a state that is found at once keeps no parts, but the parts of another run are not to
@@ -274,11 +273,8 @@ class Scene(SceneValues):
         yet, with the values of the outputs of the ``rows``; the ``store`` keeps finished tasks, if
         the scene has any.
         """
-        solution = self.plan.solve(executor, progress, store)
-        values = {"states": solution.dataset}
-        result = RunResult(
-            target, self, solution.analysis, solution.records, tuple(rows), values=values
-        )
+        dataset = self.plan.sweep(progress, executor, store=store)
+        result = RunResult(target, self, tuple(rows), values={"states": dataset})
         with self.origin.where_it_buckles():
             for row in rows:
                 if row.find is not None:
@@ -293,7 +289,7 @@ class Scene(SceneValues):
         """How the states of the scene are checked and found."""
         has_velocities = "velocities" in self.observe
         # a mechanism has other observables, but no velocities
-        of_mechanisms = {"bands", "gaps", "dos", "surface", *NETWORK_BLOCKS}
+        of_mechanisms = {"bands", "gaps", "cutoffs", "dos", "surface", *NETWORK_BLOCKS}
         path = None
         if "bands" in self.observe:
             path = (self.path.arrays, self.band_points, self.path.labels)
@@ -306,6 +302,7 @@ class Scene(SceneValues):
             surface=self.observed_settings("surface"),
             # those of a single state are found with its phonons
             gaps="gaps" in self.observe and not self.is_single,
+            cutoffs="cutoffs" in self.observe,
             bands=self.observed_settings("bands"),
             observe=self.observe,
             sound=has_velocities or of_mechanisms.isdisjoint(self.observe),
@@ -429,16 +426,11 @@ class RunResult(Results):
     scene : the scene that was run.
     folder, files : folder of the results, and the paths of the files written there.
     values : the values of outputs by their names.
-    given : the analysis of a single state; None after reading the result from its folder.
-    records : of each sample of a single state, or of the state, what is kept of its waves, arrays
-        by name; empty after reading the result from its folder.
     rows : the outputs that were found; empty after reading the result from its folder.
     failures : one sentence for each figure that could not be drawn, with the reason.
     """
 
     scene: Scene
-    given: Analysis | None = field(default=None, repr=False)
-    records: tuple[Mapping[str, Any], ...] = field(default=(), repr=False)
     rows: tuple[Export, ...] = field(default=(), repr=False)
     files: tuple[Path, ...] = ()
     failures: tuple[str, ...] = ()
@@ -480,9 +472,9 @@ class RunResult(Results):
         """
         if not any(OUTPUTS[name].is_of(self.scene) for name in ("bands", "dos", "gaps")):
             return None
-        from granphon.phonons.phonons import Phonons
+        from granphon.phonons.phonons import find_phonons
 
-        return self.state.cached(Phonons, self.scene.dim)
+        return find_phonons(self.state, self.scene.dim)
 
     @cached_property
     def waves(self) -> SampleWaves | None:
@@ -519,12 +511,14 @@ class RunResult(Results):
         """The analysis of the only state, which is solved again after reading the result from its
         folder; InputError if there are several states.
         """
-        if not self.scene.is_single:
-            problem = "the result is that of a sweep"
-            raise InputError(problem, "It has no single state", "Take its dataset")
-        if self.given is not None:
-            return self.given
-        return Analysis(self.scene.state(), self.scene.direction)
+        return self.scene.plan.analysis
+
+    @property
+    def records(self) -> list[Mapping[str, Any]]:
+        """Of each sample of the only state, or of its network, what is kept of its waves, arrays by
+        name.
+        """
+        return self.scene.plan.records
 
     @property
     def velocities(self) -> SoundVelocities | None:

@@ -35,6 +35,7 @@ from granphon.waves.settings import (
     NETWORK_BLOCKS,
     WAVES,
     BandsSettings,
+    ModesSettings,
     MotionSettings,
     PulseSettings,
     ResponseSettings,
@@ -93,6 +94,7 @@ class SceneValues:
     pulse: PulseSettings | None = None
     response: ResponseSettings | None = None
     motion: MotionSettings | None = None
+    modes: ModesSettings | None = None
     bands: BandsSettings | None = None
     source: Path | None = field(default=None, compare=False)
     #: document and file that the scene was read from; a copy made by ``replace`` has none, as its
@@ -118,6 +120,8 @@ class SceneValues:
             value = getattr(self, name)
             if value is not None:
                 assign(name, require(name, scene_rule(name, context), value))
+        if self.modes is None and "modes" in self.observe:
+            assign("modes", ModesSettings())
         if all(choice.is_exact for choice in self.media) and self.balls_differ:
             assign("finite_overlap", True)
         # a scene without bands in space does not ask ASE, which knows the path there
@@ -284,7 +288,7 @@ class SceneValues:
             "velocities",
             self.packing.is_held,
             "of balls that are held",
-            "bands, gaps, dos of these",
+            "bands, gaps, cutoffs, dos of these",
             "Long waves move all balls together, which a floor, a clamp or springs to the ground"
             " hold: write observe: [bands].",
         )
@@ -297,7 +301,7 @@ class SceneValues:
                 f"{', '.join(NETWORK_BLOCKS)} of these",
                 f"Waves of this kind need a period: write observe: [{first_block}].",
             )
-            for name in ("velocities", "bands", "gaps", "dos", "surface")
+            for name in ("velocities", "bands", "gaps", "cutoffs", "dos", "surface")
         ]
         pulse = Conflict(
             "pulse",

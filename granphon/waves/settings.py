@@ -1,6 +1,6 @@
 """Settings of waves: the blocks ``spectrum`` and ``pulse`` of a scene, of a simulated array,
-``surface``, of an edge, and ``response`` and ``motion``, of the network of any state, with what
-drives balls: impacts, shakers, forces over time.
+``surface``, of an edge, and ``response``, ``motion`` and ``modes``, of the network of any state,
+with what drives balls: impacts, shakers, forces over time.
 """
 
 from __future__ import annotations
@@ -426,7 +426,7 @@ class NetworkSettings(Block, kw_only=True):
         absent="none",
     )
 
-    def count(self, number: int) -> int:
+    def count_balls(self, number: int) -> int:
         """Return the number of balls, or of cells, of a network once it is repeated and cut;
         ``number`` is the number in the network as it is.
         """
@@ -880,6 +880,29 @@ class MotionSettings(NetworkSettings):
         return {"motion_time": (tuple(times.tolist()), TIME.unit)}
 
 
+class ModesSettings(NetworkSettings):
+    """The lowest modes of a network; see :meth:`granphon.waves.waves.Waves.modes`.
+
+    Attributes
+    ----------
+    count : number of modes, without those that cost no energy.
+    """
+
+    block = "modes"
+
+    count: int = setting(
+        whole_from(1, 10_000),
+        "number of the lowest modes that cost energy",
+        default=6,
+        title="lowest modes",
+    )
+
+    @property
+    def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
+        """Values and unit of each dimension of what is found, by name."""
+        return {"mode": (tuple(range(1, self.count + 1)), "")}
+
+
 #: the blocks of a scene about waves, in the order in which a scene file has them
 BLOCKS: dict[str, type[Block]] = {
     settings.block: settings
@@ -889,6 +912,7 @@ BLOCKS: dict[str, type[Block]] = {
         SurfaceSettings,
         ResponseSettings,
         MotionSettings,
+        ModesSettings,
         BandsSettings,
     )
 }
@@ -896,6 +920,7 @@ BLOCKS: dict[str, type[Block]] = {
 NETWORK_BLOCKS: dict[str, type[NetworkSettings]] = {
     "response": ResponseSettings,
     "motion": MotionSettings,
+    "modes": ModesSettings,
 }
 
 

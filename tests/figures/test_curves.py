@@ -154,7 +154,7 @@ def test_a_parameter_takes_the_place_of_the_load(ax):
     ):
         ax.clear()
         draw()
-        assert ax.get_xlabel() == "A.mass (kg)"
+        assert ax.get_xlabel() == "Mass of A (kg)"
         lines = [line for line in ax.lines if str(line.get_gid()).endswith("-valid")]
         assert len(lines) == 4
         for line, (mass, force) in zip(

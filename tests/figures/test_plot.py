@@ -7,6 +7,8 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from importlib import import_module
+from inspect import signature
 
 import matplotlib
 import numpy as np
@@ -24,7 +26,9 @@ from granphon.figures import bands as plot
 from granphon.figures import scales, style
 from granphon.figures.curves import sweep_figure
 from granphon.figures.modes import plot_mode
+from granphon.figures.plot import OF_DATASETS, PICTURES
 from granphon.phonons.paths import zone_polygon
+from granphon.scene.outputs import OUTPUTS
 from tests.figures.conftest import assert_inside_page, with_gid
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -593,3 +597,29 @@ def test_a_branch_that_is_not_there(phonons, ax, branch):
 def test_gamma_needs_a_direction(phonons, ax):
     with pytest.raises(InputError, match="direction"):
         plot_mode(phonons, (0.0, 0.0), 0, ax)
+
+
+# -- the tables of pictures ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("place", PICTURES)
+def test_a_default_picture_is_of_a_public_class_and_its_function_takes_the_result(place):
+    module, _, name = place.rpartition(".")
+    kind = getattr(import_module(f"granphon.{module}"), name)
+    assert getattr(gp, name) is kind
+    picture = PICTURES[place]
+    assert picture.keyword in signature(picture.load()).parameters
+
+
+@pytest.mark.parametrize("name", OF_DATASETS)
+def test_a_picture_of_a_data_set_is_the_figure_of_an_output(name):
+    assert OUTPUTS[name].figure == f"{name}.png"
+    assert next(iter(signature(OF_DATASETS[name].load()).parameters)) == "dataset"
+
+
+def test_a_class_of_a_user_with_the_name_of_a_result_is_no_such_result():
+    class Bands:
+        """Not those of granphon."""
+
+    with pytest.raises(InputError, match="no default picture"):
+        gp.plot(Bands())

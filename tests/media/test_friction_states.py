@@ -863,7 +863,7 @@ def test_a_scene_has_finite_overlap_in_the_exact_geometry_alone():
         given = gp.Scene.from_text(
             text.replace("friction_history: true", f"{geometry}friction_history: true")
         )
-        assert given.plan.case.state.finite_overlap
+        assert given.state().finite_overlap
     with pytest.raises(InputError, match="finite overlap"):
         gp.Scene.from_text(
             text.replace("friction_history: true", "geometry: lattice, friction_history: true")

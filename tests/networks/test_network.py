@@ -320,6 +320,7 @@ def test_rattlers_are_found_one_after_the_other():
 
 
 @pytest.mark.filterwarnings("ignore:The network falls into")
+@pytest.mark.filterwarnings("ignore:The balls have 2 contacts")  # a row
 @pytest.mark.parametrize(
     ("weak", "left_out"), [(5e-7, 0), (1e-7, 0), (1.1e-8, 0), (1e-9, 18), (1e-12, 18)]
 )

@@ -61,12 +61,12 @@ def test_the_band_of_a_chain_begins_at_the_cut_off_frequency():
     q = np.linspace(0.0, 0.5, 41)
     expected = find_chain_frequencies(network, q)
     assert_allclose(phonons.frequencies(q[:, None])[:, 0], expected, rtol=1e-14)
-    cutoffs = phonons.cutoffs()
-    assert_allclose(cutoffs.frequencies, expected[0], rtol=1e-14)
-    assert_allclose(cutoffs.gap, expected[0], rtol=1e-14)
+    onset = phonons.onset()
+    assert_allclose(onset.frequencies, expected[0], rtol=1e-14)
+    assert_allclose(onset.gap, expected[0], rtol=1e-14)
     # omega'' = k d^2/(m omega_0)
     bend = network.normal_stiffness[0] * 8e-3**2 / network.masses[0] / (2 * np.pi * expected[0])
-    assert_allclose(cutoffs.curvatures, bend, rtol=1e-11)
+    assert_allclose(onset.curvatures, bend, rtol=1e-11)
 
 
 def test_modes_of_a_finite_chain_are_those_of_the_band():

@@ -350,3 +350,30 @@ def test_cells_too_large_are_refused_with_an_estimate():
     some = gp.Phonons(replace(network.select(np.arange(600)), pbc=(False, True, False)))
     with pytest.raises(InputError, match=r"1800 .* 303 .* 14\.6 GiB"):
         some.bands([[0], [0.5]], npoints=303)
+
+
+@pytest.mark.claim("cutoffs")
+@pytest.mark.parametrize(
+    ("lattice", "points"),
+    [
+        ("chain", 101),
+        ("triangular", 41),
+        pytest.param("honeycomb", 41, marks=pytest.mark.slow),
+        pytest.param("fcc", 15, marks=pytest.mark.slow),
+        pytest.param("diamond", 13, marks=pytest.mark.slow),
+    ],
+)
+def test_cutoffs_hold_all_frequencies_of_the_zone(lattice, points):
+    """Also where branches cross in cones, as in the honeycomb, of which no point is on a mesh."""
+    phonons = gp.Phonons(gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice=lattice)).at_force(1.0))
+    periods = phonons.lattice.periods
+    axes = [np.linspace(0.0, 1.0, points)] * periods
+    q = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, periods)
+    frequencies = phonons.frequencies(q)
+    lower, upper = phonons.cutoffs().T
+    rounding = 1e-9 * upper.max()
+    assert np.all(frequencies.min(axis=0) >= lower - rounding)
+    assert np.all(frequencies.max(axis=0) <= upper + rounding)
+    # and they are reached, as near as this mesh comes to them
+    assert_allclose(lower, frequencies.min(axis=0), atol=2e-2 * upper.max())
+    assert_allclose(upper, frequencies.max(axis=0), atol=2e-2 * upper.max())

@@ -12,7 +12,12 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.cli import main
-from granphon.figures.gaps import sweep_gaps_figure, sweep_surface_figure
+from granphon.figures.gaps import (
+    sweep_cutoffs_figure,
+    sweep_gaps_figure,
+    sweep_modes_figure,
+    sweep_surface_figure,
+)
 from granphon.scene.scene import Scene
 
 SCENE = """\
@@ -162,6 +167,115 @@ observe: [gaps]
     top = data["top_frequency"].values
     assert_allclose(top[:, 1], top[:, 0], rtol=1e-2)
     assert data["gap_lower"].shape == (2, 2, 3)
+
+
+CUTOFFS = SCENE.replace("gaps, surface]", "cutoffs, modes]").replace(
+    "surface: {axis: 0}", "modes: {count: 3, repeat: 2}"
+)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return Scene.from_text(CUTOFFS).sweep()
+
+
+@pytest.mark.claim("cutoffs")
+def test_cutoffs_over_loads_and_parameters_are_those_of_the_chain_of_two_masses(found):
+    """Of the acoustic branch 0 and (2 k/M)^1/2, of the optical one (2 k/m)^1/2 and
+    (2 k (1/m + 1/M))^1/2, over 2 pi.
+    """
+    light = MASS_PER_DENSITY * DENSITIES
+    heavy = MASS_PER_DENSITY * 8000.0
+    stiffness = found["normal_stiffness"].values[:, 0]  # (loads, densities)
+    of_masses = [0.0 * light, 1.0 / heavy + 0.0 * light, 1.0 / light, 1.0 / light + 1.0 / heavy]
+    edges = [np.sqrt(2.0 * stiffness * inverse) / (2.0 * np.pi) for inverse in of_masses]
+    lower = found["cutoff_lower"].values[:, 0]  # (loads, densities, branches)
+    upper = found["cutoff_upper"].values[:, 0]
+    top = edges[3].max()
+    assert_allclose(lower[..., 0], edges[0], atol=1e-9 * top)
+    assert_allclose(upper[..., 0], edges[1], rtol=1e-9)
+    assert_allclose(lower[..., 1], edges[2], rtol=1e-9)
+    assert_allclose(upper[..., 1], edges[3], rtol=1e-9)
+    assert found["cutoff_upper"].attrs["units"] == "Hz"
+
+
+def test_lowest_modes_are_those_of_the_network_of_each_state(found):
+    # two cells: q = 0 and the end of the zone, where each kind of balls moves alone
+    lower, upper = found["cutoff_upper"][..., 0], found["cutoff_lower"][..., 1]
+    top = found["cutoff_upper"][..., 1]
+    expected = np.stack([lower.values, upper.values, top.values], axis=-1)
+    assert_allclose(found["mode_frequency"].values, expected, rtol=1e-9)
+    assert np.all(found["mode_rotation"].values == 0.0)
+    assert_allclose(found["mode_participation"].values[..., :2], 0.5, rtol=1e-9)
+    one = Scene.from_text(CUTOFFS.replace("sweep:", "# ").replace("[1 N, 8 N, 27 N]", "8 N"))
+    modes = gp.Waves(one.state().network.repeat((2,))).modes(3)
+    assert_allclose(one.sweep()["mode_frequency"].values.ravel(), modes.frequencies, rtol=1e-12)
+
+
+def test_one_state_has_its_cutoffs_and_modes_as_tables(tmp_path):
+    text = CUTOFFS.replace("sweep:", "# ").replace("[1 N, 8 N, 27 N]", "8 N")
+    result = Scene.from_text(text).run(tmp_path / "out")
+    assert {"cutoffs.csv", "modes.csv"} <= {path.name for path in result.files}
+    rows = (tmp_path / "out" / "modes.csv").read_text(encoding="utf-8").splitlines()
+    assert len(rows) == 4
+    assert rows[0].startswith("force (N),medium,mode,mode_frequency (Hz)")
+    assert Scene.from_text(result.scene.to_yaml()) == result.scene
+
+
+def test_modes_of_an_array_have_errors_over_its_samples():
+    text = """\
+material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}
+packing: {diameter: 1 mm, spread: {uniform: 0.1 um}}
+load: {force: [5 N, 6 N]}
+medium: {simulation: {shape: 3 3, samples: 2}}
+observe: [modes]
+"""
+    data = Scene.from_text(text).sweep()
+    assert data["mode_frequency"].shape == data["mode_frequency_error"].shape == (2, 1, 6)
+    assert np.all(data["mode_frequency_error"] > 0.0)
+
+
+def test_more_modes_than_there_are_is_an_error_at_the_block():
+    with pytest.raises(InputError, match="modes"):
+        Scene.from_text(CUTOFFS.replace("count: 3", "count: 30")).sweep()
+
+
+def test_branches_are_fields_and_modes_lines_over_the_load(found):
+    for number, ax in enumerate(sweep_cutoffs_figure(found).axes):
+        fields = [artist for artist in ax.collections if artist.get_gid() == "branch-1"]
+        (field,) = fields
+        upper = found["cutoff_upper"].values[:, 0, number, 1] / 1e3
+        assert_allclose(field.get_paths()[0].vertices[:, 1].max(), upper.max())
+    for number, ax in enumerate(sweep_modes_figure(found).axes):
+        drawn = [line.get_ydata() for line in ax.lines if line.get_gid().startswith("wave")]
+        assert_allclose(drawn, found["mode_frequency"].values[:, 0, number].T / 1e3)
+
+
+def test_a_sweep_in_python_has_gaps_and_cutoffs(found, tmp_path):
+    scene = Scene.from_text(CUTOFFS)
+    words = {"force": [1.0, 8.0, 27.0], "path": tmp_path / "sweep.nc"}
+    plain = gp.sweep(scene.packing, **words)
+    assert "gap_lower" not in plain
+    data = gp.sweep(scene.packing, gaps=True, cutoffs=True, overwrite=True, **words)
+    density = {"A.density": np.argmin(np.abs(DENSITIES - 2000.0))}
+    first = found.isel(density)
+    ratio = np.sqrt(2700.0 / 2000.0)  # the scene's own density of A
+    assert_allclose(data["cutoff_upper"][..., 0], first["cutoff_upper"][..., 0], rtol=1e-9)
+    assert_allclose(data["cutoff_lower"][..., 1] * ratio, first["cutoff_lower"][..., 1], rtol=1e-9)
+    assert_allclose(data["gap_lower"][..., 1], data["cutoff_upper"][..., 0], rtol=1e-9)
+    # a sweep that observes less is another one
+    assert "gap_lower" not in gp.sweep(scene.packing, overwrite=True, **words)
+    again = gp.sweep(scene.packing, gaps=True, resume=True, overwrite=True, **words)
+    assert "gap_lower" in again
+
+
+def test_the_legend_names_gaps_only_where_there_are_some(result):
+    def labels(data):
+        (legend,) = sweep_gaps_figure(data).legends
+        return [text.get_text() for text in legend.get_texts()]
+
+    assert labels(result.dataset) == ["gap", "top frequency"]
+    assert labels(result.dataset.isel({"A.density": [2]})) == ["top frequency"]
 
 
 def test_a_sweep_without_gaps_says_so(result):
