@@ -160,14 +160,14 @@ def _make_discrete(lists: Mapping[str, Any]) -> Discrete:
         return Discrete(**lists)
 
 
-def _read_normal(value: Any, context: ValueContext) -> Normal:
+def _read_normal(value: Any, context: Context) -> Normal:
     """Read a standard deviation, or a block {std, cutoff}."""
     if not isinstance(value, dict):
         return Normal(WIDTH.read(value))
     return Normal(**_NORMAL.read(value, context))
 
 
-def _read_measured(value: Any, context: ValueContext) -> Measured:
+def _read_measured(value: Any, context: Context) -> Measured:
     """Return the spread of measured diameters of a value: the name of a table, a block {file,
     column}, or a block {diameters}. Tables are sought in the folder of the scene.
     """
@@ -201,7 +201,7 @@ _SPREADS = {
 }
 
 
-def _read_spread(value: Any, context: ValueContext) -> Any:
+def _read_spread(value: Any, context: Context) -> Any:
     """Return the spread of diameters of a block of one key, which names the distribution."""
     allowed = f"exactly one of {', '.join(_SPREADS)}"
     if not isinstance(value, dict):
@@ -216,7 +216,7 @@ def _read_spread(value: Any, context: ValueContext) -> Any:
     return spread
 
 
-def _write_spread(spread: Any, context: ValueContext) -> dict[str, Any]:
+def _write_spread(spread: Any, context: Context) -> dict[str, Any]:
     """Return the block of a spread of diameters, whose key names the distribution."""
     classes: dict[str, Any] = {
         "uniform": Uniform,
@@ -298,7 +298,7 @@ def choose_lattice(lattice: Lattice, swept: Sequence[str | Lattice]) -> Lattice:
     return lattice if has_same_periods and has_same_dimension else first_swept
 
 
-def _read_motions(value: Any, context: ValueContext) -> str:
+def _read_motions(value: Any, context: Context) -> str:
     """Return the name of the motions of balls, which every lattice of the scene must allow."""
     for lattice in context.swept or (context.lattice,):
         options = tuple(allowed_motions(lattice.dimension))
@@ -349,7 +349,7 @@ PARTS: dict[str, Kind] = {
 }
 
 
-def _write_own_spread(spread: Any, context: ValueContext) -> dict[str, Any]:
+def _write_own_spread(spread: Any, context: Context) -> dict[str, Any]:
     """Return the block of the spread of a packing: if its diameters are too many, the scene names a
     table of them.
     """
@@ -361,7 +361,7 @@ def _unless_zero(kind: Kind) -> Kind:
     return Kind(kind.read, lambda value, context: kind.write(value, context) if value else None)
 
 
-def _write_motions(motions: str, context: ValueContext) -> str | None:
+def _write_motions(motions: str, context: Context) -> str | None:
     """Return the motions of a packing; None for those that its lattice has by default."""
     default = next(iter(allowed_motions(context.lattice.dimension)))
     return None if motions == default else motions
@@ -408,7 +408,7 @@ PACKING: dict[str, Setting] = {
 }
 
 
-def _read_parameters(value: Any, context: ValueContext) -> tuple[tuple[str, tuple[Any, ...]], ...]:
+def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any, ...]], ...]:
     """Return the parameters of a sweep, in the order of their block, each as its name and its
     values; those of a crystal have the name of a kind and a point in front.
     """
@@ -425,7 +425,7 @@ def _read_parameters(value: Any, context: ValueContext) -> tuple[tuple[str, tupl
     return tuple(block(value, rules).items())
 
 
-def _read_axis(value: Any, name: str, context: ValueContext) -> tuple[Any, ...]:
+def _read_axis(value: Any, name: str, context: Context) -> tuple[Any, ...]:
     """Return the values of the parameter ``name`` of a sweep, numbers in SI units; Refused for a
     value that is given twice.
     """
@@ -472,10 +472,10 @@ def _load_kind(name: str) -> Kind:
     unit of a pressure depends on the lattice.
     """
 
-    def read(value: Any, context: ValueContext) -> tuple[float, ...]:
+    def read(value: Any, context: Context) -> tuple[float, ...]:
         return read_values(value, partial(_read_load, name=name, lattice=context.lattice))
 
-    def write(load: Any, context: ValueContext) -> Any:
+    def write(load: Any, context: Context) -> Any:
         # gravity alone is a pressure of zero
         if load.kind != name or not any(load.values):
             return None
@@ -508,7 +508,7 @@ def _has_unit_of_other_lattices(value: Any, name: str) -> bool:
     return False
 
 
-def _read_media(value: Any, context: ValueContext) -> tuple[MediumChoice, ...]:
+def _read_media(value: Any, context: Context) -> tuple[MediumChoice, ...]:
     """Return the choices of media of a value, one medium or a list of media; Refused for a medium
     that is given twice.
     """
@@ -523,7 +523,7 @@ def _read_media(value: Any, context: ValueContext) -> tuple[MediumChoice, ...]:
     return choices
 
 
-def _write_media(choices: Sequence[MediumChoice], context: ValueContext) -> Any:
+def _write_media(choices: Sequence[MediumChoice], context: Context) -> Any:
     settings = [(choice.name, choice.settings_on(context.lattice)) for choice in choices]
     media = [{name: options} if options else name for name, options in settings]
     return media if len(media) > 1 else media[0]
@@ -585,7 +585,7 @@ def grid_kind(examples: Sequence[str], low: int, high: int, low_in_space: int) -
     are 1.
     """
 
-    def read(value: Any, context: ValueContext) -> tuple[int, ...]:
+    def read(value: Any, context: Context) -> tuple[int, ...]:
         periods = context.lattice.periods
         numbers = [value] if periods == 1 and is_whole(value) else value
         least = low_in_space if periods == 3 else low
@@ -668,7 +668,7 @@ def _make_number_kind(entry: Any) -> Kind:
     return Kind.plain(entry, float)
 
 
-def _read_balls(value: Any, context: ValueContext) -> tuple[tuple[str, Ball], ...]:
+def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
     """Return the kinds of balls, each as its name and a ball, of a block of names, each with a
     material, a diameter, a mass and inertia if these are not those of a solid ball, and a spread if
     the diameters differ.
@@ -854,7 +854,7 @@ _SPRINGS = block_of(
 _SPRING = with_unit(STIFFNESS)
 
 
-def _read_on_site(value: Any, context: ValueContext) -> Any:
+def _read_on_site(value: Any, context: Context) -> Any:
     """Return the stiffness of springs to the ground against all displacements, N/m, or names of
     motions, each with its stiffness, N/m or N m; None of an empty block.
     """
@@ -863,7 +863,7 @@ def _read_on_site(value: Any, context: ValueContext) -> Any:
     return _SPRING.read(value, context)
 
 
-def _write_on_site(springs: Any, context: ValueContext) -> Any:
+def _write_on_site(springs: Any, context: Context) -> Any:
     if springs is None:
         return None
     if isinstance(springs, tuple):
@@ -871,7 +871,7 @@ def _write_on_site(springs: Any, context: ValueContext) -> Any:
     return _SPRING.write(springs, context)
 
 
-def _write_sites(sites: Sequence[Any], context: ValueContext) -> Any:
+def _write_sites(sites: Sequence[Any], context: Context) -> Any:
     blocks = [{"kind": kind, "at": place} for place, kind in sites]
     return _SITES.write(blocks, context) or None
 
@@ -963,10 +963,10 @@ def _tensor_kind(name: str) -> Kind:
     or a symmetric matrix.
     """
 
-    def read(value: Any, context: ValueContext) -> tuple[float, ...]:
+    def read(value: Any, context: Context) -> tuple[float, ...]:
         return _read_tensor(value, name, context.lattice.periods)
 
-    def write(load: Any, context: ValueContext) -> Any:
+    def write(load: Any, context: Context) -> Any:
         if load.kind != name:
             return None
         tensor = _join_tensor(load) or load.tensor
