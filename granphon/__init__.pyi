@@ -42,6 +42,8 @@ from .dynamics.contact_lattice import ContactLattice as ContactLattice
 from .dynamics.contact_lattice import Modes as Modes
 from .dynamics.damping import DampedModes as DampedModes
 from .dynamics.local_field import LocalField as LocalField
+from .dynamics.sensitivities import FrequencySensitivities as FrequencySensitivities
+from .dynamics.sensitivities import Sensitivities as Sensitivities
 from .figures.plot import plot as plot
 from .fits.fit import WidthFit as WidthFit
 from .fits.fit import fit_width as fit_width

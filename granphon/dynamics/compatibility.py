@@ -380,23 +380,37 @@ class Compatibility:
         """Deformations of the contacts, as coefficients of the motions of their two balls;
         rotations are carried by w.
         """
+        resisted = self._make_rows(self.mindlin_ratio, self.torsion, self.bending)
+        # where the motions deform no contact, as out of the plane without friction, there is one
+        # row, of zeros
+        zeros = np.zeros((len(self.contacts), self.motions.count))
+        return resisted or [Row("elongation", 1.0, zeros, zeros)]
+
+    def _make_rows(self, slip: ArrayLike, twist: ArrayLike, roll: ArrayLike) -> list[Row]:
+        """Return the rows of contacts with these stiffnesses over that of elongation."""
         table = self.contacts
         gyration = np.append(self.gyration, 1.0)  # the last of a body that does not move
-        resisted = contact_rows(
+        return contact_rows(
             table.normal,
             table.arm_i,
             table.arm_j,
             self.motions,
-            slip=self.mindlin_ratio,
-            twist=self.torsion,
-            roll=self.bending,
+            slip=slip,
+            twist=twist,
+            roll=roll,
             gyration_i=gyration[table.i],
             gyration_j=gyration[table.j],
         )
-        # where the motions deform no contact, as out of the plane without friction, there is one
-        # row, of zeros
-        zeros = np.zeros((len(table), self.motions.count))
-        return resisted or [Row("elongation", 1.0, zeros, zeros)]
+
+    @cached_property
+    def unit_rows(self) -> list[Row]:
+        """Rows of all deformations that the motions can make, whether contacts resist them or not,
+        and of the displacements on which prestress acts.
+        """
+        rows = self._make_rows(1.0, 1.0, 1.0)
+        if self.is_prestressed:
+            rows += push_rows(self.contacts.normal, self.motions)
+        return rows
 
     @cached_property
     def static_rows(self) -> list[tuple[Row, Array]]:

@@ -122,23 +122,42 @@ def network_rows(network: ContactNetwork) -> list[Row]:
 
     Raises :class:`~granphon.base.errors.InputError` if there are none.
     """
-    gyration = find_gyration(network)
-    motions = network.ball_motions
-    rows = contact_rows(
-        network.normal[:, : network.dimension],
-        network.arm_i,
-        network.arm_j,
-        motions,
+    rows = _make_network_rows(
+        network,
         elongation=network.normal_stiffness,
         slip=network.shear_stiffness,
         twist=network.torsion_stiffness,
         roll=network.bending_stiffness,
-        gyration_i=gyration[network.i],
-        gyration_j=gyration[network.j],
     )
     if not rows:
+        motions = network.ball_motions
         raise InputError(f"the motions {motions.name!r} deform no contact of this network")
     return rows
+
+
+def network_unit_rows(network: ContactNetwork) -> list[Row]:
+    """Return rows of all deformations that the motions of a network can make, whether contacts
+    resist them or not, and of the displacements on which prestress acts; the motions are those of
+    :func:`network_rows`.
+    """
+    rows = _make_network_rows(network, elongation=1.0, slip=1.0, twist=1.0, roll=1.0)
+    if network.prestress:
+        rows += push_rows(network.normal[:, : network.dimension], network.ball_motions)
+    return rows
+
+
+def _make_network_rows(network: ContactNetwork, **stiffness: ArrayLike) -> list[Row]:
+    """Return the rows of the contacts of a network with these stiffnesses."""
+    gyration = find_gyration(network)
+    return contact_rows(
+        network.normal[:, : network.dimension],
+        network.arm_i,
+        network.arm_j,
+        network.ball_motions,
+        gyration_i=gyration[network.i],
+        gyration_j=gyration[network.j],
+        **stiffness,
+    )
 
 
 def push_rows(normal: Array, motions: Motions) -> list[Row]:

@@ -24,6 +24,7 @@ from granphon.base.text import counted
 from granphon.base.validation import (
     frequency_array,
     grid_numbers,
+    index_array,
     one_of,
     positive,
     real_array,
@@ -39,6 +40,12 @@ from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
 from granphon.dynamics.half_space import HalfSpace
+from granphon.dynamics.sensitivities import (
+    FrequencySensitivities,
+    ModeEnergies,
+    Place,
+    find_frequency_sensitivities,
+)
 from granphon.media import cost as costs
 from granphon.media.cost import Cost
 from granphon.media.state import State, as_state, given_state
@@ -485,6 +492,52 @@ class Phonons:
             modes.out_of_plane_fraction,
         )
 
+    def sensitivities(
+        self, qpoints: ArrayLike, branches: ArrayLike | None = None
+    ) -> FrequencySensitivities:
+        """Return the derivatives of frequencies (n_q, b) with respect to the stiffnesses and static
+        forces of all contacts, and the masses and moments of inertia of all balls.
+
+        Parameters
+        ----------
+        qpoints : (n_q, p) or (n_q, 3) fractions of the reciprocal cell.
+        branches : (b,) numbers of branches, from 0; all of them by default.
+
+        Where branches have one frequency, to 1e-8 of it, the derivative is that of their mean. A
+        frequency f has derivatives to about 1e-16 of the top frequency over f. Raises
+        :class:`~granphon.base.errors.InputError` for a branch that is not there, for arrays larger
+        than the memory, and for other Atoms than the cell of the state;
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        """
+        q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
+        chosen = np.arange(self.lattice.n_branches)
+        if branches is not None:
+            chosen = index_array("branches", branches, chosen.size, "branches")
+        energies = self._measure(q, np.broadcast_to(chosen, (len(q), chosen.size)))
+        return self._make_sensitivities(energies)
+
+    def _measure(self, q: Array, branches: Index) -> ModeEnergies:
+        """Return the energies of the modes of ``branches`` (n_q, b) at wave vectors q (n_q, p),
+        1/d.
+        """
+        self._require_state_cell(with_stiffness=True)
+        return self.lattice.mode_energies(q, branches)
+
+    def _make_sensitivities(
+        self, energies: ModeEnergies, qpoints: Array | None = None
+    ) -> FrequencySensitivities:
+        """Return derivatives of frequencies from the ``energies`` of their modes."""
+        network = given_network(self.state)
+        moving = network.moving
+        place = Place(
+            network,
+            self.scales,
+            np.flatnonzero(moving),
+            np.flatnonzero(moving[network.i] | moving[network.j]),
+        )
+        warnings = find_warnings(self.state)
+        return find_frequency_sensitivities(energies, place, warnings, qpoints)
+
     @property
     def special_points(self) -> dict[str, Array]:
         """Special points of the Brillouin zone of the cell, keyed by ASE's letters, in fractions of
@@ -809,6 +862,33 @@ class Phonons:
         """Return the number of branches below each of the :meth:`gaps`, (n,), which tells a gap
         from the others under every load, and the gaps, (n, 2) Hz; ``mesh`` is as there.
         """
+        gaps = self._find_gap_edges(mesh)
+        return gaps.branches_below, gaps.frequencies * self.scales.frequency
+
+    def gap_sensitivities(self, mesh: Sequence[int] | None = None) -> FrequencySensitivities:
+        """Return the derivatives of the edges (n, 2) of :meth:`gaps`, as :meth:`sensitivities` has
+        them, and the wave vectors at which they are; ``mesh`` is as there.
+
+        An edge is the greatest or the least frequency of a branch, so that it does not change to
+        first order as its wave vector moves. Where several wave vectors have the edge, as those
+        that the symmetry of the lattice makes alike, it is the derivative at one of them: that of
+        the edge if the parameters change alike at all. The lower edge of a gap below all branches
+        is zero, and has no derivative.
+        """
+        gaps = self._find_gap_edges(mesh)
+        count = len(gaps.branches_below)
+        branches = gaps.branches_below[:, None] + np.array([-1, 0])  # below and above each gap
+        has_edge = branches >= 0
+        points = gaps.points.reshape(-1, self._periods)
+        energies = self._measure(points, np.maximum(branches, 0).reshape(-1, 1))
+        by_edge = energies.reshape((count, 2))
+        found = by_edge._replace(frequencies=np.where(has_edge, by_edge.frequencies, 0.0))
+        qpoints = np.zeros((count, 2, 3))
+        qpoints[..., : self._periods] = gaps.points @ np.linalg.inv(self.lattice.reciprocal)
+        return self._make_sensitivities(found, qpoints)
+
+    def _find_gap_edges(self, mesh: Sequence[int] | None) -> _Gaps:
+        """Return the gaps and their edges in reduced units; ``mesh`` is that of :meth:`gaps`."""
         numbers = self._read_gap_mesh(mesh)
         points = self._list_gap_points(numbers)
         q = self.lattice.wavevectors(points)
@@ -820,26 +900,28 @@ class Phonons:
         narrowest = _NO_GAP * float(tops[-1])
         above_gaps = np.flatnonzero(bottoms - floors > narrowest)
         if not above_gaps.size:
-            return above_gaps, np.zeros((0, 2))
+            return _Gaps(above_gaps, np.zeros((0, 2)), np.zeros((0, 2, self._periods)))
         edges = _BandEdges.of(above_gaps)
         # the longest step of the mesh, 1/d
         spacing = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
         start_points = points[_choose_starts(frequencies, edges)]
         starts = self.lattice.wavevectors(start_points)  # (e, n_starts, p), 1/d
-        heights = self._climb_edges(edges, starts, spacing)
+        heights, places = self._climb_edges(edges, starts, spacing)
         is_narrow = edges.is_narrow(heights, _NARROW * float(tops[-1]))
         for edge in np.flatnonzero(is_narrow).tolist():
             # branches that cross at a point of their own make a cone, whose tip no path along
             # group velocities reaches: the edges of a narrow gap are sought on finer meshes too
             closest = _find_closest(frequencies, edges.below_gap(edge), _CLOSEST * starts.shape[1])
             centres = np.concatenate([starts[edge], self.lattice.wavevectors(points[closest])])
-            height = self._zoom(centres, edges.branch[edge], edges.sign[edge], spacing)
-            heights[edge] = max(heights[edge], height)
-        lower, upper = edges.pair_frequencies(heights)
+            height, place = self._zoom(centres, edges.branch[edge], edges.sign[edge], spacing)
+            if height > heights[edge]:
+                heights[edge] = height
+                places[edge] = place
+        lower, upper = edges.pair(edges.sign * heights)
         intervals = np.stack([np.maximum(lower, floors[above_gaps]), upper], axis=1)
         is_gap = upper - lower > narrowest
-        gaps = np.reshape(intervals[is_gap], (-1, 2)) * self.scales.frequency
-        return above_gaps[is_gap], gaps
+        points_of_edges = np.stack(edges.pair(places), axis=1)
+        return _Gaps(above_gaps[is_gap], intervals[is_gap], points_of_edges[is_gap])
 
     def _read_gap_mesh(self, mesh: Sequence[int] | None) -> tuple[int, ...]:
         """Return the numbers of wave vectors (p,) of the mesh on which gaps are sought.
@@ -870,26 +952,34 @@ class Phonons:
         points = [point[None, :p] for point in self.special_points.values()]
         return np.concatenate([grid, *points])
 
-    def _climb_edges(self, edges: _BandEdges, starts: Array, longest_step: float) -> Array:
+    def _climb_edges(
+        self, edges: _BandEdges, starts: Array, longest_step: float
+    ) -> tuple[Array, Array]:
         """Return the greatest frequency times sign (e,) of each of the ``edges`` that is reached
-        from its wave vectors ``starts`` (e, n_starts, p), in steps up to ``longest_step``, both
-        1/d.
+        from its wave vectors ``starts`` (e, n_starts, p), in steps up to ``longest_step``, and the
+        wave vectors (e, p) there, all 1/d.
         """
         n_edges, n_starts, p = starts.shape
         branch = np.repeat(edges.branch, n_starts)
         sign = np.repeat(edges.sign, n_starts)
-        heights = self._climb(starts.reshape(-1, p), branch, sign, longest_step)
-        return np.asarray(heights.reshape(n_edges, n_starts).max(axis=1))
+        heights, places = self._climb(starts.reshape(-1, p), branch, sign, longest_step)
+        highest = np.argmax(heights.reshape(n_edges, n_starts), axis=1)
+        best = np.arange(n_edges) * n_starts + highest
+        return heights[best], places[best]
 
-    def _climb(self, starts: Array, branch: Index, sign: Array, longest_step: float) -> Array:
+    def _climb(
+        self, starts: Array, branch: Index, sign: Array, longest_step: float
+    ) -> tuple[Array, Array]:
         """Return the greatest frequency times ``sign`` (n,) of a ``branch`` (n,) along its group
-        velocity from each of the wave vectors ``starts`` (n, p), 1/d.
+        velocity from each of the wave vectors ``starts`` (n, p), and the wave vectors (n, p) there,
+        1/d.
 
         Steps are those of J. Barzilai and J. M. Borwein (IMA J. Numer. Anal. 8, 141, 1988), none
         above ``longest_step``, 1/d.
         """
         q = starts.copy()
         heights = np.full(len(q), -np.inf)
+        places = q.copy()
         last_q = q.copy()
         last_slope = np.zeros_like(q)
         direction = np.eye(q.shape[1])[0]
@@ -898,7 +988,9 @@ class Phonons:
             modes = self.lattice.modes(q[climbing], direction)
             mode = (np.arange(climbing.size), branch[climbing])
             new_heights = sign[climbing] * modes.frequencies[mode]
-            heights[climbing] = np.maximum(heights[climbing], new_heights)
+            is_higher = new_heights > heights[climbing]
+            heights[climbing[is_higher]] = new_heights[is_higher]
+            places[climbing[is_higher]] = q[climbing[is_higher]]
             slope = sign[climbing, None] * modes.group_velocities[mode]
             steepness = np.linalg.norm(slope, axis=1)
             is_steep = steepness > 0.0
@@ -917,11 +1009,14 @@ class Phonons:
             climbing = climbing[step > _LEVEL]
             if not climbing.size:
                 break
-        return heights
+        return heights, places
 
-    def _zoom(self, centres: Array, branch: int, sign: float, spacing: float) -> float:
+    def _zoom(
+        self, centres: Array, branch: int, sign: float, spacing: float
+    ) -> tuple[float, Array]:
         """Return the greatest frequency times ``sign`` of a branch about wave vectors ``centres``
-        (n, p), 1/d, on ever finer meshes, the first of which reach as far as ``spacing``, 1/d.
+        (n, p), 1/d, on ever finer meshes, the first of which reach as far as ``spacing``, and the
+        wave vector (p,) there, 1/d.
         """
         p = self._periods
         coordinates = np.linspace(-1.0, 1.0, _FINE)
@@ -929,20 +1024,24 @@ class Phonons:
         q = centres
         size = np.full(len(centres), spacing)
         height = -np.inf
+        place = centres[0]
         while size.size:
             points = q[:, None] + size[:, None, None] * offsets  # (n, m, p)
             frequencies = self.lattice.frequencies(points.reshape(-1, p))[:, branch]
             heights = sign * frequencies.reshape(len(q), -1)
             highest = np.argmax(heights, axis=1)
-            height = max(height, float(heights.max()))
             q = points[np.arange(len(q)), highest]
+            best = int(np.argmax(heights.max(axis=1)))
+            if heights[best, highest[best]] > height:
+                height = float(heights[best, highest[best]])
+                place = q[best]
             # a mesh whose highest point is on its rim shrinks slowly, so that it can move on
             is_inside = np.max(np.abs(offsets[highest]), axis=1) < 1.0
             size = size * np.where(is_inside, _SHRINKING_INSIDE, _SHRINKING_ON_RIM)
             is_wide = size > _LEVEL
             q = q[is_wide]
             size = size[is_wide]
-        return height
+        return height, place
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> ZoneMesh:
         """Return a Gamma-centred mesh of ``numbers`` (p,) of points; with ``reduce``, reduced by
@@ -989,6 +1088,16 @@ class Phonons:
         write_phonopy(bridge, path, self.scales, top, lattice.motions, self._periods, kinds)
 
 
+class _Gaps(NamedTuple):
+    """Gaps in reduced units: the number of branches below each (n,), their edges ``frequencies``
+    (n, 2), and the wave vectors ``points`` (n, 2, p), 1/d, at which the edges are.
+    """
+
+    branches_below: Index
+    frequencies: Array
+    points: Array
+
+
 class _BandEdges(NamedTuple):
     """Edges of gaps, (e,): first the tops of the branches below the gaps, in ascending order, then
     the bottoms of the branches above.
@@ -1029,14 +1138,13 @@ class _BandEdges(NamedTuple):
         is_narrow[bottoms] = is_narrow[tops]
         return is_narrow
 
-    def pair_frequencies(self, heights: Array) -> tuple[Array, Array]:
-        """Return the lower and the upper edge of each gap, both (n,), from frequencies times sign
-        ``heights`` (e,); the lower edge of a gap below all branches is zero.
+    def pair(self, values: Array) -> tuple[Array, Array]:
+        """Return the ``values`` (e, ...) at the lower and at the upper edge of each gap, both
+        (n, ...); zero at the lower edge of a gap below all branches.
         """
-        frequencies = self.sign * heights
-        upper = frequencies[self.n_tops :]
-        lower = np.zeros(len(upper))
-        lower[len(upper) - self.n_tops :] = frequencies[: self.n_tops]
+        upper = values[self.n_tops :]
+        lower = np.zeros_like(upper)
+        lower[len(upper) - self.n_tops :] = values[: self.n_tops]
         return lower, upper
 
 

@@ -1,0 +1,230 @@
+"""Derivatives of frequencies: closed forms, central differences, sums over all parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import InputError
+from tests.dynamics.test_network_lattice import CASES, random_network
+
+STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+ALUMINIUM = gp.Material(young_modulus=73.5e9, poisson_ratio=0.33, density=2700.0)
+#: fields of a network, by the names of their derivatives
+FIELDS = {
+    "normal_stiffness": "normal_stiffness",
+    "shear_stiffness": "shear_stiffness",
+    "torsion": "torsion_stiffness",
+    "bending": "bending_stiffness",
+    "mass": "masses",
+    "inertia": "inertias",
+    "normal_force": "normal_force",
+}
+
+
+def shifted(network, name, change):
+    """The network with a field changed, but for bodies that do not move."""
+    values = getattr(network, FIELDS[name])
+    finite = np.isfinite(values)
+    return replace(network, **{FIELDS[name]: np.where(finite, values + change, values)})
+
+
+def difference(find, network, name, change, step=1e-5):
+    """The central difference, to the fourth order, of ``find`` along a change of a field."""
+    near = find(shifted(network, name, step * change)) - find(
+        shifted(network, name, -step * change)
+    )
+    far = find(shifted(network, name, 2 * step * change)) - find(
+        shifted(network, name, -2 * step * change)
+    )
+    return (8.0 * near - far) / (12.0 * step)
+
+
+def changes(network, name, seed=3):
+    values = getattr(network, FIELDS[name])
+    sizes = np.where(np.isfinite(values), values, 0.0)
+    return sizes * np.random.default_rng(seed).uniform(-1.0, 1.0, values.shape)
+
+
+def compare(network, find, derivatives, scale):
+    """Compare derivatives by all fields with central differences, to 1e-8 of the scale."""
+    for name in FIELDS:
+        values = getattr(derivatives, name)
+        if values is None or not np.any(getattr(network, FIELDS[name])):
+            continue
+        change = changes(network, name)
+        finite = np.where(np.isfinite(values), values, 0.0)
+        wanted = difference(find, network, name, change)
+        assert_allclose(finite @ change, wanted, rtol=0.0, atol=1e-8 * scale, err_msg=name)
+
+
+QUICK = (
+    "plane",
+    "one ball",
+    "tangential forces",
+    "tangential forces, one ball in space",
+    "held",
+    "turned ribbon",
+    "ribbon on a wall",
+)
+
+
+@pytest.mark.claim("sensitivities-differences")
+@pytest.mark.parametrize(
+    "case",
+    [case if case in QUICK else pytest.param(case, marks=pytest.mark.slow) for case in CASES],
+)
+def test_derivatives_are_those_of_central_differences(case):
+    network = CASES[case]()
+    q = np.random.default_rng(7).uniform(-0.5, 0.5, (2, sum(network.pbc)))
+    found = gp.Phonons(network).sensitivities(q)
+    assert np.all((found.normal_force is None) == (not network.prestress))
+    moves = ~found.degenerate  # branches that vanish everywhere are degenerate too
+
+    def find(changed):
+        return np.where(moves, gp.Phonons(changed).frequencies(q), 0.0)
+
+    kept = {
+        name: np.where(moves[..., None], getattr(found, name), 0.0)
+        for name in FIELDS
+        if getattr(found, name) is not None
+    }
+    compare(network, find, replace(found, **kept), np.max(found.frequencies))
+
+
+@given(
+    lattice=st.sampled_from(["chain", "square", "triangular", "kagome", "sc", "bcc", "fcc"]),
+    seed=st.integers(0, 1000),
+)
+def test_sums_over_all_parameters_are_a_half_of_each_frequency(lattice, seed):
+    """f goes as the root of all stiffnesses, and as one over that of all masses (Euler)."""
+    network = random_network(
+        lattice, (1,) * {"chain": 1, "sc": 3, "bcc": 3, "fcc": 3}.get(lattice, 2), seed=seed
+    )
+    q = np.random.default_rng(seed).uniform(0.1, 0.5, (1, sum(network.pbc)))
+    found = gp.Phonons(network).sensitivities(q)
+    springs = sum(
+        getattr(found, name) @ getattr(network, FIELDS[name])
+        for name in ("normal_stiffness", "shear_stiffness", "torsion", "bending")
+    )
+    masses = found.mass @ network.masses + found.inertia @ network.inertias
+    half = np.where(found.frequencies > 0.0, 0.5 * found.frequencies, np.nan)
+    top = np.max(found.frequencies)
+    assert_allclose(springs, half, rtol=0.0, atol=1e-12 * top)
+    assert_allclose(masses, -half, rtol=0.0, atol=1e-12 * top)
+
+
+# -- closed forms ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def two_masses():
+    balls = [gp.Ball(STEEL, 19.05e-3), gp.Ball(ALUMINIUM, 19.05e-3)]
+    return gp.Crystal.on("chain", balls).at_force(20.0).network
+
+
+@pytest.mark.claim("sensitivities-chain")
+def test_band_edges_of_a_chain_of_two_masses(two_masses):
+    """At the zone edge one mass stands still: omega^2 = 2 k/m, of one or of the other mass, with k
+    the mean of both contacts.
+    """
+    masses = two_masses.masses
+    k = two_masses.normal_stiffness
+    found = gp.Phonons(two_masses).sensitivities([[0.5]], branches=[0, 1])
+    heavy = int(np.argmax(masses))
+    for branch, ball in enumerate((heavy, 1 - heavy)):
+        frequency = np.sqrt(2.0 * np.mean(k) / masses[ball]) / (2.0 * np.pi)
+        assert_allclose(found.frequencies[0, branch], frequency, rtol=1e-12)
+        expected = np.zeros(2)
+        expected[ball] = -0.5 * frequency / masses[ball]
+        assert_allclose(found.mass[0, branch], expected, rtol=1e-11, atol=1e-11 * -expected.min())
+        assert_allclose(found.normal_stiffness[0, branch], 0.25 * frequency / k, rtol=1e-11)
+    edges = gp.Phonons(two_masses).gap_sensitivities()
+    assert_allclose(edges.frequencies, gp.Phonons(two_masses).gaps(), rtol=1e-12)
+    assert_allclose(edges.qpoints, [[[0.5, 0, 0]] * 2], atol=1e-6)
+    assert_allclose(edges.mass[0], found.mass[0], rtol=1e-9, atol=1e-9 * np.max(-found.mass))
+
+
+def test_equal_branches_have_the_derivative_of_their_mean():
+    """At Gamma the two optical modes of a square of masses on springs are equal, and stay so
+    together.
+    """
+    network = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="honeycomb")).at_force(5.0).network
+    q = [[0.0, 0.0]]
+    found = gp.Phonons(network).sensitivities(q)
+    pairs = found.degenerate & (found.frequencies > 0.0)
+    assert np.count_nonzero(pairs) >= 2
+    change = changes(network, "normal_stiffness")
+
+    def find(changed):
+        values = gp.Phonons(changed).frequencies(q)
+        return np.array([np.mean(values[pairs])])
+
+    wanted = difference(find, network, "normal_stiffness", change)
+    assert_allclose(found.normal_stiffness[pairs] @ change, wanted[0], rtol=1e-8)
+    first, second = found.normal_stiffness[pairs][:2]
+    assert_allclose(first, second, rtol=1e-12)
+
+
+def test_frequencies_of_zero_have_no_derivative_and_say_so():
+    network = random_network("triangular", (2, 1))
+    found = gp.Phonons(network).sensitivities([[0.0, 0.0], [0.2, 0.1]])
+    zeros = found.frequencies == 0.0
+    assert np.count_nonzero(zeros) == 2
+    assert np.all(np.isnan(found.normal_stiffness[zeros]))
+    assert np.all(np.isfinite(found.normal_stiffness[~zeros]))
+    (warning,) = found.warnings
+    assert warning.startswith("2 of 12")
+
+
+def test_branches_alone_are_those_among_all():
+    network = CASES["plane, all motions"]()
+    q = [[0.0, 0.0], [0.3, 0.2]]
+    whole = gp.Phonons(network).sensitivities(q)
+    few = gp.Phonons(network).sensitivities(q, branches=[30, 7])
+    assert_allclose(few.mass, whole.mass[:, [30, 7]], rtol=1e-12, atol=0.0)
+    with pytest.raises(InputError, match="branches"):
+        gp.Phonons(network).sensitivities(q, branches=[36])
+
+
+@pytest.mark.parametrize("case", ["plane", "held", "tangential forces in a plane"])
+def test_modes_of_a_network_are_those_at_gamma(case):
+    network = CASES[case]()
+    modes = gp.Waves(network).modes(5)
+    at_gamma = gp.Phonons(network).sensitivities(np.zeros((1, sum(network.pbc))))
+    nearest = np.argmin(np.abs(at_gamma.frequencies[0][:, None] - modes.frequencies), axis=0)
+    for name in FIELDS:
+        found = getattr(modes.sensitivities, name)
+        if found is not None:
+            wanted = getattr(at_gamma, name)[0][nearest]
+            atol = 1e-10 * max(float(np.max(np.abs(wanted))), 1e-300)
+            assert_allclose(found, wanted, rtol=0.0, atol=atol, err_msg=name)
+
+
+def test_edges_of_a_random_crystal_move_as_their_derivatives_say():
+    network = random_network("chain", (3,))
+    edges = gp.Phonons(network).gap_sensitivities()
+    assert len(edges.frequencies)
+    compare(network, lambda changed: gp.Phonons(changed).gaps(), edges, np.max(edges.frequencies))
+
+
+def test_the_gap_below_held_balls_has_one_edge():
+    network = CASES["one ball of two that is held"]()
+    edges = gp.Phonons(network).gap_sensitivities((8, 8))
+    assert edges.frequencies[0, 0] == 0.0
+    assert np.all(np.isnan(edges.mass[0, 0]))
+    assert np.all(np.isfinite(edges.mass[0, 1]))
+
+
+def test_derivatives_go_to_plain_data_and_back(two_masses):
+    for found in (
+        gp.Phonons(two_masses).sensitivities([[0.2]]),
+        gp.Phonons(two_masses).gap_sensitivities(),
+    ):
+        assert type(found).from_dict(found.to_dict()) == found
