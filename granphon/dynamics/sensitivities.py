@@ -58,7 +58,9 @@ _EQUAL = 1e-8
 
 def name_units(unit: str) -> dict[str, str]:
     """Return the units of the fields of :class:`Sensitivities` of results in ``unit``."""
-    return {name: f"{unit}/({by})" for name, by in _UNITS.items()}
+    return {
+        name: f"{unit}/{by}" if by.isalpha() else f"{unit}/({by})" for name, by in _UNITS.items()
+    }
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -82,7 +84,7 @@ class Sensitivities(Result):
     shear_stiffness: Annotated[Array | None, "... c?"]
     torsion: Annotated[Array | None, "... c?"]
     bending: Annotated[Array | None, "... c?"]
-    mass: Annotated[Array, "... n"]
+    mass: Annotated[Array | None, "... n?"]
     inertia: Annotated[Array | None, "... n?"]
     normal_force: Annotated[Array | None, "... c?"]
 
