@@ -132,6 +132,7 @@ from .waves.scattering import ScatteringLengths as ScatteringLengths
 from .waves.scattering import Transmission as Transmission
 from .waves.scattering import scattering_lengths as scattering_lengths
 from .waves.scattering import transmission as transmission
+from .waves.sensitivities import ResponseSensitivities as ResponseSensitivities
 from .waves.settings import BandsSettings as BandsSettings
 from .waves.settings import DriveSettings as DriveSettings
 from .waves.settings import MotionSettings as MotionSettings

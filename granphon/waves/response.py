@@ -66,6 +66,7 @@ from granphon.dynamics.factors import Elimination
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import Course, read_push, read_vector, require_moves
+from granphon.waves.sensitivities import ResponseSensitivities, ResponseSlopes
 
 #: memory of the response of a ball at one frequency, bytes
 _RESPONSE_BYTES = 100.0
@@ -167,6 +168,8 @@ class Response(Result, array="values"):
     _notebook_fields = ("method",)
     #: solves at other frequencies; empty where no network is at hand, or nothing loses energy
     _solver: ClassVar[tuple[Solve, ...]] = ()
+    #: finds derivatives; empty where no network is at hand
+    _find_slopes: ClassVar[tuple[Callable[[], ResponseSensitivities], ...]] = ()
 
     frequencies: Annotated[Array, "f", "Hz"]
     values: Annotated[Complex, "f r"]
@@ -200,6 +203,25 @@ class Response(Result, array="values"):
     def coherent(self) -> NDArray[np.complex128]:
         """(n_f,) mean over the receivers, as that of a plane."""
         return np.asarray(np.mean(self.values, axis=1))
+
+    @cached_property
+    def sensitivities(self) -> ResponseSensitivities:
+        """Derivatives of ``values`` with respect to the stiffnesses and static forces of all
+        contacts, and the masses and moments of inertia of all balls.
+
+        They take factors at each frequency, and one more solution for each receiver. Raises
+        :class:`~granphon.base.errors.InputError` for a response that was read from a file or a
+        copy, for arrays larger than the memory, and at the frequency of a mode that loses no
+        energy; :class:`~granphon.base.errors.ConvergenceError` for a network too large to be
+        factorised.
+        """
+        if not self._find_slopes:
+            raise InputError(
+                "the response has no network",
+                "It was read, and nothing says of which contacts it is",
+                "Find it again, by gp.Waves(network).response",
+            )
+        return self._find_slopes[0]()
 
     @cached_property
     def peaks(self) -> tuple[Peaks, ...]:
@@ -552,6 +574,12 @@ def find_response(
             return _solve_for_quantity(problem, frequencies, options).values
 
         object.__setattr__(response, "_solver", (solve,))
+
+    def find_slopes() -> ResponseSensitivities:
+        """Return the derivatives of the response."""
+        return problem.find_sensitivities(hertz, options.quantity)
+
+    object.__setattr__(response, "_find_slopes", (find_slopes,))
     return response
 
 
@@ -981,6 +1009,7 @@ class _Problem:
         weights ``ears`` (n_r, axes).
     moved : whether the source is a wall that is moved.
     stretched : (rows,) how far the wall stretches the rows of A; (0,) for balls that are pushed.
+    amplitude : (n, motions) forces on balls, N, or displacements of the wall, m.
     """
 
     operator: WaveOperator
@@ -990,6 +1019,7 @@ class _Problem:
     ears: Array
     moved: bool
     stretched: Array
+    amplitude: Array
 
     @classmethod
     def of(
@@ -1021,7 +1051,7 @@ class _Problem:
             stretched = np.zeros(0)
         heard = operator.indices[receivers, : len(axes)]
         ears = directions[:, axes] / np.sqrt(network.masses[receivers])[:, None]
-        return cls(operator, damped, drives, heard, ears, is_moved, stretched)
+        return cls(operator, damped, drives, heard, ears, is_moved, stretched, amplitude)
 
     @single_products()
     def solve(self, omega: Array, method: str | None, tolerance: float) -> _Solution:
@@ -1253,6 +1283,53 @@ class _Problem:
                 break
         error[active] = np.inf
         return values, error, process.steps
+
+    @single_products()
+    def find_sensitivities(self, hertz: Array, quantity: str) -> ResponseSensitivities:
+        """Return the derivatives of the signals of a ``quantity`` at frequencies (n_f,), Hz, by
+        factors; see :attr:`Response.sensitivities` for what is raised.
+        """
+        omega = 2.0 * math.pi * hertz
+        work = ResponseWork(self.operator, self.damping, omega, TOLERANCE)
+        work.choose("direct")  # raises where there are no factors
+        moved = self.amplitude if self.moved else np.zeros_like(self.amplitude)
+        slopes = ResponseSlopes(self.operator, self.damping, moved)
+        slopes.require_memory(hertz.size * len(self.heard))
+        ears = np.zeros((self.operator.size, len(self.heard)))
+        for receiver, (heard, weights) in enumerate(zip(self.heard, self.ears, strict=True)):
+            np.add.at(ears[:, receiver], heard, weights)
+        equations = _Equations(self)
+        parts = []
+        for frequency, w in zip(hertz.tolist(), omega.tolist(), strict=True):
+            motions = self._solve_adjoint(equations, w, ears)
+            fields = slopes.find(motions[:, 0], motions[:, 1:], frequency)
+            rate = 1j * w if quantity == "velocity" else 1.0
+            parts.append({name: None if f is None else rate * f for name, f in fields.items()})
+        return ResponseSensitivities(
+            **{
+                name: None if first is None else np.array([part[name] for part in parts], complex)
+                for name, first in parts[0].items()
+            },
+            frequencies=hertz,
+            quantity_unit=QUANTITIES[quantity],
+        )
+
+    def _solve_adjoint(self, equations: _Equations, w: float, ears: Array) -> NDArray[Any]:
+        """Return the motions (size, 1 + n_r) that the source makes, and the adjoint ones of the
+        ``ears`` (size, n_r), at the angular frequency ``w``, rad/s; InputError at the frequency of
+        a mode that loses no energy.
+        """
+        matrix, drive = equations.at(w)
+        right = np.column_stack([drive, ears / equations.top_square]).astype(matrix.dtype)
+        try:
+            factors = equations.elimination.factorise(matrix)
+            motions = factors.solve(right)
+            change = factors.solve(right - matrix @ motions)
+        except RuntimeError:  # exactly singular
+            raise _explain_resonance(w) from None
+        if not np.linalg.norm(change) <= _UNKNOWN * np.linalg.norm(motions):
+            raise _explain_resonance(w)
+        return np.asarray(motions + change)
 
     @cached_property
     def _most_heard(self) -> float:
