@@ -53,6 +53,12 @@ from .fits.traces import TraceVelocity as TraceVelocity
 from .fits.transfer import DampingFit as DampingFit
 from .fits.transfer import TransferFunction as TransferFunction
 from .fits.transfer import fit_damping as fit_damping
+from .inverse.design import Design as Design
+from .inverse.design import design as design
+from .inverse.goals import LowestVelocity as LowestVelocity
+from .inverse.goals import MatchFrequencies as MatchFrequencies
+from .inverse.goals import ResponseAt as ResponseAt
+from .inverse.goals import WidestGap as WidestGap
 from .laws.spread import SpreadLaw as SpreadLaw
 from .media.arrangement import Arrangement as Arrangement
 from .media.choice import AutoMedium as AutoMedium
