@@ -841,6 +841,24 @@ class NetworkModes(Result):
         place = Place(network, units, moving, np.arange(network.n_contacts))
         return find_frequency_sensitivities(energies, place, self.warnings)
 
+    @cached_property
+    def contact_shares(self) -> Array:
+        """(m, n_c) share of each contact in the frequency of a mode, d ln f / d ln k of all of its
+        stiffnesses over the sum 1/2 of all contacts: its part of the elastic energy. The shares of
+        a mode add up to one without static forces, and to a little more where these press.
+        """
+        network = self.network
+        by_kind = self.sensitivities
+        slopes = by_kind.normal_stiffness * network.normal_stiffness
+        for derivative, stiffness in (
+            (by_kind.shear_stiffness, network.shear_stiffness),
+            (by_kind.torsion, network.torsion_stiffness),
+            (by_kind.bending, network.bending_stiffness),
+        ):
+            if derivative is not None:
+                slopes = slopes + derivative * stiffness
+        return np.asarray(2.0 * slopes / self.frequencies[:, None])
+
     def _square_deformations(self) -> dict[str, Array]:
         """Return the squares (n_c, m) of the deformations of contacts in the modes, by the kind of
         their stiffness.

@@ -228,3 +228,16 @@ def test_derivatives_go_to_plain_data_and_back(two_masses):
         gp.Phonons(two_masses).gap_sensitivities(),
     ):
         assert type(found).from_dict(found.to_dict()) == found
+
+
+@pytest.mark.claim("sensitivities-shares")
+def test_the_share_of_a_contact_is_its_part_of_the_energy():
+    network = CASES["plane"]()
+    modes = gp.Waves(network).modes(4)
+    shares = modes.contact_shares
+    assert_allclose(shares.sum(axis=1), 1.0, rtol=1e-11)
+    stiffer = np.where(np.arange(network.n_contacts) == 2, 1.0 + 1e-6, 1.0)
+    names = ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
+    changed = replace(network, **{name: stiffer * getattr(network, name) for name in names})
+    raised = gp.Waves(changed).modes(4).frequencies / modes.frequencies - 1.0
+    assert_allclose(raised, 0.5e-6 * shares[:, 2], rtol=1e-4, atol=1e-13)
