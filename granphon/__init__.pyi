@@ -85,6 +85,8 @@ from .networks.network import register_reader as register_reader
 from .observables.catalogue import Analysis as Analysis
 from .observables.catalogue import Observable as Observable
 from .observables.catalogue import register_observable as register_observable
+from .observables.parameters import ParameterSensitivities as ParameterSensitivities
+from .observables.parameters import parameter_sensitivities as parameter_sensitivities
 from .observables.sensitivities import ModuliSensitivities as ModuliSensitivities
 from .observables.sensitivities import VelocitySensitivities as VelocitySensitivities
 from .observables.validity import Validity as Validity
