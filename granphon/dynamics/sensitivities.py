@@ -211,7 +211,7 @@ def find_frequency_sensitivities(
     twist_unit = units.mass * units.length**2
     distance = network.distance[place.contacts]
     inertias = network.inertias[place.balls]
-    by_contact = {
+    by_contact: dict[str, Any] = {
         "normal_stiffness": units.mass,
         "shear_stiffness": units.mass,
         "torsion": twist_unit,

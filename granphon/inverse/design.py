@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -64,27 +64,6 @@ class Design(Result):
     warnings: tuple[str, ...] = ()
 
 
-class _Space(Protocol):
-    """Networks by the values of variables."""
-
-    low: Array
-    high: Array
-    start: Array
-
-    @property
-    def labels(self) -> list[str]:
-        """What each variable is called."""
-        ...
-
-    def make_network(self, values: Array) -> ContactNetwork:
-        """Return the network of values (n,), SI."""
-        ...
-
-    def differentiate(self, find: Callable[..., Any], values: Array) -> tuple[Any, Array]:
-        """Return what ``find`` gives of a network, and its derivatives (..., n)."""
-        ...
-
-
 @dataclass(frozen=True)
 class _Numbers(Variables):
     """Numbers of the balls and contacts of a network."""
@@ -131,6 +110,10 @@ class _Parameters:
             (high, above), (low, below) = ends
             columns.append((above - below) / (high - low))
         return value, np.stack(columns, axis=-1)
+
+
+#: networks by the values of variables
+_Space = _Numbers | _Parameters
 
 
 def design(
@@ -300,18 +283,14 @@ class _Search:
         return self.sign * value / self._size, self.sign * slope / self._size
 
     def _descend(self, start: Array, steps: int) -> None:
-        from scipy.optimize import minimize
+        from scipy.optimize import LinearConstraint, minimize
 
         scale = self.space.high
         constraints = [
-            {
-                "type": "eq",
-                "fun": lambda u, w=weights, t=total: (w * scale) @ u / t - 1.0,
-                "jac": lambda u, w=weights, t=total: w * scale / t,
-            }
-            for weights, total in self.sums
+            LinearConstraint(weights * scale / total, 1.0, 1.0) for weights, total in self.sums
         ]
-        minimize(
+        search: Any = minimize
+        search(
             self._evaluate,
             start / scale,
             jac=True,
@@ -334,10 +313,13 @@ class _Search:
             self._record(float(residuals @ residuals), u)
             return np.asarray(residuals)
 
+        def find_jacobian(u: Array) -> Array:
+            return jacobian[u.tobytes()]
+
         least_squares(
             find,
             np.clip(start / self.space.high, low + margin, 1.0 - margin),
-            jac=lambda u: jacobian[u.tobytes()],
+            jac=find_jacobian,
             bounds=(low, np.ones(len(low))),
             max_nfev=steps,
             ftol=_TOLERANCE,

@@ -128,7 +128,7 @@ class Variables:
 
     def make_network(self, values: Array) -> ContactNetwork:
         """Return the network with these values (n,) of the variables, SI."""
-        fields: dict[str, Array] = {}
+        fields: dict[str, Any] = {}
         for group, of_group in zip(self.groups, self.split(values), strict=True):
             new_values = of_group[group.numbers]
             main = next(iter(group.fields))
@@ -160,9 +160,9 @@ class Variables:
                     of_members = of_members * getattr(network, field)[group.members] / values
                 total = total + of_members
             by_member = np.zeros(len(group.members)) + total
-            sums = np.zeros((*by_member.shape[:-1], group.count))
-            np.add.at(sums, (..., group.numbers), by_member)
-            columns.append(sums)
+            sums = np.zeros((group.count, *by_member.shape[:-1]))
+            np.add.at(sums, group.numbers, np.moveaxis(by_member, -1, 0))
+            columns.append(np.moveaxis(sums, 0, -1))
         return np.concatenate(columns, axis=-1)
 
     def read_sums(self, constraints: Mapping[str, float] | None) -> list[tuple[Array, float]]:
@@ -193,14 +193,15 @@ class Variables:
 
 def _make_group(network: ContactNetwork, name: str, per: str) -> _Group:
     """Return the variables of a ``name``: those of bodies that do not move are left out."""
+    kinds: list[tuple[str, ...]] | None = None
     of_balls = "masses" in VARIED[name] or "inertias" in VARIED[name]
     if of_balls:
         members = np.flatnonzero(network.moving)
-        kinds = None if network.kinds is None else [(network.kinds[ball],) for ball in members]
         noun = "ball"
+        if network.kinds is not None:
+            kinds = [(network.kinds[ball],) for ball in members.tolist()]
     else:
         members = np.arange(network.n_contacts)
-        kinds = None
         if network.kinds is not None:
             ends = zip(network.i.tolist(), network.j.tolist(), strict=True)
             kinds = [tuple(sorted((network.kinds[i], network.kinds[j]))) for i, j in ends]

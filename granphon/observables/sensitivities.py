@@ -108,7 +108,7 @@ def _stack(parts: list[dict[str, Any]], shape: tuple[int, ...]) -> dict[str, Any
     """Return the arrays of ``parts``, one for each load, with the ``shape`` of the load in
     front.
     """
-    fields = {}
+    fields: dict[str, Any] = {}
     for name, first in parts[0].items():
         fields[name] = None
         if first is not None:
@@ -123,7 +123,7 @@ def _list_contact_units(network: ContactNetwork) -> dict[str, Any]:
     """
     units = network.scales
     twist_unit = units.stiffness * units.length**2
-    by_contact = {
+    by_contact: dict[str, Any] = {
         "normal_stiffness": units.stiffness,
         "shear_stiffness": units.stiffness,
         "torsion": twist_unit,

@@ -1305,14 +1305,12 @@ class _Problem:
             fields = slopes.find(motions[:, 0], motions[:, 1:], frequency)
             rate = 1j * w if quantity == "velocity" else 1.0
             parts.append({name: None if f is None else rate * f for name, f in fields.items()})
-        return ResponseSensitivities(
-            **{
-                name: None if first is None else np.array([part[name] for part in parts], complex)
-                for name, first in parts[0].items()
-            },
-            frequencies=hertz,
-            quantity_unit=QUANTITIES[quantity],
-        )
+        stacked: dict[str, Any] = {
+            name: None if first is None else np.array([part[name] for part in parts], complex)
+            for name, first in parts[0].items()
+        }
+        unit = QUANTITIES[quantity]
+        return ResponseSensitivities(**stacked, frequencies=hertz, quantity_unit=unit)
 
     def _solve_adjoint(self, equations: _Equations, w: float, ears: Array) -> NDArray[Any]:
         """Return the motions (size, 1 + n_r) that the source makes, and the adjoint ones of the

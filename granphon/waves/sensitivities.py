@@ -15,9 +15,10 @@ import numpy as np
 
 from granphon.base.arrays import Array, Complex
 from granphon.base.memory import require_memory
+from granphon.base.results import Result
 from granphon.dynamics.damping import ContactDamping
 from granphon.dynamics.deformation_rows import network_unit_rows
-from granphon.dynamics.sensitivities import Sensitivities, name_units, sum_kinds
+from granphon.dynamics.sensitivities import name_units, sum_kinds
 from granphon.waves.operator import WaveOperator
 
 #: bytes of a derivative, with those that are under way
@@ -25,15 +26,17 @@ _BYTES = 64.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ResponseSensitivities(Sensitivities):
-    """Derivatives of the complex amplitudes of receivers, (n_f, n_r, n_c) and (n_f, n_r, n), in the
-    unit of the response over that of each parameter; see :class:`Sensitivities`.
+class ResponseSensitivities(Result):
+    """Derivatives of the complex amplitudes of receivers, in the unit of the response over that of
+    each parameter. Contacts and balls are those of the network, in its order.
 
     The loss factor of a contact, and the viscosity over the stiffness, stay as the stiffness
     changes.
 
     Attributes
     ----------
+    normal_stiffness, shear_stiffness, torsion, bending, mass, inertia, normal_force : as in
+        :class:`~granphon.Sensitivities`, (n_f, n_r, n_c), and (n_f, n_r, n) of balls.
     frequencies : (n_f,) Hz.
     quantity_unit : the unit of the response.
     """
@@ -85,7 +88,7 @@ class ResponseSlopes:
         network = self.operator.network
         omega = 2.0 * math.pi * hertz
         deformations = self._deform @ x + self._stretched
-        products = deformations[:, None] * (self._deform @ y)
+        products: Any = deformations[:, None] * np.asarray(self._deform @ y)
         normal, other = 1.0 + 1j * (self.damping.losses + omega * self.damping.times)
         fields: dict[str, Any] = {"normal_force": None}
         none = np.zeros((network.n_contacts, y.shape[1]))
