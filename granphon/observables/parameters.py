@@ -46,7 +46,7 @@ class ParameterSensitivities(Result):
 
     names: tuple[str, ...]
     slopes: Array
-    value: Array
+    value: Any
 
     def __getitem__(self, name: str) -> Any:
         """Return the derivatives by the parameter of a ``name``; InputError if it has none."""
