@@ -33,12 +33,23 @@ from granphon.array.sparse_matrices import LARGEST_FACTORS, share_places
 from granphon.base.arrays import Array, Complex
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
+from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.threads import single_products
 from granphon.base.validation import not_negative, whole_number
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
+from granphon.dynamics.deformation_rows import network_unit_rows
 from granphon.dynamics.factors import Elimination, Factors, factorise
 from granphon.dynamics.linalg import find_nearest, lanczos_converges
+from granphon.dynamics.sensitivities import (
+    FrequencySensitivities,
+    ModeEnergies,
+    Place,
+    average_equal,
+    find_frequency_sensitivities,
+    number_equal,
+    sum_kinds,
+)
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel, Moments, polynomials
@@ -824,6 +835,67 @@ class NetworkModes(Result):
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each limit of the contact law that the network exceeds."""
         return network_warnings(self.network)
+
+    @cached_property
+    def sensitivities(self) -> FrequencySensitivities:
+        """Derivatives of the frequencies (m,) with respect to the stiffnesses and static forces of
+        all contacts, and the masses and moments of inertia of all balls.
+
+        Modes of one frequency, to 1e-8 of it, have the derivative of their mean. Those that are not
+        among the modes do not count: ask for some modes more where the last ones may have such
+        partners.
+        """
+        network = self.network
+        groups = number_equal(self.frequencies)
+        moving = np.flatnonzero(network.moving)
+        motions = self.vectors[:, moving] ** 2
+
+        def average(values: Array) -> Array:
+            """Return the means of values (m, ...) over modes of one frequency."""
+            return np.moveaxis(average_equal(np.moveaxis(values, 0, -1), groups, groups), -1, 0)
+
+        energies = ModeEnergies(
+            2.0 * math.pi * self.frequencies,
+            np.bincount(groups)[groups] > 1,
+            {name: average(values.T) for name, values in self._square_deformations().items()},
+            average(motions),
+        )
+        units = Units(1.0, 1.0, 1.0)
+        place = Place(network, units, moving, np.arange(network.n_contacts))
+        return find_frequency_sensitivities(energies, place, self.warnings)
+
+    @cached_property
+    def contact_shares(self) -> Array:
+        """(m, n_c) share of each contact in the frequency of a mode, d ln f / d ln k of all of its
+        stiffnesses over the sum 1/2 of all contacts: its part of the elastic energy. The shares of
+        a mode add up to one without static forces, and to a little more where these press.
+        """
+        network = self.network
+        by_kind = self.sensitivities
+        slopes = by_kind.normal_stiffness * network.normal_stiffness
+        for derivative, stiffness in (
+            (by_kind.shear_stiffness, network.shear_stiffness),
+            (by_kind.torsion, network.torsion_stiffness),
+            (by_kind.bending, network.bending_stiffness),
+        ):
+            if derivative is not None:
+                slopes = slopes + derivative * stiffness
+        return np.asarray(2.0 * slopes / self.frequencies[:, None])
+
+    def _square_deformations(self) -> dict[str, Array]:
+        """Return the squares (n_c, m) of the deformations of contacts in the modes, by the kind of
+        their stiffness.
+        """
+        network = self.network
+        scale = np.where(network.moving, 1.0 / np.sqrt(network.masses), 0.0)
+        motions = scale[:, None] * self.vectors  # (m, n, motions)
+        rows = network_unit_rows(network)
+        squares = np.empty((len(rows), network.n_contacts, len(motions)))
+        for row, squares_of_row in zip(rows, squares, strict=True):
+            ahead = np.einsum("ca,mca->cm", row.head, motions[:, network.j])
+            behind = np.einsum("ca,mca->cm", row.tail, motions[:, network.i])
+            squares_of_row[:] = (ahead - behind) ** 2
+        return sum_kinds(rows, squares.reshape(-1, len(motions)))
 
     @property
     def _energies(self) -> Array:

@@ -68,6 +68,7 @@ from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
 from granphon.waves.peaks import Peaks, Solve, find_peaks
 from granphon.waves.pulses import Course, read_push, read_vector, require_moves
+from granphon.waves.sensitivities import ResponseSensitivities, ResponseSlopes
 from granphon.waves.sensors import FLOOR, Sensor, SensorPlaces, find_open_axis, is_contact
 
 #: memory of the response of a ball at one frequency, bytes
@@ -169,6 +170,8 @@ class Response(Result, array="values"):
     _notebook_fields = ("method",)
     #: solves at other frequencies; empty where no network is at hand, or nothing loses energy
     _solver: ClassVar[tuple[Solve, ...]] = ()
+    #: finds derivatives; empty where no network is at hand
+    _find_slopes: ClassVar[tuple[Callable[[], ResponseSensitivities], ...]] = ()
 
     frequencies: Annotated[Array, "f", "Hz"]
     values: Annotated[Complex, "f r"]
@@ -210,6 +213,25 @@ class Response(Result, array="values"):
     def coherent(self) -> NDArray[np.complex128]:
         """(n_f,) mean over the receivers, as that of a plane."""
         return np.asarray(np.mean(self.values, axis=1))
+
+    @cached_property
+    def sensitivities(self) -> ResponseSensitivities:
+        """Derivatives of ``values`` with respect to the stiffnesses and static forces of all
+        contacts, and the masses and moments of inertia of all balls.
+
+        They take factors at each frequency, and one more solution for each receiver. Raises
+        :class:`~granphon.base.errors.InputError` for a response that was read from a file or a
+        copy, for arrays larger than the memory, and at the frequency of a mode that loses no
+        energy; :class:`~granphon.base.errors.ConvergenceError` for a network too large to be
+        factorised.
+        """
+        if not self._find_slopes:
+            raise InputError(
+                "the response has no network",
+                "It was read, and nothing says of which contacts it is",
+                "Find it again, by gp.Waves(network).response",
+            )
+        return self._find_slopes[0]()
 
     @cached_property
     def peaks(self) -> tuple[Peaks, ...]:
@@ -370,6 +392,12 @@ def find_response(
             return _solve_for_quantity(problem, frequencies, options).values
 
         object.__setattr__(response, "_solver", (solve,))
+
+    def find_slopes() -> ResponseSensitivities:
+        """Return the derivatives of the response."""
+        return problem.find_sensitivities(hertz, options.quantity)
+
+    object.__setattr__(response, "_find_slopes", (find_slopes,))
     return response
 
 
@@ -880,20 +908,29 @@ class _SensorReadings:
 
     Attributes
     ----------
-    weights : (n_r, n_h) of the elongation of each contact that is heard, N/m: its stiffness times
-        its weight in a sensor.
+    contacts : (n_h,) numbers of the contacts that are heard.
+    weights : (n_r, n_h) of each of their forces in a sensor.
+    stiffness : (n_h,) of these contacts, N/m.
     losses, times : (n_h,) loss factors, and times of dashpots, s, of these contacts.
     """
 
+    contacts: Index
     weights: Array
+    stiffness: Array
     losses: Array
     times: Array
+
+    def find_factors(self, omega: Any) -> Complex:
+        """Return the stiffnesses (n_f, n_h) of the contacts at ``omega`` (n_f,), rad/s, over those
+        without losses; (n_h,) at a number.
+        """
+        return 1.0 + 1j * (self.losses + np.asarray(omega)[..., None] * self.times)
 
     def read(self, omega: Array, solution: _Solution) -> _Solution:
         """Return forces (n_f, n_r), above zero where contacts are pressed more, of a ``solution``
         of elongations (n_f, n_h) at ``omega`` (n_f,), rad/s.
         """
-        factors = 1.0 + 1j * (self.losses + omega[:, None] * self.times)
+        factors = self.find_factors(omega) * self.stiffness
         forces: Complex = -(solution.values * factors) @ self.weights.T.astype(complex)
         # an error of the largest elongation counts in each contact of a sensor
         largest = np.max(np.abs(solution.values), axis=1)
@@ -901,6 +938,18 @@ class _SensorReadings:
         loudest = np.max(np.abs(forces), axis=1)
         share = np.divide(error, loudest, out=np.ones_like(error), where=loudest > 0.0)
         return solution._replace(values=forces, error=solution.error * share)
+
+    def hear(self, w: float) -> NDArray[Any]:
+        """Return the weights (n_h, n_r) of elongations in the forces at the angular frequency
+        ``w``, rad/s; real where nothing loses energy.
+        """
+        return np.real_if_close(-(self.find_factors(w) * self.stiffness)[:, None] * self.weights.T)
+
+    def stiffen(self, w: float, elongations: NDArray[Any]) -> Complex:
+        """Return the derivatives (n_r, n_h) of the forces of ``elongations`` (n_h,) by the
+        stiffness of each contact.
+        """
+        return -(self.find_factors(w) * elongations) * self.weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -945,7 +994,9 @@ class _Problem:
         rows = np.repeat(np.arange(len(sensors)), [sensor.contacts.size for sensor in sensors])
         weights[rows, columns] = np.concatenate([sensor.weights for sensor in sensors])
         readings = _SensorReadings(
-            weights=weights * network.normal_stiffness[contacts],
+            contacts=contacts,
+            weights=weights,
+            stiffness=network.normal_stiffness[contacts],
             losses=driven.damping.losses[0, contacts],
             times=driven.damping.times[0, contacts],
         )
@@ -1210,6 +1261,58 @@ class _Problem:
                 break
         error[active] = np.inf
         return values, error, process.steps
+
+    @single_products()
+    def find_sensitivities(self, hertz: Array, quantity: str) -> ResponseSensitivities:
+        """Return the derivatives of the signals of a ``quantity`` at frequencies (n_f,), Hz, by
+        factors; see :attr:`Response.sensitivities` for what is raised.
+        """
+        omega = 2.0 * math.pi * hertz
+        work = ResponseWork(self.operator, self.damping, omega, TOLERANCE)
+        work.choose("direct")  # raises where there are no factors
+        amplitude = self.driven.amplitude
+        moved = amplitude if self.driven.moved else np.zeros_like(amplitude)
+        slopes = ResponseSlopes(self.operator, self.damping, moved)
+        sensors = self.sensors
+        count = len(self.heard) if sensors is None else len(sensors.weights)
+        slopes.require_memory(hertz.size * count)
+        ears = np.zeros((self.operator.size, len(self.heard)))
+        for receiver, (heard, weights) in enumerate(zip(self.heard, self.ears, strict=True)):
+            np.add.at(ears[:, receiver], heard, weights)
+        equations = _Equations(self)
+        parts = []
+        for frequency, w in zip(hertz.tolist(), omega.tolist(), strict=True):
+            ears_at_w = ears if sensors is None else ears @ sensors.hear(w)
+            motions = self._solve_adjoint(equations, w, ears_at_w)
+            fields = slopes.find(motions[:, 0], motions[:, 1:], frequency)
+            if sensors is not None:
+                elongations = self._listen(motions[:, 0]) + self.shift
+                fields["normal_stiffness"][:, sensors.contacts] += sensors.stiffen(w, elongations)
+            rate = (1j * w) ** _DERIVATIVES.get(quantity, 0)
+            parts.append({name: None if f is None else rate * f for name, f in fields.items()})
+        stacked: dict[str, Any] = {
+            name: None if first is None else np.array([part[name] for part in parts], complex)
+            for name, first in parts[0].items()
+        }
+        unit = QUANTITIES[quantity]
+        return ResponseSensitivities(**stacked, frequencies=hertz, quantity_unit=unit)
+
+    def _solve_adjoint(self, equations: _Equations, w: float, ears: Array) -> NDArray[Any]:
+        """Return the motions (size, 1 + n_r) that the source makes, and the adjoint ones of the
+        ``ears`` (size, n_r), at the angular frequency ``w``, rad/s; InputError at the frequency of
+        a mode that loses no energy.
+        """
+        matrix, drive = equations.at(w)
+        right = np.column_stack([drive, ears / equations.top_square]).astype(matrix.dtype)
+        try:
+            factors = equations.elimination.factorise(matrix)
+            motions = factors.solve(right)
+            change = factors.solve(right - matrix @ motions)
+        except RuntimeError:  # exactly singular
+            raise _explain_resonance(w) from None
+        if not np.linalg.norm(change) <= _UNKNOWN * np.linalg.norm(motions):
+            raise _explain_resonance(w)
+        return np.asarray(motions + change)
 
     @cached_property
     def _most_heard(self) -> float:
