@@ -386,12 +386,11 @@ def _fit_response(
         sources,
         receivers,
         parameters=names or ("damping",),
-        damping=settings.damping,
-        loss_factor=settings.loss_factor,
         quantity=settings.quantity,
         direction=settings.direction,
         polarisation=settings.polarisation,
         distance=settings.distance,
+        **settings.losses,
     )
 
 

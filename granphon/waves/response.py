@@ -3,9 +3,10 @@ on.
 
 With forces F exp(i omega t) on balls, mass-weighted motions x = M^1/2 u obey Z x = M^-1/2 F,
 
-    Z(omega) = D(omega) - omega^2,    D(omega) = A^T (1 + i eta + i omega tau) A + static forces,
+    Z(omega) = D(omega) + i omega Gamma - omega^2,
+    D(omega) = A^T (1 + i eta + i omega tau) A + static forces,
 
-with the damping of :mod:`granphon.dynamics.damping`; a wall that is moved pulls at the balls that
+with the losses of :mod:`granphon.dynamics.damping`; a wall that is moved pulls at the balls that
 touch it with the same springs and dashpots. There are two ways to solve it.
 
 Directly: sparse factors of Z at each frequency, in an order of the motions that is found once.
@@ -19,13 +20,15 @@ these vectors H is a tridiagonal matrix, with which the shifted systems of all f
 solved (R. W. Freund, in Numerical Linear Algebra, de Gruyter, 1993). Of the vectors only the
 signals of receivers are kept, and a step takes one product and a few sums.
 
-If all contacts are damped alike, Z = s (D - z) with a number s and z = omega^2/s, and H is D: the
-process of Lanczos. If they have different loss factors alone, H is A^T (1 + i eta) A, complex and
-symmetric, and vectors are orthogonal in the product x.y without conjugation. With different
-dashpots, H is that of velocities v = x' and deformations y = i (1 + i eta)^1/2 A x, with which the
-equations of motion are of first order,
+If all contacts are damped alike, and all motions have the same drag gamma, Z = s (D - z) with a
+number s and z = (omega^2 - i omega gamma)/s, and H is D: the process of Lanczos. If they have
+different loss factors alone, H is A^T (1 + i eta) A, complex and symmetric, and vectors are
+orthogonal in the product x.y without conjugation. With different dashpots, or drag besides, H is
+that of velocities v = x' and deformations y = i (1 + i eta)^1/2 A x, with which the equations of
+motion are of first order,
 
-    (i omega + ((A^T tau A, -B^T), (-B, 0))) (v, y) = (M^-1/2 F, 0),    B = i (1 + i eta)^1/2 A.
+    (i omega + ((A^T tau A + Gamma, -B^T), (-B, 0))) (v, y) = (M^-1/2 F, 0),
+    B = i (1 + i eta)^1/2 A.
 
 It is symmetric too. But if its vectors were real in v and imaginary in y, a vector would be
 orthogonal to itself as soon as both have the same energy. So the space is that of 1 - i H times the
@@ -36,9 +39,10 @@ Arnoldi, incomplete (Y. Saad, Linear Algebra Appl. 34, 269 (1980)), which is sta
 more steps. A static force adds deformations of imaginary stiffness^1/2.
 
 The residual has the norm of the next vector times the last coefficient. With g the least eta +
-omega tau of all contacts, |Z^-1| is at most one over the distance of omega^2 from all d (1 + i g'),
-d >= 0 and g' >= g, which bounds the error. The number of steps follows from g beforehand
-(:class:`ResponseWork`), and frequencies at which factors are less work are left to factors.
+omega tau of all contacts, and gamma the least drag, |Z^-1| is at most one over the distance of
+omega^2 - i omega gamma from all d (1 + i g'), d >= 0 and g' >= g, which bounds the error. The
+number of steps follows from g beforehand (:class:`ResponseWork`), and frequencies at which factors
+are less work are left to factors.
 """
 
 from __future__ import annotations
@@ -61,7 +65,7 @@ from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.threads import single_products
 from granphon.base.validation import index_array, one_of, positive
-from granphon.dynamics.damping import ContactDamping
+from granphon.dynamics.damping import Losses
 from granphon.dynamics.factors import Elimination
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
@@ -161,7 +165,7 @@ class Response(Result, array="values"):
     factorisations : number of frequencies whose values were found by factors of the matrix.
     steps : number of steps of the Krylov space by which the others were found; 0 without any.
     warnings : one sentence for the frequencies whose error is above 1e-6, as next to modes without
-        damping; and one where contacts are more viscous than stiff, as a damping is a time.
+        losses; and one where contacts are more viscous than stiff, as a damping is a time.
     """
 
     _notebook_fields = ("method",)
@@ -508,11 +512,10 @@ def find_response(
     source: Any,
     receiver: Any,
     options: ResponseOptions,
-    damped: ContactDamping,
+    losses: Losses,
     places: Places,
 ) -> Response:
-    """Return the response of a network, with the ``damped`` contacts, at frequencies ``hertz``
-    (n_f,).
+    """Return the response of a network, with its ``losses``, at frequencies ``hertz`` (n_f,).
 
     ``source`` and ``receiver`` are sought among the ``places`` of the network, as
     :meth:`granphon.waves.waves.Waves.response` describes them, and raises what that raises. Unless
@@ -521,14 +524,14 @@ def find_response(
     is_moved = options.quantity == "transmissibility"
     sources, pushes = places.find("source", source, held=is_moved)
     receivers, directions = places.find("receiver", receiver)
-    problem = _Problem.of(operator, damped, (sources, pushes), (receivers, directions), is_moved)
+    problem = _Problem.of(operator, losses, (sources, pushes), (receivers, directions), is_moved)
     require_memory(
         f"responses of {len(receivers):,} balls at {hertz.size:,} frequencies",
         _RESPONSE_BYTES * hertz.size * (1.0 + len(receivers)),
         "Take fewer frequencies",
     )
     solution = _solve_for_quantity(problem, hertz, options)
-    warnings = damped.find_warnings(float(np.max(hertz)))
+    warnings = losses.find_warnings(float(np.max(hertz)))
     if np.any(solution.error > _UNSURE):
         unit = QUANTITIES[options.quantity]
         warnings = (*warnings, _explain_error(hertz, solution.values, solution.error, unit))
@@ -545,7 +548,7 @@ def find_response(
         steps=solution.steps,
         warnings=warnings,
     )
-    if not damped.is_none:  # without losses a peak has no height
+    if not losses.is_none:  # without losses a peak has no height
 
         def solve(frequencies: Array) -> Complex:
             """Return the values (n_f, n_r) at other frequencies (n_f,), Hz."""
@@ -763,51 +766,58 @@ class ResponseWork:
 
     Attributes
     ----------
-    operator, damping : D of the network, and the damping of its contacts.
+    operator, losses : D of the network, and what the network loses.
     omega : (n_f,) rad/s.
     tolerance : bound of the error at which a Krylov space ends.
     """
 
     operator: WaveOperator
-    damping: ContactDamping
+    losses: Losses
     omega: Array
     tolerance: float = TOLERANCE
 
     @cached_property
-    def even(self) -> tuple[float, float] | None:
-        """(eta, tau) where all contacts are damped alike, and no static forces act."""
-        return self.damping.find_even(self.operator.network)
+    def even(self) -> tuple[float, float, float] | None:
+        """(eta, tau, gamma) where all motions are damped alike, and no static forces act."""
+        return self.losses.find_even()
 
     @cached_property
     def of_rows(self) -> Array:
         """(2, springs) eta and tau, 1 and s, of the rows of A that have a stiffness; tension is a
         stiffness that loses no energy.
         """
-        losses = self.operator.of_rows(self.damping.losses)
-        times = self.operator.of_rows(self.damping.times)
+        factors = self.operator.of_rows(self.losses.factors)
+        times = self.operator.of_rows(self.losses.times)
         has_stiffness = self.operator.of_rows() > 0.0
-        return np.stack([losses, times])[:, has_stiffness]
+        return np.stack([factors, times])[:, has_stiffness]
 
     @cached_property
     def least(self) -> Array:
         """(n_f,) the least eta + omega tau of all springs."""
-        losses, times = self.of_rows
-        return np.array([np.min(losses + omega * times) for omega in self.omega.tolist()])
+        factors, times = self.of_rows
+        return np.array([np.min(factors + omega * times) for omega in self.omega.tolist()])
+
+    @cached_property
+    def drags(self) -> Array:
+        """(m,) gamma of the motions of a ball, over the top frequency."""
+        return self.losses.drag_of(self.operator.motions) / self.operator.top
 
     @cached_property
     def distance(self) -> Array:
-        """(n_f,) lower bound of the distance of omega^2 from all d (1 + i g'), 0 <= d <= top^2 and
-        g' >= g, over top^2; no bound if not above zero.
+        """(n_f,) lower bound of the distance of omega^2 - i omega gamma from all d (1 + i g'), 0 <=
+        d <= top^2 and g' >= g, over top^2; no bound if not above zero.
         """
-        square = (self.omega / self.operator.top) ** 2
-        from_line = square * self.least / np.hypot(1.0, self.least)  # from all d (1 + i g), d >= 0
-        from_top = square - 1.0
+        w = self.omega / self.operator.top
+        depth = w**2 * self.least + w * np.min(self.drags)
+        from_line = depth / np.hypot(1.0, self.least)  # from all d (1 + i g), d >= 0
+        from_top = w**2 - 1.0
         return np.asarray(np.maximum(from_line, from_top))
 
     @property
     def is_strong(self) -> bool:
-        """Whether dashpots differ, and are too strong for a process that is symmetric."""
-        return self.has_order_one and float(np.max(self.of_rows[1])) * self.operator.top > _STRONG
+        """Whether dashpots or drags differ, and are too strong for a process that is symmetric."""
+        strongest = float(np.max(self.of_rows[1])) * self.operator.top + float(np.max(self.drags))
+        return self.has_order_one and strongest > _STRONG
 
     @cached_property
     def unfit(self) -> str:
@@ -817,12 +827,15 @@ class ResponseWork:
         if self.operator.whole is not None:
             return "Static tangential forces act, which have no potential"
         loses_none = np.sum(self.of_rows, axis=0) == 0.0
-        return "Some contacts lose energy, and others lose none" if np.any(loses_none) else ""
+        has_still = bool(np.any(loses_none)) and not np.all(self.drags > 0.0)
+        return "Some motions lose energy, and others lose none" if has_still else ""
 
     @property
     def has_order_one(self) -> bool:
-        """Whether dashpots differ, so that the space is one of velocities and deformations."""
-        return self.even is None and bool(np.any(self.damping.times))
+        """Whether dashpots or drags differ, so that the space is one of velocities and
+        deformations.
+        """
+        return self.even is None and bool(np.any(self.losses.times) or np.any(self.drags))
 
     @cached_property
     def step_time(self) -> float:
@@ -850,14 +863,16 @@ class ResponseWork:
     def steps(self) -> Array:
         """(n_f,) steps of the Krylov space; infinite without a bound.
 
-        With w = omega/top and g = eta + omega tau the least of all, a step of Lanczos makes the
-        error smaller by exp(-2 Im arccos(w/(1 + i g)^1/2)), as the polynomials of Chebyshev do.
+        With w = omega/top, and g = eta + omega tau and gamma/top the least of all, a step of
+        Lanczos makes the error smaller by exp(-2 Im arccos(((w^2 - i w gamma)/(1 + i g))^1/2)), as
+        the polynomials of Chebyshev do.
         Where modes are few, the space tells them apart sooner; the incomplete process does not.
         """
         w = self.omega / self.operator.top
         n = self.operator.size
         d = self.operator.network.dimension
-        pace = 2.0 * np.abs(np.arccos(w / np.sqrt(1.0 + 1j * self.least)).imag)
+        square = (w**2 - 1j * w * np.min(self.drags)) / (1.0 + 1j * self.least)
+        pace = 2.0 * np.abs(np.arccos(np.sqrt(square)).imag)
         is_bounded = (self.distance > 0.0) & (pace > 0.0)
         if not self.is_strong:
             # modes in an interval of w as long as one, by Debye's law, and not fewer than n^(1/d)
@@ -954,8 +969,8 @@ class ResponseWork:
         from granphon.media.cost import write_duration
 
         for eta in _ADVISED_LOSSES:
-            damping = ContactDamping.of(self.operator.network, 0.0, eta)
-            damped_work = replace(self, damping=damping)
+            losses = Losses.of(self.operator.network, loss_factor=eta)
+            damped_work = replace(self, losses=losses)
             if damped_work.even is None:
                 continue
             steps = float(np.max(damped_work.steps))
@@ -974,7 +989,7 @@ class _Problem:
 
     Attributes
     ----------
-    operator, damping : D of the network, and the damping of its contacts.
+    operator, losses : D of the network, and what the network loses.
     drives : three parts (size,) of the source: without damping, by loss factors, and, over omega,
         by dashpots.
     heard, ears : a receiver hears the sum of x at the indices ``heard`` (n_r, axes), with the
@@ -984,7 +999,7 @@ class _Problem:
     """
 
     operator: WaveOperator
-    damping: ContactDamping
+    losses: Losses
     drives: Sequence[Array]
     heard: Index
     ears: Array
@@ -995,7 +1010,7 @@ class _Problem:
     def of(
         cls,
         operator: WaveOperator,
-        damped: ContactDamping,
+        losses: Losses,
         source: tuple[Index, Array],
         receiver: tuple[Index, Array],
         is_moved: bool,
@@ -1011,7 +1026,7 @@ class _Problem:
         amplitude = np.zeros((network.n_balls, operator.motions.count))
         np.add.at(amplitude[:, : len(axes)], sources, pushes[:, axes])
         if is_moved:
-            weights = (None, damped.losses, damped.times)
+            weights = (None, losses.factors, losses.times)
             drives = [operator.pull(amplitude, weight) for weight in weights]
             stretched = operator.stretch(amplitude)
         else:
@@ -1021,7 +1036,7 @@ class _Problem:
             stretched = np.zeros(0)
         heard = operator.indices[receivers, : len(axes)]
         ears = directions[:, axes] / np.sqrt(network.masses[receivers])[:, None]
-        return cls(operator, damped, drives, heard, ears, is_moved, stretched)
+        return cls(operator, losses, drives, heard, ears, is_moved, stretched)
 
     @single_products()
     def solve(self, omega: Array, method: str | None, tolerance: float) -> _Solution:
@@ -1034,7 +1049,7 @@ class _Problem:
         :class:`~granphon.base.errors.ConvergenceError` as :meth:`ResponseWork.choose` does, and
         where a Krylov space finds no values and there are no factors, or the space was named.
         """
-        work = ResponseWork(self.operator, self.damping, omega, tolerance)
+        work = ResponseWork(self.operator, self.losses, omega, tolerance)
         if work.unfit and method == "krylov":
             raise InputError(
                 "no Krylov space serves all frequencies", work.unfit, "Use the direct method"
@@ -1074,7 +1089,7 @@ class _Problem:
             return self._make_even(work.omega, *work.even)
         omega = work.omega
         return _Space(
-            apply=self.operator.make_lossy_product(self.damping.losses),
+            apply=self.operator.make_lossy_product(self.losses.factors),
             product=np.dot,
             start=self.drives[0] + 1j * self.drives[1],
             shifts=omega**2,
@@ -1083,13 +1098,13 @@ class _Problem:
             direct=np.zeros((omega.size, len(self.heard))),
         )
 
-    def _make_even(self, omega: Array, loss: float, time: float) -> _Space:
+    def _make_even(self, omega: Array, loss: float, time: float, drag: float) -> _Space:
         """Return the space of D for contacts that all have one ``loss`` factor, and one ``time`` of
-        their dashpots, s.
+        their dashpots, s, and for one ``drag``, 1/s, of all motions.
         """
         top_square = self.operator.top**2
         stiffness_factor = 1.0 + 1j * (loss + omega * time)  # over the stiffness without losses
-        shifts = omega**2 / stiffness_factor
+        shifts = (omega**2 - 1j * omega * drag) / stiffness_factor
         # from the shifts to the eigenvalues of D, between 0 and top^2
         along_axis = np.maximum(np.maximum(shifts.real - top_square, -shifts.real), 0.0)
         distance = np.hypot(shifts.imag, along_axis)
@@ -1114,9 +1129,10 @@ class _Problem:
         parts = self.operator.parts
         omega = work.omega
         w = omega / top
-        times = parts.weigh(self.damping.times)  # (rows,) s
-        spring = np.sqrt(-parts.weigh() - 1j * parts.weigh(self.damping.losses)) / top
+        times = parts.weigh(self.losses.times)  # (rows,) s
+        spring = np.sqrt(-parts.weigh() - 1j * parts.weigh(self.losses.factors)) / top
         dashpots = times / top
+        drag = self.operator.drag(self.losses) / top
 
         def apply(vector: Complex) -> Complex:
             """Return H times a ``vector`` of velocities (size,), then deformations (rows,)."""
@@ -1124,7 +1140,7 @@ class _Problem:
             stress = vector[n:] * spring
             stress -= dashpots * strain
             product = np.empty_like(vector)
-            product[:n] = parts.pull(stress)
+            product[:n] = parts.pull(stress) - drag * vector[:n]
             np.multiply(strain, spring, out=product[n:])
             return product
 
@@ -1325,11 +1341,16 @@ class _Equations:
         operator = problem.operator
         self.top_square = operator.top**2
         unit = eye_array(operator.size)
-        # loss factors go with omega^0, dashpots with omega^1
-        weights_of_powers = (problem.damping.losses, problem.damping.times)
-        self._powers = [power for power, weights in enumerate(weights_of_powers) if np.any(weights)]
+        losses = problem.losses
+        # loss factors go with omega^0, dashpots and drag with omega^1
+        self._powers = []
         matrices: list[Any] = [operator.matrix]
-        matrices += [operator.weigh(weights_of_powers[power]) for power in self._powers]
+        if np.any(losses.factors):
+            self._powers.append(0)
+            matrices.append(operator.weigh(losses.factors))
+        if losses.has_dashpots or np.any(losses.drag):
+            self._powers.append(1)
+            matrices.append(operator.resist(losses))
         reduced = [matrix / self.top_square for matrix in matrices]
         self._matrix, self._ones, self._elastic, *self._lossy = share_places([unit, *reduced])
         self.elimination = Elimination(self._matrix)
@@ -1482,4 +1503,4 @@ def _explain_resonance(omega: float) -> InputError:
     """Return the error of a response at the angular frequency of a mode, rad/s."""
     fault = f"the response at {write_quantity(omega / (2.0 * math.pi), 'Hz', 6)} has no bound"
     why = "The network has a mode of this frequency that loses no energy"
-    return InputError(fault, why, "Give a damping or a loss_factor, or another frequency")
+    return InputError(fault, why, "Give a loss, such as a damping, or another frequency")
