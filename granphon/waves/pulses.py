@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any, NamedTuple, Self
@@ -1074,8 +1074,7 @@ def _require_alike(pulse: Pulse, first: Pulse, count: int) -> None:
 @dataclass(frozen=True, eq=False)
 class PulseSource:
     """A pulse to be sent: its fields are the arguments of
-    :meth:`~granphon.waves.waves.Waves.transmit`, see there; ``losses`` are those of
-    :meth:`granphon.dynamics.damping.Losses.of`.
+    :meth:`~granphon.waves.waves.Waves.transmit`, see there.
     """
 
     frequency: float
@@ -1086,10 +1085,28 @@ class PulseSource:
     _: KW_ONLY
     source: str | int | Sequence[int] = "plane"
     ends: str = "free"
-    losses: Mapping[str, Any] = field(default_factory=dict)
+    damping: Any = 0.0
+    tangential_damping: float | None = None
+    drag: Any = 0.0
+    dashpot: Any = 0.0
+    restitution: Any = 1.0
     duration: float | None = None
     planes: ArrayLike = ()
     frames: ArrayLike = ()
+
+    def find_losses(self, network: ContactNetwork) -> Losses:
+        """Return the losses of a network in which the pulse travels."""
+        damping = self.damping
+        if self.tangential_damping is not None:
+            normal = damping[0] if isinstance(damping, tuple) else damping
+            damping = (normal, self.tangential_damping)
+        return Losses.of(
+            network,
+            damping,
+            drag=self.drag,
+            dashpot=self.dashpot,
+            restitution=self.restitution,
+        )
 
     @classmethod
     def of(
@@ -1120,7 +1137,7 @@ class PulseSource:
             settings.polarisation,
             source=settings.source,
             ends=settings.ends,
-            losses=settings.losses,
+            **settings.losses,
         )
 
 
@@ -1395,7 +1412,7 @@ def transmit(
         if not course.at_rest:
             require_stable(operator)
     _require_reached(operator, burst.frequency)
-    losses = Losses.of(course.network, **request.losses)
+    losses = request.find_losses(course.network)
     _require_short(operator, route.last, losses)
     _require_frames_memory(len(route.frames), network.n_balls, operator.size)
     motions = _propagate(route, operator, losses)

@@ -412,12 +412,11 @@ class Waves:
             polarisation,
             source=source,
             ends=ends,
-            losses={
-                "damping": _join_damping(damping, tangential_damping),
-                "drag": drag,
-                "dashpot": dashpot,
-                "restitution": restitution,
-            },
+            damping=damping,
+            tangential_damping=tangential_damping,
+            drag=drag,
+            dashpot=dashpot,
+            restitution=restitution,
             duration=duration,
             planes=planes,
             frames=frames,
@@ -426,10 +425,3 @@ class Waves:
         operator = self._stable_operator if is_one_of(ends, ("periodic",)) else None
         pulse = transmit(self.network, request, operator)
         return replace(pulse, warnings=(*self.warnings, *pulse.warnings))
-
-
-def _join_damping(damping: Any, tangential: float | None) -> Any:
-    """Return the ``damping`` of a call with that of all motions but normal ones, if it is given."""
-    if tangential is None:
-        return damping
-    return (damping[0] if isinstance(damping, tuple) else damping, tangential)

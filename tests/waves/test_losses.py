@@ -69,9 +69,9 @@ def test_a_ball_between_two_that_are_held_is_a_damped_oscillator(losses):
     assert 0.01 < 0.5 * rate / omega < 0.2
     speed = 1e-7 * omega * 2e-6
     nonlinear = gp.NonlinearWaves(network, **losses)
-    step = nonlinear.find_step() / 8.0
+    step = nonlinear.find_step() / 4.0
     motion = nonlinear.run(
-        160 * step * 8, velocities=[[0.0], [speed], [0.0]], frames=9, step=step, scheme="midpoint"
+        80 * step * 4, velocities=[[0.0], [speed], [0.0]], frames=9, step=step, scheme="midpoint"
     )
     t = motion.times
     free = speed / swing * np.exp(-0.5 * rate * t) * np.sin(swing * t)
@@ -92,7 +92,7 @@ def test_a_pulse_and_a_motion_lose_what_modes_and_the_response_lose(losses):
     waves = gp.Waves(network)
     top = math.sqrt(4.0 * network.normal_stiffness[0] / network.masses[1]) / (2.0 * math.pi)
     burst = ToneBurst(0.4 * top, 2.0)
-    duration = 12.0 / top
+    duration = 8.0 / top
     pulse = waves.transmit(0.4 * top, (1,), 4.0 * D, 2, source=1, duration=duration, **losses)
     receiver = int(pulse.receivers[0])
     force = 1e-6 * network.normal_force[0]
@@ -100,7 +100,7 @@ def test_a_pulse_and_a_motion_lose_what_modes_and_the_response_lose(losses):
     drive = gp.Drive(1, (1,), force=lambda time: force * float(burst(np.array(time))))
     frames = pulse.times.size
     motion = nonlinear.run(
-        pulse.times[-1], drive=drive, frames=frames, step=nonlinear.find_step() / 4.0
+        pulse.times[-1], drive=drive, frames=frames, step=nonlinear.find_step() / 2.0
     )
     heard = motion.velocities[:, receiver, 0] / force
     assert_allclose(heard, pulse.signals[0], atol=2e-3 * np.max(np.abs(heard)))
@@ -211,7 +211,7 @@ def test_balls_that_turn_lose_what_their_contacts_do_one_by_one(losses):
     assert_allclose(np.sort_complex(2.0 * math.pi * modes.frequencies), swinging, rtol=1e-7)
 
 
-@pytest.mark.parametrize("losses", [{"drag": 4e3}, PLANE[0], *PLANE[2:]], ids=str)
+@pytest.mark.parametrize("losses", [{"drag": 4e3}, PLANE[0], PLANE[2], PLANE[4]], ids=str)
 def test_a_krylov_space_has_drag_and_dashpots_too(losses):
     packing = gp.Packing(STEEL, D)
     network = gp.AveragedLattice(packing).at_force(20.0).network.repeat((5, 5)).cut(1, 5, "clamped")
@@ -278,23 +278,24 @@ def test_two_balls_with_losses_let_waves_pass_as_two_equations_say(losses):
 # -- collisions ------------------------------------------------------------------------------------
 
 
-def collide(speed, scheme="verlet", finer=1.0, law=None, **losses):
-    """Return the restitution of two balls that meet at a ``speed``, m/s."""
-    pair = gp.Crystal([BALL] * 2, [], [[0.0], [D]], friction=False, law=law)
+def collide(speed, scheme="verlet", finer=1, frames=41, **losses):
+    """Return the restitution of two balls that meet at a ``speed``, m/s: by their velocities in the
+    first frame after they part.
+    """
+    pair = gp.Crystal([BALL] * 2, [], [[0.0], [D]], friction=False)
     waves = gp.NonlinearWaves(pair, **losses)
-    step = waves.find_step(0.5 * speed)
-    velocities = [[0.5 * speed], [-0.5 * speed]]
-    duration = 300.0 * step
-    if losses.keys() & {"dashpot", "drag"}:
-        duration *= 2.0
-    motion = waves.run(duration, velocities=velocities, frames=3, step=step / finer, scheme=scheme)
-    assert motion.forces[-1, 0] == 0.0
-    assert_allclose(
-        motion.energy[-1] + motion.lost[-1],
-        motion.energy[0],
-        rtol=1e-9 if scheme == "midpoint" else 2e-2,
+    duration = 200.0 * gp.NonlinearWaves(pair).find_step(0.5 * speed)
+    motion = waves.run(
+        duration,
+        velocities=[[0.5 * speed], [-0.5 * speed]],
+        frames=frames,
+        step=waves.find_step(0.5 * speed) / finer,
+        scheme=scheme,
     )
-    end = motion.velocities[-1, :, 0]
+    parted = int(np.flatnonzero(motion.forces[:, 0] > 0.0)[-1]) + 1
+    lost = motion.energy[0] - motion.energy[-1]
+    assert_allclose(motion.lost[-1], lost, rtol=1e-8 if scheme == "midpoint" else 2e-2)
+    end = motion.velocities[parted, :, 0]
     return (end[1] - end[0]) / speed
 
 
@@ -309,7 +310,7 @@ def test_a_collision_has_its_restitution_at_any_velocity(restitution):
 @pytest.mark.claim("losses-restitution")
 def test_steps_come_to_the_restitution():
     """By the steps of the midpoint, in second order."""
-    coarse, fine = (collide(0.1, "midpoint", finer, restitution=0.5) for finer in (1.0, 4.0))
+    coarse, fine = (collide(0.1, "midpoint", finer, restitution=0.5) for finer in (1, 4))
     assert abs(coarse - 0.5) < 2e-3
     assert abs(fine - 0.5) < 0.2 * abs(coarse - 0.5)
 
@@ -327,24 +328,33 @@ def limited(restitution):
 @pytest.mark.claim("losses-pull")
 @pytest.mark.parametrize("restitution", [0.1, 0.5, 0.9])
 def test_a_dashpot_that_does_not_pull_takes_less(restitution):
-    found = collide(0.1, finer=2.0, restitution=restitution, viscous_pull="limited")
+    found = collide(0.1, finer=4, restitution=restitution, viscous_pull="limited")
     assert_allclose(found, limited(restitution), rtol=5e-3)
     assert found > restitution
 
 
+#: restitutions at 1 mm/s, 0.1 m/s and 1 m/s of losses that have 0.9 at 0.1 m/s
+TABLE = {
+    ("damping", 7.3e-7): (0.959, 0.900, 0.847),
+    ("dashpot", 5.15): (0.764, 0.900, 0.936),
+    ("drag", 4.88e3): (0.764, 0.900, 0.936),
+}
+
+
 @pytest.mark.claim("losses-velocity")
-def test_other_dashpots_have_a_restitution_that_goes_with_the_velocity():
+@pytest.mark.parametrize(("name", "loss"), TABLE)
+def test_other_losses_have_a_restitution_that_goes_with_the_velocity(name, loss):
     """ln(1/e) of weak losses goes as v^(1/5) for tau, and as v^(-1/5) for c_0 and drag: as the time
     of a collision, times the stiffness or alone.
     """
-    speeds = (1e-2, 1.0)
-    for losses, power in (
-        ({"damping": 2e-8}, 0.2),
-        ({"dashpot": 0.2}, -0.2),
-        ({"drag": 40.0}, -0.2),
-    ):
-        lost = [-math.log(collide(speed, finer=4.0, **losses)) for speed in speeds]
-        assert_allclose(math.log(lost[1] / lost[0]) / math.log(100.0), power, atol=0.01)
+    frames = 801 if name == "drag" else 41  # drag goes on when they have parted
+    found = [collide(speed, frames=frames, **{name: loss}) for speed in (1e-3, 0.1, 1.0)]
+    assert_allclose(found, TABLE[name, loss], atol=2e-3)
+    weak = [
+        -math.log(collide(speed, frames=frames, **{name: 0.05 * loss})) for speed in (1e-2, 1.0)
+    ]
+    power = 0.2 if name == "damping" else -0.2
+    assert_allclose(math.log(weak[1] / weak[0]) / math.log(100.0), power, atol=0.01)
 
 
 def test_losses_that_are_none_are_refused():
