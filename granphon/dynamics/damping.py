@@ -110,8 +110,7 @@ class Losses:
         for arrays of another length.
         """
         count = network.n_contacts
-        rule = partial(read_restitution, rule=finite_numbers)
-        collisions = require("restitution", rule, restitution)
+        collisions = require("restitution", _read_restitution, restitution)
         mend = "Give a number, or one for each contact"
         return cls(
             network,
@@ -155,11 +154,11 @@ class Losses:
         dashpots = np.concatenate([numbers, means], axis=1)
         ends = np.append(network.i, i), np.append(network.j, j)
         dashpots[-1] *= np.sqrt(find_reduced_masses(network.masses, *ends))
-        return dashpots
+        return np.asarray(dashpots)
 
     def drag_of(self, motions: Motions) -> Array:
         """Return gamma (m,), 1/s, of the ``motions`` of a ball."""
-        return np.where(motions.is_rotation, self.drag[1], self.drag[0])
+        return np.asarray(np.where(motions.is_rotation, self.drag[1], self.drag[0]))
 
     def find_warnings(self, highest: float) -> tuple[str, ...]:
         """Return one sentence if contacts are more viscous than stiff at the ``highest`` frequency
@@ -234,13 +233,10 @@ def read_loss(name: str, value: Any, rule: Rule) -> Any:
     return losses
 
 
-def read_restitution(value: Any, rule: Rule) -> Any:
-    """Return a restitution, one or more, as a rule reads ``value``; refuse numbers that are none of
-    a collision.
-    """
-    restitution = rule(value)
-    numbers = np.ravel(restitution)
-    refused = numbers[(numbers < LEAST_RESTITUTION) | (numbers > 1.0)]
+def _read_restitution(value: Any) -> NDArray[Any]:
+    """Return a restitution, one or more; refuse numbers that are none of a collision."""
+    restitution = finite_numbers(value)
+    refused = restitution[(restitution < LEAST_RESTITUTION) | (restitution > 1.0)]
     if refused.size:
         allowed = f"the velocity after a collision over that before, {LEAST_RESTITUTION:g} to 1"
         raise Refused(f"{refused[0]:g}", allowed)

@@ -752,7 +752,7 @@ class _RateBound:
         """Return the stiffness (n_c,) of contacts of the network, at least that of the others."""
         count = self._count
         if len(stiffness) > count:  # balls have met
-            return np.maximum(stiffness[:count], stiffness[count:].max())
+            return np.asarray(np.maximum(stiffness[:count], stiffness[count:].max()))
         return stiffness
 
     def _bound(self, normal: Array, side: Array) -> float:

@@ -60,7 +60,7 @@ from granphon.base.validation import (
     real_number,
     zero_or_above,
 )
-from granphon.dynamics.damping import LOSSES, read_loss, read_restitution
+from granphon.dynamics.damping import LEAST_RESTITUTION, LOSSES, read_loss
 from granphon.networks.network import ContactNetwork
 
 #: results of the waves in a simulated array
@@ -136,7 +136,7 @@ _DAMPING = _of_both_motions(_loss_kind("damping", SINCE))
 _LOSS_FACTOR = _of_both_motions(Kind.plain(partial(read_loss, "loss_factor", rule=zero_or_above)))
 _DRAG = _of_both_motions(_loss_kind("drag", RATE))
 _DASHPOT = _of_both_motions(_loss_kind("dashpot", VISCOSITY))
-_RESTITUTION = Kind.plain(partial(read_restitution, rule=partial(number, low=-1e300, high=1e300)))
+_RESTITUTION = Kind.plain(partial(number, low=LEAST_RESTITUTION, high=1.0))
 
 
 def _read_frequencies(value: Any, context: ValueContext) -> tuple[float, ...]:
@@ -302,7 +302,7 @@ class LossSettings(Block, kw_only=True):
 
     @property
     def losses(self) -> dict[str, Any]:
-        """The losses that are given, as arguments of ``Waves.response``."""
+        """The losses that are given, by name, in SI units: arguments of ``Waves.response``."""
         losses = {name: getattr(self, name, None) for name in LOSSES}
         return {name: loss for name, loss in losses.items() if loss is not None}
 
