@@ -21,7 +21,8 @@ In slip the last two have the viscosities of their own, or the same: twist and r
 with the time c/k of slip. A contact that does not resist slip has no dashpot against it.
 
 Where tau, eta and gamma are the same in all deformations of all contacts, and in all motions, and
-no static forces act, all motions follow from the undamped problem at complex omega^2.
+no static forces act, all motions follow from the undamped problem at complex omega^2; with drag
+alone also where static forces act.
 """
 
 from __future__ import annotations
@@ -188,20 +189,22 @@ class Losses:
 
     def find_even(self) -> tuple[float, float, float] | None:
         """Return eta, tau, s, and gamma, 1/s, if all are the same in all deformations that contacts
-        resist, and in all motions, and no static forces act; else None.
+        resist, and in all motions, and no static forces act where contacts lose energy; else None.
         """
         if self.is_none:
             return 0.0, 0.0, 0.0
         network = self.network
         resisted = np.stack([network.normal_stiffness > 0.0, network.shear_stiffness > 0.0])
         resisted[1] |= (network.torsion_stiffness > 0.0) | (network.bending_stiffness > 0.0)
+        resisted[1] &= network.ball_motions.count > 1  # balls that move along a line do not slip
         factors = self.factors[resisted]
         times = self.times[resisted]
         drags = self.drag_of(network.ball_motions)
         is_even = all(
             np.ptp(numbers) <= _ALIKE * np.max(numbers) for numbers in (factors, times, drags)
         )
-        if not is_even or network.prestress:
+        is_of_contacts = np.any(factors) or np.any(times)
+        if not is_even or (network.prestress and is_of_contacts):
             return None
         return float(factors[0]), float(times[0]), float(drags[0])
 

@@ -421,6 +421,19 @@ def test_the_command_fits_the_response_of_a_scene(folder, capsys):
     assert redraw(folder / "out", folder / "again.png").is_file()
 
 
+@pytest.mark.slow
+def test_the_command_fits_two_losses_and_prints_their_correlation(folder, capsys):
+    """The data are those of a damping alone, so that nothing is left for drag."""
+    names = ["--parameter", "damping", "--parameter", "drag"]
+    assert command("-o", "out", *names) == 0
+    fit = gp.DampingFit.from_dict(read_yaml(folder / "out" / "fit.yaml"))
+    assert_allclose(fit.values[0], 2e-6, rtol=1e-4)
+    assert fit.drag[0] < 3.0 * fit.stderrs[1] + 1.0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert f"correlation of damping and drag {fit.correlation[0, 1]:.2f}" in printed
+    assert -1.0 < fit.correlation[0, 1] < -0.5
+
+
 @pytest.mark.parametrize(
     ("words", "change", "said"),
     [
