@@ -5,8 +5,8 @@ The exceptions are the guards, each of which alone guards a subject that costs m
 fails if its call, or one of the fixtures made for it alone, takes more than one second of processor,
 that of child processes included. The limit is twice the budget, as processors differ, and a busy
 machine takes up to twice the time of a quiet one; that of a property grows with its examples. A case
-above the limit runs once more, and the second count decides: the first one may hold what a process
-does only once. What each process is known to pay once (imports, compiled loops, the first figure) is
+above the limit runs again, at most twice, and the last count decides: the first one may hold what a
+process does only once, and a processor that is shared counts more than the case takes. What each process is known to pay once (imports, compiled loops, the first figure) is
 paid before the first test there, and is told with its time.
 """
 
@@ -29,9 +29,11 @@ LIMIT = 1.0
 USUAL_EXAMPLES = 25
 EXAMPLES = int(os.environ.get("GRANPHON_TEST_EXAMPLES", USUAL_EXAMPLES))
 IS_HELD = os.environ.get("GRANPHON_TEST_BUDGET") == "1"
-#: whether a case has taken more than the limit, and whether it runs for the second time
+#: how often a case runs at most
+RUNS = 3
+#: whether this run of a case has taken more than the limit, and whether the case runs for the last time
 _IS_LONG = pytest.StashKey[bool]()
-_IS_REPEATED = pytest.StashKey[bool]()
+_IS_LAST = pytest.StashKey[bool]()
 
 _SCENE = """
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
@@ -187,14 +189,16 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
-    """Run a default case, and once more if it takes more than the limit."""
+    """Run a default case, and again if it takes more than the limit."""
     if not IS_HELD or may_be_long(item):
         return None
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
-    reports = runtestprotocol(item, log=False, nextitem=nextitem)
-    if item.stash.get(_IS_LONG, False) and all(report.passed for report in reports):
-        item.stash[_IS_REPEATED] = True
+    for run in range(1, RUNS + 1):
+        item.stash[_IS_LONG] = False
+        item.stash[_IS_LAST] = run == RUNS
         reports = runtestprotocol(item, log=False, nextitem=nextitem)
+        if not item.stash[_IS_LONG] or not all(report.passed for report in reports):
+            break
     for report in reports:
         item.ihook.pytest_runtest_logreport(report=report)
     item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
@@ -233,12 +237,12 @@ def find_limit(item: pytest.Item) -> float:
 
 def require_budget(item: pytest.Item, what: str, spent: float) -> None:
     """Fail a test of which ``what`` takes more seconds of processor than the limit, if the test is
-    run for the second time.
+    run for the last time.
     """
     if not IS_HELD or spent <= find_limit(item) or may_be_long(item):
         return
     item.stash[_IS_LONG] = True
-    if not item.stash.get(_IS_REPEATED, False):
+    if not item.stash.get(_IS_LAST, False):
         return
     pytest.fail(
         f"{what} took {spent:.1f} s of processor, and has {find_limit(item) / 2:g} s."

@@ -275,9 +275,26 @@ def test_a_parameter_that_is_the_axis_stands_in_no_title(many):
             "columns of panels are poisson_ratio",
             marks=pytest.mark.slow,
         ),
-        (["--where", "width=2 um, diameter=4mm", "--where", "poisson_ratio=0.1"], b"d log", ""),
-        (["--columns", "width", "--where", "diameter=4 mm", "--y", "bulk"], b"Bulk", ""),
-        (["--x", "width", "--rows", "medium", "--where", "force=1 N, diameter=4 mm"], b"Width", ""),
+        pytest.param(
+            ["--where", "width=2 um, diameter=4mm", "--where", "poisson_ratio=0.1"],
+            b"d log",
+            "",
+            marks=pytest.mark.slow,
+        ),
+        (
+            [
+                *("--columns", "poisson_ratio", "--y", "bulk"),
+                *("--where", "diameter=4 mm, width=1 um, medium=ala"),
+            ],
+            b"Bulk",
+            "",
+        ),
+        pytest.param(
+            ["--x", "width", "--rows", "medium", "--where", "force=1 N, diameter=4 mm"],
+            b"Width",
+            "",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             ["--data", "times.csv", "--distance", "400 mm", "--columns", "medium"],
             b"data",
