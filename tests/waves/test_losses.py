@@ -228,6 +228,23 @@ def test_a_krylov_space_has_drag_and_dashpots_too(losses):
     assert_allclose(krylov.values, direct.values, atol=1e-7 * scale)
 
 
+def test_modes_of_a_larger_flake_with_other_drag_of_rotations_are_modes():
+    """By factors: the motions of the flake as a whole are coupled to the others, and are left out."""
+    packing = gp.Packing(STEEL, D)
+    flake = gp.AveragedLattice(packing).at_force(20.0).network.cut(0, 11).cut(0, 11)
+    losses = {"drag": (3e3, 8e3), "dashpot": 2.0}
+    waves = gp.Waves(flake)
+    modes = waves.damped_modes(4, **losses)
+    operator = waves.operator
+    viscous = operator.resist(Losses.of(flake, **losses))
+    for frequency, shape in zip(modes.frequencies, modes.vectors, strict=True):
+        omega = 2.0 * math.pi * frequency
+        x = shape.ravel()
+        forces = operator.matrix @ x + 1j * omega * (viscous @ x)
+        assert_allclose(forces, omega**2 * x, atol=1e-8 * abs(omega**2))
+    assert_allclose(modes.frequencies.real, waves.modes(4).frequencies, rtol=1e-2)
+
+
 # -- waves -----------------------------------------------------------------------------------------
 
 
