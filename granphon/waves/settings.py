@@ -112,17 +112,15 @@ def _loss_kind(name: str, quantity: Quantity) -> Kind:
     return Kind(read, write, quantity.unit)
 
 
-def _of_both_motions(kind: Kind) -> Kind:
-    """Return the kind of a value of all motions, or, as a list of two, of the first kind of motion
-    and of all other.
-    """
+def _of_both_motions(kind: Kind, parts: str = "of normal motion, and of all other") -> Kind:
+    """Return the kind of a value of all motions, or, as a list of two, of the two ``parts``."""
     pair = listed(kind)
 
     def read(value: Any, context: ValueContext) -> Any:
         if not isinstance(value, list | tuple):
             return kind.read(value, context)
         if len(value) != 2:
-            raise Refused(show(value), "one value, or two: of one motion, and of all other")
+            raise Refused(show(value), f"one value, or two: {parts}")
         return pair.read(value, context)
 
     def write(value: Any, context: ValueContext) -> Any:
@@ -134,7 +132,7 @@ def _of_both_motions(kind: Kind) -> Kind:
 #: zero is written without its unit
 _DAMPING = _of_both_motions(_loss_kind("damping", SINCE))
 _LOSS_FACTOR = _of_both_motions(Kind.plain(partial(read_loss, "loss_factor", rule=zero_or_above)))
-_DRAG = _of_both_motions(_loss_kind("drag", RATE))
+_DRAG = _of_both_motions(_loss_kind("drag", RATE), "of displacements, and of rotations")
 _DASHPOT = _of_both_motions(_loss_kind("dashpot", VISCOSITY))
 _RESTITUTION = Kind.plain(partial(number, low=LEAST_RESTITUTION, high=1.0))
 

@@ -103,6 +103,7 @@ def test_fit_is_that_of_scipy_to_the_closed_form(known, hertz):
 
 MASS = UNITS.mass
 STIFFNESS = UNITS.stiffness
+SOME = HERTZ[1::2]
 #: losses of a few percent
 TRUTH = {"drag": 0.04 * OMEGA, "dashpot": 0.05 * STIFFNESS / OMEGA, "restitution": 0.9}
 
@@ -111,7 +112,7 @@ def respond(values):
     """The closed form with drag, dashpots and a restitution: omega^2 - i omega gamma in place of
     omega^2, and k + i omega c in place of k. The first contact is one with a ball that is held.
     """
-    omega = 2.0 * math.pi * HERTZ
+    omega = 2.0 * math.pi * SOME
     logarithm = -math.log(values.get("restitution", 1.0))
     alpha = math.sqrt(10.0 / 3.0) * logarithm / math.hypot(math.pi, logarithm)
     viscosity = values.get("dashpot", 0.0) + alpha * np.sqrt(
@@ -140,7 +141,7 @@ def test_drag_and_dashpots_are_found_alone_and_two_at_once(names):
     truth = np.array([TRUTH[name] for name in names])
     data = measure(respond(dict(zip(names, truth, strict=True))))
     size = np.abs(data)
-    found = fit(gp.TransferFunction(HERTZ, size, np.angle(data), 0.02 * size), parameters=names)
+    found = fit(gp.TransferFunction(SOME, size, np.angle(data), 0.02 * size), parameters=names)
 
     def model(_, *scaled):
         values = respond(dict(zip(names, scaled * truth, strict=True)))
