@@ -17,8 +17,9 @@ ratio is alpha (3/10)^(1/2), and all collisions that end with no overlap have th
 
     alpha(e) = (10/3)^(1/2) ln(1/e) / (pi^2 + ln(e)^2)^(1/2).
 
-In slip the last two have the viscosities of their own, or the same: twist and rolling are damped
-with the time c/k of slip. A contact that does not resist slip has no dashpot against it.
+In slip the first has a time of its own, the second a viscosity of its own, and the third the same
+viscosity as in normal motion. Twist and rolling are damped with the time c/k of slip. A contact
+that does not resist slip has no dashpot against it.
 
 Where tau, eta and gamma are the same in all deformations of all contacts, and in all motions, and
 no static forces act, all motions follow from the undamped problem at complex omega^2; with drag
