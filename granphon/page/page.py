@@ -206,10 +206,10 @@ def _describe_kind(masses: Array, radii: Array) -> str:
 
 
 def _find_losses(losses: BandsSettings | None) -> dict[str, float] | None:
-    """Return damping, s, and loss factor of all motions of contacts; None without losses, or if the
-    losses of the motions differ.
+    """Return damping, s, and loss factor of all motions of contacts; None without losses, if the
+    losses of the motions differ, and with other losses, of which the page knows nothing.
     """
-    if losses is None:
+    if losses is None or not losses.losses.keys() <= {"damping", "loss_factor"}:
         return None
     common_losses = dict[str, float]()
     for name, loss in (("damping", losses.damping), ("loss_factor", losses.loss_factor)):

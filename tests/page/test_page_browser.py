@@ -261,7 +261,7 @@ def test_a_click_on_a_branch_shows_its_mode(chromium, folder):
 
 
 def test_a_mode_tells_the_q_factor_of_its_losses(chromium, tmp_path):
-    losses = BandsSettings(5e-7, 0.02)
+    losses = BandsSettings(damping=5e-7, loss_factor=0.02)
     balls = replace(BALLS, lattice="square")
     (tmp_path / "losses.html").write_text(
         make_page(balls, (), FORCE, losses=losses), encoding="utf-8"
