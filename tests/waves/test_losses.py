@@ -25,25 +25,37 @@ LOSSES = [
     {"restitution": 0.8},
     {"drag": 5e3, "restitution": 0.9},
 ]
-names = pytest.mark.parametrize("losses", LOSSES, ids=lambda losses: "-".join(losses))
+#: springs to the ground, which lose no energy, N/m
+GROUND = 2e6
+#: losses, and springs to the ground
+CASES = [(losses, 0.0) for losses in LOSSES]
+CASES += [({"drag": 1e4}, GROUND), ({"drag": 5e3, "dashpot": 5.0}, GROUND)]
+CASES += [({"restitution": 0.8}, GROUND)]
+names = pytest.mark.parametrize(
+    ("losses", "ground"),
+    CASES,
+    ids=lambda case: "-".join(case) if isinstance(case, dict) else f"ground {case:g}",
+)
 
 
-def chain(layers, edges="clamped"):
-    """A chain of so many balls under 20 N, between two that are held."""
+def infinite_chain(ground=0.0):
+    """A chain under 20 N, with springs to the ground, N/m."""
     packing = gp.Packing(STEEL, D, lattice="chain", motions="longitudinal")
     network = gp.AveragedLattice(packing).at_force(20.0).network
-    return network.cut(0, layers, (edges, edges))
+    return replace(network, on_site=np.full((1, 1), ground)) if ground else network
 
 
-def find_rate(losses, mass, stiffness, contacts, reduced):
-    """Return 2 g of x'' + 2 g x' + w^2 x = 0 for a ball with so many contacts of a ``stiffness``,
-    of which each has the ``reduced`` mass.
-    """
+def chain(layers, ground=0.0):
+    """A chain of so many balls under 20 N, between two that are held."""
+    return infinite_chain(ground).cut(0, layers, "clamped")
+
+
+def find_viscosity(losses, stiffness, reduced):
+    """Return c of a contact of a ``stiffness`` and a ``reduced`` mass."""
     logarithm = -math.log(losses.get("restitution", 1.0))
     alpha = math.sqrt(10.0 / 3.0) * logarithm / math.hypot(math.pi, logarithm)
     viscosity = losses.get("damping", 0.0) * stiffness + losses.get("dashpot", 0.0)
-    viscosity += alpha * math.sqrt(reduced * stiffness)
-    return losses.get("drag", 0.0) + contacts * viscosity / mass
+    return viscosity + alpha * np.sqrt(reduced * stiffness)
 
 
 # -- one ball --------------------------------------------------------------------------------------
@@ -51,13 +63,14 @@ def find_rate(losses, mass, stiffness, contacts, reduced):
 
 @names
 @pytest.mark.claim("losses-oscillator")
-def test_a_ball_between_two_that_are_held_is_a_damped_oscillator(losses):
+@pytest.mark.claim("losses-on-site")
+def test_a_ball_between_two_that_are_held_is_a_damped_oscillator(losses, ground):
     """Its response, its mode and its motion are known; the reduced mass is that of the ball."""
-    network = chain(3)
+    network = chain(3, ground)
     waves = gp.Waves(network)
     mass, stiffness = network.masses[1], network.normal_stiffness[0]
-    rate = find_rate(losses, mass, stiffness, 2, mass)
-    omega = math.sqrt(2.0 * stiffness / mass)
+    rate = losses.get("drag", 0.0) + 2.0 * find_viscosity(losses, stiffness, mass) / mass
+    omega = math.sqrt((2.0 * stiffness + ground) / mass)
     hertz = omega / (2.0 * math.pi) * np.array([0.3, 1.0, 1.7])
     w = 2.0 * math.pi * hertz
     found = waves.response(hertz, (1, "x"), (1, "x"), **losses)
@@ -84,11 +97,11 @@ def test_a_ball_between_two_that_are_held_is_a_damped_oscillator(losses):
 
 @names
 @pytest.mark.claim("losses-doors")
-def test_a_pulse_and_a_motion_lose_what_modes_and_the_response_lose(losses):
+def test_a_pulse_and_a_motion_lose_what_modes_and_the_response_lose(losses, ground):
     """The same chain, pushed by the same burst: by the modes of the matrices at each frequency, by
     polynomials, and by steps of the whole law at an amplitude of a millionth of the overlap.
     """
-    network = chain(8)
+    network = chain(8, ground)
     waves = gp.Waves(network)
     top = math.sqrt(4.0 * network.normal_stiffness[0] / network.masses[1]) / (2.0 * math.pi)
     burst = ToneBurst(0.4 * top, 2.0)
@@ -174,10 +187,12 @@ PLANE = [
 ]
 
 
-@pytest.mark.parametrize("losses", PLANE, ids=str)
-def test_balls_that_turn_lose_what_their_contacts_do_one_by_one(losses):
-    """A free flake of two kinds of balls: the response and all modes of the twin, of which the
-    motions of the flake as a whole are none.
+@pytest.mark.parametrize(
+    ("losses", "ground"), [*((each, 0.0) for each in PLANE), (PLANE[4], GROUND)], ids=str
+)
+def test_balls_that_turn_lose_what_their_contacts_do_one_by_one(losses, ground):
+    """A flake of two kinds of balls: the response and all modes of the twin, of which the motions
+    of the flake as a whole are none unless springs hold it.
     """
     heavy = gp.Ball(gp.Material(193e9, 0.30, 8000.0), D)
     light = gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), D)
@@ -190,12 +205,15 @@ def test_balls_that_turn_lose_what_their_contacts_do_one_by_one(losses):
         normal_stiffness=stiffness,
         shear_stiffness=0.8 * stiffness,
         normal_force=np.full(touching.n_contacts, 10.0),
+        on_site=np.full((4, 3), [ground, 0.5 * ground, 10.0]) if ground else None,
     )
     weights = np.column_stack([network.masses, network.masses, network.inertias])
     root = np.sqrt(weights).ravel()
     viscous = resist_by_contacts(network, losses).reshape(12, 12) / np.outer(root, root)
     elastic = resist_by_contacts(network, {"damping": 1.0}).reshape(12, 12)
     stiff = elastic / np.outer(root, root)
+    if ground:
+        stiff += np.diag(network.on_site.ravel() / root**2)
     waves = gp.Waves(network)
     hertz = np.linspace(2e3, 4e4, 5)
     found = waves.response(hertz, (0, "x"), (3, "y"), **losses).values[:, 0]
@@ -207,14 +225,20 @@ def test_balls_that_turn_lose_what_their_contacts_do_one_by_one(losses):
     first_order = np.block([[np.zeros((12, 12)), np.eye(12)], [-stiff, -viscous]])
     omega = -1j * np.linalg.eigvals(first_order)
     swinging = np.sort_complex(omega[omega.real > 1e-3 * np.max(omega.real)])
-    modes = waves.damped_modes(9, **losses)
+    modes = waves.damped_modes(12 if ground else 9, **losses)
     assert_allclose(np.sort_complex(2.0 * math.pi * modes.frequencies), swinging, rtol=1e-7)
 
 
-@pytest.mark.parametrize("losses", [{"drag": 4e3}, PLANE[0], PLANE[2], PLANE[4]], ids=str)
-def test_a_krylov_space_has_drag_and_dashpots_too(losses):
+@pytest.mark.parametrize(
+    ("losses", "ground"),
+    [({"drag": 4e3}, 0.0), *((PLANE[row], 0.0) for row in (0, 2, 4)), (PLANE[4], GROUND)],
+    ids=str,
+)
+def test_a_krylov_space_has_drag_and_dashpots_too(losses, ground):
     packing = gp.Packing(STEEL, D)
     network = gp.AveragedLattice(packing).at_force(20.0).network.repeat((5, 5)).cut(1, 5, "clamped")
+    if ground:
+        network = replace(network, on_site=np.full((network.n_balls, 3), [ground, ground, 10.0]))
     waves = gp.Waves(network)
     source, receiver = np.flatnonzero(network.moving)[[2, 9]].tolist()
     hertz = np.linspace(2e3, 3e4, 4)
@@ -250,43 +274,40 @@ def test_modes_of_a_larger_flake_with_other_drag_of_rotations_are_modes():
 
 @names
 @pytest.mark.claim("losses-bands")
-def test_waves_of_a_chain_have_complex_frequencies_and_wave_numbers(losses):
-    """(omega^2 - i omega gamma) = (4/m) (k + i omega c) sin^2(q d/2)."""
-    packing = gp.Packing(STEEL, D, lattice="chain", motions="longitudinal")
-    state = gp.AveragedLattice(packing).at_force(20.0)
-    mass, stiffness = state.network.masses[0], state.network.normal_stiffness[0]
-    contact = {name: loss for name, loss in losses.items() if name != "drag"}
-    viscosity = mass * find_rate(contact, mass, stiffness, 1, 0.5 * mass)
+@pytest.mark.claim("losses-on-site")
+def test_waves_of_a_chain_have_complex_frequencies_and_wave_numbers(losses, ground):
+    """omega^2 - i omega gamma = (k_g + 4 (k + i omega c) sin^2(q d/2))/m."""
+    network = infinite_chain(ground)
+    mass, stiffness = network.masses[0], network.normal_stiffness[0]
+    viscosity = find_viscosity(losses, stiffness, 0.5 * mass)
     drag = losses.get("drag", 0.0)
     q = np.array([0.05, 0.2, 0.5])
-    phonons = gp.Phonons(state)
+    phonons = gp.Phonons(network)
     omega = 2.0 * math.pi * phonons.damped(q[:, None], **losses).frequencies[:, 0]
     square = 4.0 / mass * np.sin(math.pi * q) ** 2
-    assert_allclose(
-        omega**2 - 1j * omega * drag, square * (stiffness + 1j * omega * viscosity), rtol=1e-12
-    )
-    top = math.sqrt(4.0 * stiffness / mass)
+    elastic = ground / mass + square * (stiffness + 1j * omega * viscosity)
+    assert_allclose(omega**2 - 1j * omega * drag, elastic, rtol=1e-12)
+    top = math.sqrt((4.0 * stiffness + ground) / mass)
     w = top * np.array([0.2, 0.7, 1.1])
     waves = phonons.complex_bands(w / (2.0 * math.pi), **losses)
     sine = np.sin(0.5 * D * waves.wavenumbers) ** 2
-    exact = mass * (w**2 + 1j * w * drag) / (4.0 * (stiffness - 1j * w * viscosity))
+    inertia = mass * (w**2 + 1j * w * drag) - ground
+    exact = inertia / (4.0 * (stiffness - 1j * w * viscosity))
     assert_allclose(sine, np.broadcast_to(exact[:, None], sine.shape), rtol=1e-9)
 
 
 @names
 @pytest.mark.claim("losses-transmission")
-def test_two_balls_with_losses_let_waves_pass_as_two_equations_say(losses):
+def test_two_balls_with_losses_let_waves_pass_as_two_equations_say(losses, ground):
     """Between leads without losses, whose waves exp(i q n) are known."""
-    packing = gp.Packing(STEEL, D, lattice="chain", motions="longitudinal")
-    lead = gp.AveragedLattice(packing).at_force(20.0).network
+    lead = infinite_chain(ground)
     mass, k = lead.masses[0], lead.normal_stiffness[0]
     q = np.array([0.3, 1.2, 2.5])
-    w = np.sqrt(4.0 * k / mass) * np.sin(0.5 * q)
+    w = np.sqrt((ground + 4.0 * k * np.sin(0.5 * q) ** 2) / mass)
     passed = gp.transmission(lead, lead.cut(0, 2), lead, w / (2.0 * math.pi), **losses)
-    contact = {name: loss for name, loss in losses.items() if name != "drag"}
-    viscosity = mass * find_rate(contact, mass, k, 1, 0.5 * mass)
-    between = k - 1j * w * viscosity
-    alone = mass * (w**2 + 1j * w * losses.get("drag", 0.0)) - k - between + k * np.exp(1j * q)
+    between = k - 1j * w * find_viscosity(losses, k, 0.5 * mass)
+    inertia = mass * (w**2 + 1j * w * losses.get("drag", 0.0)) - ground
+    alone = inertia - k - between + k * np.exp(1j * q)
     through = 2j * k * np.sin(q) * between / (between**2 - alone**2)
     assert_allclose(passed.transmitted, np.abs(through) ** 2, rtol=1e-9)
     assert np.all(passed.transmitted + passed.reflected < 1.0)
