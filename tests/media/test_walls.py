@@ -110,7 +110,7 @@ def test_a_ball_between_two_walls_rings_at_the_root_of_both_stiffnesses():
     assert_allclose(response, np.linalg.inv(matrix)[0, 0], rtol=1e-10)
 
 
-@pytest.mark.claim("wall-losses")
+@pytest.mark.claim("losses-wall")
 @pytest.mark.parametrize("losses", [{"dashpot": 5.0}, {"restitution": 0.8}], ids=str)
 def test_a_dashpot_at_a_wall_is_that_of_the_mass_of_the_ball(losses):
     """A ball between a wall and another ball that is held, pushed: m x'' + (c + c') x' + (k + k') x
@@ -127,7 +127,7 @@ def test_a_dashpot_at_a_wall_is_that_of_the_mass_of_the_ball(losses):
     assert_allclose(found.values[:, 0], 1.0 / resistance, rtol=1e-10)
 
 
-@pytest.mark.claim("wall-losses")
+@pytest.mark.claim("losses-wall")
 def test_a_ball_bounces_off_a_wall_with_its_restitution():
     """And then off the ball behind it, which stood still."""
     restitution, speed = 0.6, 0.1
