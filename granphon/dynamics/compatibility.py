@@ -789,13 +789,14 @@ class Compatibility:
         return np.asarray(matrix)
 
     def damped_matrices(
-        self, wavevectors: ArrayLike, times: Array, losses: Array
+        self, wavevectors: ArrayLike, times: Array, factors: Array, drags: Array
     ) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return D(q) with complex stiffnesses, and that of dashpots, (n_q, n_branches,
+        """Return D(q) with complex stiffnesses, and that of dashpots and drag, (n_q, n_branches,
         n_branches), in a common frame.
 
-        ``wavevectors`` are (n_q, p), 1/d; ``times``, in (M/k)^1/2, and ``losses`` are (2, n_c),
-        those of :class:`granphon.dynamics.damping.ContactDamping`; springs to the ground have none.
+        ``wavevectors`` are (n_q, p), 1/d. ``times``, in (M/k)^1/2, and ``factors`` are (2, n_c),
+        and ``drags`` (m,), in (k/M)^1/2, those of each motion of a ball; see
+        :class:`granphon.dynamics.damping.Losses`. Springs to the ground lose no energy.
         """
         rows = self.compatibility(wavevectors)
         adjoint = rows.conj().swapaxes(1, 2)
@@ -806,8 +807,9 @@ class Compatibility:
                 weigh_rows(self.rows, np.pad(numbers, ((0, 0), (0, n_springs)))).reshape(-1, 1)
                 * rows
             )
-            for numbers in (times, losses)
+            for numbers in (times, factors)
         )
+        viscous = viscous + np.diag(np.tile(drags, self.n_balls))
         return self._compute_frame_matrix(wavevectors) + 1j * lossy, viscous
 
     @cached_property

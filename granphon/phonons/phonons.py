@@ -40,7 +40,7 @@ from granphon.dynamics.bloch_waves import (
 )
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
+from granphon.dynamics.damping import DampedModes, Losses, damp_evenly, damp_unevenly
 from granphon.dynamics.half_space import HalfSpace
 from granphon.dynamics.sensitivities import (
     FrequencySensitivities,
@@ -431,17 +431,24 @@ class Phonons:
         q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
         return self.lattice.frequencies(q) * self.scales.frequency
 
-    def damped(self, qpoints: ArrayLike, damping: Any = 0.0, loss_factor: Any = 0.0) -> DampedModes:
+    def damped(
+        self,
+        qpoints: ArrayLike,
+        damping: Any = 0.0,
+        loss_factor: Any = 0.0,
+        *,
+        drag: Any = 0.0,
+        dashpot: Any = 0.0,
+        restitution: Any = 1.0,
+    ) -> DampedModes:
         """Return complex frequencies (n_q, n_branches), Hz, at ``qpoints``, with contacts that lose
         energy; and Q factors.
 
         Parameters
         ----------
         qpoints : (n_q, p) or (n_q, 3) fractions of the reciprocal cell.
-        damping : s, viscosity over stiffness, a number or one for each contact of the network; or a
-            tuple of two, for normal motion and for all other, as in :meth:`gp.Waves.response`.
-        loss_factor : eta of the complex stiffness k (1 + i eta), a number or one for each contact,
-            or a tuple of two.
+        damping, loss_factor, drag, dashpot, restitution : as in :meth:`gp.Waves.response`, of the
+            network.
 
         Raises :class:`~granphon.base.errors.InputError` for a damping below zero, and for Atoms
         whose contacts are not the state's, in their order;
@@ -453,23 +460,26 @@ class Phonons:
         network = given_network(self.state)
         self._require_state_cell()
         q = self.lattice.wavevectors(points)
-        contact_damping = ContactDamping.of(network, damping, loss_factor)
+        losses = Losses.of(network, damping, loss_factor, drag, dashpot, restitution)
         undamped = self.lattice.frequencies(q)
         angular_unit = self.scales.angular_frequency
-        even_damping = contact_damping.find_even(network)
-        if even_damping is not None:
-            loss, time = even_damping
-            omega = np.sort(damp_evenly(undamped, loss, time * angular_unit))
+        even = losses.find_even()
+        if even is not None:
+            eta, time, rate = even
+            damped = damp_evenly(undamped, eta, time * angular_unit, rate / angular_unit)
+            omega = np.sort(damped)
         else:
             # contacts of two bodies that do not move are not in the lattice
             kept = network.moving[network.i] | network.moving[network.j]
-            times = contact_damping.times[:, kept] * angular_unit
-            losses = contact_damping.losses[:, kept]
-            stiffness, viscous = self.lattice.damped_matrices(q, times, losses)
+            times = losses.times[:, kept] * angular_unit
+            drags = losses.drag_of(self.lattice.motions) / angular_unit
+            stiffness, viscous = self.lattice.damped_matrices(
+                q, times, losses.factors[:, kept], drags
+            )
             omega, _ = damp_unevenly(stiffness, viscous)
         unit = self.scales.frequency
         highest = float(np.max(undamped, initial=0.0)) * unit
-        warnings = contact_damping.find_warnings(highest)
+        warnings = losses.find_warnings(highest)
         return DampedModes(omega * unit, qpoints=points, warnings=warnings)
 
     def modes(self, qpoints: ArrayLike, direction: ArrayLike | None = None) -> PhononModes:
@@ -654,6 +664,9 @@ class Phonons:
         *,
         damping: Any = 0.0,
         loss_factor: Any = 0.0,
+        drag: Any = 0.0,
+        dashpot: Any = 0.0,
+        restitution: Any = 1.0,
     ) -> ComplexBands:
         """Return all wave numbers across the layers at given frequencies, also of waves that decay.
 
@@ -664,9 +677,8 @@ class Phonons:
             other ``atoms``.
         q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by
             default.
-        damping, loss_factor : viscosity of contacts over their stiffness, s, and part of the
-            stiffness that loses energy at any frequency, as in :meth:`Waves.response`: numbers, or
-            tuples of two, for normal and for all other motion.
+        damping, loss_factor, drag, dashpot, restitution : as in :meth:`Waves.response`: numbers, or
+            tuples of two.
 
         Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a
         band, for one so high that a wave decays by more than 1e12 from layer to layer, and for an
@@ -678,15 +690,21 @@ class Phonons:
         self._require_state_cell(with_stiffness=True)
         hertz = frequency_array("frequencies", frequencies, "above zero", in_order=False)
         half_space = HalfSpace(network, axis)
-        contact_damping = ContactDamping.of(half_space.cut, damping, loss_factor)
+        losses = Losses.of(half_space.cut, damping, loss_factor, drag, dashpot, restitution)
         wavevector = half_space.read_wavevector(q)
-        if contact_damping.is_none:
+        if losses.is_none:
             require_bloch_memory(hertz.size, half_space.size)
             blocks = half_space.couplings(wavevector)
         else:
             require_bloch_memory(hertz.size, half_space.size, half_space.cut.n_contacts)
-            normal, other = contact_damping.soften(2.0 * np.pi * hertz)
+            normal, other = losses.soften(2.0 * np.pi * hertz)
             blocks = half_space.couplings(wavevector, normal, other)
+            # drag resists the motions of a block as an imaginary stiffness would
+            drags = losses.drag_of(half_space.motions) / (2.0 * np.pi * half_space.units.frequency)
+            of_block = np.diag(np.tile(drags, half_space.size // drags.size))
+            reduced = hertz / half_space.units.frequency
+            inner = blocks.inner - 1j * reduced[:, None, None] * of_block
+            blocks = blocks._replace(inner=inner)
         squares = (hertz / half_space.units.frequency) ** 2
         # far above all bands a wave decays by about the couplings over the square from layer to
         # layer
@@ -700,7 +718,7 @@ class Phonons:
             wavenumbers=_list_wavenumbers(half_space, waves, wavevector),
             running=np.array([upward.running for upward, _ in waves]),
             height=half_space.height,
-            warnings=contact_damping.find_warnings(float(np.max(hertz))),
+            warnings=losses.find_warnings(float(np.max(hertz))),
         )
 
     def dos(

@@ -37,7 +37,7 @@ from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.threads import single_products
 from granphon.base.validation import not_negative, whole_number
-from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
+from granphon.dynamics.damping import DampedModes, Losses, damp_evenly, damp_unevenly
 from granphon.dynamics.deformation_rows import network_unit_rows
 from granphon.dynamics.factors import Elimination, Factors, factorise
 from granphon.dynamics.linalg import find_nearest, lanczos_converges
@@ -971,30 +971,25 @@ def _read_target(nearest: float | None) -> float:
 
 
 def find_damped(
-    operator: WaveOperator,
-    count: int,
-    nearest: float | None,
-    damping: Any = 0.0,
-    loss_factor: Any = 0.0,
+    operator: WaveOperator, count: int, nearest: float | None, losses: Losses
 ) -> DampedModes:
     """Return ``count`` damped modes of a network that is stable, the lowest or those nearest to the
     frequency ``nearest``, Hz; see :meth:`granphon.waves.waves.Waves.damped_modes`.
     """
-    damped = ContactDamping.of(operator.network, damping, loss_factor)
-    even_damping = damped.find_even(operator.network)
-    if even_damping is not None:
+    even = losses.find_even()
+    if even is not None:
         modes = find_modes(operator, count, nearest)
-        omega = damp_evenly(2.0 * math.pi * modes.frequencies, *even_damping)
+        omega = damp_evenly(2.0 * math.pi * modes.frequencies, *even)
         order = np.argsort(omega)  # by real parts: the highest modes are the first to creep
         vectors = modes.vectors[order].astype(complex)
         highest = float(modes.frequencies[-1])
         return DampedModes(
             frequencies=omega[order] / (2.0 * math.pi),
             vectors=vectors,
-            warnings=damped.find_warnings(highest),
+            warnings=losses.find_warnings(highest),
         )
     count = whole_number("count", count, 1)
-    omega, shapes = _find_unevenly_damped(operator, damped, count, _read_target(nearest))
+    omega, shapes = _find_unevenly_damped(operator, losses, count, _read_target(nearest))
     vectors = np.zeros((count, operator.network.n_balls, operator.motions.count), complex)
     vectors[:, operator.balls] = np.moveaxis(operator.values(shapes), -1, 0)
     # without losses, a motion of this shape has the frequency of Rayleigh's quotient
@@ -1004,15 +999,15 @@ def find_damped(
     return DampedModes(
         frequencies=omega / (2.0 * math.pi),
         vectors=vectors,
-        warnings=damped.find_warnings(highest),
+        warnings=losses.find_warnings(highest),
     )
 
 
 def _find_unevenly_damped(
-    operator: WaveOperator, damped: ContactDamping, count: int, target: float
+    operator: WaveOperator, losses: Losses, count: int, target: float
 ) -> tuple[Complex, Complex]:
     """Return angular frequencies (count,), rad/s, and shapes (size, count) of the modes nearest to
-    ``target``, rad/s, of contacts that are damped differently: by the real part if all modes are
+    ``target``, rad/s, of motions that are damped differently: by the real part if all modes are
     found, else by the complex frequency.
 
     InputError for a network too large, for more modes than cost energy, and for more than are found
@@ -1025,43 +1020,57 @@ def _find_unevenly_damped(
         mend = "Damp all contacts alike, or take a smaller network"
         raise InputError(f"{live.size:,} motions that are damped unevenly are too many", mend=mend)
     # in units of the top frequency: x'' + viscous x' + stiffness x = 0
-    lossy = (operator.matrix + 1j * operator.weigh(damped.losses)) / top**2
+    lossy = (operator.matrix + 1j * operator.weigh(losses.factors)) / top**2
     stiffness = lossy.tocsr()[live][:, live]
-    viscous = (operator.weigh(damped.times) / top).tocsr()[live][:, live]
+    viscous = (operator.resist(losses) / top).tocsr()[live][:, live]
+    # where drag differs it couples the motions that cost no energy to the others
+    drags = losses.drag_of(operator.motions)
+    is_coupled = bool(np.ptp(drags) > 0.0)
     # the matrix of first order has twice the size of D
     is_small = 2 * live.size <= DENSE
     are_many = _SHARE * (2 * count + _SPARE) > 2 * live.size
     is_dense = is_small or (are_many and live.size <= DENSE)
     find = _find_damped_dense if is_dense else _find_damped_near
-    omega_over_top, vectors = find(problem, stiffness, viscous, count, target / top)
+    omega_over_top, vectors = find(problem, stiffness, viscous, count, target / top, is_coupled)
     shapes = np.zeros((operator.size, count), complex)
     shapes[live] = vectors
     return omega_over_top * top, shapes
 
 
 def _find_damped_dense(
-    problem: Problem, stiffness: Any, viscous: Any, count: int, target: float
+    problem: Problem, stiffness: Any, viscous: Any, count: int, target: float, is_coupled: bool
 ) -> tuple[Complex, Complex]:
     """Return the ``count`` modes nearest to ``target``, over top, among all: omega over top
     (count,), and vectors (live, count); InputError if fewer cost energy.
 
     ``stiffness`` and ``viscous`` (live, live) are the matrices of x and x', in units of the top
-    frequency.
+    frequency; with ``is_coupled`` the latter couples motions that cost no energy to the others.
     """
     squares, shapes = _diagonalise(problem, count)
     costs_energy = find_roots(problem.operator, squares) > ZERO * problem.top
     elastic = shapes[:, costs_energy]
     if elastic.shape[1] < count:
         raise make_too_few(elastic.shape[1], count)
-    reduced_stiffness = elastic.T @ np.asarray(stiffness @ elastic)
-    reduced_viscous = elastic.T @ np.asarray(viscous @ elastic)
+    basis = shapes if is_coupled else elastic
+    reduced_stiffness = basis.T @ np.asarray(stiffness @ basis)
+    reduced_viscous = basis.T @ np.asarray(viscous @ basis)
     omega, vectors = damp_unevenly(reduced_stiffness, reduced_viscous)
+    if is_coupled:
+        omega, vectors = _leave_out_zeros(omega, vectors)
     chosen = _choose_damped(omega, count, target)
-    return omega[chosen], elastic @ vectors[:, chosen]
+    return omega[chosen], basis @ vectors[:, chosen]
+
+
+def _leave_out_zeros(omega: Complex, vectors: Complex) -> tuple[Complex, Complex]:
+    """Return the modes ``omega`` (m,), over top, and ``vectors`` (n, m) without those of frequency
+    zero, whose motions cost no energy.
+    """
+    moves = np.abs(omega) > ZERO
+    return omega[moves], vectors[:, moves]
 
 
 def _find_damped_near(
-    problem: Problem, stiffness: Any, viscous: Any, count: int, target: float
+    problem: Problem, stiffness: Any, viscous: Any, count: int, target: float, is_coupled: bool
 ) -> tuple[Complex, Complex]:
     """Return the ``count`` modes nearest to ``target`` by factors, as
     :func:`_find_damped_dense`.
@@ -1075,8 +1084,13 @@ def _find_damped_near(
     if available < count:
         raise make_too_few(available, count)
     rate_count = 2 * count + _SPARE  # modes that swing have two rates
+    if is_coupled:
+        rate_count += still.shape[1]  # rates of zero, which are left out later
+        still = still[:, :0]
     while rate_count <= available:
         omega, vectors = _follow_damped(stiffness, viscous, still, rate_count, target)
+        if is_coupled:
+            omega, vectors = _leave_out_zeros(omega, vectors)
         chosen = _choose_damped(omega, count, target)
         if chosen.size == count:
             return omega[chosen], vectors[:, chosen]

@@ -16,7 +16,7 @@ import numpy as np
 from granphon.base.arrays import Array, Complex
 from granphon.base.memory import require_memory
 from granphon.base.results import Result
-from granphon.dynamics.damping import ContactDamping
+from granphon.dynamics.damping import Losses
 from granphon.dynamics.deformation_rows import network_unit_rows
 from granphon.dynamics.sensitivities import add_growth, list_inertias, name_units, sum_kinds
 from granphon.waves.operator import WaveOperator
@@ -30,8 +30,8 @@ class ResponseSensitivities(Result):
     """Derivatives of the complex amplitudes of receivers, in the unit of the response over that of
     each parameter. Contacts and balls are those of the network, in its order.
 
-    The loss factor of a contact, and the viscosity over the stiffness, stay as the stiffness
-    changes.
+    The loss factor of a contact, and the viscosity of its dashpots over the stiffness, stay as the
+    stiffness changes; the rate of a drag stays as the mass changes.
 
     Attributes
     ----------
@@ -62,9 +62,9 @@ class ResponseSlopes:
     ``moved`` (n, motions) are the displacements of bodies that are moved, m; zero without any.
     """
 
-    def __init__(self, operator: WaveOperator, damping: ContactDamping, moved: Array) -> None:
+    def __init__(self, operator: WaveOperator, losses: Losses, moved: Array) -> None:
         self.operator = operator
-        self.damping = damping
+        self.losses = losses
         network = operator.network
         self.rows = network_unit_rows(network)
         self._deform = operator.compose(self.rows)
@@ -91,7 +91,7 @@ class ResponseSlopes:
         omega = 2.0 * math.pi * hertz
         deformations = self._deform @ x + self._stretched
         products: Any = deformations[:, None] * np.asarray(self._deform @ y)
-        normal, other = 1.0 + 1j * (self.damping.losses + omega * self.damping.times)
+        normal, other = 1.0 + 1j * (self.losses.factors + omega * self.losses.times)
         fields: dict[str, Any] = {"normal_force": None}
         none = np.zeros((network.n_contacts, y.shape[1]))
         sums = sum_kinds(self.rows, products)
@@ -111,6 +111,7 @@ class ResponseSlopes:
         of_moving = -np.moveaxis(self.operator.values(x[:, None] * y), 2, 0)
         on_site[:, moving] = of_moving / list_inertias(network)[moving]
         fields["on_site"] = on_site
-        fields["mass"] = -(omega**2) * on_site[..., motions.translating].sum(axis=-1)
-        fields["inertia"] = -(omega**2) * on_site[..., motions.turning].sum(axis=-1)
+        by_inertia = (1j * omega * self.losses.drag_of(motions) - omega**2) * on_site
+        fields["mass"] = by_inertia[..., motions.translating].sum(axis=-1)
+        fields["inertia"] = by_inertia[..., motions.turning].sum(axis=-1)
         return fields
