@@ -235,7 +235,7 @@ def read_balls(atoms: Frame, scales: Scales, frozen: Mapping[str, Any] | None) -
         atoms.name,
         scales.length * (positions + atoms.origin),
         scales.length * radii,
-        scales.mass * columns["mass"] if has_mass else None,
+        masses=scales.mass * columns["mass"] if has_mass else None,
         labels=read_ids(atoms, "id", columns),
         rounding=scales.length * rounding,
         radius_rounding=scales.length * find_rounding(radii),
@@ -345,9 +345,6 @@ def add_wall(balls: Balls, label: int, kind: str) -> Balls:
     """Return the ``balls`` and a flat wall of this ``label`` and ``kind``, which does not move."""
     n_axes = balls.positions.shape[1]
     still = np.zeros(len(balls.radii), bool) if balls.still is None else balls.still
-    rounding = balls.rounding
-    if rounding is not None:
-        rounding = np.append(rounding, np.zeros((1, n_axes)), axis=0)
 
     def extend(values: Any, last: float) -> Any:
         return None if values is None else np.append(values, last)
@@ -356,11 +353,11 @@ def add_wall(balls: Balls, label: int, kind: str) -> Balls:
         balls.name,
         np.append(balls.positions, np.zeros((1, n_axes)), axis=0),
         np.append(balls.radii, np.inf),
-        extend(balls.masses, np.inf),
-        extend(balls.inertias, np.inf),
+        rounding=np.append(balls.rounding, np.zeros((1, n_axes)), axis=0),
+        radius_rounding=np.append(balls.radius_rounding, 0.0),
+        masses=extend(balls.masses, np.inf),
+        inertias=extend(balls.inertias, np.inf),
         labels=extend(balls.labels, label),
-        rounding=rounding,
-        radius_rounding=extend(balls.radius_rounding, 0.0),
         kinds=None if balls.kinds is None else (*balls.kinds, kind),
         still=np.append(still, True),
         lines=extend(balls.lines, 0),
