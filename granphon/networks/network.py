@@ -1519,6 +1519,24 @@ class ContactNetwork(Result):
 
         write_tables(vars(self.storable()), balls, contacts)
 
+    def write_dumps(self, atoms: str | os.PathLike[str], pairs: str | os.PathLike[str]) -> None:
+        """Write the network as two dumps of LAMMPS, in SI units, for OVITO, LAMMPS and
+        :meth:`from_lammps`, which reads the same balls, forces and normals from them.
+
+        ``atoms`` has the columns id, type (of the kinds of the balls), x, y, z, radius, mass, and
+        force, the sum of the normal forces on the ball, N. ``pairs`` has a bond for each contact: i
+        and j, the ids of its balls, force, N, dx, dy, dz, the vector from j to i, m, and tx, ty,
+        tz, the tangential force on i, N, if these are known. Flat walls and their contacts are left
+        out, and stiffnesses, which follow from the material. Folders are made if need be.
+
+        Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
+        x or whose second one leaves the xy plane, and OutputError for files of another kind that
+        are there.
+        """
+        from granphon.networks.lammps import write_dumps
+
+        write_dumps(self, atoms, pairs)
+
 
 #: readers of the files of other programs, by the name of the program
 READERS: Registry[Callable[..., ContactNetwork]] = Registry("reader")

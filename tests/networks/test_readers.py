@@ -320,6 +320,54 @@ def test_overlaps_and_force_vectors_take_the_place_of_few_digits(tmp_path):
         gp.ContactNetwork.from_table(exact, ends | vectors | in_mm, **options)
 
 
+# -- dumps that granphon writes -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["disks", "balls"])
+def test_dumps_that_are_written_are_read_back(name, tmp_path):
+    """With tangential forces, ids and kinds; of a box that is tilted by a whole period too."""
+    network = gp.ContactNetwork.from_lammps(*dumps(name), GLASS)
+    rng = np.random.default_rng(1)
+    across = np.cross(network.normal, rng.normal(size=(network.n_contacts, 3)))
+    kinds = tuple("AB"[ball % 2] for ball in range(network.n_balls))
+    network = replace(network, tangential_force=across * (1.0 if name == "balls" else 0.0),
+                      kinds=kinds)  # fmt: skip
+    files = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
+    cell = network.cell.copy()
+    cell[1] += cell[0]
+    shift = network.shift.copy()
+    shift[:, 0] -= shift[:, 1]
+    tilted = replace(network, cell=cell, shift=shift)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InconsistencyWarning)  # these forces are not in balance
+        for made in (network, tilted):
+            made.write_dumps(*files)
+            found = gp.ContactNetwork.from_lammps(*files, GLASS)
+            np.testing.assert_array_equal(found.labels, network.labels)
+            np.testing.assert_allclose(found.vector, network.vector, atol=1e-15)
+            for field in ("radii", "masses", "normal_force", "tangential_force", "normal"):
+                np.testing.assert_allclose(
+                    getattr(found, field), getattr(network, field), rtol=1e-9, atol=1e-12
+                )
+            assert found.kinds == tuple("12"[kind == "B"] for kind in kinds)
+            np.testing.assert_allclose(found.cell[:2, :2], made.cell[:2, :2])
+    swapped = replace(network, cell=network.cell[[1, 0, 2]], shift=network.shift[:, [1, 0, 2]])
+    with pytest.raises(InputError, match="along x"):
+        swapped.write_dumps(*files)
+
+
+def test_dumps_of_layers_lack_their_walls(tmp_path):
+    network = written.layer_on_floor()
+    files = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
+    network.write_dumps(*files)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InconsistencyWarning)
+        found = gp.ContactNetwork.from_lammps(*files, GLASS, keep_rattlers=True)
+    assert found.n_balls == network.n_balls - 1
+    assert found.pbc == network.pbc
+    assert found.n_contacts == np.count_nonzero(np.isfinite(network.distance))
+
+
 # -- balls that do not move, and scripts of pages --------------------------------------------------
 
 
