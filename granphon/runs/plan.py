@@ -264,10 +264,10 @@ class Plan:
         """The waves that are observed in arrays and in networks; None for none."""
         return self.grid.request.waves
 
-    @cached_property
+    @property
     def is_single(self) -> bool:
-        """Whether there is one state alone: one load, one medium, and no swept parameter."""
-        return self.grid.request.alone
+        """Whether there is one state alone, which is kept for its files and figures."""
+        return self.grid.request.whole
 
     @contextmanager
     def place_errors(self) -> Iterator[None]:
@@ -424,15 +424,8 @@ class Plan:
         """Return a sentence on how a scene is mended whose lattice has no velocities."""
         parameters = [(axis.name, axis.values) for axis in self.axes]
         if list_parameters_of_branches(self.grid.packing, parameters):
-            return (
-                "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
-            )
-        if not self.is_single:
-            return "It has bands, which a sweep without velocities has: observe: [bands]"
-        return (
-            "It has bands and a density of states: observe them without velocities, as observe:"
-            " [bands, dos]"
-        )
+            return "In a scene of its own it has bands: observe: [bands]"
+        return "It has bands: observe them without velocities, as observe: [bands]"
 
     def require_waves(self, most: float = math.inf) -> None:
         """Raise GranphonError, placed in the file, if arrays are known not to have the waves that
