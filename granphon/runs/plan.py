@@ -424,8 +424,10 @@ class Plan:
         """Return a sentence on how a scene is mended whose lattice has no velocities."""
         parameters = [(axis.name, axis.values) for axis in self.axes]
         if list_parameters_of_branches(self.grid.packing, parameters):
-            return "In a scene of its own it has bands: observe: [bands]"
-        return "It has bands: observe them without velocities, as observe: [bands]"
+            return (
+                "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
+            )
+        return "It has bands, and as one state a density of states: observe: [bands], or [dos]"
 
     def require_waves(self, most: float = math.inf) -> None:
         """Raise GranphonError, placed in the file, if arrays are known not to have the waves that
