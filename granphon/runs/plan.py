@@ -427,7 +427,10 @@ class Plan:
             return (
                 "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
             )
-        return "It has bands, and as one state a density of states: observe: [bands], or [dos]"
+        return (
+            "It has bands without velocities, and as one state a density of states: observe:"
+            " [bands], or [dos]"
+        )
 
     def require_waves(self, most: float = math.inf) -> None:
         """Raise GranphonError, placed in the file, if arrays are known not to have the waves that
