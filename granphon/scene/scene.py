@@ -599,10 +599,10 @@ class RunResult(Results):
             numbers |= find_all(analysis, ("velocities",))
         for row in self.rows or list_outputs(self.scene):
             numbers |= row.collect_numbers(self)
+        data = self.dataset
         for name, entry in CATALOGUE.items():
-            is_number_of_waves = entry.cost in WAVE_COSTS and not entry.dims
-            if is_number_of_waves and name in self.dataset:
-                value = self.dataset[name].item()
+            if entry.cost in WAVE_COSTS and not entry.dims and name in data:
+                value = data[name].item()
                 if np.isfinite(value):
                     numbers.setdefault(name, value)
         return numbers
