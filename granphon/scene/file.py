@@ -673,20 +673,17 @@ class SceneSource(Places):
         if packing is None:
             packing = self._make_packing(blocks)
         arguments: dict[str, Any] = {"packing": packing, "load": self._make_load(blocks["load"])}
-        bands = blocks.get("phonopy", {})
-        if "band" in bands or "band_labels" in bands:
+        arguments |= blocks.get("phonopy", {})
+        if "band_labels" in arguments:
             with self.at("phonopy", "band_labels"):
-                path = bands["band"] if "band" in bands else BandPath.default(packing.structure)
-                arguments["band"] = replace(path, labels=bands.get("band_labels", path.labels))
+                path = arguments.get("band") or BandPath.default(packing.structure)
+                arguments["band"] = replace(path, labels=arguments.pop("band_labels"))
         for key in ("medium", "sweep", "observe", "direction"):
             if key in blocks:
                 arguments[_ATTRIBUTES.get(key, key)] = blocks[key]
         for key, settings in WAVE_BLOCKS.items():
             if key in blocks:
                 arguments[key] = settings(**blocks[key])
-        for key in ("band_points", "mesh", "dim"):
-            if key in bands:
-                arguments[key] = bands[key]
         if "finite_overlap" in blocks["packing"]:
             arguments["finite_overlap"] = blocks["packing"]["finite_overlap"]
         return arguments | {"source": self.path}
