@@ -43,6 +43,8 @@ from .dynamics.contact_lattice import ContactLattice as ContactLattice
 from .dynamics.contact_lattice import Modes as Modes
 from .dynamics.damping import DampedModes as DampedModes
 from .dynamics.local_field import LocalField as LocalField
+from .dynamics.sensitivities import FrequencySensitivities as FrequencySensitivities
+from .dynamics.sensitivities import Sensitivities as Sensitivities
 from .figures.plot import plot as plot
 from .fits.fit import WidthFit as WidthFit
 from .fits.fit import fit_width as fit_width
@@ -52,6 +54,12 @@ from .fits.traces import TraceVelocity as TraceVelocity
 from .fits.transfer import DampingFit as DampingFit
 from .fits.transfer import TransferFunction as TransferFunction
 from .fits.transfer import fit_damping as fit_damping
+from .inverse.design import Design as Design
+from .inverse.design import design as design
+from .inverse.goals import LowestVelocity as LowestVelocity
+from .inverse.goals import MatchFrequencies as MatchFrequencies
+from .inverse.goals import ResponseAt as ResponseAt
+from .inverse.goals import WidestGap as WidestGap
 from .laws.spread import SpreadLaw as SpreadLaw
 from .media.arrangement import Arrangement as Arrangement
 from .media.choice import AutoMedium as AutoMedium
@@ -78,6 +86,10 @@ from .networks.network import register_reader as register_reader
 from .observables.catalogue import Analysis as Analysis
 from .observables.catalogue import Observable as Observable
 from .observables.catalogue import register_observable as register_observable
+from .observables.parameters import ParameterSensitivities as ParameterSensitivities
+from .observables.parameters import parameter_sensitivities as parameter_sensitivities
+from .observables.sensitivities import ModuliSensitivities as ModuliSensitivities
+from .observables.sensitivities import VelocitySensitivities as VelocitySensitivities
 from .observables.validity import Validity as Validity
 from .observables.validity import validity as validity
 from .observables.velocities import AveragedModuli as AveragedModuli
@@ -130,8 +142,10 @@ from .waves.scattering import ScatteringLengths as ScatteringLengths
 from .waves.scattering import Transmission as Transmission
 from .waves.scattering import scattering_lengths as scattering_lengths
 from .waves.scattering import transmission as transmission
+from .waves.sensitivities import ResponseSensitivities as ResponseSensitivities
 from .waves.settings import BandsSettings as BandsSettings
 from .waves.settings import DriveSettings as DriveSettings
+from .waves.settings import ModesSettings as ModesSettings
 from .waves.settings import MotionSettings as MotionSettings
 from .waves.settings import PulseSettings as PulseSettings
 from .waves.settings import ResponseSettings as ResponseSettings

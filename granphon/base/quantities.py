@@ -437,6 +437,9 @@ TIME = Quantity("time", "s", "0.5 ms", "s, ms, us, minutes, hours")
 SINCE = replace(TIME, least="zero or above")
 VELOCITY = Quantity("velocity", "m/s", "0.3 m/s", "m/s, mm/s, um/s, km/h")
 PUSH = Quantity("force", "N", "2 N", "mN, N, kN", "any")
+#: losses of balls and of contacts
+RATE = Quantity("rate", "1/s", "40 1/s", "1/s, 1/ms", "zero or above")
+VISCOSITY = Quantity("viscosity", "N*s/m", "2 N*s/m", "N*s/m, kg/s", "zero or above")
 WAY = Quantity("length", "m", "8 mm", "m, mm, um, nm", "any")
 _TENSILE = "tensile (one-sided contacts carry no tension)"
 #: the quantity of each kind of load on a layer; where balls differ an overlap may be negative, and

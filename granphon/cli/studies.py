@@ -50,8 +50,8 @@ def fit_measurements(
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Fit this as well: young_modulus, diameter; or, of a response: damping. May be"
-            " repeated.",
+            help="Fit this as well: young_modulus, diameter; or, of a response: damping, drag,"
+            " dashpot, restitution. May be repeated.",
         ),
     ] = None,
     frequency: Annotated[
@@ -92,7 +92,7 @@ def fit_measurements(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Fit the spread to velocities, or damping to a response.
+    """Fit the spread to velocities, or losses to a response.
 
     The scene gives the balls and the medium; the fit replaces the width of its spread. Equal balls
     in the medium ala are fitted with ema, and the loads of the scene are not used; a warning says
@@ -387,12 +387,11 @@ def _fit_response(
         sources,
         receivers,
         parameters=names or ("damping",),
-        damping=settings.damping,
-        loss_factor=settings.loss_factor,
         quantity=settings.quantity,
         direction=settings.direction,
         polarisation=settings.polarisation,
         distance=settings.distance,
+        **settings.losses,
     )
 
 

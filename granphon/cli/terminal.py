@@ -9,6 +9,7 @@ import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -304,8 +305,15 @@ def describe_response_fit(fit: DampingFit) -> list[tuple[str, str]]:
     rows = list[tuple[str, str]]()
     columns = zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True)
     for name, value, error in columns:
-        unit = PARAMETERS[name].replace("1", "")  # a number without a unit has none in a text
+        # a number without a unit has none in a text
+        unit = "" if PARAMETERS[name] == "1" else PARAMETERS[name]
         rows.append((name.replace("_", " "), _write_valued(value, error, unit)))
+    correlation = fit.correlation
+    for row, column in combinations(range(len(fit.parameters)), 2):
+        words = " and ".join(fit.parameters[index] for index in (row, column))
+        rows.append(
+            (f"correlation of {words.replace('_', ' ')}", f"{correlation[row, column]:.2f}")
+        )
     data = "magnitudes" if fit.measured.phase is None else "magnitudes and phases"
     source = "sigma given"
     if not fit.sigma_given:

@@ -4,10 +4,16 @@ balls, in the directions of rest or in the true ones.
 Slip, twist and rolling s are resisted by forces T whose stiffness is in proportion to that of a
 flat punch as wide as the contact, k_t = eta 2 E* a(h), which without adhesion is the normal
 stiffness k: dT = k_t ds while a rises, and the elastic part T/k_t is kept while a falls. Slip ends
-at Coulomb's limit |T| <= mu f, of the force f of the law, without that of dashpots. It is the law
-of :mod:`granphon.contacts.friction`. Dashpots add tau k(h) times the rate of an elongation (G.
-Kuwabara and K. Kono, Jpn. J. Appl. Phys. 26, 1230, 1987), and tau' k_t(h) times those of other
-deformations.
+at Coulomb's limit |T| <= mu f, of the force f of the law. It is the law of
+:mod:`granphon.contacts.friction`.
+
+Dashpots add c times the rate of an elongation, c = tau k(h) + c_0 + alpha (m* k(h))^1/2 as long as
+the contact is closed (of the three laws that of tau is of G. Kuwabara and K. Kono, Jpn. J. Appl.
+Phys. 26, 1230, 1987; of the others see :mod:`granphon.dynamics.damping`). Slip is resisted by c' =
+tau' k_t(h) + c_0' + alpha (m* k(h))^1/2 in the same way, twist and roll by as much over their
+stiffnesses. The dashpot of an elongation pulls where balls part; it may be limited to the force f
+of the law, so that both together never pull. Coulomb's limit is then that of T and f, or that of T
+and f with the forces of their dashpots, |T + c' s'| <= mu |f + c h'|: as in LAMMPS.
 
 Loops over contacts are those of :mod:`granphon.contacts.motion_loops`. Where all normal forces are
 Hertz's, the loops know the law; other laws are asked between two loops.
@@ -25,6 +31,7 @@ from granphon.base.arrays import Array, Index
 from granphon.contacts import motion_loops as loops
 from granphon.contacts.motion_laws import PairLaws, Powers
 from granphon.contacts.motion_loops import Columns, Moment, Rules
+from granphon.dynamics.damping import Losses
 from granphon.networks.network import ContactNetwork
 
 #: forces across a contact against slip
@@ -75,9 +82,8 @@ class MovingContacts:
     pairs : pairs of balls that may meet, whose contacts come behind those of the network.
     law : of the normal forces of all contacts.
     punch : stiffnesses of flat punches as wide as the contacts of the network at rest, N/m.
-    times : (2, n_c) times of dashpots, s: tau of normal motion, and tau' of all other.
-    mu : friction coefficient of Coulomb's limit.
-    turns : whether directions are the true ones, or those of rest.
+    losses : of the network.
+    rules : what holds for all contacts.
 
     Attributes
     ----------
@@ -98,16 +104,15 @@ class MovingContacts:
         pairs: MetPairs,
         law: Powers | PairLaws,
         punch: Array,
-        times: Array,
-        mu: float,
-        turns: bool,
+        losses: Losses,
+        rules: Rules,
     ) -> None:
         motions = network.ball_motions
         self.law = law
-        self.mu = mu
+        self.rules = rules
         self.axes = np.array([*motions.translations, *(3 + axis for axis in motions.rotations)])
-        self.is_damped = bool(np.any(times))
-        self._turns = turns
+        self.is_damped = losses.has_dashpots
+        turns = rules.turns
         self.springs: Array | None = None
         if network.on_site is not None:
             self.springs = network.on_site[:, : motions.count]
@@ -131,15 +136,15 @@ class MovingContacts:
             loops.FAR: geometry.far,
             loops.FORCE: law.rest,
             loops.SLIP_RATIO: self.ratios[0],
-            loops.NORMAL_TIME: times[0],
-            loops.SIDE_TIME: times[1],
+            loops.OVERLAP: law.end,
         }
+        dashpots = losses.list_dashpots(pairs.i, pairs.j)
+        columns |= dict(zip(loops.DASHPOTS, dashpots, strict=True))
         if len(self.ratios) > _N_SLIPS:
             columns |= {loops.TWIST_RATIO: self.ratios[3], loops.ROLL_RATIO: self.ratios[4]}
         if isinstance(law, Powers) and is_hertz:
             columns |= {
                 loops.COEFFICIENT: law.coefficient,
-                loops.OVERLAP: law.overlap,
                 loops.ROOT: law.root,
             }
         self._columns = _make_columns(ends, columns)
@@ -150,8 +155,13 @@ class MovingContacts:
             np.zeros((len(self.ratios) + 1, n_contacts)) if self.is_damped else self._no_dash
         )
         still = self.make_moment()
-        self._go(still, still._replace(pull=still.pull.copy()), Rules(turns, False, math.inf))
+        self._go(still, still._replace(pull=still.pull.copy()), self._stick)
         self.still = self.on_balls.copy()
+
+    @property
+    def _stick(self) -> Rules:
+        """The rules of contacts that do not slide, whose normal forces are known."""
+        return self.rules._replace(mu=math.inf)
 
     def make_moment(self) -> Moment:
         """Return contacts of balls at rest, that bear what they bear at rest; stiffnesses are still
@@ -179,7 +189,7 @@ class MovingContacts:
 
     def measure(self, moment: Moment) -> None:
         """Set the elongations of contacts whose balls have moved."""
-        loops.measure(self._columns, moment.motions, self.axes, self._turns, moment.e)
+        loops.measure(self._columns, moment.motions, self.axes, self.rules.turns, moment.e)
 
     def press(self, moment: Moment, joined: Any) -> None:
         """Set normal forces and stiffnesses at the elongations of a moment."""
@@ -196,7 +206,7 @@ class MovingContacts:
         joined = self.law.begin(moment.e)
         self.press(moment, joined)
         rest = self.make_moment()._replace(k=moment.k, punch=moment.punch)
-        self._go(rest, moment, Rules(self._turns, False, self.mu))
+        self._go(rest, moment, self.rules)
         return joined
 
     def act(self, moment: Moment, speeds: Array) -> None:
@@ -204,7 +214,7 @@ class MovingContacts:
         of the ``speeds`` (n, m) of the balls.
         """
         after = moment._replace(pull=moment.pull.copy())
-        self._go(moment, after, Rules(self._turns, False, math.inf), speeds=speeds)
+        self._go(moment, after, self._stick, speeds=speeds)
 
     def follow(
         self, before: Moment, after: Moment, knows_law: bool, speeds: Array
@@ -215,7 +225,7 @@ class MovingContacts:
 
         If the loops know the law, they set neither elongations nor normal forces nor stiffnesses.
         """
-        return self._go(before, after, Rules(self._turns, knows_law, self.mu), speeds=speeds)
+        return self._go(before, after, self.rules._replace(is_hertz=knows_law), speeds=speeds)
 
     def follow_mean(
         self, before: Moment, after: Moment, joined: Any, step: float
@@ -224,7 +234,7 @@ class MovingContacts:
         energy.
         """
         mean = self.law.mean(before.e, after.e, joined)
-        return self._go(before, after, Rules(self._turns, False, self.mu), mean=mean, step=step)
+        return self._go(before, after, self.rules, mean=mean, step=step)
 
     @property
     def knows_law(self) -> bool:
@@ -270,7 +280,7 @@ class MovingContacts:
         energy = float(np.sum(self.still * moment.motions))
         if self.springs is not None:
             energy += 0.5 * float(np.sum(self.springs * moment.motions**2))
-        if self._turns:
+        if self.rules.turns:
             energy -= float(np.sum(self.law.rest * moment.e))
         return energy
 

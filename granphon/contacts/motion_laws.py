@@ -49,6 +49,7 @@ class Powers:
     overlap : (n,) at rest, m.
     root : (n,) root of the overlap, above zero, m^1/2.
     rest : (n,) force at rest, N.
+    end : (n,) elongation at which a contact opens, m.
     jumps : numbers of the contacts whose force jumps: none.
     know_radii : whether the law knows the radius of its contacts: it does not.
     """
@@ -57,6 +58,7 @@ class Powers:
         self.exponent = exponent
         self.coefficient = share(coefficient)
         self.overlap = share(overlap)
+        self.end = self.overlap
         self.root = share(np.maximum(np.sqrt(overlap), _NONE))
         self.rest = share(coefficient * overlap**exponent)
         # coefficients of the change of a force, which falls with e, and of the stiffness
@@ -129,6 +131,7 @@ class PairLaws:
     springs : the laws.
     overlap : (n,) at rest, m.
     rest : (n,) force at rest, N.
+    end : (n,) elongation at which a contact opens, m; infinite of a bond.
     apart : number of the last contacts that are those of balls that may meet, which no load holds.
     jumps : numbers of the contacts whose force jumps where they join or part.
     know_radii : whether some law knows the radius of its contacts.
@@ -137,6 +140,7 @@ class PairLaws:
     def __init__(self, springs: ContactLaws, overlap: Array, apart: int = 0) -> None:
         self.springs = springs
         self.overlap = overlap
+        self.end = overlap - springs.least
         self.rest = springs.force(overlap)
         self.apart = apart
         self.know_radii = springs.know_radii

@@ -52,59 +52,70 @@ NEAR = 6 * CHUNK
 FAR = 7 * CHUNK
 FORCE = 8 * CHUNK
 #: their law: stiffnesses of slip, twist and roll over those of flat punches as wide as the
-#: contacts, times of dashpots, and Hertz's coefficient, overlap at rest, and its root
+#: contacts; dashpots, tau and c_0 of normal motion and of others, and alpha m*^1/2; Hertz's
+#: coefficient, the elongation at which a contact opens, and the root of the overlap at rest
 SLIP_RATIO = 9 * CHUNK
 TWIST_RATIO = 10 * CHUNK
 ROLL_RATIO = 11 * CHUNK
 NORMAL_TIME = 12 * CHUNK
 SIDE_TIME = 13 * CHUNK
-COEFFICIENT = 14 * CHUNK
-OVERLAP = 15 * CHUNK
-ROOT = 16 * CHUNK
-N_COLUMNS = 17 * CHUNK
+NORMAL_DASHPOT = 14 * CHUNK
+SIDE_DASHPOT = 15 * CHUNK
+ROOT_DASHPOT = 16 * CHUNK
+COEFFICIENT = 17 * CHUNK
+OVERLAP = 18 * CHUNK
+ROOT = 19 * CHUNK
+N_COLUMNS = 20 * CHUNK
+#: the columns of dashpots
+DASHPOTS = (NORMAL_TIME, SIDE_TIME, NORMAL_DASHPOT, SIDE_DASHPOT, ROOT_DASHPOT)
 #: displacement of ball j from ball i before and after the step; rotations in the step
-_ACROSS = 17 * CHUNK
-_ACROSS_END = 20 * CHUNK
-_TURN_I = 23 * CHUNK
-_TURN_J = 26 * CHUNK
+_ACROSS = 20 * CHUNK
+_ACROSS_END = 23 * CHUNK
+_TURN_I = 26 * CHUNK
+_TURN_J = 29 * CHUNK
 #: n before the step, in its mean and after it, r and |r| with which forces act, and the mean of r
-_START = 29 * CHUNK
-_MIDDLE = 32 * CHUNK
-_END = 35 * CHUNK
-_R = 38 * CHUNK
-_R_LENGTH = 41 * CHUNK
-_R_MIDDLE = 42 * CHUNK
+_START = 32 * CHUNK
+_MIDDLE = 35 * CHUNK
+_END = 38 * CHUNK
+_R = 41 * CHUNK
+_R_LENGTH = 44 * CHUNK
+_R_MIDDLE = 45 * CHUNK
 #: elongations before and after
-_E_START = 45 * CHUNK
-_E = 46 * CHUNK
+_E_START = 48 * CHUNK
+_E = 49 * CHUNK
 #: tangent of half of the angle by which forces turn about n in half of the step, and the cosine of
 #: the whole angle and one
-_HALF = 47 * CHUNK
-_COSINE = 48 * CHUNK
+_HALF = 50 * CHUNK
+_COSINE = 51 * CHUNK
 #: deformations of the step; forces before it, turned to its middle; after it; and their mean
-_SIDES = 49 * CHUNK
-_HELD = 56 * CHUNK
-_PULL = 63 * CHUNK
-_MEAN = 70 * CHUNK
+_SIDES = 52 * CHUNK
+_HELD = 59 * CHUNK
+_PULL = 66 * CHUNK
+_MEAN = 73 * CHUNK
 #: f - f_0, stiffnesses
-_CHANGE = 77 * CHUNK
-_K_START = 78 * CHUNK
-_K = 79 * CHUNK
-_PUNCH_START = 80 * CHUNK
-_PUNCH = 81 * CHUNK
-_WORK = 82 * CHUNK
+_CHANGE = 80 * CHUNK
+_K_START = 81 * CHUNK
+_K = 82 * CHUNK
+_PUNCH_START = 83 * CHUNK
+_PUNCH = 84 * CHUNK
+_WORK = 85 * CHUNK
 #: forces and torques on ball i, and on ball j
-_ON_I = 83 * CHUNK
-_ON_I_TORQUE = 86 * CHUNK
-_ON_J = 89 * CHUNK
-_ON_J_TORQUE = 92 * CHUNK
+_ON_I = 86 * CHUNK
+_ON_I_TORQUE = 89 * CHUNK
+_ON_J = 92 * CHUNK
+_ON_J_TORQUE = 95 * CHUNK
 #: dashpots: rates of elongation and of deformations, forces before and after, energy lost
-_RATE = 95 * CHUNK
-_RATES = 96 * CHUNK
-_DASH_START = 103 * CHUNK
-_DASH = 111 * CHUNK
-_LOSS = 119 * CHUNK
-_N_ROWS = 120 * CHUNK
+_RATE = 98 * CHUNK
+_RATES = 99 * CHUNK
+_DASH_START = 106 * CHUNK
+_DASH = 114 * CHUNK
+_LOSS = 122 * CHUNK
+#: the share of the step in which contacts are closed, for dashpots that are as viscous as ever
+#: then; the viscosity against slip over its ratio; and f - f_0 that acts
+_SHARE = 123 * CHUNK
+_VISCOSITY = 124 * CHUNK
+_PRESSURE = 125 * CHUNK
+_N_ROWS = 126 * CHUNK
 #: rows from that of slip to those of twist and of roll
 _TWIST = 3 * CHUNK
 _ROLL = 4 * CHUNK
@@ -134,13 +145,17 @@ class Rules(NamedTuple):
     Attributes
     ----------
     turns : whether directions are the true ones.
-    is_hertz : whether normal forces follow Hertz's law; else they are found between two loops.
     mu : of Coulomb's limit.
+    pulls : whether dashpots may pull, beyond the force of the law.
+    is_total : whether Coulomb's limit is of the forces of the law with those of dashpots.
+    is_hertz : whether normal forces follow Hertz's law; else they are found between two loops.
     """
 
     turns: bool
-    is_hertz: bool
     mu: float
+    pulls: bool = True
+    is_total: bool = False
+    is_hertz: bool = False
 
 
 class Moment(NamedTuple):
@@ -481,9 +496,10 @@ def _press(rows: Array, n: int) -> None:
 
 
 @compiled
-def _resist(rows: Array, n: int, mu: float) -> None:
+def _resist(rows: Array, n: int, mu: float, is_total: bool) -> None:
     """Find the forces against slip at the end of a step, up to Coulomb's limit, and their work, of
-    which sliding loses a part. The forces at its start are turned to the middle of the step.
+    which sliding loses a part. The forces at its start are turned to the middle of the step. With
+    ``is_total`` the limit is that of all forces, those of dashpots too.
 
     It is the law of :mod:`granphon.contacts.motion`: dT = k_t ds while a contact widens, and T/k_t
     is kept while it narrows.
@@ -501,10 +517,17 @@ def _resist(rows: Array, n: int, mu: float) -> None:
         sides = _get(rows, _SIDES + c)
         held = _get(rows, _HELD + c)
         pull = _add(_scale(kept, held), stiffness, sides)
-        if slides:
+        if slides and not is_total:
             limit = mu * max(rows[_CHANGE + c] + rows[FORCE + c], 0.0)
             size = math.sqrt(_dot(pull, pull))
             pull = _scale(limit / size if size > limit else 1.0, pull)
+        if slides and is_total:
+            limit = mu * abs(rows[_CHANGE + c] + rows[FORCE + c] + rows[_DASH + c])
+            dash = _get(rows, _DASH + CHUNK + c)
+            whole = _add(pull, 1.0, dash)
+            size = math.sqrt(_dot(whole, whole))
+            if size > limit and punch > 0.0:
+                pull = _add(_scale(limit / size, whole), -1.0, dash)
         _set(rows, _PULL + c, pull)
         rows[_WORK + c] = 0.5 * _dot(_add(pull, 1.0, held), sides)
 
@@ -542,15 +565,20 @@ def _average(rows: Array, n: int) -> None:
 
 
 @compiled
-def _take_mean(rows: Array, n: int, step: float) -> None:
-    """Let mean forces, stiffnesses and rates of a step be those that act."""
-    for c in range(n):
-        rows[_K + c] = 0.5 * (rows[_K_START + c] + rows[_K + c])
-        rows[_PUNCH + c] = 0.5 * (rows[_PUNCH_START + c] + rows[_PUNCH + c])
-        rows[_RATE + c] = (rows[_E + c] - rows[_E_START + c]) / step
+def _take_mean(rows: Array, n: int) -> None:
+    """Let mean forces of a step be those that act."""
     for row in range(0, _N_SIDES, CHUNK):
         for c in range(n):
             rows[_PULL + row + c] = rows[_MEAN + row + c]
+
+
+@compiled
+def _take_mean_rates(rows: Array, n: int, step: float) -> None:
+    """Find the mean rates of deformations in a step."""
+    for c in range(n):
+        rows[_RATE + c] = (rows[_E + c] - rows[_E_START + c]) / step
+    for row in range(0, _N_SIDES, CHUNK):
+        for c in range(n):
             rows[_RATES + row + c] = rows[_SIDES + row + c] / step
 
 
@@ -573,24 +601,65 @@ def _take_rates(rows: Array, n: int, turns: bool) -> None:
 
 
 @compiled
-def _damp(rows: Array, n: int, is_mean: bool) -> None:
-    """Find the forces of dashpots, add them to those that act, and find the energy that they take
-    up: by their means of before and after the step, or as those of its mean.
+def _find_shares(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
+    """Find by what share of a dashpot that is as viscous as ever a contact is damped.
+
+    In the mean of a step it is the share of the step in which the contact is closed. The force
+    after a step acts in the last half of the step, and in the first half of the next: with one half
+    more where a contact closes, and one half less where it opens, it does what a force does that
+    jumps in between. A dashpot that does not pull has no force where a contact opens.
     """
     for c in range(n):
-        normal_dash = -rows[NORMAL_TIME + c] * rows[_K + c] * rows[_RATE + c]
-        rows[_DASH + c] = normal_dash
-        rows[_CHANGE + c] = rows[_CHANGE + c] + normal_dash
-        mean = normal_dash if is_mean else 0.5 * (rows[_DASH_START + c] + normal_dash)
+        was_closed = rows[_PUNCH_START + c] > 0.0
+        is_closed = rows[_PUNCH + c] > 0.0
+        longest = max(rows[OVERLAP + c] - min(rows[_E_START + c], rows[_E + c]), 0.0)
+        way = abs(rows[_E + c] - rows[_E_START + c])
+        share = min(longest / max(way, _NONE), 1.0)
+        if not is_mean:
+            share += 0.5 if is_closed else -0.5
+            share = share if is_closed or pulls else 0.0
+        whole = 1.0 if is_closed else 0.0
+        rows[_SHARE + c] = whole if was_closed == is_closed else share
+
+
+@compiled
+def _find_dash(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
+    """Find the forces of dashpots after a step, or those of its mean."""
+    for c in range(n):
+        k = 0.5 * (rows[_K_START + c] + rows[_K + c]) if is_mean else rows[_K + c]
+        punch = 0.5 * (rows[_PUNCH_START + c] + rows[_PUNCH + c]) if is_mean else rows[_PUNCH + c]
+        root = rows[ROOT_DASHPOT + c] * math.sqrt(k)
+        constant = root + rows[_SHARE + c] * rows[NORMAL_DASHPOT + c]
+        dash = -(rows[NORMAL_TIME + c] * k + constant) * rows[_RATE + c]
+        if not pulls:
+            dash = max(dash, -max(rows[_PRESSURE + c] + rows[FORCE + c], 0.0))
+        rows[_DASH + c] = dash
+        ratio = rows[SLIP_RATIO + c]
+        constant = root + rows[_SHARE + c] * rows[SIDE_DASHPOT + c]
+        constant = constant / ratio if ratio > 0.0 else 0.0
+        rows[_VISCOSITY + c] = rows[SIDE_TIME + c] * punch + constant
+    for row in range(0, _N_SIDES, CHUNK):
+        ratio_row = TWIST_RATIO if row == _TWIST else ROLL_RATIO
+        ratio_row = SLIP_RATIO if row < _TWIST else ratio_row
+        for c in range(n):
+            viscosity = rows[_VISCOSITY + c] * rows[ratio_row + c]
+            rows[_DASH + CHUNK + row + c] = viscosity * rows[_RATES + row + c]
+
+
+@compiled
+def _damp(rows: Array, n: int, is_mean: bool) -> None:
+    """Add the forces of dashpots to those that act, and find the energy that they take up: by their
+    means of before and after the step, or as those of its mean.
+    """
+    for c in range(n):
+        dash = rows[_DASH + c]
+        rows[_CHANGE + c] = rows[_CHANGE + c] + dash
+        mean = dash if is_mean else 0.5 * (rows[_DASH_START + c] + dash)
         rows[_LOSS + c] = mean * (rows[_E_START + c] - rows[_E + c])
     for row in range(0, _N_SIDES, CHUNK):
-        ratio = TWIST_RATIO if row == _TWIST else ROLL_RATIO
-        ratio = SLIP_RATIO if row < _TWIST else ratio
         for c in range(n):
-            viscosity = rows[SIDE_TIME + c] * rows[_PUNCH + c]
-            dash = viscosity * rows[ratio + c] * rows[_RATES + row + c]
+            dash = rows[_DASH + CHUNK + row + c]
             mean = dash if is_mean else 0.5 * (rows[_DASH_START + CHUNK + row + c] + dash)
-            rows[_DASH + CHUNK + row + c] = dash
             rows[_PULL + row + c] += dash
             rows[_LOSS + c] += mean * rows[_SIDES + row + c]
 
@@ -615,6 +684,13 @@ def _act(rows: Array, n: int, turns: bool, rolls: bool) -> None:
             roll = _add(_get(rows, _PULL + _ROLL + c), twist, r)
             _set(rows, _ON_I_TORQUE + c, _add(_get(rows, _ON_I_TORQUE + c), 1.0, roll))
             _set(rows, _ON_J_TORQUE + c, _add(_get(rows, _ON_J_TORQUE + c), -1.0, roll))
+
+
+@compiled
+def _copy(rows: Array, n: int, row: int, copy: int) -> None:
+    """Set a row to another."""
+    for c in range(n):
+        rows[copy + c] = rows[row + c]
 
 
 @compiled
@@ -723,7 +799,24 @@ def follow(
             _read(rows, _PUNCH_START, punch, first, n)
             _read(rows, _PUNCH, punch_after, first, n)
         _keep_greatest(rows, n, _PUNCH, stiffest)
-        _resist(rows, n, rules.mu)
+        if is_damped:
+            if is_mean:
+                _read(rows, _K_START, k, first, n)
+                _read(rows, _PRESSURE, mean, first, n)
+                _take_mean_rates(rows, n, step)
+            else:
+                _copy(rows, n, _CHANGE, _PRESSURE)
+                _gather_speeds(rows, ends, speeds, axes, first, n)
+                _take_rates(rows, n, rules.turns)
+            if not rules.is_hertz:
+                _read(rows, _K, k_after, first, n)
+            for line in range(len(dash)):
+                _read(rows, _DASH_START + line * CHUNK, dash[line], first, n)
+            _find_shares(rows, n, is_mean, rules.pulls)
+            _find_dash(rows, n, is_mean, rules.pulls)
+            for line in range(len(dash)):
+                _write(rows, _DASH + line * CHUNK, dash[line], first, n)
+        _resist(rows, n, rules.mu, rules.is_total)
         if rolls:
             _resist_roll(rows, n)
         _sum(rows, n, _WORK, work)
@@ -736,21 +829,10 @@ def follow(
         for line in range(n_lines):
             _write(rows, _PULL + line * CHUNK, pull_after[1 + line], first, n)
         if is_mean:
-            _read(rows, _K_START, k, first, n)
-            _read(rows, _K, k_after, first, n)
             _read(rows, _CHANGE, mean, first, n)
-            _take_mean(rows, n, step)
+            _take_mean(rows, n)
         if is_damped:
-            if not is_mean:
-                if not rules.is_hertz:
-                    _read(rows, _K, k_after, first, n)
-                _gather_speeds(rows, ends, speeds, axes, first, n)
-                _take_rates(rows, n, rules.turns)
-            for line in range(len(dash)):
-                _read(rows, _DASH_START + line * CHUNK, dash[line], first, n)
             _damp(rows, n, is_mean)
-            for line in range(len(dash)):
-                _write(rows, _DASH + line * CHUNK, dash[line], first, n)
             _sum(rows, n, _LOSS, loss)
         _act(rows, n, rules.turns, rolls)
         _scatter(rows, ends, forces, axes, first, n)

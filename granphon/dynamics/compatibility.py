@@ -30,6 +30,7 @@ from granphon.dynamics.deformation_rows import (
     anchor_rows,
     carry_rows,
     contact_rows,
+    growth_rows,
     push_rows,
     split_pairs,
     weigh_rows,
@@ -53,6 +54,11 @@ _SAME_CENTRE = 1e-9
 _AT_COPY = 1e-15
 #: relative difference of vectors that are equal but for rounding
 _ALIKE = 8.0 * float(np.finfo(np.float64).eps)
+
+
+def _put_in_space(vectors: Array) -> Array:
+    """Return vectors (n, d) in three dimensions, (n, 3)."""
+    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 def as_wavevectors(wavevectors: ArrayLike, periods: int) -> Array:
@@ -415,6 +421,18 @@ class Compatibility:
         """Return the deformations of the contacts as coefficients of the ``motions`` of their two
         balls, those of springs to the ground last.
         """
+        ratios = (self.mindlin_ratio, self.torsion, self.bending)
+        rows = self._make_contact_rows(motions, *ratios)
+        if self.on_site is None:
+            return rows
+        return rows + anchor_rows(self.on_site, self.named_motions, motions, len(self.contacts))
+
+    def _make_contact_rows(
+        self, motions: Motions, slip: ArrayLike, twist: ArrayLike, roll: ArrayLike
+    ) -> list[Row]:
+        """Return the rows of contacts with these stiffnesses over that of elongation, in terms of
+        the ``motions`` of balls; rows of zeros for springs to the ground.
+        """
         table = self.contacts
         gyration = np.append(self.gyration, 1.0)  # the last of a body that does not move
         rows = contact_rows(
@@ -422,18 +440,38 @@ class Compatibility:
             table.arm_i,
             table.arm_j,
             motions,
-            slip=self.mindlin_ratio,
-            twist=self.torsion,
-            roll=self.bending,
+            slip=slip,
+            twist=twist,
+            roll=roll,
             gyration_i=gyration[table.i],
             gyration_j=gyration[table.j],
         )
-        if self.on_site is None:
-            return rows
         for row in rows:  # a spring to the ground has no such deformation
             row.head[self.n_between :] = 0.0
             row.tail[self.n_between :] = 0.0
-        return rows + anchor_rows(self.on_site, self.named_motions, motions, len(table))
+        return rows
+
+    @cached_property
+    def unit_rows(self) -> list[Row]:
+        """Rows of all deformations that the motions can make, whether contacts resist them or not,
+        and of those on which prestress acts.
+        """
+        table = self.contacts
+        rows = self._make_contact_rows(self.motions, 1.0, 1.0, 1.0)
+        if self.is_prestressed:
+            rows += push_rows(table.normal, self.motions)
+        if self.has_tangential_force and np.any(self.tangential_growth):
+            gyration = np.append(self.gyration, 1.0)
+            rows += growth_rows(
+                _put_in_space(table.normal),
+                _put_in_space(self.tangential_force),
+                table.arm_i,
+                table.arm_j,
+                self.motions,
+                gyration[table.i],
+                gyration[table.j],
+            )
+        return rows
 
     @property
     def shifts(self) -> Array:
@@ -460,17 +498,14 @@ class Compatibility:
         pushes = [(row, -self.prestress) for row in push_rows(table.normal, self.motions)]
         if not self.has_tangential_force:
             return pushes
-        normal = np.zeros((len(table), 3))
-        across = np.zeros((len(table), 3))
-        normal[:, : table.normal.shape[1]] = table.normal
-        across[:, : table.normal.shape[1]] = self.tangential_force
+        across = _put_in_space(self.tangential_force)
         size = np.linalg.norm(across, axis=1)
         gyration = np.append(self.gyration, 1.0)  # the last of a body that does not move
         has_force = size[:, None] > 0.0
         tangent = np.divide(across, size[:, None], out=np.zeros_like(across), where=has_force)
         # rows of forces of size one, whose stiffness is then the size
         pairs = carry_rows(
-            normal,
+            _put_in_space(table.normal),
             tangent,
             self.distance,
             table.arm_i,
@@ -754,13 +789,14 @@ class Compatibility:
         return np.asarray(matrix)
 
     def damped_matrices(
-        self, wavevectors: ArrayLike, times: Array, losses: Array
+        self, wavevectors: ArrayLike, times: Array, factors: Array, drags: Array
     ) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return D(q) with complex stiffnesses, and that of dashpots, (n_q, n_branches,
+        """Return D(q) with complex stiffnesses, and that of dashpots and drag, (n_q, n_branches,
         n_branches), in a common frame.
 
-        ``wavevectors`` are (n_q, p), 1/d; ``times``, in (M/k)^1/2, and ``losses`` are (2, n_c),
-        those of :class:`granphon.dynamics.damping.ContactDamping`; springs to the ground have none.
+        ``wavevectors`` are (n_q, p), 1/d. ``times``, in (M/k)^1/2, and ``factors`` are (2, n_c),
+        and ``drags`` (m,), in (k/M)^1/2, those of each motion of a ball; see
+        :class:`granphon.dynamics.damping.Losses`. Springs to the ground lose no energy.
         """
         rows = self.compatibility(wavevectors)
         adjoint = rows.conj().swapaxes(1, 2)
@@ -771,8 +807,9 @@ class Compatibility:
                 weigh_rows(self.rows, np.pad(numbers, ((0, 0), (0, n_springs)))).reshape(-1, 1)
                 * rows
             )
-            for numbers in (times, losses)
+            for numbers in (times, factors)
         )
+        viscous = viscous + np.diag(np.tile(drags, self.n_balls))
         return self._compute_frame_matrix(wavevectors) + 1j * lossy, viscous
 
     @cached_property

@@ -35,6 +35,14 @@ from granphon.dynamics.deformation_rows import find_anchors, find_gyration
 from granphon.dynamics.large_cells import BYTES, LargeCell
 from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.dynamics.long_waves import LongWaves
+from granphon.dynamics.sensitivities import (
+    ModeEnergies,
+    average_equal,
+    number_equal,
+    sum_kinds,
+    turn_motions,
+)
+from granphon.dynamics.sparse_relaxation import compose_ends
 from granphon.networks.network import ContactNetwork
 
 _Result = TypeVar("_Result")
@@ -376,6 +384,96 @@ class ContactLattice(LongWaves):
             mend = "Use gp.Phonons(...).onset() and bands, or leave on_site out"
             raise InputError("springs to the ground hold the balls", why, mend)
         super().require_rigid()
+
+    def mode_energies(
+        self, wavevectors: ArrayLike, branches: Index | None = None, axes: Array | None = None
+    ) -> ModeEnergies:
+        """Return the energies of modes, of which derivatives of their frequencies are made.
+
+        Parameters
+        ----------
+        wavevectors : (n_q, p), 1/d.
+        branches : (n_q, b) numbers of the branches at each wave vector; all of them by default.
+        axes : (d, d) unit vectors, rows, along which the motions of balls are; by default those of
+            the lattice.
+
+        Raises :class:`~granphon.base.errors.InputError` if they do not fit into memory, and
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        """
+        q = as_wavevectors(wavevectors, self.periods)
+        if branches is None:
+            branches = np.broadcast_to(np.arange(self.n_branches), (len(q), self.n_branches))
+        kinds = {row.kind for row in self.unit_rows}
+        numbers = (len(kinds) + 3) * len(self.contacts) + 2 * self.n_branches
+        require_memory(
+            f"derivatives of {branches.size:,} frequencies",
+            8.0 * branches.size * numbers,
+            "Take fewer wave vectors or branches",
+        )
+        frame = np.eye(self.dimension) if axes is None else axes
+        turn = turn_motions(self.motions, frame)
+        parts = self._share_out(
+            lambda part: self._measure_modes(q[part], branches[part], turn), len(q)
+        )
+        frequencies, degenerate, squares, motions = zip(*parts, strict=True)
+        return ModeEnergies(
+            np.concatenate(frequencies),
+            np.concatenate(degenerate),
+            {name: np.concatenate([part[name] for part in squares]) for name in squares[0]},
+            np.concatenate(motions),
+        )
+
+    def _measure_modes(self, q: Array, branches: Index, turn: Array) -> ModeEnergies:
+        """Return the energies of modes at a few wave vectors q (n_q, p), 1/d, of their ``branches``
+        (n_q, b); ``turn`` (motions, motions) is that of the motions of each ball.
+        """
+        # modes of one frequency may be any basis of their space, and so any path will do
+        along = np.broadcast_to(np.eye(self.periods)[0], q.shape)
+        _, frequencies, vectors, *_ = self._find_modes(q, along)
+        groups = number_equal(frequencies)
+        chosen = np.take_along_axis(groups, branches, axis=1)
+        is_needed = [np.isin(*pair) for pair in zip(groups, chosen, strict=True)]
+        columns = np.flatnonzero(np.any(is_needed, axis=0))
+        kept = vectors[:, :, columns]
+        squares = self._square_deformations(q, kept)
+        of_balls = kept.reshape(len(q), self.n_balls, self.motions.count, -1)
+        motions = np.abs(turn @ of_balls) ** 2
+
+        def average(values: Array) -> Array:
+            """Return means (n_q, b, ...) at the branches of values (n_q, ..., m) at the columns."""
+            means = [
+                average_equal(values_at_q, groups_at_q[columns], chosen_at_q)
+                for values_at_q, groups_at_q, chosen_at_q in zip(
+                    values, groups, chosen, strict=True
+                )
+            ]
+            return np.moveaxis(np.reshape(means, (*values.shape[:-1], branches.shape[1])), -1, 1)
+
+        sizes = np.sum(groups[:, :, None] == chosen[:, None, :], axis=1)
+        return ModeEnergies(
+            np.take_along_axis(frequencies, branches, axis=1),
+            sizes > 1,
+            {name: average(values) for name, values in squares.items()},
+            average(motions),
+        )
+
+    def _square_deformations(self, q: Array, vectors: Complex) -> dict[str, Array]:
+        """Return the squares (n_q, n_c, m) of the deformations of contacts, by the kind of their
+        stiffness, in modes with the ``vectors`` (n_q, n_branches, m) at wave vectors q (n_q, p).
+        """
+        rows = self.unit_rows
+        count = len(self.contacts)
+        head, tail = compose_ends(self, rows, np.ones((len(rows), count)))
+        half_angle = 0.5 * q @ self.contacts.vector[:, : self.periods].T
+        phase = np.exp(1j * half_angle).T[None, :, :, None]  # kinds, n_c, n_q, m
+        motions = np.moveaxis(vectors, 1, 0)
+        flat = motions.reshape(self.n_branches, -1)
+        shape = (len(rows), count, *motions.shape[1:])
+        deformations = phase * (head @ flat).reshape(shape)
+        deformations -= phase.conj() * (tail @ flat).reshape(shape)
+        squares = (np.abs(deformations) ** 2).reshape(-1, *motions.shape[1:])
+        by_kind = sum_kinds(rows, squares)
+        return {name: sums[: self.n_between].swapaxes(0, 1) for name, sums in by_kind.items()}
 
     def _require_room(self, points: int, numbers: int) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if so many ``numbers`` of each branch, 1

@@ -1,34 +1,57 @@
-"""Damping of contacts: dashpots beside their springs, and loss factors; damped modes.
+"""Losses of contacts and balls: dashpots beside springs, loss factors, drag; damped modes.
 
 In a motion exp(i omega t) a contact resists a deformation e of stiffness k by the force (k (1 + i
-eta) + i omega c) e. c is the viscosity of its dashpot, and eta the loss factor of its material,
-which does not depend on the frequency (L. Cremer and M. Heckl, Structure-Borne Sound). With tau =
-c/k, the dynamical matrix of a network becomes
+eta) + i omega c) e. c is the viscosity of its dashpots, and eta the loss factor of its material,
+which does not depend on the frequency (L. Cremer and M. Heckl, Structure-Borne Sound). Drag resists
+the motion of a ball itself, by the force -gamma m v and the torque -gamma' I Omega. With tau = c/k,
+the equations of a network are D(omega) x + i omega Gamma x = omega^2 x, with
 
     D(omega) = C^T K (1 + i eta + i omega tau) C + static forces.
 
-Where tau and eta are the same in all deformations of all contacts, and no static forces act, this
-is D times a number, and all motions follow from the undamped problem at complex omega^2.
+A contact has three dashpots side by side, c = tau k + c_0 + alpha (m* k)^(1/2). The first is in
+proportion to the stiffness, the second is the same whatever the force. The third is that of Y.
+Tsuji, T. Tanaka and T. Ishida (Powder Technol. 71, 239, 1992), with the mass 1/m* = 1/m_i + 1/m_j:
+with Hertz's stiffness k ~ h^(1/2) the equation of a collision, m* h'' + c h' + (2/3) k h = 0,
+becomes that of a damped oscillator of the velocity and the 5/4th power of the overlap. The damping
+ratio is alpha (3/10)^(1/2), and all collisions that end with no overlap have the restitution e,
+
+    alpha(e) = (10/3)^(1/2) ln(1/e) / (pi^2 + ln(e)^2)^(1/2).
+
+In slip the first has a time of its own, the second a viscosity of its own, and the third the same
+viscosity as in normal motion. Twist and rolling are damped with the time c/k of slip. A contact
+that does not resist slip has no dashpot against it.
+
+Where tau, eta and gamma are the same in all deformations of all contacts, and in all motions, and
+no static forces act, all motions follow from the undamped problem at complex omega^2; with drag
+alone also where static forces act.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Annotated, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.motions import Motions
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, PrecisionError, Refused, brief
 from granphon.base.results import Result
 from granphon.base.validation import Rule, finite_numbers, require
 from granphon.networks.network import ContactNetwork
 
-#: greatest loss factor, and damping, s, far above any of a contact: their powers stay within the
-#: range of floats
-LARGEST_LOSSES = {"damping": 1e30, "loss_factor": 1e6}
+#: the losses of a network by the names of arguments and settings, and their SI units
+LOSSES = {"damping": "s", "loss_factor": "", "drag": "1/s", "dashpot": "N s/m", "restitution": ""}
+#: greatest losses, far above any of a contact or ball: their powers stay within the range of floats
+LARGEST_LOSSES = {"damping": 1e30, "loss_factor": 1e6, "drag": 1e30, "dashpot": 1e30}
+#: least restitution of a collision: with less, the dashpot is the critical one to rounding
+LEAST_RESTITUTION = 1e-6
+#: alpha of the dashpot of Tsuji over ln(1/e), for a restitution e near one
+SMALL_LOSS = math.sqrt(10.0 / 3.0) / math.pi
 #: relative difference of times, or loss factors, that are the same but for rounding
 _ALIKE = 1e-12
 #: damping, over the square root of the largest stiffness, above which slow rates are less than the
@@ -40,21 +63,38 @@ _STILL = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class ContactDamping:
-    """The damping of all contacts of a network.
+class Losses:
+    """What the contacts and the balls of a network lose.
 
     Attributes
     ----------
-    times : (2, n_c) tau, s: of normal motion, and of slip, twist and rolling.
-    losses : (2, n_c) eta, likewise.
+    network : of which the losses are.
+    damping : (2, n_c) tau, s, of dashpots in proportion to stiffness: of normal motion, and of
+        slip, twist and rolling.
+    factors : (2, n_c) eta, likewise.
+    drag : (2,) gamma, 1/s, of displacements, and of rotations.
+    dashpot : (2, n_c) c_0, N s/m, of normal motion, and of slip.
+    tsuji : (n_c,) alpha of the dashpot that a restitution stands for.
     """
 
-    times: Array
-    losses: Array
+    network: ContactNetwork
+    damping: Array
+    factors: Array
+    drag: Array
+    dashpot: Array
+    tsuji: Array
 
     @classmethod
-    def of(cls, network: ContactNetwork, damping: Any = 0.0, loss_factor: Any = 0.0) -> Self:
-        """Return the damping of the contacts of a ``network`` from the arguments of a public call.
+    def of(
+        cls,
+        network: ContactNetwork,
+        damping: Any = 0.0,
+        loss_factor: Any = 0.0,
+        drag: Any = 0.0,
+        dashpot: Any = 0.0,
+        restitution: Any = 1.0,
+    ) -> Self:
+        """Return the losses of a ``network`` from the arguments of a public call.
 
         Parameters
         ----------
@@ -62,28 +102,75 @@ class ContactDamping:
             motion and of others.
         loss_factor : eta, a number or (n_c,); or a tuple of that of normal motion, and of all
             other.
+        drag : gamma of all motions, 1/s, a number; or a tuple of that of displacements and of
+            rotations.
+        dashpot : c_0, N s/m, a number or (n_c,); or a tuple of that of normal motion, and of slip.
+        restitution : e of a collision, a number or (n_c,).
 
         Raises :class:`~granphon.base.errors.InputError` for numbers below zero or above
-        :data:`LARGEST_LOSSES`, and for arrays of another length.
+        :data:`LARGEST_LOSSES`, for a restitution not between :data:`LEAST_RESTITUTION` and 1, and
+        for arrays of another length.
         """
-        pairs = (("damping", damping, "s"), ("loss_factor", loss_factor, ""))
-        contacts = network.n_contacts
-        return cls(*(_read_pair(name, value, contacts, unit) for name, value, unit in pairs))
+        count = network.n_contacts
+        collisions = require("restitution", _read_restitution, restitution)
+        mend = "Give a number, or one for each contact"
+        return cls(
+            network,
+            _read_pair("damping", damping, count),
+            _read_pair("loss_factor", loss_factor, count),
+            _read_pair("drag", drag, 1, "of displacements, of rotations")[:, 0],
+            _read_pair("dashpot", dashpot, count),
+            find_tsuji(_spread("restitution", collisions, count, mend)),
+        )
 
     @property
     def is_none(self) -> bool:
         """Whether no energy is lost."""
-        return not (np.any(self.times) or np.any(self.losses))
+        return not (self.has_dashpots or np.any(self.factors) or np.any(self.drag))
+
+    @property
+    def has_dashpots(self) -> bool:
+        """Whether some contact has a dashpot."""
+        return bool(np.any(self.damping) or np.any(self.dashpot) or np.any(self.tsuji))
+
+    @cached_property
+    def times(self) -> Array:
+        """(2, n_c) tau, s, of all dashpots together, over the stiffnesses at rest: of normal
+        motion, and of slip, twist and rolling.
+        """
+        network = self.network
+        stiffness = np.stack([network.normal_stiffness, network.shear_stiffness])
+        masses = find_reduced_masses(network.masses, network.i, network.j)
+        viscosity = self.dashpot + self.tsuji * np.sqrt(masses * network.normal_stiffness)
+        times = np.divide(viscosity, stiffness, out=np.zeros_like(viscosity), where=stiffness > 0.0)
+        return np.asarray(self.damping + times)
+
+    def list_dashpots(self, i: Index, j: Index) -> Array:
+        """Return the dashpots (5, n) of the contacts of the network, and behind them of further
+        pairs of its balls ``i`` and ``j``: tau of normal motion, and of others, s; c_0 likewise, N
+        s/m; and alpha m*^1/2, kg^1/2. Pairs have the means of tau, c_0 and alpha.
+        """
+        network = self.network
+        numbers = np.concatenate([self.damping, self.dashpot, [self.tsuji]])
+        means = np.repeat(np.mean(numbers, axis=1, keepdims=True), len(i), axis=1)
+        dashpots = np.concatenate([numbers, means], axis=1)
+        ends = np.append(network.i, i), np.append(network.j, j)
+        dashpots[-1] *= np.sqrt(find_reduced_masses(network.masses, *ends))
+        return np.asarray(dashpots)
+
+    def drag_of(self, motions: Motions) -> Array:
+        """Return gamma (m,), 1/s, of the ``motions`` of a ball."""
+        return np.asarray(np.where(motions.is_rotation, self.drag[1], self.drag[0]))
 
     def find_warnings(self, highest: float) -> tuple[str, ...]:
         """Return one sentence if contacts are more viscous than stiff at the ``highest`` frequency
-        in use, Hz; else nothing.
+        in use, Hz, by their :attr:`damping`; else nothing.
 
         A damping is a time. The product of the time and the angular frequency is above 1 where the
         number was meant as a loss factor. Of modes, give the frequency without losses: strong
         dashpots lower the frequency of a mode, down to zero.
         """
-        viscous = 2.0 * np.pi * highest * float(np.max(self.times, initial=0.0))
+        viscous = 2.0 * np.pi * highest * float(np.max(self.damping, initial=0.0))
         if viscous <= 1.0:
             return ()
         return (
@@ -97,57 +184,90 @@ class ContactDamping:
         """
         normal, other = (
             1.0 - 1j * (omega[:, None] * tau + eta)
-            for tau, eta in zip(self.times, self.losses, strict=True)
+            for tau, eta in zip(self.times, self.factors, strict=True)
         )
         return normal, other
 
-    def find_even(self, network: ContactNetwork) -> tuple[float, float] | None:
-        """Return eta and tau, s, if both are the same in all deformations that contacts resist, and
-        neither static forces act nor springs to the ground, which lose no energy; else None.
+    def find_even(self) -> tuple[float, float, float] | None:
+        """Return eta, tau, s, and gamma, 1/s, if all are the same in all deformations that contacts
+        resist, and in all motions, and neither static forces act where contacts lose energy, nor
+        springs to the ground, which lose none; else None.
         """
         if self.is_none:
-            return 0.0, 0.0
+            return 0.0, 0.0, 0.0
+        network = self.network
         resisted = np.stack([network.normal_stiffness > 0.0, network.shear_stiffness > 0.0])
         resisted[1] |= (network.torsion_stiffness > 0.0) | (network.bending_stiffness > 0.0)
-        losses = self.losses[resisted]
+        resisted[1] &= network.ball_motions.count > 1  # balls that move along a line do not slip
+        factors = self.factors[resisted]
         times = self.times[resisted]
-        is_even = all(np.ptp(numbers) <= _ALIKE * np.max(numbers) for numbers in (losses, times))
-        if not is_even or network.prestress or network.on_site is not None:
+        drags = self.drag_of(network.ball_motions)
+        is_even = all(
+            np.ptp(numbers) <= _ALIKE * np.max(numbers) for numbers in (factors, times, drags)
+        )
+        is_of_contacts = np.any(factors) or np.any(times)
+        has_lossless = network.prestress or network.on_site is not None
+        if not is_even or (has_lossless and is_of_contacts):
             return None
-        return float(losses[0]), float(times[0])
+        return float(factors[0]), float(times[0]), float(drags[0])
+
+
+def find_tsuji(restitution: ArrayLike) -> Array:
+    """Return alpha (...) of the dashpot of Tsuji with which a collision of Hertz's law has a
+    ``restitution`` (...), whatever its velocity; see the head of this module.
+    """
+    logarithm = -np.log(restitution)
+    return np.asarray(SMALL_LOSS * np.pi * logarithm / np.hypot(np.pi, logarithm))
+
+
+def find_reduced_masses(masses: Array, i: Index, j: Index) -> Array:
+    """Return m* (n_c,), 1/m* = 1/m_i + 1/m_j, kg; zero of two bodies that are held."""
+    inverse = 1.0 / masses[i] + 1.0 / masses[j]
+    return np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
 
 
 def read_loss(name: str, value: Any, rule: Rule) -> Any:
-    """Return a "damping" or a "loss_factor", one or more, as a rule reads ``value``; refuse numbers
-    above :data:`LARGEST_LOSSES`.
+    """Return a loss of :data:`LARGEST_LOSSES` by its ``name``, one or more, as a rule reads
+    ``value``; refuse numbers above the largest.
     """
     losses = rule(value)
     highest = float(np.max(losses))
     largest = LARGEST_LOSSES[name]
     if highest > largest:
-        unit = " s" if name == "damping" else ""
+        unit = f" {LOSSES[name]}".rstrip()
         raise Refused(f"{highest:g}", f"{name} up to {largest:g}{unit}")
     return losses
 
 
-def _read_pair(name: str, value: Any, contacts: int, unit: str) -> Array:
-    """Return numbers (2, n_c), zero or above, from a number or an array (n_c,), or a tuple of two
-    numbers or arrays; ``contacts`` is n_c, and ``unit`` that of ``name`` in messages.
+def _read_restitution(value: Any) -> NDArray[Any]:
+    """Return a restitution, one or more; refuse numbers that are none of a collision."""
+    restitution = finite_numbers(value)
+    refused = restitution[(restitution < LEAST_RESTITUTION) | (restitution > 1.0)]
+    if refused.size:
+        allowed = f"the velocity after a collision over that before, {LEAST_RESTITUTION:g} to 1"
+        raise Refused(f"{refused[0]:g}", allowed)
+    return restitution
+
+
+def _spread(name: str, numbers: NDArray[Any], count: int, mend: str) -> Array:
+    """Return numbers (count,) from one or as many; InputError for another shape."""
+    if numbers.shape not in ((), (count,)):
+        raise InputError(f"{name} has the shape {numbers.shape}, and not ({count},)", mend=mend)
+    return np.array(np.broadcast_to(numbers, count))
+
+
+def _read_pair(name: str, value: Any, count: int, parts: str = "normal, tangential") -> Array:
+    """Return numbers (2, count), zero or above, from a number or an array (count,), or a tuple of
+    two numbers or arrays; ``parts`` names the two.
     """
     pair = value if isinstance(value, tuple) else (value, value)
     if len(pair) != 2:
-        raise InputError(f"{name} is {brief(value)}", mend="Give a number, or (normal, tangential)")
-    rule = partial(finite_numbers, unit=unit, low="zero or above")
-    losses = np.empty((2, contacts))
-    for row, losses_of_kind in zip(losses, pair, strict=True):
-        numbers = require(name, partial(read_loss, name, rule=rule), losses_of_kind)
-        if numbers.shape not in ((), (contacts,)):
-            raise InputError(
-                f"{name} has the shape {numbers.shape}, and there are {contacts} contacts",
-                mend="Give a number, one for each contact, or a tuple (normal, tangential)",
-            )
-        row[:] = numbers
-    return losses
+        raise InputError(f"{name} is {brief(value)}", mend=f"Give a number, or ({parts})")
+    several = ", one for each contact" if count > 1 else ""
+    mend = f"Give a number{several}, or a tuple ({parts})"
+    rule = partial(finite_numbers, unit=LOSSES[name], low="zero or above")
+    read: Callable[[Any], Any] = partial(read_loss, name, rule=rule)
+    return np.stack([_spread(name, require(name, read, losses), count, mend) for losses in pair])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -191,18 +311,18 @@ class DampedModes(Result, array="frequencies"):
         return np.asarray(2.0 * np.pi * self.frequencies.imag)
 
 
-def damp_evenly(omega: Array, loss_factor: float, time: float) -> Complex:
+def damp_evenly(omega: Array, loss_factor: float, time: float, drag: float = 0.0) -> Complex:
     """Return complex angular frequencies of damped modes, of the shape of ``omega``, those without
-    damping; eta and tau, ``loss_factor`` and ``time``, are the same in all contacts.
+    damping; eta, tau and gamma, ``loss_factor``, ``time`` and ``drag``, are the same everywhere.
 
-    Units of ``omega`` and ``time`` are inverse to each other.
+    Units of ``omega`` and ``time`` are inverse to each other, and ``drag`` has that of ``omega``.
     """
     squared = omega**2 * (1.0 + 1j * loss_factor)
-    creep = 0.5 * time * omega**2
+    creep = 0.5 * (time * omega**2 + drag)
     root = np.sqrt(squared - creep**2)
     damped = 1j * creep + root
     # a mode that creeps has two rates, whose product is the square: the slower one is taken
-    creeps = (squared.real < creep**2) & (loss_factor == 0.0)
+    creeps = (squared.real < creep**2) & ((loss_factor == 0.0) | (omega == 0.0))
     slower = np.divide(-squared, damped, out=np.zeros_like(damped), where=creeps)
     return np.asarray(np.where(creeps, slower, damped))
 
@@ -215,7 +335,8 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     -------
     omega : (..., n) complex, of x exp(i omega t), ascending in their real part, then in the
         imaginary one: of each pair omega and -conj(omega) the one with a real part above zero, one
-        of each pair of zeros, and the slowest of those that creep, whose real part is zero.
+        zero of each motion without a spring, and the slowest of those that creep, whose real part
+        is zero.
     vectors : (..., n, n) columns of norm one.
 
     Raises :class:`~granphon.base.errors.PrecisionError` for a damping so strong that modes which
@@ -238,16 +359,20 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     matrices[..., n:, :n] = -stiffness / scale**2
     matrices[..., n:, n:] = -viscous / scale
     rates, states = np.linalg.eig(matrices)
-    omega, columns = _choose_half(-1j * rates)
+    # a motion without a spring has the rate zero twice, or once if drag resists it
+    values = np.linalg.svd(stiffness / scale**2, compute_uv=False)
+    omega, columns = _choose_half(-1j * rates, np.sum(values <= _STILL**2, axis=-1))
     # the first half of a state (x, y) is the motion
     motions = np.take_along_axis(states[..., :n, :], columns[..., None, :], -1)
     vectors = motions / np.linalg.norm(motions, axis=-2, keepdims=True)
     return omega * scale[..., 0], np.asarray(vectors, complex)
 
 
-def _choose_half(omega: Complex) -> tuple[Complex, Index]:
+def _choose_half(omega: Complex, without_spring: Index) -> tuple[Complex, Index]:
     """Return n of the 2 n roots ``omega`` (..., 2 n), which are over the root of the largest
     stiffness, in the order of :func:`damp_unevenly`, and their columns (..., n) among all.
+
+    Of the roots that are zero as many are kept as there are motions ``without_spring`` (...,).
     """
     n = omega.shape[-1] // 2
     is_zero = np.abs(omega) <= _STILL
@@ -261,12 +386,8 @@ def _choose_half(omega: Complex) -> tuple[Complex, Index]:
     order = np.lexsort((np.where(is_zero, -roots.real, roots.imag), kinds))
     sorted_roots = np.take_along_axis(roots, order, -1)
     is_zero = np.take_along_axis(is_zero, order, -1)
-    # zeros come in pairs, of which one is kept: the first half of all zeros, and of an odd number
-    # the middle one too, as a motion with a dashpot and no spring has one zero and one root that
-    # creeps
     zeros_so_far = np.cumsum(is_zero, axis=-1)
-    n_zeros = np.sum(is_zero, axis=-1, keepdims=True)
-    is_spare = is_zero & (2 * zeros_so_far > n_zeros + 1)
+    is_spare = is_zero & (zeros_so_far > without_spring[..., None])
     half = np.argsort(is_spare, axis=-1, kind="stable")[..., :n]
     half_roots = np.take_along_axis(sorted_roots, half, -1)
     kept = np.take_along_axis(half, np.lexsort((half_roots.imag, half_roots.real)), -1)

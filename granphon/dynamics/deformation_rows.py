@@ -41,6 +41,8 @@ _Axes = list[Array]
 #: kinds of the rows of springs to the ground, against displacements and against rotations
 ANCHOR = "anchor"
 ANCHORED_TURN = "anchored turn"
+#: kind of the rows on which the growth of static tangential forces acts
+GROWTH = "growth"
 
 
 class Row(NamedTuple):
@@ -49,8 +51,9 @@ class Row(NamedTuple):
     Attributes
     ----------
     kind : "elongation", "slip", "twist", "roll"; "push", a displacement across the contact; "turn",
-        a sum of rotations; "carry", what a static tangential force acts on; or "anchor" and
-        "anchored turn", a displacement and a rotation of ball i against a spring to the ground.
+        a sum of rotations; "carry" and "growth", what a static tangential force and its growth act
+        on; or "anchor" and "anchored turn", a displacement and a rotation of ball i against a
+        spring to the ground.
     stiffness : stiffness over that of elongation: eta for slip, in units of d^2 for twist and roll;
         a number, or one per contact.
     head, tail : (n_c, motions) coefficients of the motions of ball j and of ball i.
@@ -163,23 +166,55 @@ def network_rows(network: ContactNetwork) -> list[Row]:
 
     Raises :class:`~granphon.base.errors.InputError` if there are none.
     """
-    gyration = find_gyration(network)
-    motions = network.ball_motions
-    rows = contact_rows(
-        network.normal[:, : network.dimension],
-        network.arm_i,
-        network.arm_j,
-        motions,
+    rows = _make_network_rows(
+        network,
         elongation=network.normal_stiffness,
         slip=network.shear_stiffness,
         twist=network.torsion_stiffness,
         roll=network.bending_stiffness,
-        gyration_i=gyration[network.i],
-        gyration_j=gyration[network.j],
     )
     if not rows:
+        motions = network.ball_motions
         raise InputError(f"the motions {motions.name!r} deform no contact of this network")
     return rows
+
+
+def network_unit_rows(network: ContactNetwork) -> list[Row]:
+    """Return rows of all deformations that the motions of a network can make, whether contacts
+    resist them or not, and of those on which prestress acts; the motions are those of
+    :func:`network_rows`.
+    """
+    rows = _make_network_rows(network, elongation=1.0, slip=1.0, twist=1.0, roll=1.0)
+    if not network.prestress:
+        return rows
+    rows += push_rows(network.normal[:, : network.dimension], network.ball_motions)
+    across = network.static_forces[1]
+    if np.any(network.tangential_growth) and np.any(across):
+        gyration = find_gyration(network)
+        rows += growth_rows(
+            network.normal,
+            across,
+            network.arm_i,
+            network.arm_j,
+            network.ball_motions,
+            gyration[network.i],
+            gyration[network.j],
+        )
+    return rows
+
+
+def _make_network_rows(network: ContactNetwork, **stiffness: ArrayLike) -> list[Row]:
+    """Return the rows of the contacts of a network with these stiffnesses."""
+    gyration = find_gyration(network)
+    return contact_rows(
+        network.normal[:, : network.dimension],
+        network.arm_i,
+        network.arm_j,
+        network.ball_motions,
+        gyration_i=gyration[network.i],
+        gyration_j=gyration[network.j],
+        **stiffness,
+    )
 
 
 def push_rows(normal: Array, motions: Motions) -> list[Row]:
@@ -240,12 +275,45 @@ def carry_rows(
         (turn(0.5 * beside, unit, unit), elongation),
     ]
     if np.any(growth):
-        # the slip along T, and what T grows by
-        levers = (-arm_j * turn_j, arm_i * turn_i)
-        slip = _make_row("carry", 1.0, list(force.T), list(beside.T), *levers, motions)
+        slip = _slip_row(n, force, arm_i, arm_j, motions, gyration_i, gyration_j)
         head, tail = (growth[:, None] * ends for ends in (elongation.head, elongation.tail))
         pairs.append((slip, Row("elongation", 1.0, head, tail)))
     return pairs
+
+
+def growth_rows(
+    normal: Array,
+    force: Array,
+    arm_i: Array,
+    arm_j: Array,
+    motions: Motions,
+    gyration_i: Array,
+    gyration_j: Array,
+) -> list[Row]:
+    """Return the rows of what the growth of static forces across contacts acts on, as of
+    :func:`carry_rows` at a growth of one: the stiffness of a row, 1 or -1, is the sign of its
+    square.
+    """
+    none = list(np.zeros((3, len(normal))))
+    elongation = _make_row("elongation", 1.0, list(normal.T), none, 1.0, 1.0, motions)
+    slip = _slip_row(normal, force, arm_i, arm_j, motions, gyration_i, gyration_j)
+    pairs = split_pairs([(slip, elongation)])
+    return [row._replace(kind=GROWTH, stiffness=sign) for row, sign in pairs]
+
+
+def _slip_row(
+    normal: Array,
+    force: Array,
+    arm_i: Array,
+    arm_j: Array,
+    motions: Motions,
+    gyration_i: Array,
+    gyration_j: Array,
+) -> Row:
+    """Return the row of the slip along static forces, times these; see :func:`carry_rows`."""
+    beside = np.cross(normal, force)
+    levers = (-arm_j / gyration_j, arm_i / gyration_i)
+    return _make_row("carry", 1.0, list(force.T), list(beside.T), *levers, motions)
 
 
 def split_pairs(pairs: Sequence[tuple[Row, Row]]) -> list[tuple[Row, float]]:

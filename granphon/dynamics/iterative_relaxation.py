@@ -67,19 +67,36 @@ class IterativeRelaxation:
         relaxed.
         """
         flat = deformations.reshape(len(deformations), -1)
-        motions = self._solve(
-            lambda x: np.asarray(self._columns @ (self._rows @ x)), self._columns @ flat
+        relaxed = flat - self._rows @ self.find_motions(flat)
+        return np.asarray(relaxed).reshape(deformations.shape)
+
+    def find_motions(self, deformations: Array) -> Array:
+        """Return the mass-weighted motions (n_branches, m) that make the part of deformations
+        (n_rows, m) which does not remain.
+        """
+        return self._solve(
+            lambda x: np.asarray(self._columns @ (self._rows @ x)), self._columns @ deformations
         )
-        return np.asarray(flat - self._rows @ motions).reshape(deformations.shape)
 
     def eliminate(self, form: Array, mixed: Array, block: Any) -> Array:
         """Return an energy ``form`` (m, m) of gradients, with prestress, less the energy that inner
         motions save as they relax; for the arguments see
         :meth:`~granphon.dynamics.sparse_relaxation.SparseRelaxation.eliminate`.
         """
-        held = mixed - self._free @ (self._free.T @ mixed)
-        response = self._solve(lambda x: np.asarray(block @ x), held)
-        return np.asarray(form - held.T @ response)
+        held = self._leave_out_free(mixed)
+        return np.asarray(form - held.T @ self._solve(lambda x: np.asarray(block @ x), held))
+
+    def respond(self, form: Array, mixed: Array, block: Any) -> Array:
+        """Return the mass-weighted inner motions (n_branches, m) that, taken away, leave the least
+        energy; the arguments are those of :meth:`eliminate`.
+        """
+        return self._solve(lambda x: np.asarray(block @ x), self._leave_out_free(mixed))
+
+    def _leave_out_free(self, forces: Array) -> Array:
+        """Return ``forces`` (n_branches, m) without those on motions of single balls that deform no
+        contact.
+        """
+        return np.asarray(forces - self._free @ (self._free.T @ forces))
 
     def _solve(self, apply: Callable[[Array], Array], right: Array) -> Array:
         """Return the motions (n_branches, m) at which ``apply`` leaves the forces ``right``

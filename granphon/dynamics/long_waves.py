@@ -19,6 +19,7 @@ energy of order one or e; motions that cost no energy to that order do not relax
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import Any, Self
@@ -311,8 +312,11 @@ class LongWaves(Compatibility):
 
     @property
     def _is_across(self) -> NDArray[np.bool_]:
-        """(n_u,) whether each displacement is across the periods."""
-        return np.array(self.motions.translations) >= self.periods
+        """(n_u,) whether each displacement is across the periods, so that its gradient turns the
+        whole lattice and costs nothing; none where springs to the ground resist rotations.
+        """
+        is_across = np.array(self.motions.translations) >= self.periods
+        return is_across & (self.on_site is None)
 
     @cached_property
     def is_twisted_by_sound(self) -> bool:
@@ -329,9 +333,10 @@ class LongWaves(Compatibility):
         return bool(np.max(turning, initial=0.0) > _COUPLED * largest)
 
     @cached_property
-    def _with_sound(self) -> tuple[bool, Array]:
-        """Whether inner motions that cost no energy at Gamma take part in sound, and the part
-        (n_u, n_u) of the mass that sound moves, 1 of all mass.
+    def _with_sound(self) -> tuple[bool, Array, Array]:
+        """Whether inner motions that cost no energy at Gamma take part in sound; the part
+        (n_u, n_u) of the mass that sound moves, 1 of all mass; and the motions (k, n_u + n_free),
+        as rows, that stay behind: their shifts of all balls, and their parts of :attr:`_free`.
 
         In a wave, the energy of such motions is of second order in q, as that of sound is. Motions
         that do not couple with sound to second order are separate waves; antiphase motions in a
@@ -343,8 +348,9 @@ class LongWaves(Compatibility):
             return self._touching._with_sound
         free = self._free
         count = len(self.motions.translations)
+        none_idle = np.zeros((0, count + free.shape[1]))
         if not free.size:
-            return False, np.eye(count)
+            return False, np.eye(count), none_idle
         unrelaxed = self._deform_in_wave(free)
         waves = self._relax(unrelaxed)
         sound = self._relaxed_rows.reshape(-1, count, self.periods)
@@ -359,7 +365,7 @@ class LongWaves(Compatibility):
             return bool(np.max(np.abs(coupling), initial=0.0) > rounding)
 
         if not couple(waves):
-            return False, np.eye(count)
+            return False, np.eye(count), none_idle
         # sound per root of mass, as inner motions are
         weighted_sound = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())
         all_waves = np.concatenate([weighted_sound, waves], axis=2)
@@ -371,7 +377,7 @@ class LongWaves(Compatibility):
         # inner motions without a part in idle ones
         deforming = waves @ _find_null(idle_inner, 1.0).T
         mass = np.eye(count) - idle_shifts.T @ idle_shifts
-        return couple(deforming), np.where(np.abs(mass) > _COUPLED, mass, 0.0)
+        return couple(deforming), np.where(np.abs(mass) > _COUPLED, mass, 0.0), idle
 
     def _deform_in_wave(self, free: Array) -> Array:
         """Return the deformations (n_rows, p, n_free), per component of q and over i, of inner
@@ -483,16 +489,11 @@ class LongWaves(Compatibility):
             return np.stack([self.gradient_stiffness(load) for load in np.asarray(prestress)])
         load, push_forms = self._find_load(prestress)
         *energy_forms, stress = push_forms
-        # of two gradients, of an inner motion and a gradient, and of two inner motions
-        gradients, mixed, inner = (
-            spring - load * push
-            for spring, push in zip(self._spring_forms, energy_forms, strict=True)
-        )
+        forms = self._combine_forms(load, energy_forms)
         if self._relaxation is not None:
-            relaxed_form = self._relaxation.eliminate(gradients, mixed, inner)
+            relaxed_form = self._relaxation.eliminate(*forms)
         else:
-            relaxing = self._find_relaxing(energy_forms[2])
-            relaxed_form = self._eliminate(gradients, mixed, inner, relaxing)
+            relaxed_form = self._eliminate(*forms, self._find_relaxing(energy_forms[2]))
         stiffness = np.asarray(relaxed_form.reshape(*relaxed_form.shape[:-2], *shape))
         is_across = self._is_across
         # a gradient of displacements across the periods costs the work of the static stress,
@@ -504,6 +505,16 @@ class LongWaves(Compatibility):
                 stiffness[..., axis, :, axis, :] = -load * stress
         return stiffness
 
+    def _combine_forms(self, load: Any, push_forms: Sequence[Any]) -> tuple[Any, Any, Any]:
+        """Return the energy forms of two gradients, of an inner motion and a gradient, and of two
+        inner motions: those of the springs less the ``load`` times the ``push_forms``.
+        """
+        gradients, mixed, inner = (
+            spring - load * push
+            for spring, push in zip(self._spring_forms, push_forms, strict=True)
+        )
+        return gradients, mixed, inner
+
     def _eliminate(self, form: Array, mixed: Array, block: Array, relaxing: Array) -> Array:
         """Return energy forms ``form`` (..., m, m) of gradients less the energy that the
         ``relaxing`` inner motions (n_inner, n) save.
@@ -513,19 +524,30 @@ class LongWaves(Compatibility):
         """
         if not relaxing.size:
             return form
+        _, pull, inverse = self._find_pulls(form, mixed, block, relaxing)
+        return np.asarray(form - pull.swapaxes(-1, -2) @ (inverse[..., None] * pull))
+
+    def _find_pulls(
+        self, form: Array, mixed: Array, block: Array, relaxing: Array
+    ) -> tuple[Array, Array, Array]:
+        """Return the inner motions (..., n_inner, n) that are not coupled with each other, the
+        pulls (..., n, m) of gradients on them, and the inverse (..., n) of their energies, zero of
+        motions that cost none; the arguments are those of :meth:`_eliminate`.
+        """
         energies, vectors = np.linalg.eigh(relaxing.T @ block @ relaxing)
         pull = vectors.swapaxes(-1, -2) @ relaxing.T @ mixed
         highest = np.max(np.abs(energies), axis=-1, keepdims=True)
         # no pull is larger than the root of the product of both energies
         largest_pull = np.sqrt(np.linalg.norm(form, axis=(-2, -1))[..., None] * highest)
         is_moved = np.max(np.abs(pull), axis=-1) > _SOFT * largest_pull
-        self._require_stable_cell(energies, is_moved, relaxing @ vectors)
+        motions = relaxing @ vectors
+        self._require_stable_cell(energies, is_moved, motions)
         # D lacks the part of static forces without a potential, so that energies a little below
         # zero count as zero
         lowest = -max(_NO_ENERGY, self.slack) * highest
         is_zero = (energies <= _NO_ENERGY * highest) & (energies >= lowest)
         inverse = np.divide(1.0, energies, out=np.zeros_like(energies), where=~is_zero)
-        return np.asarray(form - pull.swapaxes(-1, -2) @ (inverse[..., None] * pull))
+        return motions, pull, inverse
 
     def _require_stable_cell(
         self, energies: Array, is_moved: NDArray[np.bool_], vectors: Array
@@ -592,6 +614,94 @@ class LongWaves(Compatibility):
         affine, inner = self._deform_uniformly(rows, np.ones(load.shape))
         weight = load.reshape(-1, 1)
         return affine.T @ (weight * affine), inner.T @ (weight * affine), inner.T @ (inner * weight)
+
+    # -- derivatives -------------------------------------------------------------------------------
+
+    def _list_in_balls(self, inner: Array) -> Array:
+        """Return the motions u and w (n_balls, motions, m) of balls in inner motions (n_inner, m),
+        or, in a cell of many balls, in those of all balls.
+        """
+        m = inner.shape[1]
+        if len(inner) == self.n_branches:
+            weighted = inner.reshape(self.n_balls, -1)
+        else:
+            in_frame = np.zeros((self.n_branches, m))
+            in_frame[self.n_branches - len(inner) :] = inner
+            weighted = self._frame @ in_frame.reshape(self.n_balls, -1)
+        return (weighted / np.sqrt(self.masses)[:, None]).reshape(self.n_balls, -1, m)
+
+    @cached_property
+    def gradient_motions(self) -> Array:
+        """(n_balls, motions, n_u p) motions u and w of balls that go with each displacement
+        gradient, beside the gradient itself.
+        """
+        if not self.is_prestressed:
+            affine, inner = self._strain_rows
+            if self._relaxation is not None:
+                return self._list_in_balls(-self._relaxation.find_motions(affine))
+            relaxing = self._find_relaxing()
+            columns = inner @ relaxing
+            # scaled as if nothing cancelled, so that the columns of gears have no digits too many
+            size = np.sqrt(self._inner_sizes**2 @ relaxing**2)
+            scale = np.where(size > 0.0, size, 1.0)
+            amplitudes = np.linalg.lstsq(columns / scale, affine, rcond=_SOFT)[0]
+            return self._list_in_balls(-relaxing @ (amplitudes / scale[:, None]))
+        load, (*push_forms, _) = self._find_load(None)
+        forms = self._combine_forms(load, push_forms)
+        if self._relaxation is not None:
+            return self._list_in_balls(-self._relaxation.respond(*forms))
+        relaxing = self._find_relaxing(push_forms[2])
+        motions, pull, inverse = self._find_pulls(*forms, relaxing)
+        return self._list_in_balls(-motions @ (inverse[:, None] * pull))
+
+    @cached_property
+    def gradient_deformations(self) -> tuple[list[Row], Array]:
+        """Rows of all deformations, :attr:`unit_rows`, and the deformations (rows, n_c, n_u, p) of
+        contacts under each displacement gradient, with the inner motions relaxed.
+
+        The second derivative of the energy by two gradients has, by the stiffness of a contact, the
+        derivative that is the product of both deformations: the energy is least in the inner
+        motions, so that their change does not matter. For a force over the distance it is minus the
+        product of the displacements across the contact.
+        """
+        self.require_rigid()
+        table = self.contacts
+        vector = table.vector[:, : self.periods]
+        rows = list(self.unit_rows)
+        motions = np.pad(self.gradient_motions, ((0, 1), (0, 0), (0, 0)))
+        shape = (len(table), len(self.motions.translations), self.periods)
+        deformations = []
+        for row in rows:
+            ends = np.einsum("ca,cag->cg", row.head, motions[table.j])
+            ends -= np.einsum("ca,cag->cg", row.tail, motions[table.i])
+            deformations.append(strain_rows(row, vector, self.motions) + ends.reshape(shape))
+        stack = np.array(deformations)
+        if self.has_tangential_force:
+            return rows, stack
+        # a gradient of a displacement across the periods turns the whole lattice: nothing deforms,
+        # and the static stress alone does work
+        stack[:, :, self._is_across] = 0.0
+        for axis in np.flatnonzero(self._is_across) if self.is_prestressed else ():
+            turned = np.zeros(shape)
+            turned[:, axis] = vector
+            rows.append(Row("push", 1.0, rows[-1].head, rows[-1].tail))
+            stack = np.concatenate([stack, turned[None]])
+        return rows, stack
+
+    @cached_property
+    def carried(self) -> Array:
+        """(n_balls, n_u, n_u) displacement of each ball in sound, as columns, for a displacement of
+        all balls by one along each axis: the unit matrix, but of balls that stay behind.
+        """
+        count = len(self.motions.translations)
+        unit = np.broadcast_to(np.eye(count), (self.n_balls, count, count))
+        idle = self._with_sound[2]
+        if not len(idle):
+            return unit
+        total = np.sqrt(self.masses.sum())
+        shifts, inner = np.split(idle.T @ idle[:, :count], [count])
+        stays = self._list_in_balls(self._touching._free @ inner)[:, self.motions.translating]
+        return np.asarray(unit - shifts - total * stays)
 
     def acoustic_tensor(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> Array:
         """Return the acoustic tensor A(q^), (..., n_u, n_u), k d^2/M: the small-q limit of D/q^2

@@ -158,6 +158,7 @@ class SparseRelaxation:
         )
         is_free = singular_values <= limit
         self._soft_deformations = deformations[:, ~is_free]
+        self._soft_motions = basis @ (right_vectors[~is_free] / singular_values[~is_free, None]).T
         idle = motions[:, is_idle]
         free_active = _leave_out(idle, basis @ right_vectors[is_free].T / self._scale[:, None])
         shifts = self.lattice.shifts
@@ -169,14 +170,30 @@ class SparseRelaxation:
         """Return the part of deformations (n_rows, ...) that remains once the inner motions have
         relaxed.
         """
+        return self._relax(deformations)[0]
+
+    def find_motions(self, deformations: Array) -> Array:
+        """Return the mass-weighted motions (n_branches, m) that make the part of deformations
+        (n_rows, m) which does not remain.
+        """
+        return np.asarray(self._relax(deformations)[1] / self._scale[:, None])
+
+    def _relax(self, deformations: Array) -> tuple[Array, Array]:
+        """Return the deformations (n_rows, ...) of :meth:`relax`, and the motions (n_branches, m)
+        that have taken the others up, in units of the scale of their columns.
+        """
         relaxed = deformations.reshape(len(deformations), -1)
+        motions = np.zeros((len(self._scale), relaxed.shape[1]))
         with single_products():
             for _ in range(1 + _CORRECTIONS):
                 motion = self._fronts.solve(self._columns @ relaxed)
                 relaxed = relaxed - self._rows @ motion
+                motions += motion
         soft = self._soft_deformations
-        relaxed = relaxed - soft @ (soft.T @ relaxed)
-        return relaxed.reshape(deformations.shape)
+        amplitudes = soft.T @ relaxed
+        relaxed = relaxed - soft @ amplitudes
+        motions += self._soft_motions @ amplitudes
+        return relaxed.reshape(deformations.shape), motions
 
     def eliminate(self, form: Array, mixed: Array, block: Any) -> Array:
         """Return an energy ``form`` (m, m) of gradients, with prestress, less the energy that inner
@@ -186,6 +203,18 @@ class SparseRelaxation:
         ``block`` (n_branches, n_branches) that of two inner motions. Raises
         :class:`~granphon.base.errors.InstabilityError` if an inner motion that a gradient moves has
         a negative energy.
+        """
+        return np.asarray(form - self._respond(form, mixed, block)[0])
+
+    def respond(self, form: Array, mixed: Array, block: Any) -> Array:
+        """Return the mass-weighted inner motions (n_branches, m) that, taken away, leave the least
+        energy; see :meth:`eliminate`.
+        """
+        return self._respond(form, mixed, block)[1]
+
+    def _respond(self, form: Array, mixed: Array, block: Any) -> tuple[Array, Array]:
+        """Return the energy (m, m) that inner motions save, and the motions (n_branches, m); the
+        arguments are those of :meth:`eliminate`.
         """
         from scipy.sparse import diags_array
 
@@ -214,8 +243,10 @@ class SparseRelaxation:
                 response += fronts.solve(pull - matrix @ response)
         saved_by_factors = pull.T @ response
         forces = motions[:, is_stiff].T @ acting
-        saved_by_set_aside = forces.T @ (forces / energies[is_stiff, None])
-        return np.asarray(form - saved_by_factors - saved_by_set_aside)
+        amplitudes = forces / energies[is_stiff, None]
+        saved_by_set_aside = forces.T @ amplitudes
+        motion = scale @ response + motions[:, is_stiff] @ amplitudes
+        return saved_by_factors + saved_by_set_aside, np.asarray(motion)
 
     def _find_set_aside(self, fronts: Fronts, matrix: Any, block: Any) -> tuple[Array, Array]:
         """Return the energies (k,), ascending, of the motions that factors have set aside, and

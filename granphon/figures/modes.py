@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from granphon.figures.scales import add_title, draw_alone, hide_axes, styled_figure
+from granphon.figures.scales import FORCES, add_title, draw_alone, hide_axes, styled_figure
 
 import matplotlib
 import numpy as np
 from matplotlib.animation import FuncAnimation
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection, PolyCollection
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
@@ -27,7 +28,7 @@ from granphon.balls.neighbours import steps_within
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
-from granphon.base.validation import positive, real_array, whole_number
+from granphon.base.validation import one_of, positive, real_array, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, colour_kinds, print_hertz
 from granphon.figures.views import Painter, View
@@ -76,6 +77,11 @@ _RIM_OF_SPHERE = 1.03
 #: length of the head of the arc of a disc, rad, and at most over the angle of the arc
 _HEAD = 0.47
 _MOST_OF_ARC = 0.8
+#: widths of the lines of contacts without a share, and with the largest, points; and the margin
+#: around these lines, in diameters
+_THIN = 0.4
+_THICK = 3.0
+_MARGIN = 0.5
 #: rounding of places, in diameters
 _ROUNDING = 1e-6
 #: spins and displacements below this part of a diameter are not drawn
@@ -179,9 +185,15 @@ def plot_network_mode(
     phase: float = 0.0,
     view: View | None = None,
     size: float = 0.5,
+    show: str = "motion",
 ) -> Axes:
     """Draw one of the modes of a network, counted from 0 as in ``modes.frequencies``; axes in mean
     diameters, hidden.
+
+    With ``show="sensitivity"`` the contacts are drawn in place of the balls' motions, each in the
+    colour of its share in the frequency (``modes.contact_shares``), and wider the larger that is: a
+    contact that is stiffer by 1 % raises the frequency by 0.5 % of its share. A contact across the
+    edge of a period is drawn at both sides; a network in space is seen along z.
 
     Arrows, colours and the other arguments are those of :func:`plot_mode`. Contacts across the edge
     of a period and flat walls are left out. Of more than 500 balls the 500 with the most kinetic
@@ -189,8 +201,44 @@ def plot_network_mode(
     of the greatest are points, so that those that move are seen.
     """
     number = whole_number("mode", mode, 0, len(modes.frequencies) - 1)
+    if one_of("show", show, ("motion", "sensitivity")) == "sensitivity":
+        return _draw_shares(modes, number, ax)
     motion = _find_network_motion(modes, number)
     motion.draw(ax, phase, view or motion.view, positive("size", size))
+    return ax
+
+
+def _draw_shares(modes: NetworkModes, mode: int, ax: Axes) -> Axes:
+    """Draw the share of each contact in the frequency of a mode, of the index ``mode``."""
+    network = modes.network
+    diameter = network.scales.length
+    shares = modes.contact_shares[mode]
+    # two halves of each contact, which meet in the middle unless it crosses the edge of a period
+    half = 0.5 * network.vector
+    is_wall = np.isinf(network.distance)
+    half[is_wall] = (network.contact_places - network.positions[network.i])[is_wall]
+    starts = np.concatenate([network.positions[network.i], network.positions[network.j][~is_wall]])
+    steps = np.concatenate([half, -half[~is_wall]])
+    segments = np.stack([starts, starts + steps], axis=1)[..., :2] / diameter
+    values = np.concatenate([shares, shares[~is_wall]])
+    order = np.argsort(values, kind="stable")  # large shares are on top
+    largest = max(float(np.max(shares)), np.finfo(float).tiny)
+    lines = LineCollection(
+        list(segments[order]),
+        array=values[order],
+        cmap=FORCES,
+        norm=Normalize(0.0, largest),
+        linewidths=_THIN + (_THICK - _THIN) * values[order] / largest,
+        capstyle="round",
+        gid="shares",
+    )
+    ax.add_collection(lines, autolim=False)
+    points = segments.reshape(-1, 2)
+    hide_axes(ax, points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN)
+    add_title(ax, _write_network_title(modes, mode, network.n_balls), {})
+    figure: Any = ax.get_figure()
+    bar = figure.colorbar(lines, ax=ax, location="bottom", aspect=40, pad=0.02)
+    bar.ax.set_xlabel("Share of the contact in the frequency")
     return ax
 
 

@@ -678,6 +678,11 @@ class Fitted(Result):
         return np.sqrt(np.diag(self.covariance))
 
     @property
+    def correlation(self) -> Array:
+        """Correlations (p, p) of the errors of the parameters, from -1 to 1."""
+        return np.asarray(self.covariance / np.outer(self.stderrs, self.stderrs))
+
+    @property
     def p(self) -> float:
         """Probability that errors of the given sigma make a larger ``chi2``.
 

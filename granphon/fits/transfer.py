@@ -1,11 +1,11 @@
-"""Fit the damping of contacts to a measured transfer function: magnitude, and phase if it is known,
-at given frequencies.
+"""Fit the losses of contacts and balls to a measured transfer function: magnitude, and phase if it
+is known, at given frequencies.
 
 The model is the response of the network (:mod:`granphon.waves.response`). Where sigma is not given,
 each complex value is taken to have the same relative error, so that the phase has it in radians; it
 is found from the scatter. A resonance that is off by its width attracts nothing, so stiffnesses are
 first searched with much damping, and then the damping; the best few are starting points of least
-squares.
+squares. In place of a restitution e its logarithm ln(1/e) is sought, which is zero without loss.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Annotated, Any, ClassVar, Self
 
@@ -28,7 +28,13 @@ from granphon.base.results import Result
 from granphon.base.tables import Table
 from granphon.base.text import list_names, suggest
 from granphon.base.validation import Low, finite_list, positive, texts
-from granphon.dynamics.damping import ContactDamping
+from granphon.dynamics.damping import (
+    LEAST_RESTITUTION,
+    LOSSES,
+    SMALL_LOSS,
+    Losses,
+    find_reduced_masses,
+)
 from granphon.fits.fit import LARGE_ERROR, SAME_EFFECT, Fitted, WidthFit, judge_residuals
 from granphon.fits.traces import Traces
 from granphon.fits.velocity_model import require_fitted
@@ -37,13 +43,23 @@ from granphon.waves.response import OF_FORCE, QUANTITIES, Places
 from granphon.waves.settings import RESPONSES
 from granphon.waves.waves import Waves
 
+#: losses of all motions that may be fitted, and those of other motions than the first kind
+_OTHERS = {
+    "damping": "tangential_damping",
+    "loss_factor": "tangential_loss_factor",
+    "drag": "rotational_drag",
+    "dashpot": "tangential_dashpot",
+}
+_RESTITUTION = "restitution"
+#: the loss that each parameter is one of, by the name of its argument
+_LOSS_OF = {
+    **{name: name for name in (*_OTHERS, _RESTITUTION)},
+    **{other: name for name, other in _OTHERS.items()},
+}
 #: what may be fitted, and its unit; of stiffness, load and gain it is the ratio to those of the
 #: network
 PARAMETERS = {
-    "damping": "s",
-    "tangential_damping": "s",
-    "loss_factor": "1",
-    "tangential_loss_factor": "1",
+    **{name: LOSSES[loss] or "1" for name, loss in _LOSS_OF.items()},
     "stiffness": "1",
     "load": "1",
     "gain": "1",
@@ -440,30 +456,46 @@ class _Model:
     """The transfer function of a network at (n,) frequencies, as a function of the parameters
     (p,), SI.
 
-    ``damping``, s, and ``loss_factor`` are pairs of those of normal and of all other motion, which
-    are not fitted; ``places`` are the arguments of :meth:`granphon.Waves.response` that are not
-    fitted.
+    ``given`` are the losses that are not fitted, and ``places`` the other arguments of
+    :meth:`granphon.Waves.response`.
     """
 
     network: ContactNetwork
     names: tuple[str, ...]
-    damping: tuple[Any, Any]
-    loss_factor: tuple[Any, Any]
+    given: Mapping[str, Any]
     frequencies: Array
     places: dict[str, Any]
 
-    def losses(self, values: Mapping[str, float]) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-        """Return (normal, tangential) damping and loss factor; the tangential value is the normal
-        one unless it is fitted.
+    def losses(self, values: Mapping[str, float]) -> dict[str, Any]:
+        """Return the losses, arguments of :meth:`granphon.Waves.response`: pairs of the first kind
+        of motion and of the others, which have the same unless theirs is fitted, and a restitution.
         """
+        losses: dict[str, Any] = {_RESTITUTION: self.given[_RESTITUTION]}
+        if _RESTITUTION in values:
+            losses[_RESTITUTION] = max(math.exp(-values[_RESTITUTION]), LEAST_RESTITUTION)
+        for name, other in _OTHERS.items():
+            first, second = _make_pair(self.given[name])
+            first = values.get(name, first)
+            second = values.get(other, first if name in values else second)
+            losses[name] = (first, second)
+        return losses
 
-        def find_pair(name: str, fixed: tuple[Any, Any]) -> tuple[Any, Any]:
-            """Return the normal and tangential loss of a kind; ``fixed`` are those not fitted."""
-            normal = values.get(name, fixed[0])
-            default = normal if name in values else fixed[1]
-            return normal, values.get(f"tangential_{name}", default)
-
-        return find_pair("damping", self.damping), find_pair("loss_factor", self.loss_factor)
+    def find_scale(self, name: str) -> float:
+        """Return the value of a parameter of which the loss at the median frequency is one of the
+        order of a loss factor of one; one of other parameters.
+        """
+        omega = 2.0 * math.pi * float(np.median(self.frequencies))
+        network = self.network
+        stiffness = float(np.mean(network.normal_stiffness))
+        reduced = find_reduced_masses(network.masses, network.i, network.j)
+        root = math.sqrt(float(np.mean(reduced)) * stiffness)  # kg/s
+        scales = {
+            "damping": 1.0 / omega,
+            "drag": omega,
+            "dashpot": stiffness / omega,
+            _RESTITUTION: stiffness / (omega * root * SMALL_LOSS),
+        }
+        return scales.get(_LOSS_OF.get(name, name), 1.0)
 
     def __call__(self, parameters: Array) -> NDArray[np.complex128]:
         """Return the complex transfer function (n,), in the unit of the measured one, at these
@@ -485,9 +517,8 @@ class _Model:
             scaled["tangential_force"] = load * network.tangential_force
         # a frequency that was measured several times is solved once
         frequencies, inverse = np.unique(self.frequencies, return_inverse=True)
-        damping, losses = self.losses(values)
         response = Waves(replace(network, **scaled)).response(
-            frequencies, damping=damping, loss_factor=losses, **self.places
+            frequencies, **self.losses(values), **self.places
         )
         return np.asarray(values.get("gain", 1.0) * response.coherent[inverse])
 
@@ -500,9 +531,11 @@ class DampingFit(Fitted):
     Attributes
     ----------
     parameters, values : names (p,) and SI values (p,) of the fitted parameters: damping and
-        tangential_damping, s; loss_factor and tangential_loss_factor; stiffness, load and gain,
-        ratios to those of the network.
-    covariance : covariance (p, p) of their errors, SI.
+        tangential_damping, s; loss_factor and tangential_loss_factor; drag and rotational_drag,
+        1/s; dashpot and tangential_dashpot, N s/m; restitution; stiffness, load and gain, ratios to
+        those of the network.
+    covariance : covariance (p, p) of their errors, SI; the attribute ``correlation`` has their
+        correlations.
     damping, loss_factor : (2,) of normal and of all other motion, s and 1, as ``Waves.response``
         takes them.
     measured : the data; its sigmas are as given, or from the scatter.
@@ -513,9 +546,14 @@ class DampingFit(Fitted):
         scatter.
     dof : degrees of freedom.
     warnings : reasons not to trust the fit.
+    drag, dashpot : (2,) 1/s, of displacements and of rotations; and N s/m, of normal motion and of
+        slip.
+    restitution : of a collision; 1 without loss.
     """
 
-    units: ClassVar[dict[str, str]] = {"damping": "s", "loss_factor": "1", "phase": "rad"}
+    units: ClassVar[dict[str, str]] = {"phase": "rad"} | {
+        name: unit or "1" for name, unit in LOSSES.items()
+    }
     _notebook_fields = ("stderrs",)
     _units_of_parameters = PARAMETERS
 
@@ -532,6 +570,9 @@ class DampingFit(Fitted):
     chi2: float
     dof: int
     warnings: tuple[str, ...]
+    drag: Annotated[Array, "2"] = field(default_factory=lambda: np.zeros(2))
+    dashpot: Annotated[Array, "2"] = field(default_factory=lambda: np.zeros(2))
+    restitution: float = 1.0
 
     @property
     def unit(self) -> str:
@@ -614,13 +655,16 @@ def fit_damping(
     parameters: Sequence[str] = ("damping",),
     damping: Any = 0.0,
     loss_factor: Any = 0.0,
+    drag: Any = 0.0,
+    dashpot: Any = 0.0,
+    restitution: Any = 1.0,
     quantity: str = "displacement",
     direction: ArrayLike | None = None,
     polarisation: str | ArrayLike = "longitudinal",
     distance: float | None = None,
 ) -> DampingFit:
-    """Find the damping of contacts at which the response of a network is a measured transfer
-    function.
+    """Find the losses of contacts and balls at which the response of a network is a measured
+    transfer function.
 
     Parameters
     ----------
@@ -630,13 +674,14 @@ def fit_damping(
     source, receiver, quantity, direction, polarisation, distance : as for
         :meth:`granphon.Waves.response`; of several receivers, those of a plane say, the mean is
         compared.
-    parameters : one or more of "damping", s; "loss_factor"; "tangential_damping" and
-        "tangential_loss_factor", of slip, twist and rolling, which are otherwise those of normal
-        motion; "stiffness", by which all stiffnesses are multiplied; "load", by which static forces
-        are, and stiffnesses by its cubic root, as in Hertz's law; and "gain", by which the whole
-        response is, where sensors are not calibrated.
-    damping, loss_factor : s and 1, numbers, or tuples of those of normal and of all other motion,
-        which are not fitted.
+    parameters : one or more of "damping", s; "loss_factor"; "drag", 1/s; "dashpot", N s/m;
+        "tangential_damping", "tangential_loss_factor" and "tangential_dashpot", of slip, twist and
+        rolling, which are otherwise those of normal motion; "rotational_drag", otherwise that of
+        displacements; "restitution"; "stiffness", by which all stiffnesses are multiplied; "load",
+        by which static forces are, and stiffnesses by its cubic root, as in Hertz's law; and
+        "gain", by which the whole response is, where sensors are not calibrated.
+    damping, loss_factor, drag, dashpot, restitution : losses that are not fitted, as for
+        :meth:`granphon.Waves.response`.
 
     Returns
     -------
@@ -666,7 +711,14 @@ def fit_damping(
             'Fit the gain too: parameters=("damping", "gain"), --parameter gain',
         )
     # wrong values are refused before the fit
-    given_damping = ContactDamping.of(network, damping, loss_factor)
+    given = {
+        "damping": damping,
+        "loss_factor": loss_factor,
+        "drag": drag,
+        "dashpot": dashpot,
+        _RESTITUTION: restitution,
+    }
+    given_losses = Losses.of(network, **given)
     places = {
         "source": source,
         "receiver": receiver,
@@ -675,9 +727,7 @@ def fit_damping(
         "polarisation": polarisation,
         "distance": distance,
     }
-    model = _Model(
-        network, names, _make_pair(damping), _make_pair(loss_factor), measured.frequencies, places
-    )
+    model = _Model(network, names, given, measured.frequencies, places)
     comparison = _Comparison(model, measured)
     sigma_given = measured.sigma is not None
     dof = comparison.dof
@@ -688,11 +738,12 @@ def fit_damping(
     jacobian = comparison.find_jacobian(best, scatter)
     covariance = comparison.find_covariance(jacobian, scatter)
     values = best.x * comparison.scale
-    warnings = list(given_damping.find_warnings(float(np.max(measured.frequencies))))
+    warnings = list(given_losses.find_warnings(float(np.max(measured.frequencies))))
     if sigma_given or not dof:
         warnings += judge_residuals(chi2, dof, len(names))
     warnings += _judge_errors(names, values, np.sqrt(np.diag(covariance)))
-    damping_pair, loss_pair = model.losses(dict(zip(names, values.tolist(), strict=True)))
+    losses = model.losses(dict(zip(names, values.tolist(), strict=True)))
+    values, covariance = _find_restitution(names, values, covariance)
     with_errors = replace(
         measured,
         sigma=comparison.sigma * scatter,
@@ -702,8 +753,8 @@ def fit_damping(
         parameters=names,
         values=values,
         covariance=covariance,
-        damping=_average_contacts(damping_pair),
-        loss_factor=_average_contacts(loss_pair),
+        **{name: _average_contacts(losses[name]) for name in _OTHERS},
+        restitution=float(np.mean(losses[_RESTITUTION])),
         measured=with_errors,
         quantity=Places(network, direction, polarisation, distance).refine(quantity, source),
         sigma_given=sigma_given,
@@ -721,7 +772,7 @@ class _Comparison:
     Attributes
     ----------
     scale : (p,) typical values of the parameters, SI; "scaled" parameters are over these.
-    is_loss : (p,) whether a parameter is a damping or a loss factor.
+    is_loss : (p,) whether a parameter is a loss.
     sigma : (n,) standard errors of magnitudes, in their unit; the magnitudes themselves, relative
         errors of 1, if they are not known.
     phase_sigma : (n,) standard errors of phases, rad.
@@ -740,9 +791,7 @@ class _Comparison:
         self.phasor: Any = np.ones(magnitude.size)
         if measured.phase is not None:
             self.phasor = np.exp(1j * measured.phase)
-        median_frequency = 2.0 * math.pi * float(np.median(measured.frequencies))
-        is_time = [PARAMETERS[name] == "s" for name in self.names]
-        self.scale = np.where(is_time, 1.0 / median_frequency, 1.0)
+        self.scale = np.array([model.find_scale(name) for name in self.names])
         self.is_loss = np.array([name not in ("stiffness", "load", "gain") for name in self.names])
         self._respond = lru_cache(maxsize=16)(self._find_response)
 
@@ -893,6 +942,18 @@ class _Comparison:
         return np.asarray(self.measured.phase - np.angle(self.phasor / response))
 
 
+def _find_restitution(
+    names: Sequence[str], values: Array, covariance: Array
+) -> tuple[Array, Array]:
+    """Return the values (p,) and their covariance (p, p) with a restitution e in place of its
+    logarithm ln(1/e), which is sought.
+    """
+    is_logarithm = np.array([name == _RESTITUTION for name in names])
+    restitution = np.exp(-np.where(is_logarithm, values, 0.0))
+    slope = np.where(is_logarithm, -restitution, 1.0)
+    return np.where(is_logarithm, restitution, values), covariance * np.outer(slope, slope)
+
+
 def _make_pair(loss: Any) -> tuple[Any, Any]:
     """Return a loss of normal and one of all other motion, from such a tuple or one for both."""
     return (loss[0], loss[1]) if isinstance(loss, tuple) else (loss, loss)
@@ -923,9 +984,10 @@ def _judge_errors(names: Sequence[str], values: Array, errors: Array) -> list[st
     """Return a warning for each parameter whose standard error is above half its value; values and
     errors are (p,), SI.
     """
+    words = {_RESTITUTION: "ln(1/restitution)"}
     return [
-        f"the standard error of {name} is {error:.2g}, and its value {value:.2g}: it can"
-        f" hardly be told from zero"
+        f"the standard error of {words.get(name, name)} is {error:.2g}, and its value {value:.2g}:"
+        f" it can hardly be told from zero"
         for name, value, error in zip(names, values.tolist(), errors.tolist(), strict=True)
         if error > LARGE_ERROR * value
     ]

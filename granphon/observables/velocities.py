@@ -5,9 +5,10 @@ exponent of velocities.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +25,14 @@ from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.elasticity import anisotropy, bulk_and_shear, shears, voigt_names
 from granphon.media.state import ContactState, State, as_state, given_state
+from granphon.networks.network import ContactNetwork
+from granphon.observables.sensitivities import (
+    ModuliSensitivities,
+    VelocitySensitivities,
+    find_moduli_sensitivities,
+    find_velocity_sensitivities,
+    require_network,
+)
 from granphon.observables.validity import find_warnings
 
 #: a result of several loads
@@ -92,6 +101,9 @@ class SoundVelocities(Result):
         columns.
     """
 
+    #: gives the networks of the state; empty where none is at hand
+    _networks: ClassVar[tuple[Callable[[], list[ContactNetwork]], ...]] = ()
+
     longitudinal: Annotated[Any, "...?", "m/s"]
     transverse: Annotated[Any, "...|... 2?", "m/s"]
     direction: Annotated[Array, "p|n p", "", "finite"]
@@ -102,6 +114,18 @@ class SoundVelocities(Result):
     transverse_error: Annotated[Any, "...|... 2?", "m/s"] = None
     out_of_plane: Annotated[Any, "...?", "m/s"] = None
     twist: Annotated[Any, "...?", "m/s"] = None
+
+    @cached_property
+    def sensitivities(self) -> VelocitySensitivities:
+        """Derivatives of ``velocities`` with respect to the stiffnesses and static forces of all
+        contacts and the masses of all balls, (..., n_u, n_c) and (..., n_u, n).
+
+        Raises :class:`~granphon.base.errors.InputError` for velocities of a simulation, which are
+        means over samples, and for those that were read from a file or a copy.
+        """
+        networks = _list_networks(self._networks, "sound velocities")
+        shape = np.shape(self.velocities)[: -np.ndim(self.direction)]
+        return find_velocity_sensitivities(networks, shape, self.direction)
 
     def _check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` also if the named waves are not those of
@@ -206,7 +230,7 @@ def sound_velocities(
         twist = np.repeat(np.asarray(twist)[..., None], len(unit_vectors), axis=-1)
     warnings = find_warnings(state) + state.reference_lattice.loose_warnings
     warnings += warn_of_free_branches(state, velocities)
-    return SoundVelocities(
+    sound = SoundVelocities(
         longitudinal=velocity_of_wave.get("longitudinal"),
         transverse=velocity_of_wave.get("transverse"),
         direction=unit_vectors,
@@ -218,6 +242,8 @@ def sound_velocities(
         polarisations=np.take_along_axis(polarisations, ascending[..., None, :], -1),
         twist=twist,
     )
+    object.__setattr__(sound, "_networks", (require_network(state, "sound_velocities"),))
+    return sound
 
 
 def _name_waves(names: tuple[str, ...], velocities: Array | None) -> dict[str, Any]:
@@ -301,6 +327,9 @@ class Moduli(Result):
     units = {"bulk": "Pa", "shear": "Pa", "shears": "Pa"}
     _notebook_fields = ("bulk", "shear")
 
+    #: gives the networks of the state; empty where none is at hand
+    _networks: ClassVar[tuple[Callable[[], list[ContactNetwork]], ...]] = ()
+
     tensor: Annotated[Array, "... 3 3|... 6 6|... 1 1", "Pa", "finite"]
     isotropic: bool
     warnings: tuple[str, ...]
@@ -315,6 +344,17 @@ class Moduli(Result):
             name: "N" if unit == "Pa" and self.periods == 1 else unit
             for name, unit in self.units.items()
         }
+
+    @cached_property
+    def sensitivities(self) -> ModuliSensitivities:
+        """Derivatives of ``tensor`` with respect to the stiffnesses and static forces of all
+        contacts, (..., n, n, n_c).
+
+        Raises :class:`~granphon.base.errors.InputError` for moduli of a simulation, which are means
+        over samples, and for those that were read from a file or a copy.
+        """
+        networks = _list_networks(self._networks, "moduli")
+        return find_moduli_sensitivities(networks, np.shape(self.tensor)[:-2])
 
     @property
     def periods(self) -> int:
@@ -491,7 +531,24 @@ def moduli(state: Any, *, progress: Progress = silent) -> Moduli:
         if (isotropic or cubic) and not is_chain:
             errors["anisotropy_error"] = jackknife(anisotropy, shears(samples))
     warnings = find_warnings(state) + state.reference_lattice.loose_warnings
-    return Moduli(tensor=tensor, isotropic=isotropic, warnings=warnings, cubic=cubic, **errors)
+    result = Moduli(tensor=tensor, isotropic=isotropic, warnings=warnings, cubic=cubic, **errors)
+    object.__setattr__(result, "_networks", (require_network(state, "moduli"),))
+    return result
+
+
+def _list_networks(
+    finders: tuple[Callable[[], list[ContactNetwork]], ...], quantity: str
+) -> list[ContactNetwork]:
+    """Return the networks of the state of a result; InputError, which names the ``quantity``, for a
+    result that was read.
+    """
+    if not finders:
+        raise InputError(
+            f"these {quantity} have no network",
+            "They were read, and nothing says of which contacts they are",
+            "Find them again from the state",
+        )
+    return finders[0]()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

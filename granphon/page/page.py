@@ -101,8 +101,8 @@ def describe_network_page(
     ----------
     source : the state of a crystal, a sample, or a :class:`~granphon.ContactNetwork` that repeats.
     direction : of sound, (p,); x by default.
-    losses : of contacts; the page shows the Q factor of a mode if the losses are the same in all
-        motions.
+    losses : of contacts and balls; the page shows the Q factor of a mode if the losses are the same
+        in all motions, and neither a dashpot nor a restitution is among them.
     remarks : sentences that the page shows, after the warnings of the network.
 
     Returns
@@ -153,7 +153,7 @@ def describe_network_page(
             "motions": lattice.named_motions.name,
         },
         "remarks": [*find_warnings(state), *remarks],
-        "losses": _find_losses(losses),
+        "losses": _find_losses(losses, over_springs=state.network.on_site is not None),
     }
 
 
@@ -205,19 +205,24 @@ def _describe_kind(masses: Array, radii: Array) -> str:
     return f"{count}, {qualifier}{mass}, {qualifier}diameter {diameter}"
 
 
-def _find_losses(losses: BandsSettings | None) -> dict[str, float] | None:
-    """Return damping, s, and loss factor of all motions of contacts; None without losses, or if the
-    losses of the motions differ.
+def _find_losses(
+    losses: BandsSettings | None, *, over_springs: bool = False
+) -> dict[str, float] | None:
+    """Return damping, s, loss factor, and drag, 1/s, of all motions; None without losses, where the
+    losses of motions differ, as those of contacts ``over_springs`` to the ground, which lose none,
+    and with other losses, of which the page knows nothing.
     """
-    if losses is None:
+    names = ("damping", "loss_factor", "drag")
+    if losses is None or not losses.losses.keys() <= set(names):
         return None
     common_losses = dict[str, float]()
-    for name, loss in (("damping", losses.damping), ("loss_factor", losses.loss_factor)):
-        normal, tangential = loss if isinstance(loss, tuple) else (loss, loss)
-        if normal != tangential:
+    for name in names:
+        loss = losses.losses.get(name, 0.0)
+        first, other = loss if isinstance(loss, tuple) else (loss, loss)
+        if first != other or (over_springs and first and name != "drag"):
             return None
-        common_losses[name] = normal
-    return common_losses or None
+        common_losses[name] = first
+    return common_losses
 
 
 def describe_page(
@@ -244,8 +249,8 @@ def describe_page(
     finite_overlap : whether the page begins with the terms of relative order delta/d.
     path : the path of the bands, by default that of the lattice.
     direction : of sound, (p,); x by default.
-    losses : of contacts; the page shows the Q factor of a mode if the losses are the same in all
-        motions.
+    losses : of contacts and balls; the page shows the Q factor of a mode if the losses are the same
+        in all motions, and neither a dashpot nor a restitution is among them.
     remarks : sentences that the page shows.
 
     Raises

@@ -16,6 +16,7 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import one_direction
+from granphon.balls.layers import find_axes
 from granphon.balls.neighbours import touch_once_at_most
 from granphon.base.arrays import Array, Complex, Flags, Index
 from granphon.base.errors import InputError, PrecisionError, brief, needing
@@ -25,6 +26,7 @@ from granphon.base.text import counted
 from granphon.base.validation import (
     frequency_array,
     grid_numbers,
+    index_array,
     one_of,
     positive,
     real_array,
@@ -38,8 +40,14 @@ from granphon.dynamics.bloch_waves import (
 )
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
+from granphon.dynamics.damping import DampedModes, Losses, damp_evenly, damp_unevenly
 from granphon.dynamics.half_space import HalfSpace
+from granphon.dynamics.sensitivities import (
+    FrequencySensitivities,
+    ModeEnergies,
+    Place,
+    find_frequency_sensitivities,
+)
 from granphon.media import cost as costs
 from granphon.media.cost import Cost
 from granphon.media.state import State, as_state, given_state
@@ -423,17 +431,24 @@ class Phonons:
         q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
         return self.lattice.frequencies(q) * self.scales.frequency
 
-    def damped(self, qpoints: ArrayLike, damping: Any = 0.0, loss_factor: Any = 0.0) -> DampedModes:
+    def damped(
+        self,
+        qpoints: ArrayLike,
+        damping: Any = 0.0,
+        loss_factor: Any = 0.0,
+        *,
+        drag: Any = 0.0,
+        dashpot: Any = 0.0,
+        restitution: Any = 1.0,
+    ) -> DampedModes:
         """Return complex frequencies (n_q, n_branches), Hz, at ``qpoints``, with contacts that lose
         energy; and Q factors.
 
         Parameters
         ----------
         qpoints : (n_q, p) or (n_q, 3) fractions of the reciprocal cell.
-        damping : s, viscosity over stiffness, a number or one for each contact of the network; or a
-            tuple of two, for normal motion and for all other, as in :meth:`gp.Waves.response`.
-        loss_factor : eta of the complex stiffness k (1 + i eta), a number or one for each contact,
-            or a tuple of two.
+        damping, loss_factor, drag, dashpot, restitution : as in :meth:`gp.Waves.response`, of the
+            network.
 
         Raises :class:`~granphon.base.errors.InputError` for a damping below zero, and for Atoms
         whose contacts are not the state's, in their order;
@@ -445,23 +460,26 @@ class Phonons:
         network = given_network(self.state)
         self._require_state_cell()
         q = self.lattice.wavevectors(points)
-        contact_damping = ContactDamping.of(network, damping, loss_factor)
+        losses = Losses.of(network, damping, loss_factor, drag, dashpot, restitution)
         undamped = self.lattice.frequencies(q)
         angular_unit = self.scales.angular_frequency
-        even_damping = contact_damping.find_even(network)
-        if even_damping is not None:
-            loss, time = even_damping
-            omega = np.sort(damp_evenly(undamped, loss, time * angular_unit))
+        even = losses.find_even()
+        if even is not None:
+            eta, time, rate = even
+            damped = damp_evenly(undamped, eta, time * angular_unit, rate / angular_unit)
+            omega = np.sort(damped)
         else:
             # contacts of two bodies that do not move are not in the lattice
             kept = network.moving[network.i] | network.moving[network.j]
-            times = contact_damping.times[:, kept] * angular_unit
-            losses = contact_damping.losses[:, kept]
-            stiffness, viscous = self.lattice.damped_matrices(q, times, losses)
+            times = losses.times[:, kept] * angular_unit
+            drags = losses.drag_of(self.lattice.motions) / angular_unit
+            stiffness, viscous = self.lattice.damped_matrices(
+                q, times, losses.factors[:, kept], drags
+            )
             omega, _ = damp_unevenly(stiffness, viscous)
         unit = self.scales.frequency
         highest = float(np.max(undamped, initial=0.0)) * unit
-        warnings = contact_damping.find_warnings(highest)
+        warnings = losses.find_warnings(highest)
         return DampedModes(omega * unit, qpoints=points, warnings=warnings)
 
     def modes(self, qpoints: ArrayLike, direction: ArrayLike | None = None) -> PhononModes:
@@ -487,6 +505,54 @@ class Phonons:
             modes.longitudinal_fraction,
             modes.out_of_plane_fraction,
         )
+
+    def sensitivities(
+        self, qpoints: ArrayLike, branches: ArrayLike | None = None
+    ) -> FrequencySensitivities:
+        """Return the derivatives of frequencies (n_q, b) with respect to the stiffnesses and static
+        forces of all contacts, and the masses and moments of inertia of all balls.
+
+        Parameters
+        ----------
+        qpoints : (n_q, p) or (n_q, 3) fractions of the reciprocal cell.
+        branches : (b,) numbers of branches, from 0; all of them by default.
+
+        Where branches have one frequency, to 1e-8 of it, the derivative is that of their mean. A
+        frequency f has derivatives to about 1e-16 of the top frequency over f. Raises
+        :class:`~granphon.base.errors.InputError` for a branch that is not there, for arrays larger
+        than the memory, and for other Atoms than the cell of the state;
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        """
+        q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
+        chosen = np.arange(self.lattice.n_branches)
+        if branches is not None:
+            chosen = index_array("branches", branches, chosen.size, "branches")
+        energies = self._measure(q, np.broadcast_to(chosen, (len(q), chosen.size)))
+        return self._make_sensitivities(energies)
+
+    def _measure(self, q: Array, branches: Index) -> ModeEnergies:
+        """Return the energies of the modes of ``branches`` (n_q, b) at wave vectors q (n_q, p),
+        1/d.
+        """
+        self._require_state_cell(with_stiffness=True)
+        network = given_network(self.state)
+        frame = find_axes(network.cell[network.pbc, : network.dimension])
+        return self.lattice.mode_energies(q, branches, frame.T)
+
+    def _make_sensitivities(
+        self, energies: ModeEnergies, qpoints: Array | None = None
+    ) -> FrequencySensitivities:
+        """Return derivatives of frequencies from the ``energies`` of their modes."""
+        network = given_network(self.state)
+        moving = network.moving
+        place = Place(
+            network,
+            self.scales,
+            np.flatnonzero(moving),
+            np.flatnonzero(moving[network.i] | moving[network.j]),
+        )
+        warnings = find_warnings(self.state)
+        return find_frequency_sensitivities(energies, place, warnings, qpoints)
 
     @property
     def special_points(self) -> dict[str, Array]:
@@ -598,6 +664,9 @@ class Phonons:
         *,
         damping: Any = 0.0,
         loss_factor: Any = 0.0,
+        drag: Any = 0.0,
+        dashpot: Any = 0.0,
+        restitution: Any = 1.0,
     ) -> ComplexBands:
         """Return all wave numbers across the layers at given frequencies, also of waves that decay.
 
@@ -608,9 +677,8 @@ class Phonons:
             other ``atoms``.
         q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by
             default.
-        damping, loss_factor : viscosity of contacts over their stiffness, s, and part of the
-            stiffness that loses energy at any frequency, as in :meth:`Waves.response`: numbers, or
-            tuples of two, for normal and for all other motion.
+        damping, loss_factor, drag, dashpot, restitution : as in :meth:`Waves.response`: numbers, or
+            tuples of two.
 
         Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a
         band, for one so high that a wave decays by more than 1e12 from layer to layer, and for an
@@ -622,15 +690,21 @@ class Phonons:
         self._require_state_cell(with_stiffness=True)
         hertz = frequency_array("frequencies", frequencies, "above zero", in_order=False)
         half_space = HalfSpace(network, axis)
-        contact_damping = ContactDamping.of(half_space.cut, damping, loss_factor)
+        losses = Losses.of(half_space.cut, damping, loss_factor, drag, dashpot, restitution)
         wavevector = half_space.read_wavevector(q)
-        if contact_damping.is_none:
+        if losses.is_none:
             require_bloch_memory(hertz.size, half_space.size)
             blocks = half_space.couplings(wavevector)
         else:
             require_bloch_memory(hertz.size, half_space.size, half_space.cut.n_contacts)
-            normal, other = contact_damping.soften(2.0 * np.pi * hertz)
+            normal, other = losses.soften(2.0 * np.pi * hertz)
             blocks = half_space.couplings(wavevector, normal, other)
+            # drag resists the motions of a block as an imaginary stiffness would
+            drags = losses.drag_of(half_space.motions) / (2.0 * np.pi * half_space.units.frequency)
+            of_block = np.diag(np.tile(drags, half_space.size // drags.size))
+            reduced = hertz / half_space.units.frequency
+            inner = blocks.inner - 1j * reduced[:, None, None] * of_block
+            blocks = blocks._replace(inner=inner)
         squares = (hertz / half_space.units.frequency) ** 2
         # far above all bands a wave decays by about the couplings over the square from layer to
         # layer
@@ -644,7 +718,7 @@ class Phonons:
             wavenumbers=_list_wavenumbers(half_space, waves, wavevector),
             running=np.array([upward.running for upward, _ in waves]),
             height=half_space.height,
-            warnings=contact_damping.find_warnings(float(np.max(hertz))),
+            warnings=losses.find_warnings(float(np.max(hertz))),
         )
 
     def dos(
@@ -835,6 +909,33 @@ class Phonons:
         """Return the number of branches below each of the :meth:`gaps`, (n,), which tells a gap
         from the others under every load, and the gaps, (n, 2) Hz; ``mesh`` is as there.
         """
+        gaps = self._find_gap_edges(mesh)
+        return gaps.branches_below, gaps.frequencies * self.scales.frequency
+
+    def gap_sensitivities(self, mesh: Sequence[int] | None = None) -> FrequencySensitivities:
+        """Return the derivatives of the edges (n, 2) of :meth:`gaps`, as :meth:`sensitivities` has
+        them, and the wave vectors at which they are; ``mesh`` is as there.
+
+        An edge is the greatest or the least frequency of a branch, so that it does not change to
+        first order as its wave vector moves. Where several wave vectors have the edge, as those
+        that the symmetry of the lattice makes alike, it is the derivative at one of them: that of
+        the edge if the parameters change alike at all. The lower edge of a gap below all branches
+        is zero, and has no derivative.
+        """
+        gaps = self._find_gap_edges(mesh)
+        count = len(gaps.branches_below)
+        branches = gaps.branches_below[:, None] + np.array([-1, 0])  # below and above each gap
+        has_edge = branches >= 0
+        points = gaps.points.reshape(-1, self._periods)
+        energies = self._measure(points, np.maximum(branches, 0).reshape(-1, 1))
+        by_edge = energies.reshape((count, 2))
+        found = by_edge._replace(frequencies=np.where(has_edge, by_edge.frequencies, 0.0))
+        qpoints = np.zeros((count, 2, 3))
+        qpoints[..., : self._periods] = gaps.points @ np.linalg.inv(self.lattice.reciprocal)
+        return self._make_sensitivities(found, qpoints)
+
+    def _find_gap_edges(self, mesh: Sequence[int] | None) -> _Gaps:
+        """Return the gaps and their edges in reduced units; ``mesh`` is that of :meth:`gaps`."""
         zone = self._sample_zone(mesh)
         frequencies = zone.frequencies
         bottoms = frequencies.min(axis=0)
@@ -844,16 +945,16 @@ class Phonons:
         narrowest = _NO_GAP * float(tops[-1])
         above_gaps = np.flatnonzero(bottoms - floors > narrowest)
         if not above_gaps.size:
-            return above_gaps, np.zeros((0, 2))
+            return _Gaps(above_gaps, np.zeros((0, 2)), np.zeros((0, 2, self._periods)))
         edges = _BandEdges.of(above_gaps)
-        heights, starts = self._climb_edges(edges, zone, _STARTS)
+        extremes, starts = self._climb_edges(edges, zone, _STARTS)
         n_closest = _CLOSEST * starts.shape[1]
-        heights = self._zoom_into_cones(edges, heights, zone, starts, n_closest)
-        lower, upper = edges.pair_frequencies(heights)
+        extremes = self._zoom_into_cones(edges, extremes, zone, starts, n_closest)
+        lower, upper = edges.pair(edges.sign * extremes.heights)
         intervals = np.stack([np.maximum(lower, floors[above_gaps]), upper], axis=1)
         is_gap = upper - lower > narrowest
-        gaps = np.reshape(intervals[is_gap], (-1, 2)) * self.scales.frequency
-        return above_gaps[is_gap], gaps
+        points_of_edges = np.stack(edges.pair(extremes.points), axis=1)
+        return _Gaps(above_gaps[is_gap], intervals[is_gap], points_of_edges[is_gap])
 
     def cutoffs(self, mesh: Sequence[int] | None = None) -> Array:
         """Return the cut-off frequencies, (n_branches, 2) Hz: the lowest and the highest frequency
@@ -864,12 +965,13 @@ class Phonons:
         zone = self._sample_zone(mesh)
         b = self.lattice.n_branches
         edges = _BandEdges.of(np.arange(b))
-        heights, starts = self._climb_edges(edges, zone, _MORE_STARTS)
-        heights = self._zoom_into_cones(edges, heights, zone, starts[:, :1], 1)
-        tops, bottoms = edges.pair_frequencies(heights)  # each top with the bottom above
+        extremes, starts = self._climb_edges(edges, zone, _MORE_STARTS)
+        extremes = self._zoom_into_cones(edges, extremes, zone, starts[:, :1], 1)
+        # each top with the bottom above
+        tops, bottoms = edges.pair(edges.sign * extremes.heights)
         top_edge = _BandEdges(np.array([b - 1]), np.ones(1), 1)
         top, _ = self._climb_edges(top_edge, zone, _MORE_STARTS)
-        cutoffs = np.stack([bottoms, np.concatenate([tops[1:], top])], axis=1)
+        cutoffs = np.stack([bottoms, np.concatenate([tops[1:], top.heights])], axis=1)
         return np.asarray(np.maximum(cutoffs, 0.0) * self.scales.frequency)
 
     def _sample_zone(self, mesh: Sequence[int] | None) -> _ZoneSample:
@@ -911,47 +1013,57 @@ class Phonons:
 
     def _climb_edges(
         self, edges: _BandEdges, zone: _ZoneSample, most_starts: int
-    ) -> tuple[Array, Array]:
-        """Return the greatest frequency times sign (e,) of each of the ``edges`` that is reached
-        from the best points of the zone, ``most_starts`` at most, and the wave vectors of these,
-        (e, n_starts, p), 1/d.
+    ) -> tuple[_Extremes, Array]:
+        """Return the extremes of each of the ``edges`` that are reached from the best points of the
+        zone, ``most_starts`` at most, and the wave vectors of these, (e, n_starts, p), 1/d.
         """
         points = zone.points[_choose_starts(zone.frequencies, edges, most_starts)]
         starts = self.lattice.wavevectors(points)
         n_edges, n_starts, p = starts.shape
         branch = np.repeat(edges.branch, n_starts)
         sign = np.repeat(edges.sign, n_starts)
-        heights = self._climb(starts.reshape(-1, p), branch, sign, zone.spacing)
-        return np.asarray(heights.reshape(n_edges, n_starts).max(axis=1)), starts
+        ends = self._climb(starts.reshape(-1, p), branch, sign, zone.spacing)
+        highest = np.argmax(ends.heights.reshape(n_edges, n_starts), axis=1)
+        best = np.arange(n_edges) * n_starts + highest
+        return _Extremes(ends.heights[best], ends.points[best]), starts
 
     def _zoom_into_cones(
-        self, edges: _BandEdges, heights: Array, zone: _ZoneSample, starts: Array, n_closest: int
-    ) -> Array:
-        """Return the ``heights`` (e,) of ``edges``, of narrow gaps those on finer meshes too.
+        self,
+        edges: _BandEdges,
+        extremes: _Extremes,
+        zone: _ZoneSample,
+        starts: Array,
+        n_closest: int,
+    ) -> _Extremes:
+        """Return the ``extremes`` of ``edges``, of narrow gaps those on finer meshes too.
 
         Branches that cross at a point of their own make a cone, whose tip no path along group
         velocities reaches. The meshes are about the ``starts`` (e, n_starts, p), 1/d, of an edge,
         and about so many points, ``n_closest``, at which the branches are closest.
         """
-        higher = heights.copy()
+        heights = extremes.heights.copy()
+        points = extremes.points.copy()
         is_narrow = edges.is_narrow(heights, _NARROW * float(zone.frequencies.max()))
         for edge in np.flatnonzero(is_narrow).tolist():
             closest = _find_closest(zone.frequencies, edges.below_gap(edge), n_closest)
             closest_points = self.lattice.wavevectors(zone.points[closest])
             centres = np.concatenate([starts[edge], closest_points])
-            height = self._zoom(centres, edges.branch[edge], edges.sign[edge], zone.spacing)
-            higher[edge] = max(heights[edge], height)
-        return higher
+            height, point = self._zoom(centres, edges.branch[edge], edges.sign[edge], zone.spacing)
+            if height > heights[edge]:
+                heights[edge] = height
+                points[edge] = point
+        return _Extremes(heights, points)
 
-    def _climb(self, starts: Array, branch: Index, sign: Array, longest_step: float) -> Array:
-        """Return the greatest frequency times ``sign`` (n,) of a ``branch`` (n,) along its group
-        velocity from each of the wave vectors ``starts`` (n, p), 1/d.
+    def _climb(self, starts: Array, branch: Index, sign: Array, longest_step: float) -> _Extremes:
+        """Return the extremes, by a ``sign`` (n,), of a ``branch`` (n,) along its group velocity
+        from each of the wave vectors ``starts`` (n, p), 1/d.
 
         Steps are those of J. Barzilai and J. M. Borwein (IMA J. Numer. Anal. 8, 141, 1988), none
         above ``longest_step``, 1/d.
         """
         q = starts.copy()
         heights = np.full(len(q), -np.inf)
+        points = q.copy()
         last_q = q.copy()
         last_slope = np.zeros_like(q)
         direction = np.eye(q.shape[1])[0]
@@ -960,7 +1072,9 @@ class Phonons:
             modes = self.lattice.modes(q[climbing], direction)
             mode = (np.arange(climbing.size), branch[climbing])
             new_heights = sign[climbing] * modes.frequencies[mode]
-            heights[climbing] = np.maximum(heights[climbing], new_heights)
+            is_higher = new_heights > heights[climbing]
+            heights[climbing[is_higher]] = new_heights[is_higher]
+            points[climbing[is_higher]] = q[climbing[is_higher]]
             slope = sign[climbing, None] * modes.group_velocities[mode]
             steepness = np.linalg.norm(slope, axis=1)
             is_steep = steepness > 0.0
@@ -979,11 +1093,14 @@ class Phonons:
             climbing = climbing[step > _LEVEL]
             if not climbing.size:
                 break
-        return heights
+        return _Extremes(heights, points)
 
-    def _zoom(self, centres: Array, branch: int, sign: float, spacing: float) -> float:
+    def _zoom(
+        self, centres: Array, branch: int, sign: float, spacing: float
+    ) -> tuple[float, Array]:
         """Return the greatest frequency times ``sign`` of a branch about wave vectors ``centres``
-        (n, p), 1/d, on ever finer meshes, the first of which reach as far as ``spacing``, 1/d.
+        (n, p), 1/d, on ever finer meshes, the first of which reach as far as ``spacing``, and the
+        wave vector (p,) there, 1/d.
         """
         p = self._periods
         coordinates = np.linspace(-1.0, 1.0, _FINE)
@@ -991,20 +1108,24 @@ class Phonons:
         q = centres
         size = np.full(len(centres), spacing)
         height = -np.inf
+        highest_point = centres[0]
         while size.size:
             points = q[:, None] + size[:, None, None] * offsets  # (n, m, p)
             frequencies = self.lattice.frequencies(points.reshape(-1, p))[:, branch]
             heights = sign * frequencies.reshape(len(q), -1)
             highest = np.argmax(heights, axis=1)
-            height = max(height, float(heights.max()))
             q = points[np.arange(len(q)), highest]
+            best = int(np.argmax(heights.max(axis=1)))
+            if heights[best, highest[best]] > height:
+                height = float(heights[best, highest[best]])
+                highest_point = q[best]
             # a mesh whose highest point is on its rim shrinks slowly, so that it can move on
             is_inside = np.max(np.abs(offsets[highest]), axis=1) < 1.0
             size = size * np.where(is_inside, _SHRINKING_INSIDE, _SHRINKING_ON_RIM)
             is_wide = size > _LEVEL
             q = q[is_wide]
             size = size[is_wide]
-        return height
+        return height, highest_point
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> ZoneMesh:
         """Return a Gamma-centred mesh of ``numbers`` (p,) of points; with ``reduce``, reduced by
@@ -1066,6 +1187,25 @@ class _ZoneSample(NamedTuple):
     spacing: float
 
 
+class _Extremes(NamedTuple):
+    """The greatest frequencies times sign, ``heights`` (e,), and the wave vectors ``points``
+    (e, p), 1/d, at which they are.
+    """
+
+    heights: Array
+    points: Array
+
+
+class _Gaps(NamedTuple):
+    """Gaps in reduced units: the number of branches below each (n,), their edges ``frequencies``
+    (n, 2), and the wave vectors ``points`` (n, 2, p), 1/d, at which the edges are.
+    """
+
+    branches_below: Index
+    frequencies: Array
+    points: Array
+
+
 class _BandEdges(NamedTuple):
     """Edges of gaps, (e,): first the tops of the branches below the gaps, in ascending order, then
     the bottoms of the branches above.
@@ -1106,14 +1246,13 @@ class _BandEdges(NamedTuple):
         is_narrow[bottoms] = is_narrow[tops]
         return is_narrow
 
-    def pair_frequencies(self, heights: Array) -> tuple[Array, Array]:
-        """Return the lower and the upper edge of each gap, both (n,), from frequencies times sign
-        ``heights`` (e,); the lower edge of a gap below all branches is zero.
+    def pair(self, values: Array) -> tuple[Array, Array]:
+        """Return the ``values`` (e, ...) at the lower and at the upper edge of each gap, both
+        (n, ...); zero at the lower edge of a gap below all branches.
         """
-        frequencies = self.sign * heights
-        upper = frequencies[self.n_tops :]
-        lower = np.zeros(len(upper))
-        lower[len(upper) - self.n_tops :] = frequencies[: self.n_tops]
+        upper = values[self.n_tops :]
+        lower = np.zeros_like(upper)
+        lower[len(upper) - self.n_tops :] = values[: self.n_tops]
         return lower, upper
 
 

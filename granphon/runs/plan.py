@@ -742,7 +742,7 @@ class Plan:
         parts: list[CostPart] = []
         for block, estimate, fewer in (
             ("motion", _estimate_motion, "a shorter motion.duration or fewer motion.frames"),
-            ("response", _estimate_response, "fewer response.frequencies, or give more damping"),
+            ("response", _estimate_response, "fewer response.frequencies, or give more losses"),
         ):
             settings = self._find_network_settings(block)
             if settings is None:
@@ -899,7 +899,7 @@ def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Co
     Raises :class:`~granphon.base.errors.ConvergenceError` for a response that would be refused.
     """
     # imported here: other scenes do not need it
-    from granphon.dynamics.damping import ContactDamping
+    from granphon.dynamics.damping import Losses
     from granphon.runs.wave_records import find_typical_state
     from granphon.waves.operator import make_operator
     from granphon.waves.response import ResponseWork
@@ -913,9 +913,9 @@ def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Co
         return None
     whole_network = state.network if array is None else state.network.repeat(array.cells)
     network = settings.shape(whole_network)
-    damping = ContactDamping.of(network, settings.damping, settings.loss_factor)
+    losses = Losses.of(network, **settings.losses)
     omega = 2.0 * math.pi * np.array(settings.frequencies)  # rad/s
-    work = ResponseWork(make_operator(network), damping, omega)
+    work = ResponseWork(make_operator(network), losses, omega)
     is_factorised, seconds = work.choose(None)
     cost_of_network = costs.response(
         partial(_measure_product, state.network, network.n_balls),
@@ -962,7 +962,7 @@ def _estimate_motion(serving: ServingMedium, settings: MotionSettings) -> Cost |
         balls=n_balls,
         contacts=n_cells * network.n_contacts,
         frames=settings.frames,
-        damped=bool(np.any(settings.damping)),
+        damped=settings.has_dashpots,
         implicit=settings.scheme == "midpoint",
     )
     n_samples = 1 if array is None else array.samples

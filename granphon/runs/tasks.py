@@ -733,9 +733,7 @@ def _observe_bands(
         # imported here: other runs do not need phonopy
         from granphon.phonons.phonons import find_phonons
 
-        damped = [
-            find_phonons(single).damped(q, losses.damping, losses.loss_factor) for single in states
-        ]
+        damped = [find_phonons(single).damped(q, **losses.losses) for single in states]
         damped_frequencies = np.array([bands.frequencies.real for bands in damped])
         decays = np.array([bands.decay for bands in damped])
         qualities = np.array([bands.quality for bands in damped])

@@ -374,9 +374,8 @@ def _record_response(x: Any, settings: ResponseSettings) -> tuple[dict[str, Arra
         settings.frequencies,
         sources,
         receivers,
-        settings.damping,
-        settings.loss_factor,
         quantity=settings.quantity,
+        **settings.losses,
         **_choose_plane(settings),
     )
     # the columns of the response are balls: one of each receiver, but several of a plane
@@ -439,7 +438,7 @@ def _average_responses(
         lines = counted(n_narrow, "peak of the response is", "peaks of the response are")
         mend = "give frequencies closer to each other"
         if is_alone:
-            mend = "give a damping or a loss_factor"
+            mend = "give a loss, such as a damping"
         notes.append(
             f"{lines} narrower than the step of the frequencies, and the height is not known:"
             f" {mend}"
@@ -469,8 +468,10 @@ def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> Non
         network,
         law,
         friction_coefficient=friction_coefficient,
-        damping=settings.damping,
         geometry=settings.geometry,
+        viscous_pull=settings.viscous_pull,
+        coulomb=settings.coulomb,
+        **settings.losses,
     )
 
 

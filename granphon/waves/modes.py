@@ -33,12 +33,23 @@ from granphon.array.sparse_matrices import LARGEST_FACTORS, share_places
 from granphon.base.arrays import Array, Complex
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
+from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.threads import single_products
 from granphon.base.validation import not_negative, whole_number
-from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
+from granphon.dynamics.damping import DampedModes, Losses, damp_evenly, damp_unevenly
+from granphon.dynamics.deformation_rows import network_unit_rows
 from granphon.dynamics.factors import Elimination, Factors, factorise
 from granphon.dynamics.linalg import find_nearest, lanczos_converges
+from granphon.dynamics.sensitivities import (
+    FrequencySensitivities,
+    ModeEnergies,
+    Place,
+    average_equal,
+    find_frequency_sensitivities,
+    number_equal,
+    sum_kinds,
+)
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel, Moments, polynomials
@@ -825,6 +836,67 @@ class NetworkModes(Result):
         """One sentence for each limit of the contact law that the network exceeds."""
         return network_warnings(self.network)
 
+    @cached_property
+    def sensitivities(self) -> FrequencySensitivities:
+        """Derivatives of the frequencies (m,) with respect to the stiffnesses and static forces of
+        all contacts, and the masses and moments of inertia of all balls.
+
+        Modes of one frequency, to 1e-8 of it, have the derivative of their mean. Those that are not
+        among the modes do not count: ask for some modes more where the last ones may have such
+        partners.
+        """
+        network = self.network
+        groups = number_equal(self.frequencies)
+        moving = np.flatnonzero(network.moving)
+        motions = self.vectors[:, moving] ** 2
+
+        def average(values: Array) -> Array:
+            """Return the means of values (m, ...) over modes of one frequency."""
+            return np.moveaxis(average_equal(np.moveaxis(values, 0, -1), groups, groups), -1, 0)
+
+        energies = ModeEnergies(
+            2.0 * math.pi * self.frequencies,
+            np.bincount(groups)[groups] > 1,
+            {name: average(values.T) for name, values in self._square_deformations().items()},
+            average(motions),
+        )
+        units = Units(1.0, 1.0, 1.0)
+        place = Place(network, units, moving, np.arange(network.n_contacts))
+        return find_frequency_sensitivities(energies, place, self.warnings)
+
+    @cached_property
+    def contact_shares(self) -> Array:
+        """(m, n_c) share of each contact in the frequency of a mode, d ln f / d ln k of all of its
+        stiffnesses over the sum 1/2 of all contacts: its part of the elastic energy. The shares of
+        a mode add up to one without static forces, and to a little more where these press.
+        """
+        network = self.network
+        by_kind = self.sensitivities
+        slopes = by_kind.normal_stiffness * network.normal_stiffness
+        for derivative, stiffness in (
+            (by_kind.shear_stiffness, network.shear_stiffness),
+            (by_kind.torsion, network.torsion_stiffness),
+            (by_kind.bending, network.bending_stiffness),
+        ):
+            if derivative is not None:
+                slopes = slopes + derivative * stiffness
+        return np.asarray(2.0 * slopes / self.frequencies[:, None])
+
+    def _square_deformations(self) -> dict[str, Array]:
+        """Return the squares (n_c, m) of the deformations of contacts in the modes, by the kind of
+        their stiffness.
+        """
+        network = self.network
+        scale = np.where(network.moving, 1.0 / np.sqrt(network.masses), 0.0)
+        motions = scale[:, None] * self.vectors  # (m, n, motions)
+        rows = network_unit_rows(network)
+        squares = np.empty((len(rows), network.n_contacts, len(motions)))
+        for row, squares_of_row in zip(rows, squares, strict=True):
+            ahead = np.einsum("ca,mca->cm", row.head, motions[:, network.j])
+            behind = np.einsum("ca,mca->cm", row.tail, motions[:, network.i])
+            squares_of_row[:] = (ahead - behind) ** 2
+        return sum_kinds(rows, squares.reshape(-1, len(motions)))
+
     @property
     def _energies(self) -> Array:
         """(m, n_balls, 2) share of each ball in the kinetic energy of a mode: of displacements, and
@@ -899,30 +971,25 @@ def _read_target(nearest: float | None) -> float:
 
 
 def find_damped(
-    operator: WaveOperator,
-    count: int,
-    nearest: float | None,
-    damping: Any = 0.0,
-    loss_factor: Any = 0.0,
+    operator: WaveOperator, count: int, nearest: float | None, losses: Losses
 ) -> DampedModes:
     """Return ``count`` damped modes of a network that is stable, the lowest or those nearest to the
     frequency ``nearest``, Hz; see :meth:`granphon.waves.waves.Waves.damped_modes`.
     """
-    damped = ContactDamping.of(operator.network, damping, loss_factor)
-    even_damping = damped.find_even(operator.network)
-    if even_damping is not None:
+    even = losses.find_even()
+    if even is not None:
         modes = find_modes(operator, count, nearest)
-        omega = damp_evenly(2.0 * math.pi * modes.frequencies, *even_damping)
+        omega = damp_evenly(2.0 * math.pi * modes.frequencies, *even)
         order = np.argsort(omega)  # by real parts: the highest modes are the first to creep
         vectors = modes.vectors[order].astype(complex)
         highest = float(modes.frequencies[-1])
         return DampedModes(
             frequencies=omega[order] / (2.0 * math.pi),
             vectors=vectors,
-            warnings=damped.find_warnings(highest),
+            warnings=losses.find_warnings(highest),
         )
     count = whole_number("count", count, 1)
-    omega, shapes = _find_unevenly_damped(operator, damped, count, _read_target(nearest))
+    omega, shapes = _find_unevenly_damped(operator, losses, count, _read_target(nearest))
     vectors = np.zeros((count, operator.network.n_balls, operator.motions.count), complex)
     vectors[:, operator.balls] = np.moveaxis(operator.values(shapes), -1, 0)
     # without losses, a motion of this shape has the frequency of Rayleigh's quotient
@@ -932,15 +999,15 @@ def find_damped(
     return DampedModes(
         frequencies=omega / (2.0 * math.pi),
         vectors=vectors,
-        warnings=damped.find_warnings(highest),
+        warnings=losses.find_warnings(highest),
     )
 
 
 def _find_unevenly_damped(
-    operator: WaveOperator, damped: ContactDamping, count: int, target: float
+    operator: WaveOperator, losses: Losses, count: int, target: float
 ) -> tuple[Complex, Complex]:
     """Return angular frequencies (count,), rad/s, and shapes (size, count) of the modes nearest to
-    ``target``, rad/s, of contacts that are damped differently: by the real part if all modes are
+    ``target``, rad/s, of motions that are damped differently: by the real part if all modes are
     found, else by the complex frequency.
 
     InputError for a network too large, for more modes than cost energy, and for more than are found
@@ -953,43 +1020,57 @@ def _find_unevenly_damped(
         mend = "Damp all contacts alike, or take a smaller network"
         raise InputError(f"{live.size:,} motions that are damped unevenly are too many", mend=mend)
     # in units of the top frequency: x'' + viscous x' + stiffness x = 0
-    lossy = (operator.matrix + 1j * operator.weigh(damped.losses)) / top**2
+    lossy = (operator.matrix + 1j * operator.weigh(losses.factors)) / top**2
     stiffness = lossy.tocsr()[live][:, live]
-    viscous = (operator.weigh(damped.times) / top).tocsr()[live][:, live]
+    viscous = (operator.resist(losses) / top).tocsr()[live][:, live]
+    # where drag differs it couples the motions that cost no energy to the others
+    drags = losses.drag_of(operator.motions)
+    is_coupled = bool(np.ptp(drags) > 0.0)
     # the matrix of first order has twice the size of D
     is_small = 2 * live.size <= DENSE
     are_many = _SHARE * (2 * count + _SPARE) > 2 * live.size
     is_dense = is_small or (are_many and live.size <= DENSE)
     find = _find_damped_dense if is_dense else _find_damped_near
-    omega_over_top, vectors = find(problem, stiffness, viscous, count, target / top)
+    omega_over_top, vectors = find(problem, stiffness, viscous, count, target / top, is_coupled)
     shapes = np.zeros((operator.size, count), complex)
     shapes[live] = vectors
     return omega_over_top * top, shapes
 
 
 def _find_damped_dense(
-    problem: Problem, stiffness: Any, viscous: Any, count: int, target: float
+    problem: Problem, stiffness: Any, viscous: Any, count: int, target: float, is_coupled: bool
 ) -> tuple[Complex, Complex]:
     """Return the ``count`` modes nearest to ``target``, over top, among all: omega over top
     (count,), and vectors (live, count); InputError if fewer cost energy.
 
     ``stiffness`` and ``viscous`` (live, live) are the matrices of x and x', in units of the top
-    frequency.
+    frequency; with ``is_coupled`` the latter couples motions that cost no energy to the others.
     """
     squares, shapes = _diagonalise(problem, count)
     costs_energy = find_roots(problem.operator, squares) > ZERO * problem.top
     elastic = shapes[:, costs_energy]
     if elastic.shape[1] < count:
         raise make_too_few(elastic.shape[1], count)
-    reduced_stiffness = elastic.T @ np.asarray(stiffness @ elastic)
-    reduced_viscous = elastic.T @ np.asarray(viscous @ elastic)
+    basis = shapes if is_coupled else elastic
+    reduced_stiffness = basis.T @ np.asarray(stiffness @ basis)
+    reduced_viscous = basis.T @ np.asarray(viscous @ basis)
     omega, vectors = damp_unevenly(reduced_stiffness, reduced_viscous)
+    if is_coupled:
+        omega, vectors = _leave_out_zeros(omega, vectors)
     chosen = _choose_damped(omega, count, target)
-    return omega[chosen], elastic @ vectors[:, chosen]
+    return omega[chosen], basis @ vectors[:, chosen]
+
+
+def _leave_out_zeros(omega: Complex, vectors: Complex) -> tuple[Complex, Complex]:
+    """Return the modes ``omega`` (m,), over top, and ``vectors`` (n, m) without those of frequency
+    zero, whose motions cost no energy.
+    """
+    moves = np.abs(omega) > ZERO
+    return omega[moves], vectors[:, moves]
 
 
 def _find_damped_near(
-    problem: Problem, stiffness: Any, viscous: Any, count: int, target: float
+    problem: Problem, stiffness: Any, viscous: Any, count: int, target: float, is_coupled: bool
 ) -> tuple[Complex, Complex]:
     """Return the ``count`` modes nearest to ``target`` by factors, as
     :func:`_find_damped_dense`.
@@ -1003,8 +1084,13 @@ def _find_damped_near(
     if available < count:
         raise make_too_few(available, count)
     rate_count = 2 * count + _SPARE  # modes that swing have two rates
+    if is_coupled:
+        rate_count += still.shape[1]  # rates of zero, which are left out later
+        still = still[:, :0]
     while rate_count <= available:
         omega, vectors = _follow_damped(stiffness, viscous, still, rate_count, target)
+        if is_coupled:
+            omega, vectors = _leave_out_zeros(omega, vectors)
         chosen = _choose_damped(omega, count, target)
         if chosen.size == count:
             return omega[chosen], vectors[:, chosen]

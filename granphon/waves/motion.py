@@ -82,7 +82,7 @@ class Motion(Result):
     translation, rotation : (n_f,) kinetic energies, J.
     stored : (n_f,) energy that contacts and the load have gained since rest, J.
     lost : (n_f,) energy that contacts have lost by friction, by dashpots, and by their law, as
-        those that adhere do, J.
+        those that adhere do, and balls by drag, J.
     work : (n_f,) of drives, J.
     step : s.
     network : the balls at rest, and their contacts.

@@ -2,7 +2,7 @@
 
 Mass-weighted motions x = M^1/2 u (rotations carried by w = R_g phi) obey
 
-    x'' = A^T ((f(h) - f_0) e_n - (T - T_0)) + forces,    A = C M^-1/2
+    x'' = A^T ((f(h) - f_0) e_n - (T - T_0)) - Gamma x' + forces,    A = C M^-1/2
 
 where C x are the deformations of contacts, in the directions of the network or in the true ones,
 and f and T are their forces (:mod:`granphon.contacts.motion`). f_0 and T_0 are the static forces,
@@ -11,7 +11,8 @@ the balls, not against the overlaps.
 
 There are two schemes. Verlet's steps in velocity form are explicit, symplectic and, without losses,
 the same backwards; the sum of energies, each known in closed form, differs from a constant by the
-square of the step, which wanders where contacts open: the force has no second derivative there.
+square of the step, which wanders where contacts open: the force has no second derivative there. The
+drag Gamma is that of the velocity at the end of a step, which follows in closed form.
 Steps of "midpoint" take the velocity and the geometry at the middle, and of each contact the mean
 force: of normal forces the change of the energy over that of the overlap, of others the mean of
 both ends. What forces then do is what energies change by (the discrete gradient of D. Greenspan,
@@ -28,6 +29,7 @@ from __future__ import annotations
 import math
 import os
 import warnings
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
@@ -66,8 +68,8 @@ from granphon.base.validation import (
 from granphon.contacts.laws import ContactLaws
 from granphon.contacts.motion import MetPairs, MovingContacts, measure_along
 from granphon.contacts.motion_laws import PairLaws, Powers
-from granphon.contacts.motion_loops import Moment, drift, gather, kick, spread
-from granphon.dynamics.damping import ContactDamping
+from granphon.contacts.motion_loops import Moment, Rules, drift, gather, kick, spread
+from granphon.dynamics.damping import Losses
 from granphon.media.cost import motion_memory
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.limits import check_limit
@@ -75,7 +77,13 @@ from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.motion import Frames, Motion
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_vector, require_moves
-from granphon.waves.settings import FRAMES, GEOMETRIES, SCHEMES
+from granphon.waves.settings import (
+    COULOMB_LIMITS,
+    FRAMES,
+    GEOMETRIES,
+    SCHEMES,
+    VISCOUS_PULLS,
+)
 
 #: steps in the shortest period that the contacts could have, by default; and the least number with
 #: which steps are stable
@@ -83,6 +91,8 @@ _STEPS = 60.0
 _LEAST_STEPS = 4.0
 #: least number of the steps that a run chooses, in the shortest period at any time
 _FEWEST_STEPS = 30.0
+#: stiffnesses, N/m, among which the greatest is sought that a step allows
+_STIFFNESSES = np.geomspace(1e-30, 1e30, 14_001)
 #: share of a step that counts for rounding, where a given step divides the time from frame to frame
 _ROUNDING = 1e-12
 #: how often a step that is too long is halved
@@ -150,9 +160,13 @@ class NonlinearWaves:
         overlap as a f/k. Other laws are the same for all pairs. The :class:`~granphon.Crystal`
         itself gives its network, once repeated or cut, the laws of its pairs.
     friction_coefficient : mu of Coulomb's limit of slip; by default contacts do not slide.
-    damping : viscosity of contacts over their present stiffness, s, as in :meth:`Waves.response`: a
-        number, or a tuple of that of normal and of all other motion; (n_c,) where balls do not meet
-        others.
+    damping, drag, dashpot, restitution : as in :meth:`Waves.response`, of the present stiffness of
+        contacts. Contacts of balls that meet have the means of (n_c,) numbers. Each collision of
+        two balls by Hertz's law alone has the ``restitution``; other laws have another.
+    viscous_pull : "whole": where balls part, dashpots pull; "limited": by no more than the law
+        pushes, so that both together never pull. A collision then loses less.
+    coulomb : "elastic": Coulomb's limit is that of the forces of springs, |T| <= mu f; "total":
+        that of these with the forces of dashpots, as LAMMPS has it.
     geometry : "lattice", the directions of the network: displacements are small against the balls,
         and contacts are those of the network. "exact", the true directions: balls may go anywhere,
         and meet others.
@@ -173,6 +187,11 @@ class NonlinearWaves:
         *,
         friction_coefficient: float = math.inf,
         damping: Any = 0.0,
+        drag: Any = 0.0,
+        dashpot: Any = 0.0,
+        restitution: Any = 1.0,
+        viscous_pull: Literal["whole", "limited"] = "whole",
+        coulomb: Literal["elastic", "total"] = "elastic",
         geometry: Literal["lattice", "exact"] = "lattice",
         gravity: ArrayLike | None = None,
     ) -> None:
@@ -192,8 +211,15 @@ class NonlinearWaves:
         self.mu = (
             mu if mu == math.inf else not_negative("friction_coefficient", friction_coefficient)
         )
-        self._damped = ContactDamping.of(network, damping)
-        self.damping = self._damped.times
+        self.losses = Losses.of(
+            network, damping, drag=drag, dashpot=dashpot, restitution=restitution
+        )
+        self.rules = Rules(
+            turns=geometry == "exact",
+            mu=self.mu,
+            pulls=one_of("viscous_pull", viscous_pull, VISCOUS_PULLS) == "whole",
+            is_total=one_of("coulomb", coulomb, COULOMB_LIMITS) == "total",
+        )
         self.gravity: Array = _read_gravity(gravity, network)
 
     def __repr__(self) -> str:
@@ -459,7 +485,7 @@ class NonlinearWaves:
         least = trial_step * 2.0**-_HALVINGS
         least_per_period = _FEWEST_STEPS if step is None else _LEAST_STEPS
         # no motion of the run is slower than the run is long, or faster than contacts are
-        for sentence in self._damped.find_warnings(min(1.0 / length, top / (2.0 * math.pi))):
+        for sentence in self.losses.find_warnings(min(1.0 / length, top / (2.0 * math.pi))):
             warnings.warn(f"in the motion {sentence.rstrip('.')}", LimitWarning, stacklevel=2)
         while True:
             each = _count_steps(length, trial_step, count)
@@ -730,6 +756,8 @@ class _RateBound:
     def __init__(self, operator: WaveOperator, punch: Array) -> None:
         rows = operator.law_rows
         self._ratios = [row.stiffness / punch for row in rows[1:]]
+        slip = operator.network.shear_stiffness / punch
+        self._per_slip = np.divide(1.0, slip, out=np.zeros_like(slip), where=slip > 0.0)
         self._count = operator.network.n_contacts
         deform = abs(operator.compose(rows))
         self._pull = deform.T.tocsr()
@@ -741,12 +769,35 @@ class _RateBound:
         network first; others may be at any ball, so that each contact of the network counts as
         stiff as the stiffest of them, or more.
         """
+        stiffness = self._count_stiffest(stiffness)
+        return math.sqrt(np.max(self._bound(stiffness, stiffness) + self._anchors))
+
+    def find_viscous(self, stiffness: Array, losses: Losses) -> float:
+        """Return a bound of the rates, 1/s, of all ``losses``, of contacts of a normal
+        ``stiffness`` (n_c,) as for :meth:`find`.
+        """
+        stiffness = self._count_stiffest(stiffness)
+        none = np.zeros(0, np.intp)
+        *_, normal, side, root = losses.list_dashpots(none, none)
+        of_root = root * np.sqrt(stiffness)
+        in_proportion = np.max(losses.damping) * self._bound(stiffness, stiffness)
+        viscous = self._bound(normal + of_root, (side + of_root) * self._per_slip)
+        return float(np.max(in_proportion) + np.max(viscous) + np.max(losses.drag))
+
+    def _count_stiffest(self, stiffness: Array) -> Array:
+        """Return the stiffness (n_c,) of contacts of the network, at least that of the others."""
         count = self._count
         if len(stiffness) > count:  # balls have met
-            stiffness = np.maximum(stiffness[:count], stiffness[count:].max())
-        springs = np.concatenate([stiffness, *(ratio * stiffness for ratio in self._ratios)])
-        of_contacts = self._pull @ (springs * self._largest)
-        return float(np.sqrt(np.max(of_contacts + self._anchors)))
+            return np.asarray(np.maximum(stiffness[:count], stiffness[count:].max()))
+        return stiffness
+
+    def _bound(self, normal: Array, side: Array) -> Array:
+        """Return sums (size,) of the sizes of each row of A^T W A, the largest of which bounds its
+        eigenvalues, where W has the weights ``normal`` (n_c,) of elongations, and the ratios of
+        other deformations times ``side`` (n_c,).
+        """
+        weights = np.concatenate([normal, *(ratio * side for ratio in self._ratios)])
+        return np.asarray(self._pull @ (weights * self._largest))
 
 
 class _System:
@@ -788,6 +839,8 @@ class _System:
         pushes = [operator.push(*push, 1.0 / np.sqrt(masses[push[0]])) for push in pushed]
         self._push = np.reshape(pushes, (-1, operator.size))
         self._weight = operator.push(operator.balls, waves.gravity, np.sqrt(masses[operator.balls]))
+        self._drag = operator.drag(waves.losses)
+        self._has_drag = bool(np.any(self._drag))
         self._lightest = math.sqrt(float(np.min(masses[self.network.moving], initial=np.inf)))
         # balls that may meet are listed anew when one has moved by half of the margin
         self._skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))
@@ -803,19 +856,15 @@ class _System:
         law = waves.normal
         ratio = np.zeros(0)
         self._unknown: list[tuple[Index, str]] = []
-        times = waves.damping
         radii = self.network.radii
         ends = np.append(self.network.i, i), np.append(self.network.j, j)
         # Hertz's radius of a contact over that of the smaller ball, over the root of the overlap
         self._wide = _root_radius(radii, *ends) / np.minimum(*(radii[end] for end in ends))
-        turns = waves.geometry == "exact"
         if len(i):
             law, ratio, self._unknown = waves._join_laws(i, j)
-            mean_times = np.repeat(times.mean(axis=1, keepdims=True), len(i), axis=1)
-            times = np.concatenate([times, mean_times], axis=1)
-        pairs = MetPairs(i, j, shift, ratio, self._bulge if turns else 0.0)
+        pairs = MetPairs(i, j, shift, ratio, self._bulge if waves.rules.turns else 0.0)
         self.contacts = MovingContacts(
-            self.network, pairs, law, waves.punch, times, waves.mu, turns
+            self.network, pairs, law, waves.punch, waves.losses, waves.rules
         )
         load = -self._accelerate(self.contacts.still, np.zeros(self.operator.size))
         self._steady: Array = load + self._weight
@@ -934,13 +983,14 @@ class _System:
 
     def _top(self, stiffness: Array) -> float:
         """Return a bound of the rates, rad/s, of contacts of a normal ``stiffness``: of oscillation
-        w and of damping.
+        w and of losses.
 
-        Dashpots slow motions down at the rate tau w^2. Steps h are stable for tau w^2 h < 1, and
-        for w h < 2.
+        Dashpots slow motions down at the rate g = tau w^2, or c/m. Steps h are stable for g h < 1,
+        and for w h < 2.
         """
-        top = self.bound.find(stiffness)
-        return max(top, 2.0 * float(np.max(self.waves.damping, initial=0.0)) * top**2)
+        return max(
+            self.bound.find(stiffness), 2.0 * self.bound.find_viscous(stiffness, self.waves.losses)
+        )
 
     def integrate(self, x: Array, v: Array, schedule: _Schedule, scheme: str, kept: Frames) -> Any:
         """Keep the frames of a run from x with velocities v (size,), and yield after each whether
@@ -972,13 +1022,12 @@ class _System:
                     self._require_places()
 
     def _find_allowed(self, limit: float) -> float:
-        """Return the stiffness, N/m, up to which any contacts keep the bound of all rates below the
-        ``limit``, rad/s.
+        """Return a stiffness, N/m, with which all contacts keep the bound of all rates below the
+        ``limit``, rad/s: to 1 % the greatest one; zero if none does.
         """
-        top = self.bound.find(np.ones(self.network.n_contacts))  # of contacts of 1 N/m
-        time = float(np.max(self.waves.damping, initial=0.0))
-        square = min(limit**2, limit / (2.0 * time)) if time else limit**2
-        return square / top**2 if top else math.inf
+        ones = np.ones(self.network.n_contacts)
+        place = bisect_right(_STIFFNESSES, limit, key=lambda k: self._top(k * ones))
+        return float(_STIFFNESSES[place - 1]) if place else 0.0
 
     def _require_short(self, limit: float) -> None:
         """Raise :class:`_Stop` unless the rates of contacts, which :meth:`_refresh` has set, are
@@ -1028,8 +1077,8 @@ class _System:
         if self.waves.geometry == "exact":
             self._list()
         self._shear_energy_at_start = self.contacts.shear_energy(self.at)
-        # energies, J, that slip, twist and roll, and that dashpots take up, the work of drives, and
-        # energies lost where contacts join and part
+        # energies, J, that slip, twist and roll, and that dashpots and drag take up, the work of
+        # drives, and energies lost where contacts join and part
         self.worked = np.zeros(4)
         # the speeds of drives follow from their displacements in the last step: there is none yet
         self._start(np.zeros_like(self.ways))
@@ -1046,6 +1095,8 @@ class _System:
         self._spread(self.v, speeds, self._speeds)
         self.contacts.act(self.at, self._speeds)
         self.acceleration = self._accelerate(self.contacts.on_balls, self._steady_push(self.lifts))
+        if self._has_drag:
+            self.acceleration -= self._drag * self.v
         self.resist = self._find_resistance()
         self.last = self.acceleration
 
@@ -1183,6 +1234,9 @@ class _System:
         self.worked[1] += damped
         steady = self._steady_push(trial.lifts)
         gather(contacts.on_balls, self._places, self._scale, steady, self.acceleration)
+        if self._has_drag:
+            self.worked[1] += trial.step * float(self._drag @ self.v**2)
+            self._slow_down(self.acceleration, self.v, half)
         resist = self._find_resistance()
         self.worked[2] += 0.5 * (self.resist + resist) @ (trial.ways - self.ways)
         self.resist = resist
@@ -1202,6 +1256,9 @@ class _System:
             contacts.press(after, self.joined)
             spent, damped = contacts.follow_mean(self.at, after, self.joined, step)
             found = self._accelerate(contacts.on_balls, steady)
+            if self._has_drag:
+                damped += step * float(self._drag @ self._spare_v**2)
+                self._slow_down(found, self.v, 0.5 * step)
             last = change
             change = float(np.max(np.abs(found - guess)))
             size = max(float(np.max(np.abs(found))), float(np.max(np.abs(self.v))) / step)
@@ -1213,6 +1270,12 @@ class _System:
                 )
             guess = found
         raise _Stop(_UNSOLVED)
+
+    def _slow_down(self, acceleration: Array, v: Array, span: float) -> None:
+        """Add drag to an ``acceleration`` (size,): that of the velocity to which balls with the
+        velocity ``v`` (size,) come in a ``span``, s.
+        """
+        acceleration -= self._drag * (v + span * acceleration) / (1.0 + span * self._drag)
 
     def _settle(self, trial: _Trial) -> None:
         """Make the implicit step that has been solved last."""

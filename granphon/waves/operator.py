@@ -38,6 +38,7 @@ from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.balls.lattices import Lattice
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, InstabilityError, message
+from granphon.dynamics.damping import Losses
 from granphon.dynamics.deformation_rows import (
     Row,
     carry_rows,
@@ -323,6 +324,22 @@ class WaveOperator(LinearOperator):
         weighed = root.multiply(self.of_rows(weights)[:, None]).tocsr()
         product: csr_array[Any] = (root.conj().T.tocsr() @ weighed).tocsr()
         return product
+
+    def drag(self, losses: Losses) -> Array:
+        """Return Gamma (size,), 1/s, the drag of each motion."""
+        shape = (self.balls.size, self.motions.count)
+        return self.vector(np.broadcast_to(losses.drag_of(self.motions), shape))
+
+    def resist(self, losses: Losses, phase: Any = None) -> csr_array[Any]:
+        """Return G = A^H tau A + Gamma, (size, size), 1/s, with which dashpots and drag resist
+        velocities; ``phase`` is that of :meth:`weigh`.
+        """
+        from scipy.sparse import diags_array
+
+        viscous: csr_array[Any] = self.weigh(losses.times, phase)
+        if not np.any(losses.drag):
+            return viscous
+        return (viscous + diags_array(self.drag(losses))).tocsr()
 
     @cached_property
     def matrix(self) -> csr_array[Any]:

@@ -1,15 +1,15 @@
 """Linear dynamics in time of a network that a force pushes, to rounding.
 
-The mass-weighted motions x of a network obey x'' + tau D x' + D x = b s(t), where b says which
-balls are pushed and s(t) is a tone burst. Every response at a time t is an entire function of D
-applied to b: it is expanded in Chebyshev polynomials T_n(y) of y = 2 D / top^2 - 1
+The mass-weighted motions x of a network obey x'' + (tau D + gamma) x' + D x = b s(t), where b says
+which balls are pushed and s(t) is a tone burst. Every response at a time t is an entire function of
+D applied to b: it is expanded in Chebyshev polynomials T_n(y) of y = 2 D / top^2 - 1
 (:mod:`granphon.waves.chebyshev`). So all times share one recursion. The signal of a receiver r
 needs the moments <r|T_n|b> alone; at the Gauss nodes y_k, where D is a number Omega^2, the response
 is that of a damped oscillator in closed form. Damping in proportion to the stiffness of contacts
-enters through that number only.
+enters through that number only, and drag is the same for all.
 
-Where the normal and the tangential motion of contacts are damped differently, the damping C = A^T
-tau A, with a time tau for each kind of deformation, is no function of D, and modes exchange energy
+Where contacts or motions are damped differently, the damping C = A^T tau A + Gamma, with a time tau
+for each deformation and a drag for each motion, is no function of D, and modes exchange energy
 (:class:`ViscousPropagation`). The equations of first order for z = (omega_top x, x', source),
 
     z' = L z,    source = alpha (cos omega_j t, sin omega_j t),
@@ -34,7 +34,7 @@ from scipy.fft import dct
 from scipy.special import jv
 
 from granphon.base.arrays import Array, Complex
-from granphon.dynamics.damping import ContactDamping
+from granphon.dynamics.damping import Losses
 from granphon.waves.chebyshev import polynomials
 from granphon.waves.operator import WaveOperator, explain_instability
 
@@ -148,14 +148,14 @@ class _Exponentials:
     displacement: Complex
 
     @classmethod
-    def of(cls, omega: Array, damping: float) -> _Exponentials:
+    def of(cls, omega: Array, damping: float, drag: float = 0.0) -> _Exponentials:
         """Return the response of oscillators of the angular frequencies ``omega`` (count,), rad/s,
-        and the time tau of the ``damping``, s.
+        the time tau of the ``damping``, s, and the ``drag``, 1/s.
 
         An oscillator that swings has one rate, whose real part is taken; one that creeps has two.
         """
-        # the rates s of exp(s t) are the roots of s^2 + damping omega^2 s + omega^2 = 0
-        decay = 0.5 * damping * omega**2
+        # the rates s of exp(s t) are the roots of s^2 + (damping omega^2 + drag) s + omega^2 = 0
+        decay = 0.5 * (damping * omega**2 + drag)
         least_square = _CRITICAL * omega**2
         difference = omega**2 - decay**2
         damped_square = np.where(np.abs(difference) < least_square, least_square, difference)
@@ -189,6 +189,7 @@ class Propagation:
     burst : the force in time.
     duration : the latest time, s.
     damping : tau, s: the viscosity of each contact over its stiffness.
+    drag : gamma of all motions, 1/s.
     """
 
     def __init__(
@@ -198,11 +199,13 @@ class Propagation:
         burst: ToneBurst,
         duration: float,
         damping: float = 0.0,
+        drag: float = 0.0,
     ) -> None:
         self.operator = operator
         self.push = push
         self.burst = burst
         self.damping = damping
+        self.drag = drag
         self.duration = duration
 
     # -- the response of one oscillator ------------------------------------------------------------
@@ -212,7 +215,8 @@ class Propagation:
         1.
         """
         angle = np.pi * (np.arange(count) + 0.5) / count
-        return _Exponentials.of(self.operator.top * np.cos(0.5 * angle), self.damping)
+        omega = self.operator.top * np.cos(0.5 * angle)
+        return _Exponentials.of(omega, self.damping, self.drag)
 
     @cached_property
     def order(self) -> int:
@@ -350,7 +354,7 @@ class Propagation:
 
 
 class ViscousPropagation:
-    """Responses of a network whose contacts are damped unevenly to a burst that pushes ``push``, as
+    """Responses of a network whose motions are damped unevenly to a burst that pushes ``push``, as
     :class:`Propagation`.
 
     A state z (2 size + 6,) holds top times the displacements, the velocities, and the cosines and
@@ -361,17 +365,17 @@ class ViscousPropagation:
     operator : D.
     push : (size,) mass-weighted forces, N/kg^1/2, that the burst multiplies.
     burst : the force in time.
-    damping : of the contacts.
+    losses : of the network.
     """
 
     def __init__(
-        self, operator: WaveOperator, push: Array, burst: ToneBurst, damping: ContactDamping
+        self, operator: WaveOperator, push: Array, burst: ToneBurst, losses: Losses
     ) -> None:
         self.operator = operator
         self.burst = burst
-        self._viscous = operator.weigh(damping.times)
+        self._viscous = operator.resist(losses)
         # c/2 and R of the polynomials, and alpha of the source; see the head of this module
-        self._shift = float(0.5 * np.max(damping.times) * operator.top**2)
+        self._shift = 0.5 * float(np.max(losses.times) * operator.top**2 + np.max(losses.drag))
         amplitudes, self._omegas = burst.waves
         self._radius = max(operator.top, float(np.max(self._omegas)))
         self._alpha = _LARGE * float(np.linalg.norm(push)) / self._radius

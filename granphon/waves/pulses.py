@@ -37,12 +37,11 @@ from granphon.base.validation import (
     Low,
     finite_array,
     index_array,
-    not_negative,
     one_of,
     positive,
     real_array,
 )
-from granphon.dynamics.damping import ContactDamping
+from granphon.dynamics.damping import Losses
 from granphon.dynamics.linalg import lanczos_converges
 from granphon.networks.network import ContactNetwork, number_pieces
 from granphon.waves.modes import find_fall, find_falls, is_stable, require_stable
@@ -119,8 +118,8 @@ _MOST_DAMPED = 1e12
 _MOST_READINGS = 2**24
 #: least weight of a reading in the fit of a maximum: above zero, so that a fit has three readings
 _LEAST_WEIGHT = 1e-9
-#: greatest relative difference of the distances of pulses that are averaged
-_SAME_DISTANCE = 0.1
+#: greatest relative difference of distances, and of dampings, of pulses that are averaged
+_SAME = 0.1
 #: relative difference of forces that are the same but for rounding
 _ROUNDING = 1e-12
 #: relative error of the highest squared frequency
@@ -699,8 +698,9 @@ class Pulse(Result):
     frequency, cycles : of the burst sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2 that pushes the
         source; P = cycles/frequency.
     direction, polarisation : (3,) unit vectors.
-    damping, tangential_damping : s, the viscosity of each contact over its stiffness, in normal
-        motion and in all other.
+    damping, tangential_damping : s, the viscosity of contacts over their stiffness, in normal
+        motion and in all other, means over the contacts.
+    drag : (2,) 1/s, of displacements and of rotations.
     distance : m, of the receiving plane from the source, along the direction.
     times : (n_t,) s, from the beginning of the burst.
     sent : (n_t,) force on each ball of the source, N.
@@ -729,6 +729,7 @@ class Pulse(Result):
     polarisation: Annotated[Array, "3"]
     damping: Annotated[float, "", "s"]
     tangential_damping: Annotated[float, "", "s"]
+    drag: Annotated[Array, "2", "1/s"]
     distance: Annotated[float, "", "m"]
     times: Annotated[Array, "t", "s"]
     sent: Annotated[Array, "t", "N"]
@@ -786,10 +787,16 @@ class Pulse(Result):
 
     @property
     def damping_ratio(self) -> float:
-        """zeta = pi times the frequency and the :attr:`damping`: over the critical one; a period
-        leaves exp(-2 pi zeta).
+        """zeta of the frequency by the :attr:`damping` of normal motion and the :attr:`drag` of
+        displacements, (omega tau + gamma/omega)/2: over the critical one; a period leaves exp(-2 pi
+        zeta).
         """
-        return math.pi * self.damping * self.frequency
+        return self._find_damping_ratio(self.damping)
+
+    def _find_damping_ratio(self, damping: float) -> float:
+        """Return zeta of the frequency with a ``damping``, s, and the drag of displacements."""
+        omega = 2.0 * math.pi * self.frequency
+        return 0.5 * (omega * damping + float(self.drag[0]) / omega)
 
     @property
     def loss(self) -> float:
@@ -924,7 +931,7 @@ class Pulse(Result):
         flight is not known, or how sure the velocity is if its error is above 3 percent.
         """
         greatest_damping = max(self.damping, self.tangential_damping)
-        damping_ratio = math.pi * self.frequency * greatest_damping
+        damping_ratio = self._find_damping_ratio(greatest_damping)
         remarks = [_DAMPED] if damping_ratio > _MOST_DAMPING else []
         if self.why_unknown:
             remarks.append(f"the arrival of the pulse is not known: {self.why_unknown}")
@@ -1044,17 +1051,18 @@ def _require_alike(pulse: Pulse, first: Pulse, count: int) -> None:
         "cycles",
         "direction",
         "polarisation",
-        "damping",
-        "tangential_damping",
+        "drag",
     )
     unlike = [
         name for name in settings if not np.array_equal(getattr(pulse, name), getattr(first, name))
     ]
     if len(pulse.planes) != len(first.planes):
         unlike.append("plane_distances")
-    distance_change = abs(pulse.distance / first.distance - 1.0)
-    if not unlike and distance_change > _SAME_DISTANCE:
-        unlike.append("distance")
+    # what depends on the balls differs a little from sample to sample
+    for name in ("damping", "tangential_damping", "distance"):
+        size = getattr(first, name)
+        if not unlike and abs(getattr(pulse, name) - size) > _SAME * size:
+            unlike.append(name)
     rounding = _ROUNDING * np.max(np.abs(first.sent))
     if not unlike and not np.allclose(pulse.sent[:count], first.sent[:count], atol=rounding):
         unlike.append("sent")
@@ -1077,11 +1085,28 @@ class PulseSource:
     _: KW_ONLY
     source: str | int | Sequence[int] = "plane"
     ends: str = "free"
-    damping: float = 0.0
+    damping: Any = 0.0
     tangential_damping: float | None = None
+    drag: Any = 0.0
+    dashpot: Any = 0.0
+    restitution: Any = 1.0
     duration: float | None = None
     planes: ArrayLike = ()
     frames: ArrayLike = ()
+
+    def find_losses(self, network: ContactNetwork) -> Losses:
+        """Return the losses of a network in which the pulse travels."""
+        damping = self.damping
+        if self.tangential_damping is not None:
+            normal = damping[0] if isinstance(damping, tuple) else damping
+            damping = (normal, self.tangential_damping)
+        return Losses.of(
+            network,
+            damping,
+            drag=self.drag,
+            dashpot=self.dashpot,
+            restitution=self.restitution,
+        )
 
     @classmethod
     def of(
@@ -1112,7 +1137,7 @@ class PulseSource:
             settings.polarisation,
             source=settings.source,
             ends=settings.ends,
-            damping=settings.damping,
+            **settings.losses,
         )
 
 
@@ -1378,10 +1403,6 @@ def transmit(
 
     ``operator`` is that of the network, if it is known, and known to be stable.
     """
-    normal_damping = not_negative("damping", request.damping, "s")
-    tangential_damping = normal_damping
-    if request.tangential_damping is not None:
-        tangential_damping = not_negative("tangential_damping", request.tangential_damping, "s")
     route = Route.of(network, request)
     course = route.course
     burst = route.burst
@@ -1391,11 +1412,10 @@ def transmit(
         if not course.at_rest:
             require_stable(operator)
     _require_reached(operator, burst.frequency)
-    damped = ContactDamping.of(course.network, (normal_damping, tangential_damping))
-    is_uneven = damped.find_even(course.network) is None
-    _require_short(operator, route.last, float(np.max(damped.times)), uneven=is_uneven)
+    losses = request.find_losses(course.network)
+    _require_short(operator, route.last, losses)
     _require_frames_memory(len(route.frames), network.n_balls, operator.size)
-    motions = _propagate(route, operator, damped if is_uneven else None, normal_damping)
+    motions = _propagate(route, operator, losses)
     distances = [course.find_distance(route.start, balls) for balls in route.groups]
     fallen = np.zeros(0, np.intp)
     if request.ends == "free":
@@ -1405,8 +1425,9 @@ def transmit(
         cycles=burst.cycles,
         direction=course.direction,
         polarisation=route.push,
-        damping=normal_damping,
-        tangential_damping=tangential_damping,
+        damping=_find_mean(losses.times[0]),
+        tangential_damping=_find_mean(losses.times[1]),
+        drag=losses.drag,
         distance=distances[0],
         times=route.times,
         sent=burst(route.times),
@@ -1425,6 +1446,11 @@ def transmit(
     )
     remarks = _judge_fallen(course, fallen, receivers)
     return replace(pulse, warnings=(*remarks, *pulse.judge()))
+
+
+def _find_mean(values: Array) -> float:
+    """Return the mean of values (n,); of equal ones their value, without rounding."""
+    return float(values[0] if np.ptp(values) == 0.0 else np.mean(values))
 
 
 def _require_frames_memory(n_frames: int, n_balls: int, size: int) -> None:
@@ -1450,12 +1476,8 @@ class _HeardMotions(NamedTuple):
     velocities: Array
 
 
-def _propagate(
-    route: Route, operator: WaveOperator, damped: ContactDamping | None, tau: float
-) -> _HeardMotions:
-    """Return the motions of the pulse of a route, in contacts that are all damped alike, by the
-    time ``tau``, s, or, unless ``damped`` is None, as ``damped`` says.
-    """
+def _propagate(route: Route, operator: WaveOperator, losses: Losses) -> _HeardMotions:
+    """Return the motions of the pulse of a route in a network with these ``losses``."""
     network = operator.network
     burst = route.burst
     axes = list(operator.motions.translations)
@@ -1465,10 +1487,12 @@ def _propagate(
     receivers = np.concatenate(route.groups)
     indices = operator.indices[receivers, : push.size]
     propagation: Propagation | ViscousPropagation
-    if damped is None:
-        propagation = Propagation(operator, forces, burst, route.last, tau)
+    even = losses.find_even()
+    if even is None:
+        propagation = ViscousPropagation(operator, forces, burst, losses)
     else:
-        propagation = ViscousPropagation(operator, forces, burst, damped)
+        _, time, drag = even
+        propagation = Propagation(operator, forces, burst, route.last, time, drag)
 
     def listen(vector: Array) -> Array:
         """Return the velocities (n_r,) of receivers along the push, m/s, from a ``vector`` (size,)
@@ -1632,15 +1656,16 @@ def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
     )
 
 
-def _require_short(
-    operator: WaveOperator, duration: float, damping: float = 0.0, uneven: bool = False
-) -> None:
+def _require_short(operator: WaveOperator, duration: float, losses: Losses | None = None) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for a record of a ``duration``, s, that takes
-    more than :data:`_MOST` products with D, and for a damping with which nothing moves.
-
-    ``damping`` is the largest time, s; ``uneven`` says that contacts are damped differently in
-    their motions.
+    more than :data:`_MOST` products with D, and for ``losses`` with which nothing moves.
     """
+    damping = drag = 0.0
+    uneven = False
+    if losses is not None:
+        damping = float(np.max(losses.times))
+        drag = float(np.max(losses.drag))
+        uneven = losses.find_even() is None
     tau = write_quantity(damping, "s", 3)
     top = write_quantity(operator.top / (2.0 * math.pi), "Hz", 3)
     ratio = operator.top * damping
@@ -1650,7 +1675,7 @@ def _require_short(
             f"with a damping of {tau} nothing moves at frequencies up to {top}",
             mend=f"Give {most} at most",
         )
-    viscous_products = ratio * operator.top * duration
+    viscous_products = (ratio * operator.top + drag) * duration
     if uneven and viscous_products > _MOST:
         fault = f"a damping of {tau} takes {viscous_products:.3g} products"
         raise InputError(

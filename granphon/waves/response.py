@@ -3,11 +3,13 @@ contacts, and what a moved wall hands on.
 
 With forces F exp(i omega t) on balls, mass-weighted motions x = M^1/2 u obey Z x = M^-1/2 F,
 
-    Z(omega) = D(omega) - omega^2,    D(omega) = A^T (1 + i eta + i omega tau) A + static forces,
+    Z(omega) = D(omega) + i omega Gamma - omega^2,
+    D(omega) = A^T (1 + i eta + i omega tau) A + static forces,
 
-with the damping of :mod:`granphon.dynamics.damping`; a wall that is moved pulls at the balls that
+with the losses of :mod:`granphon.dynamics.damping`; a wall that is moved pulls at the balls that
 touch it with the same springs and dashpots. A sensor of force hears the elongations e of contacts:
-their forces are -k (1 + i eta + i omega tau) e. There are two ways to solve it.
+their forces are -k (1 + i eta + i omega tau) e, those of dashpots included, and drag, a force on
+balls, is none of them. There are two ways to solve it.
 
 Directly: sparse factors of Z at each frequency, in an order of the motions that is found once.
 Further solutions, of the residual, mend the first solution until it changes no more. The error is
@@ -20,13 +22,15 @@ these vectors H is a tridiagonal matrix, with which the shifted systems of all f
 solved (R. W. Freund, in Numerical Linear Algebra, de Gruyter, 1993). Of the vectors only the
 signals of receivers are kept, and a step takes one product and a few sums.
 
-If all contacts are damped alike, Z = s (D - z) with a number s and z = omega^2/s, and H is D: the
-process of Lanczos. If they have different loss factors alone, H is A^T (1 + i eta) A, complex and
-symmetric, and vectors are orthogonal in the product x.y without conjugation. With different
-dashpots, H is that of velocities v = x' and deformations y = i (1 + i eta)^1/2 A x, with which the
-equations of motion are of first order,
+If all contacts are damped alike, and all motions have the same drag gamma, Z = s (D - z) with a
+number s and z = (omega^2 - i omega gamma)/s, and H is D: the process of Lanczos. If they have
+different loss factors alone, H is A^T (1 + i eta) A, complex and symmetric, and vectors are
+orthogonal in the product x.y without conjugation. With different dashpots, or drag besides, H is
+that of velocities v = x' and deformations y = i (1 + i eta)^1/2 A x, with which the equations of
+motion are of first order,
 
-    (i omega + ((A^T tau A, -B^T), (-B, 0))) (v, y) = (M^-1/2 F, 0),    B = i (1 + i eta)^1/2 A.
+    (i omega + ((A^T tau A + Gamma, -B^T), (-B, 0))) (v, y) = (M^-1/2 F, 0),
+    B = i (1 + i eta)^1/2 A.
 
 It is symmetric too. But if its vectors were real in v and imaginary in y, a vector would be
 orthogonal to itself as soon as both have the same energy. So the space is that of 1 - i H times the
@@ -37,9 +41,10 @@ Arnoldi, incomplete (Y. Saad, Linear Algebra Appl. 34, 269 (1980)), which is sta
 more steps. A static force adds deformations of imaginary stiffness^1/2.
 
 The residual has the norm of the next vector times the last coefficient. With g the least eta +
-omega tau of all contacts, |Z^-1| is at most one over the distance of omega^2 from all d (1 + i g'),
-d >= 0 and g' >= g, which bounds the error. The number of steps follows from g beforehand
-(:class:`ResponseWork`), and frequencies at which factors are less work are left to factors.
+omega tau of all contacts, and gamma the least drag, |Z^-1| is at most one over the distance of
+omega^2 - i omega gamma from all d (1 + i g'), d >= 0 and g' >= g, which bounds the error. The
+number of steps follows from g beforehand (:class:`ResponseWork`), and frequencies at which factors
+are less work are left to factors.
 """
 
 from __future__ import annotations
@@ -62,12 +67,13 @@ from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.threads import single_products
 from granphon.base.validation import index_array, one_of, positive
-from granphon.dynamics.damping import ContactDamping
+from granphon.dynamics.damping import Losses
 from granphon.dynamics.factors import Elimination
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
 from granphon.waves.peaks import Peaks, Solve, find_peaks
 from granphon.waves.pulses import Course, read_push, read_vector, require_moves
+from granphon.waves.sensitivities import ResponseSensitivities, ResponseSlopes
 from granphon.waves.sensors import FLOOR, Sensor, SensorPlaces, find_open_axis, is_contact
 
 #: memory of the response of a ball at one frequency, bytes
@@ -161,7 +167,7 @@ class Response(Result, array="values"):
     factorisations : number of frequencies whose values were found by factors of the matrix.
     steps : number of steps of the Krylov space by which the others were found; 0 without any.
     warnings : one sentence for the frequencies whose error is above 1e-6, as next to modes without
-        damping; and one where contacts are more viscous than stiff, as a damping is a time.
+        losses; and one where contacts are more viscous than stiff, as a damping is a time.
     partners : (n_r,) second balls of contacts that are heard, -1 of balls and walls; None if no
         force is heard.
     """
@@ -169,6 +175,8 @@ class Response(Result, array="values"):
     _notebook_fields = ("method",)
     #: solves at other frequencies; empty where no network is at hand, or nothing loses energy
     _solver: ClassVar[tuple[Solve, ...]] = ()
+    #: finds derivatives; empty where no network is at hand
+    _find_slopes: ClassVar[tuple[Callable[[], ResponseSensitivities], ...]] = ()
 
     frequencies: Annotated[Array, "f", "Hz"]
     values: Annotated[Complex, "f r"]
@@ -210,6 +218,25 @@ class Response(Result, array="values"):
     def coherent(self) -> NDArray[np.complex128]:
         """(n_f,) mean over the receivers, as that of a plane."""
         return np.asarray(np.mean(self.values, axis=1))
+
+    @cached_property
+    def sensitivities(self) -> ResponseSensitivities:
+        """Derivatives of ``values`` with respect to the stiffnesses and static forces of all
+        contacts, and the masses and moments of inertia of all balls.
+
+        They take factors at each frequency, and one more solution for each receiver. Raises
+        :class:`~granphon.base.errors.InputError` for a response that was read from a file or a
+        copy, for arrays larger than the memory, and at the frequency of a mode that loses no
+        energy; :class:`~granphon.base.errors.ConvergenceError` for a network too large to be
+        factorised.
+        """
+        if not self._find_slopes:
+            raise InputError(
+                "the response has no network",
+                "It was read, and nothing says of which contacts it is",
+                "Find it again, by gp.Waves(network).response",
+            )
+        return self._find_slopes[0]()
 
     @cached_property
     def peaks(self) -> tuple[Peaks, ...]:
@@ -314,11 +341,10 @@ def find_response(
     source: Any,
     receiver: Any,
     options: ResponseOptions,
-    damped: ContactDamping,
+    losses: Losses,
     places: Places,
 ) -> Response:
-    """Return the response of a network, with the ``damped`` contacts, at frequencies ``hertz``
-    (n_f,).
+    """Return the response of a network, with its ``losses``, at frequencies ``hertz`` (n_f,).
 
     ``source`` and ``receiver`` are sought among the ``places`` of the network, as
     :meth:`granphon.waves.waves.Waves.response` describes them, and raises what that raises. Unless
@@ -329,7 +355,7 @@ def find_response(
     sources, pushes = places.find("source", source, held=is_moved)
     problem: _Problem
     partners = None
-    driven = _Driven.of(operator, damped, (sources, pushes), is_moved)
+    driven = _Driven.of(operator, losses, (sources, pushes), is_moved)
     if options.quantity in OF_FORCE:
         sensors = places.find_sensors(receiver)
         receivers = np.array([sensor.body for sensor in sensors])
@@ -345,7 +371,7 @@ def find_response(
         "Take fewer frequencies",
     )
     solution = _solve_for_quantity(problem, hertz, options)
-    warnings = damped.find_warnings(float(np.max(hertz)))
+    warnings = losses.find_warnings(float(np.max(hertz)))
     if np.any(solution.error > _UNSURE):
         unit = QUANTITIES[options.quantity]
         warnings = (*warnings, _explain_error(hertz, solution.values, solution.error, unit))
@@ -363,13 +389,19 @@ def find_response(
         warnings=warnings,
         partners=partners,
     )
-    if not damped.is_none:  # without losses a peak has no height
+    if not losses.is_none:  # without losses a peak has no height
 
         def solve(frequencies: Array) -> Complex:
             """Return the values (n_f, n_r) at other frequencies (n_f,), Hz."""
             return _solve_for_quantity(problem, frequencies, options).values
 
         object.__setattr__(response, "_solver", (solve,))
+
+    def find_slopes() -> ResponseSensitivities:
+        """Return the derivatives of the response."""
+        return problem.find_sensitivities(hertz, options.quantity)
+
+    object.__setattr__(response, "_find_slopes", (find_slopes,))
     return response
 
 
@@ -625,51 +657,58 @@ class ResponseWork:
 
     Attributes
     ----------
-    operator, damping : D of the network, and the damping of its contacts.
+    operator, losses : D of the network, and what the network loses.
     omega : (n_f,) rad/s.
     tolerance : bound of the error at which a Krylov space ends.
     """
 
     operator: WaveOperator
-    damping: ContactDamping
+    losses: Losses
     omega: Array
     tolerance: float = TOLERANCE
 
     @cached_property
-    def even(self) -> tuple[float, float] | None:
-        """(eta, tau) where all contacts are damped alike, and no static forces act."""
-        return self.damping.find_even(self.operator.network)
+    def even(self) -> tuple[float, float, float] | None:
+        """(eta, tau, gamma) where all motions are damped alike, and no static forces act."""
+        return self.losses.find_even()
 
     @cached_property
     def of_rows(self) -> Array:
         """(2, springs) eta and tau, 1 and s, of the rows of A that have a stiffness; tension is a
         stiffness that loses no energy.
         """
-        losses = self.operator.of_rows(self.damping.losses)
-        times = self.operator.of_rows(self.damping.times)
+        factors = self.operator.of_rows(self.losses.factors)
+        times = self.operator.of_rows(self.losses.times)
         has_stiffness = self.operator.of_rows() > 0.0
-        return np.stack([losses, times])[:, has_stiffness]
+        return np.stack([factors, times])[:, has_stiffness]
 
     @cached_property
     def least(self) -> Array:
         """(n_f,) the least eta + omega tau of all springs."""
-        losses, times = self.of_rows
-        return np.array([np.min(losses + omega * times) for omega in self.omega.tolist()])
+        factors, times = self.of_rows
+        return np.array([np.min(factors + omega * times) for omega in self.omega.tolist()])
+
+    @cached_property
+    def drags(self) -> Array:
+        """(m,) gamma of the motions of a ball, over the top frequency."""
+        return self.losses.drag_of(self.operator.motions) / self.operator.top
 
     @cached_property
     def distance(self) -> Array:
-        """(n_f,) lower bound of the distance of omega^2 from all d (1 + i g'), 0 <= d <= top^2 and
-        g' >= g, over top^2; no bound if not above zero.
+        """(n_f,) lower bound of the distance of omega^2 - i omega gamma from all d (1 + i g'), 0 <=
+        d <= top^2 and g' >= g, over top^2; no bound if not above zero.
         """
-        square = (self.omega / self.operator.top) ** 2
-        from_line = square * self.least / np.hypot(1.0, self.least)  # from all d (1 + i g), d >= 0
-        from_top = square - 1.0
+        w = self.omega / self.operator.top
+        depth = w**2 * self.least + w * np.min(self.drags)
+        from_line = depth / np.hypot(1.0, self.least)  # from all d (1 + i g), d >= 0
+        from_top = w**2 - 1.0
         return np.asarray(np.maximum(from_line, from_top))
 
     @property
     def is_strong(self) -> bool:
-        """Whether dashpots differ, and are too strong for a process that is symmetric."""
-        return self.has_order_one and float(np.max(self.of_rows[1])) * self.operator.top > _STRONG
+        """Whether dashpots or drags differ, and are too strong for a process that is symmetric."""
+        strongest = float(np.max(self.of_rows[1])) * self.operator.top + float(np.max(self.drags))
+        return self.has_order_one and strongest > _STRONG
 
     @cached_property
     def unfit(self) -> str:
@@ -679,12 +718,15 @@ class ResponseWork:
         if self.operator.whole is not None:
             return "Static tangential forces act, which have no potential"
         loses_none = np.sum(self.of_rows, axis=0) == 0.0
-        return "Some contacts lose energy, and others lose none" if np.any(loses_none) else ""
+        has_still = bool(np.any(loses_none)) and not np.all(self.drags > 0.0)
+        return "Some motions lose energy, and others lose none" if has_still else ""
 
     @property
     def has_order_one(self) -> bool:
-        """Whether dashpots differ, so that the space is one of velocities and deformations."""
-        return self.even is None and bool(np.any(self.damping.times))
+        """Whether dashpots or drags differ, so that the space is one of velocities and
+        deformations.
+        """
+        return self.even is None and bool(np.any(self.losses.times) or np.any(self.drags))
 
     @cached_property
     def step_time(self) -> float:
@@ -712,14 +754,16 @@ class ResponseWork:
     def steps(self) -> Array:
         """(n_f,) steps of the Krylov space; infinite without a bound.
 
-        With w = omega/top and g = eta + omega tau the least of all, a step of Lanczos makes the
-        error smaller by exp(-2 Im arccos(w/(1 + i g)^1/2)), as the polynomials of Chebyshev do.
+        With w = omega/top, and g = eta + omega tau and gamma/top the least of all, a step of
+        Lanczos makes the error smaller by exp(-2 Im arccos(((w^2 - i w gamma)/(1 + i g))^1/2)), as
+        the polynomials of Chebyshev do.
         Where modes are few, the space tells them apart sooner; the incomplete process does not.
         """
         w = self.omega / self.operator.top
         n = self.operator.size
         d = self.operator.network.dimension
-        pace = 2.0 * np.abs(np.arccos(w / np.sqrt(1.0 + 1j * self.least)).imag)
+        square = (w**2 - 1j * w * np.min(self.drags)) / (1.0 + 1j * self.least)
+        pace = 2.0 * np.abs(np.arccos(np.sqrt(square)).imag)
         is_bounded = (self.distance > 0.0) & (pace > 0.0)
         if not self.is_strong:
             # modes in an interval of w as long as one, by Debye's law, and not fewer than n^(1/d)
@@ -816,8 +860,8 @@ class ResponseWork:
         from granphon.media.cost import write_duration
 
         for eta in _ADVISED_LOSSES:
-            damping = ContactDamping.of(self.operator.network, 0.0, eta)
-            damped_work = replace(self, damping=damping)
+            losses = Losses.of(self.operator.network, loss_factor=eta)
+            damped_work = replace(self, losses=losses)
             if damped_work.even is None:
                 continue
             steps = float(np.max(damped_work.steps))
@@ -835,7 +879,7 @@ class _Driven(NamedTuple):
 
     Attributes
     ----------
-    operator, damping : D of the network, and the damping of its contacts.
+    operator, losses : D of the network, and what the network loses.
     drives : three parts (size,) of the source: without damping, by loss factors, and, over omega,
         by dashpots.
     moved : whether the source is a wall that is moved.
@@ -843,7 +887,7 @@ class _Driven(NamedTuple):
     """
 
     operator: WaveOperator
-    damping: ContactDamping
+    losses: Losses
     drives: Sequence[Array]
     moved: bool
     amplitude: Array
@@ -852,7 +896,7 @@ class _Driven(NamedTuple):
     def of(
         cls,
         operator: WaveOperator,
-        damped: ContactDamping,
+        losses: Losses,
         source: tuple[Index, Array],
         is_moved: bool,
     ) -> _Driven:
@@ -865,13 +909,13 @@ class _Driven(NamedTuple):
         amplitude = np.zeros((network.n_balls, operator.motions.count))
         np.add.at(amplitude[:, : len(axes)], sources, pushes[:, axes])
         if is_moved:
-            weights = (None, damped.losses, damped.times)
+            weights = (None, losses.factors, losses.times)
             drives = [operator.pull(amplitude, weight) for weight in weights]
         else:
             root_masses = np.sqrt(network.masses[operator.balls])[:, None]
             push = operator.vector(amplitude[operator.balls] / root_masses)
             drives = [push, np.zeros(operator.size), np.zeros(operator.size)]
-        return cls(operator, damped, drives, is_moved, amplitude)
+        return cls(operator, losses, drives, is_moved, amplitude)
 
 
 @dataclass(frozen=True, eq=False)
@@ -880,27 +924,48 @@ class _SensorReadings:
 
     Attributes
     ----------
-    weights : (n_r, n_h) of the elongation of each contact that is heard, N/m: its stiffness times
-        its weight in a sensor.
-    losses, times : (n_h,) loss factors, and times of dashpots, s, of these contacts.
+    contacts : (n_h,) numbers of the contacts that are heard.
+    weights : (n_r, n_h) of each of their forces in a sensor.
+    stiffness : (n_h,) of these contacts, N/m.
+    factors, times : (n_h,) loss factors, and times of all dashpots, s, of these contacts.
     """
 
+    contacts: Index
     weights: Array
-    losses: Array
+    stiffness: Array
+    factors: Array
     times: Array
+
+    def find_factors(self, omega: Any) -> Complex:
+        """Return the stiffnesses (n_f, n_h) of the contacts at ``omega`` (n_f,), rad/s, over those
+        without losses; (n_h,) at a number.
+        """
+        return np.asarray(1.0 + 1j * (self.factors + np.asarray(omega)[..., None] * self.times))
 
     def read(self, omega: Array, solution: _Solution) -> _Solution:
         """Return forces (n_f, n_r), above zero where contacts are pressed more, of a ``solution``
         of elongations (n_f, n_h) at ``omega`` (n_f,), rad/s.
         """
-        factors = 1.0 + 1j * (self.losses + omega[:, None] * self.times)
-        forces: Complex = -(solution.values * factors) @ self.weights.T.astype(complex)
+        softening = self.find_factors(omega) * self.stiffness
+        forces: Complex = -(solution.values * softening) @ self.weights.T.astype(complex)
         # an error of the largest elongation counts in each contact of a sensor
         largest = np.max(np.abs(solution.values), axis=1)
-        error = largest * np.max(np.abs(factors) @ self.weights.T, axis=1)
+        error = largest * np.max(np.abs(softening) @ self.weights.T, axis=1)
         loudest = np.max(np.abs(forces), axis=1)
         share = np.divide(error, loudest, out=np.ones_like(error), where=loudest > 0.0)
         return solution._replace(values=forces, error=solution.error * share)
+
+    def hear(self, w: float) -> NDArray[Any]:
+        """Return the weights (n_h, n_r) of elongations in the forces at the angular frequency
+        ``w``, rad/s; real where nothing loses energy.
+        """
+        return np.real_if_close(-(self.find_factors(w) * self.stiffness)[:, None] * self.weights.T)
+
+    def stiffen(self, w: float, elongations: NDArray[Any]) -> Complex:
+        """Return the derivatives (n_r, n_h) of the forces of ``elongations`` (n_h,) by the
+        stiffness of each contact.
+        """
+        return np.asarray(-(self.find_factors(w) * elongations) * self.weights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -945,9 +1010,11 @@ class _Problem:
         rows = np.repeat(np.arange(len(sensors)), [sensor.contacts.size for sensor in sensors])
         weights[rows, columns] = np.concatenate([sensor.weights for sensor in sensors])
         readings = _SensorReadings(
-            weights=weights * network.normal_stiffness[contacts],
-            losses=driven.damping.losses[0, contacts],
-            times=driven.damping.times[0, contacts],
+            contacts=contacts,
+            weights=weights,
+            stiffness=network.normal_stiffness[contacts],
+            factors=driven.losses.factors[0, contacts],
+            times=driven.losses.times[0, contacts],
         )
         i = network.i[contacts]
         j = network.j[contacts]
@@ -972,9 +1039,9 @@ class _Problem:
         return self.driven.operator
 
     @property
-    def damping(self) -> ContactDamping:
-        """The damping of the contacts."""
-        return self.driven.damping
+    def losses(self) -> Losses:
+        """What the network loses."""
+        return self.driven.losses
 
     @single_products()
     def solve(self, omega: Array, method: str | None, tolerance: float) -> _Solution:
@@ -987,7 +1054,7 @@ class _Problem:
         :class:`~granphon.base.errors.ConvergenceError` as :meth:`ResponseWork.choose` does, and
         where a Krylov space finds no values and there are no factors, or the space was named.
         """
-        work = ResponseWork(self.operator, self.damping, omega, tolerance)
+        work = ResponseWork(self.operator, self.losses, omega, tolerance)
         if work.unfit and method == "krylov":
             raise InputError(
                 "no Krylov space serves all frequencies", work.unfit, "Use the direct method"
@@ -1027,7 +1094,7 @@ class _Problem:
             return self._make_even(work.omega, *work.even)
         omega = work.omega
         return _Space(
-            apply=self.operator.make_lossy_product(self.damping.losses),
+            apply=self.operator.make_lossy_product(self.losses.factors),
             product=np.dot,
             start=self.driven.drives[0] + 1j * self.driven.drives[1],
             shifts=omega**2,
@@ -1036,13 +1103,13 @@ class _Problem:
             direct=self._hear_shift(omega.size),
         )
 
-    def _make_even(self, omega: Array, loss: float, time: float) -> _Space:
+    def _make_even(self, omega: Array, loss: float, time: float, drag: float) -> _Space:
         """Return the space of D for contacts that all have one ``loss`` factor, and one ``time`` of
-        their dashpots, s.
+        their dashpots, s, and for one ``drag``, 1/s, of all motions.
         """
         top_square = self.operator.top**2
         stiffness_factor = 1.0 + 1j * (loss + omega * time)  # over the stiffness without losses
-        shifts = omega**2 / stiffness_factor
+        shifts = (omega**2 - 1j * omega * drag) / stiffness_factor
         # from the shifts to the eigenvalues of D, between 0 and top^2
         along_axis = np.maximum(np.maximum(shifts.real - top_square, -shifts.real), 0.0)
         distance = np.hypot(shifts.imag, along_axis)
@@ -1067,9 +1134,10 @@ class _Problem:
         parts = self.operator.parts
         omega = work.omega
         w = omega / top
-        times = parts.weigh(self.damping.times)  # (rows,) s
-        spring = np.sqrt(-parts.weigh() - 1j * parts.weigh(self.damping.losses)) / top
+        times = parts.weigh(self.losses.times)  # (rows,) s
+        spring = np.sqrt(-parts.weigh() - 1j * parts.weigh(self.losses.factors)) / top
         dashpots = times / top
+        drag = self.operator.drag(self.losses) / top
 
         def apply(vector: Complex) -> Complex:
             """Return H times a ``vector`` of velocities (size,), then deformations (rows,)."""
@@ -1077,7 +1145,7 @@ class _Problem:
             stress = vector[n:] * spring
             stress -= dashpots * strain
             product = np.empty_like(vector)
-            product[:n] = parts.pull(stress)
+            product[:n] = parts.pull(stress) - drag * vector[:n]
             np.multiply(strain, spring, out=product[n:])
             return product
 
@@ -1211,6 +1279,58 @@ class _Problem:
         error[active] = np.inf
         return values, error, process.steps
 
+    @single_products()
+    def find_sensitivities(self, hertz: Array, quantity: str) -> ResponseSensitivities:
+        """Return the derivatives of the signals of a ``quantity`` at frequencies (n_f,), Hz, by
+        factors; see :attr:`Response.sensitivities` for what is raised.
+        """
+        omega = 2.0 * math.pi * hertz
+        work = ResponseWork(self.operator, self.losses, omega, TOLERANCE)
+        work.choose("direct")  # raises where there are no factors
+        amplitude = self.driven.amplitude
+        moved = amplitude if self.driven.moved else np.zeros_like(amplitude)
+        slopes = ResponseSlopes(self.operator, self.losses, moved)
+        sensors = self.sensors
+        count = len(self.heard) if sensors is None else len(sensors.weights)
+        slopes.require_memory(hertz.size * count)
+        ears = np.zeros((self.operator.size, len(self.heard)))
+        for receiver, (heard, weights) in enumerate(zip(self.heard, self.ears, strict=True)):
+            np.add.at(ears[:, receiver], heard, weights)
+        equations = _Equations(self)
+        parts = []
+        for frequency, w in zip(hertz.tolist(), omega.tolist(), strict=True):
+            ears_at_w = ears if sensors is None else ears @ sensors.hear(w)
+            motions = self._solve_adjoint(equations, w, ears_at_w)
+            fields = slopes.find(motions[:, 0], motions[:, 1:], frequency)
+            if sensors is not None:
+                elongations = self._listen(motions[:, 0]) + self.shift
+                fields["normal_stiffness"][:, sensors.contacts] += sensors.stiffen(w, elongations)
+            rate = (1j * w) ** _DERIVATIVES.get(quantity, 0)
+            parts.append({name: None if f is None else rate * f for name, f in fields.items()})
+        stacked: dict[str, Any] = {
+            name: None if first is None else np.array([part[name] for part in parts], complex)
+            for name, first in parts[0].items()
+        }
+        unit = QUANTITIES[quantity]
+        return ResponseSensitivities(**stacked, frequencies=hertz, quantity_unit=unit)
+
+    def _solve_adjoint(self, equations: _Equations, w: float, ears: Array) -> NDArray[Any]:
+        """Return the motions (size, 1 + n_r) that the source makes, and the adjoint ones of the
+        ``ears`` (size, n_r), at the angular frequency ``w``, rad/s; InputError at the frequency of
+        a mode that loses no energy.
+        """
+        matrix, drive = equations.at(w)
+        right = np.column_stack([drive, ears / equations.top_square]).astype(matrix.dtype)
+        try:
+            factors = equations.elimination.factorise(matrix)
+            motions = factors.solve(right)
+            change = factors.solve(right - matrix @ motions)
+        except RuntimeError:  # exactly singular
+            raise _explain_resonance(w) from None
+        if not np.linalg.norm(change) <= _UNKNOWN * np.linalg.norm(motions):
+            raise _explain_resonance(w)
+        return np.asarray(motions + change)
+
     @cached_property
     def _most_heard(self) -> float:
         """The greatest signal of a receiver that motions x of norm one make."""
@@ -1282,11 +1402,16 @@ class _Equations:
         operator = problem.operator
         self.top_square = operator.top**2
         unit = eye_array(operator.size)
-        # loss factors go with omega^0, dashpots with omega^1
-        weights_of_powers = (problem.damping.losses, problem.damping.times)
-        self._powers = [power for power, weights in enumerate(weights_of_powers) if np.any(weights)]
+        losses = problem.losses
+        # loss factors go with omega^0, dashpots and drag with omega^1
+        self._powers = []
         matrices: list[Any] = [operator.matrix]
-        matrices += [operator.weigh(weights_of_powers[power]) for power in self._powers]
+        if np.any(losses.factors):
+            self._powers.append(0)
+            matrices.append(operator.weigh(losses.factors))
+        if losses.has_dashpots or np.any(losses.drag):
+            self._powers.append(1)
+            matrices.append(operator.resist(losses))
         reduced = [matrix / self.top_square for matrix in matrices]
         self._matrix, self._ones, self._elastic, *self._lossy = share_places([unit, *reduced])
         self.elimination = Elimination(self._matrix)
@@ -1439,4 +1564,4 @@ def _explain_resonance(omega: float) -> InputError:
     """Return the error of a response at the angular frequency of a mode, rad/s."""
     fault = f"the response at {write_quantity(omega / (2.0 * math.pi), 'Hz', 6)} has no bound"
     why = "The network has a mode of this frequency that loses no energy"
-    return InputError(fault, why, "Give a damping or a loss_factor, or another frequency")
+    return InputError(fault, why, "Give a loss, such as a damping, or another frequency")

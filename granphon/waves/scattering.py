@@ -27,7 +27,7 @@ from granphon.dynamics.bloch_waves import (
     find_bloch_waves,
     require_bloch_memory,
 )
-from granphon.dynamics.damping import ContactDamping
+from granphon.dynamics.damping import Losses
 from granphon.dynamics.factors import factorise
 from granphon.dynamics.half_space import HalfSpace
 from granphon.networks.network import ContactNetwork, given_network
@@ -103,6 +103,9 @@ def transmission(
     q: ArrayLike = (),
     damping: Any = 0.0,
     loss_factor: Any = 0.0,
+    drag: Any = 0.0,
+    dashpot: Any = 0.0,
+    restitution: Any = 1.0,
 ) -> Transmission:
     """Return what part of the energy of waves passes a strip between two half-infinite crystals.
 
@@ -123,9 +126,8 @@ def transmission(
     axis : across the layers of both leads, as for :meth:`ContactNetwork.cut`.
     q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell, for leads with
         p periods; zero by default.
-    damping, loss_factor : viscosity of the strip's contacts over their stiffness, s, and part of
-        the stiffness that loses energy at any frequency, as in :meth:`Waves.response`: numbers or
-        (n_c,), or tuples of those of normal and of all other motion.
+    damping, loss_factor, drag, dashpot, restitution : of the strip, as in :meth:`Waves.response`.
+        The leads lose no energy.
 
     Raises
     ------
@@ -145,13 +147,13 @@ def transmission(
         middle = last.space.network.cut(axis, last.space.reach + 1)
     strip = given_network(middle)
     operator = WaveOperator(strip)
-    damped = ContactDamping.of(strip, damping, loss_factor)
+    losses = Losses.of(strip, damping, loss_factor, drag, dashpot, restitution)
     _require_strip(operator, leads)
     ends = [first.map_to_block(operator, lower=True), last.map_to_block(operator, lower=False)]
     omega = 2.0 * np.pi * hertz
     waves_of_first = first.find_waves(omega)
     waves_of_last = last.find_waves(omega)
-    find_stiffness = _make_stiffness_function(operator, damped, first.q)
+    find_stiffness = _make_stiffness_function(operator, losses, first.q)
     # at each frequency the amplitudes of waves that run back, and that pass
     reflected_amplitudes = []
     transmitted_amplitudes = []
@@ -168,7 +170,7 @@ def transmission(
     transmitted = np.sum(np.abs(amplitudes) ** 2, axis=1)
     reflected = np.sum(np.abs(back_amplitudes) ** 2, axis=1)
     wavenumbers = first.list_wavenumbers([incoming for incoming, _ in waves_of_first], most_modes)
-    if damped.is_none:
+    if losses.is_none:
         is_running = np.arange(most_modes) < modes[:, :1]
         _require_balance(hertz, transmitted + reflected - is_running)
     divisor = np.maximum(modes[:, 0], 1)  # where no wave runs in, the mean is zero
@@ -183,7 +185,7 @@ def transmission(
         amplitudes=amplitudes,
         wavenumbers=wavenumbers,
         length=n_layers * first.space.height,
-        warnings=damped.find_warnings(float(hertz[-1])),
+        warnings=losses.find_warnings(float(hertz[-1])),
     )
 
 
@@ -207,18 +209,18 @@ def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
 
 
 def _make_stiffness_function(
-    operator: WaveOperator, damped: ContactDamping, q: Array
+    operator: WaveOperator, losses: Losses, q: Array
 ) -> Callable[[float], Any]:
     """Return the function that gives the stiffness (size, size) of a strip, (rad/s)^2, sparse, at
     an angular frequency, rad/s, for the wave vector ``q`` (p,) along its layers, in fractions.
     """
     phase = np.exp(2.0j * np.pi * (operator.network.shift[:, : len(q)] @ q))
     springs = operator.weigh(phase=phase).tocsc()
-    if damped.is_none:
+    if losses.is_none:
         return lambda w: springs
-    losses = operator.weigh(damped.losses, phase).tocsc()
-    dashpots = operator.weigh(damped.times, phase).tocsc()
-    return lambda w: springs + -1j * losses + -1j * w * dashpots
+    lossy = operator.weigh(losses.factors, phase).tocsc()
+    viscous = operator.resist(losses, phase).tocsc()
+    return lambda w: springs + -1j * lossy + -1j * w * viscous
 
 
 def _stack_matrices(matrices: Sequence[Complex], size: int) -> Complex:

@@ -24,9 +24,11 @@ from granphon.base.quantities import (
     LENGTH,
     NUMBER,
     PUSH,
+    RATE,
     SINCE,
     TIME,
     VELOCITY,
+    VISCOSITY,
     WAY,
     Quantity,
 )
@@ -63,7 +65,7 @@ from granphon.base.validation import (
     real_number,
     zero_or_above,
 )
-from granphon.dynamics.damping import read_loss
+from granphon.dynamics.damping import LEAST_RESTITUTION, LOSSES, read_loss
 from granphon.networks.network import ContactNetwork
 from granphon.waves.sensors import FLOOR
 
@@ -99,29 +101,37 @@ FACES = ("lower", "upper")
 _CONTACT = re.compile(r"([0-9]+)-([0-9]+)")
 #: kinds of drives of balls
 DRIVES = ("impact", "shaker", "force", "displacement")
+#: whether dashpots may pull in a motion, and of what normal force Coulomb's limit is
+VISCOUS_PULLS = ("whole", "limited")
+COULOMB_LIMITS = ("elastic", "total")
 
 
 # -- kinds of values -------------------------------------------------------------------------------
 
 
-def _read_damping(value: Any, context: ValueContext) -> Any:
-    """Read a viscosity over a stiffness: a time, zero or above; zero may be without a unit."""
-    is_zero = isinstance(value, int | float) and not isinstance(value, bool) and value == 0
-    rule = with_unit(SINCE).rule(context)
-    return read_loss("damping", value, (lambda _: 0.0) if is_zero else rule)
+def _loss_kind(name: str, quantity: Quantity) -> Kind:
+    """Return the kind of the loss of this ``name``, zero or above; zero may be without a unit."""
+
+    def read(value: Any, context: ValueContext) -> Any:
+        is_zero = isinstance(value, int | float) and not isinstance(value, bool) and value == 0
+        rule = with_unit(quantity).rule(context)
+        return read_loss(name, value, (lambda _: 0.0) if is_zero else rule)
+
+    def write(value: Any, context: ValueContext) -> Any:
+        return quantity.write(value) if value else value
+
+    return Kind(read, write, quantity.unit)
 
 
-def _of_both_motions(kind: Kind) -> Kind:
-    """Return the kind of a value of all motions of a contact, or, as a list of two, of normal
-    motion and of all other.
-    """
+def _of_both_motions(kind: Kind, parts: str = "of normal motion, and of all other") -> Kind:
+    """Return the kind of a value of all motions, or, as a list of two, of the two ``parts``."""
     pair = listed(kind)
 
     def read(value: Any, context: ValueContext) -> Any:
         if not isinstance(value, list | tuple):
             return kind.read(value, context)
         if len(value) != 2:
-            raise Refused(show(value), "one value, or two: of normal motion, and of all other")
+            raise Refused(show(value), f"one value, or two: {parts}")
         return pair.read(value, context)
 
     def write(value: Any, context: ValueContext) -> Any:
@@ -131,9 +141,11 @@ def _of_both_motions(kind: Kind) -> Kind:
 
 
 #: zero is written without its unit
-_DAMPING = Kind(_read_damping, lambda value, _: TIME.write(value) if value else value, TIME.unit)
-_DAMPING_OF_BOTH = _of_both_motions(_DAMPING)
+_DAMPING = _of_both_motions(_loss_kind("damping", SINCE))
 _LOSS_FACTOR = _of_both_motions(Kind.plain(partial(read_loss, "loss_factor", rule=zero_or_above)))
+_DRAG = _of_both_motions(_loss_kind("drag", RATE), "of displacements, and of rotations")
+_DASHPOT = _of_both_motions(_loss_kind("dashpot", VISCOSITY))
+_RESTITUTION = Kind.plain(partial(number, low=LEAST_RESTITUTION, high=1.0))
 
 
 def _read_frequencies(value: Any, context: ValueContext) -> tuple[float, ...]:
@@ -290,6 +302,74 @@ CUT = Kind(
 # -- blocks ----------------------------------------------------------------------------------------
 
 
+class LossSettings(Block, kw_only=True):
+    """Losses of contacts and balls; see :meth:`granphon.waves.waves.Waves.response`.
+
+    Attributes
+    ----------
+    damping : s, of all motions of a contact, or of normal and of other motion.
+    drag : 1/s, of all motions of a ball, or of displacements and of rotations; None for none.
+    dashpot : N s/m, of all motions of a contact, or of normal motion and of slip; None for none.
+    restitution : of a collision; None for none.
+    """
+
+    damping: float | tuple[float, float] = setting(
+        _DAMPING,
+        "viscosity of a contact over its stiffness; of normal and of other motion in a list",
+        default=0.0,
+        title="damping of contacts",
+    )
+    drag: float | tuple[float, float] | None = setting(
+        _DRAG,
+        "rate at which balls slow down by themselves; of displacements and of rotations in a list",
+        default=None,
+        absent="none",
+        title="drag of balls",
+    )
+    dashpot: float | tuple[float, float] | None = setting(
+        _DASHPOT,
+        "viscosity of a contact, whatever its stiffness; of normal motion and of slip in a list",
+        default=None,
+        absent="none",
+        title="dashpot of contacts",
+    )
+    restitution: float | None = setting(
+        _RESTITUTION,
+        "velocity after a collision over that before, whose dashpot each contact has; up to 1",
+        default=None,
+        absent="none",
+        title="restitution of contacts",
+    )
+
+    @property
+    def has_dashpots(self) -> bool:
+        """Whether contacts have dashpots."""
+        dashpots = (self.damping, self.dashpot)
+        return self.restitution is not None or any(loss and np.any(loss) for loss in dashpots)
+
+    @property
+    def losses(self) -> dict[str, Any]:
+        """The losses that are given, by name, in SI units: arguments of ``Waves.response``."""
+        losses = {name: getattr(self, name, None) for name in LOSSES}
+        return {name: loss for name, loss in losses.items() if loss is not None}
+
+
+class LinearLossSettings(LossSettings, kw_only=True):
+    """Losses of waves of one frequency.
+
+    Attributes
+    ----------
+    loss_factor : of all motions of a contact, or of normal and of other motion.
+    """
+
+    loss_factor: float | tuple[float, float] = setting(
+        _LOSS_FACTOR,
+        "loss factor of a contact; of normal and of other motion in a list",
+        default=0.0,
+        title="loss factor of contacts",
+    )
+
+
 class SpectrumSettings(Block):
     """Spectral functions along the path of the bands.
 
@@ -324,7 +404,7 @@ class SpectrumSettings(Block):
     )
 
 
-class PulseSettings(Block):
+class PulseSettings(LossSettings):
     """A pulse through the array; see :meth:`granphon.waves.waves.Waves.transmit`.
 
     Attributes
@@ -336,7 +416,6 @@ class PulseSettings(Block):
     polarisation : "longitudinal", "transverse" or "out_of_plane".
     source : "plane" or "ball".
     ends : "free", "walls" or "periodic".
-    damping : viscosity of a contact over its stiffness, s.
     """
 
     block = "pulse"
@@ -372,7 +451,6 @@ class PulseSettings(Block):
         "`free`, `walls` (balls there are held), or `periodic`, where the pulse runs both ways",
         default="free",
     )
-    damping: float = setting(_DAMPING, "viscosity of a contact over its stiffness", default=0.0)
 
 
 class SurfaceSettings(Block):
@@ -448,7 +526,7 @@ class NetworkSettings(Block, kw_only=True):
         raise NotImplementedError
 
 
-class ResponseSettings(NetworkSettings):
+class ResponseSettings(NetworkSettings, LinearLossSettings):
     """The response at given frequencies; see :meth:`granphon.waves.waves.Waves.response`.
 
     Attributes
@@ -457,8 +535,6 @@ class ResponseSettings(NetworkSettings):
     source, receiver : "plane", "floor", or a ball and a direction, such as "12 x" or "12 0.6 0.8",
         one or more; of a force also a contact, such as "3-4". What is heard on a plane is the mean
         over its balls.
-    damping : s, of all motions of a contact, or of normal and of other motion.
-    loss_factor : likewise.
     quantity : "displacement", "velocity", "acceleration", "force", "transmissibility" or
         "stiffness".
     direction : across planes; None for the first axis along which the network does not repeat, or
@@ -483,18 +559,6 @@ class ResponseSettings(NetworkSettings):
         "what is heard, likewise; of `plane`, the last one, the mean over its balls; of a force"
         " the balls of a contact, as `3-4`, `floor`, or a sensor in a ball, as `12 x`",
         title="receiver",
-    )
-    damping: float | tuple[float, float] = setting(
-        _DAMPING_OF_BOTH,
-        "viscosity of a contact over its stiffness; of normal and of other motion in a list",
-        default=0.0,
-        title="damping of contacts",
-    )
-    loss_factor: float | tuple[float, float] = setting(
-        _LOSS_FACTOR,
-        "loss factor of a contact; of normal and of other motion in a list",
-        default=0.0,
-        title="loss factor of contacts",
     )
     quantity: str = setting(
         word_of(*RESPONSES),
@@ -530,29 +594,10 @@ class ResponseSettings(NetworkSettings):
         }
 
 
-class BandsSettings(Block):
-    """How contacts damp the branches of bands; see :meth:`granphon.Phonons.damped`.
-
-    Attributes
-    ----------
-    damping : s, of all motions of a contact, or of normal and of other motion.
-    loss_factor : likewise.
-    """
+class BandsSettings(LinearLossSettings):
+    """How contacts and balls damp the branches of bands; see :meth:`granphon.Phonons.damped`."""
 
     block = "bands"
-
-    damping: float | tuple[float, float] = setting(
-        _DAMPING_OF_BOTH,
-        "viscosity of a contact over its stiffness, of damped bands; as of `response`",
-        default=0.0,
-        title="damping of the bands",
-    )
-    loss_factor: float | tuple[float, float] = setting(
-        _LOSS_FACTOR,
-        "loss factor of a contact; as of `response`",
-        default=0.0,
-        title="loss factor of the bands",
-    )
 
 
 # -- what drives balls -----------------------------------------------------------------------------
@@ -801,7 +846,7 @@ def _read_drive(value: Any, context: ValueContext) -> DriveSettings:
     return drive
 
 
-class MotionSettings(NetworkSettings):
+class MotionSettings(NetworkSettings, LossSettings):
     """Balls that move by the whole of their contact law; see :class:`granphon.NonlinearWaves`.
 
     Attributes
@@ -809,7 +854,8 @@ class MotionSettings(NetworkSettings):
     duration : s.
     drive : one or more :class:`~granphon.waves.settings.DriveSettings`.
     friction_coefficient : of Coulomb's limit; None: contacts do not slide.
-    damping : viscosity of contacts over their stiffness, s; or that of normal and of other motion.
+    viscous_pull : "whole" or "limited".
+    coulomb : "elastic" or "total".
     frames : number of times that are kept.
     step : s; None for one that the stiffest contact allows.
     geometry : "lattice" or "exact", the directions of contacts.
@@ -834,11 +880,16 @@ class MotionSettings(NetworkSettings):
         absent="contacts do not slide",
         title="friction coefficient of the motion",
     )
-    damping: float | tuple[float, float] = setting(
-        _DAMPING_OF_BOTH,
-        "viscosity of a contact over its stiffness; of normal and of other motion in a list",
-        default=0.0,
-        title="damping of the motion",
+    viscous_pull: Any = setting(
+        word_of(*VISCOUS_PULLS),
+        "`whole`: dashpots may pull, where balls part; `limited`: the normal force never pulls by"
+        " them",
+        default="whole",
+    )
+    coulomb: Any = setting(
+        word_of(*COULOMB_LIMITS),
+        "Coulomb's limit: `elastic`, of the forces of springs; `total`, with those of dashpots",
+        default="elastic",
     )
     frames: int = setting(
         whole_from(2, 1_000_000),

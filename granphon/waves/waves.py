@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from granphon.base.arrays import Array
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, frequency_array, is_one_of, whole_number
-from granphon.dynamics.damping import ContactDamping, DampedModes
+from granphon.dynamics.damping import DampedModes, Losses
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel
@@ -251,6 +251,9 @@ class Waves:
         damping: Any = 0.0,
         loss_factor: Any = 0.0,
         *,
+        drag: Any = 0.0,
+        dashpot: Any = 0.0,
+        restitution: Any = 1.0,
         quantity: str = "displacement",
         direction: ArrayLike | None = None,
         polarisation: str | ArrayLike = "longitudinal",
@@ -284,6 +287,13 @@ class Waves:
             number or (n_c,), or a tuple of that in normal motion and in all other.
         loss_factor : eta of the complex stiffness k (1 + i eta), a number or (n_c,), or a tuple of
             two, as the damping.
+        drag : 1/s, of the force -drag m v and the torque -drag I omega on each ball: a number, or a
+            tuple of that of displacements and of rotations.
+        dashpot : c, N s/m, of each contact: a number or (n_c,), or a tuple of that in normal motion
+            and in slip. Twist and rolling are damped with the time c/k of slip.
+        restitution : e, above zero and up to 1, a number or (n_c,): a dashpot c = alpha(e) (m*
+            k)^1/2 in normal motion and in slip, with which a collision has this e at any velocity
+            (:mod:`granphon.dynamics.damping`).
         quantity : "displacement", of the balls over the force, m/N; "velocity", m/(N s);
             "acceleration", 1/kg; "force", normal force of contacts over that of the source, above
             zero where these are pressed more, springs and dashpots taken together;
@@ -303,7 +313,8 @@ class Waves:
         ------
         InputError : frequencies below zero, not real or not sorted; a ball that is not there or,
             but where a wall is moved, one of the source that is held; no receiver; a sensor without
-            a contact; a damping below zero; a mode without damping at a frequency.
+            a contact; a loss below zero, a restitution of zero or above 1; a mode without losses at
+            a frequency.
         ConvergenceError : a network too large to be factorised, and damped too little, or unevenly;
             or what would take more than an hour, unless a ``method`` is given.
         InstabilityError : a squared frequency is below zero.
@@ -311,9 +322,9 @@ class Waves:
         operator = self._stable_operator
         hertz = frequency_array("frequencies", frequencies)
         options = ResponseOptions.read(quantity, method, tolerance)
-        damped = ContactDamping.of(self.network, damping, loss_factor)
+        losses = Losses.of(self.network, damping, loss_factor, drag, dashpot, restitution)
         places = Places(self.network, direction, polarisation, distance)
-        return find_response(operator, hertz, source, receiver, options, damped, places)
+        return find_response(operator, hertz, source, receiver, options, losses, places)
 
     def damped_modes(
         self,
@@ -321,6 +332,10 @@ class Waves:
         nearest: float | None = None,
         damping: Any = 0.0,
         loss_factor: Any = 0.0,
+        *,
+        drag: Any = 0.0,
+        dashpot: Any = 0.0,
+        restitution: Any = 1.0,
     ) -> DampedModes:
         """Return damped modes that cost energy, the lowest or those nearest to a frequency: complex
         frequencies, Q factors.
@@ -329,13 +344,13 @@ class Waves:
         ----------
         count, nearest : number of modes, and the frequency, Hz, to which their real parts are
             nearest; None for the lowest.
-        damping, loss_factor : of the contacts, s and a number, as for :meth:`response`.
+        damping, loss_factor, drag, dashpot, restitution : as for :meth:`response`.
 
         Modes that creep have a real part of zero: they are the lowest, and the slowest of them is
         the first.
 
-        Where all contacts are damped alike, the modes are those of :meth:`modes`, the nearest
-        without losses. Where contacts are damped unevenly, all modes are found up to 300 motions
+        Where all motions are damped alike, the modes are those of :meth:`modes`, the nearest
+        without losses. Where they are damped unevenly, all modes are found up to 300 motions
         that contacts resist. Larger networks are factorised, up to 300,000 motions in the plane and
         120,000 in space, and the modes are those of the nearest complex frequencies: modes that
         creep faster than others swing are not among the lowest then.
@@ -346,7 +361,8 @@ class Waves:
         are far stiffer than springs; :class:`~granphon.base.errors.ConvergenceError` if the
         iteration does not end; and what :meth:`modes` raises.
         """
-        return find_damped(self._stable_operator, count, nearest, damping, loss_factor)
+        losses = Losses.of(self.network, damping, loss_factor, drag, dashpot, restitution)
+        return find_damped(self._stable_operator, count, nearest, losses)
 
     def nearest_wavevectors(self, q: ArrayLike) -> Array:
         """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has,
@@ -366,8 +382,11 @@ class Waves:
         *,
         source: str | int | Sequence[int] = "plane",
         ends: str = "free",
-        damping: float = 0.0,
+        damping: Any = 0.0,
         tangential_damping: float | None = None,
+        drag: Any = 0.0,
+        dashpot: Any = 0.0,
+        restitution: Any = 1.0,
         duration: float | None = None,
         planes: ArrayLike = (),
         frames: ArrayLike = (),
@@ -398,11 +417,13 @@ class Waves:
             balls before it are held; "periodic": the network stays as it is, and the pulse runs
             both ways. A network without a period along the direction, such as one between walls of
             its own, is left as it is.
-        damping : s, the viscosity of each contact over its stiffness: a mode of the angular
-            frequency omega decays as exp(-damping omega^2 t/2).
+        damping : s, the viscosity of each contact over its stiffness, as in :meth:`response`: a
+            mode of the angular frequency omega decays as exp(-damping omega^2 t/2).
         tangential_damping : s, the same of slip, twist and rolling, if it is another than that of
-            normal motion. Then, as with static forces, modes exchange energy, and the propagation
-            takes several times as long.
+            normal motion.
+        drag, dashpot, restitution : as in :meth:`response`. Where contacts or motions are damped
+            differently, as with static forces, modes exchange energy, and the propagation takes
+            several times as long.
         duration : s, of the record. By default that of the burst and three times that of a wave in
             which balls move in proportion, which is the fastest; in a periodic network it ends
             before that wave comes round the other way, and must hold the burst and its flight. With
@@ -434,6 +455,9 @@ class Waves:
             ends=ends,
             damping=damping,
             tangential_damping=tangential_damping,
+            drag=drag,
+            dashpot=dashpot,
+            restitution=restitution,
             duration=duration,
             planes=planes,
             frames=frames,

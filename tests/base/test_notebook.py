@@ -129,6 +129,7 @@ def test_the_table_of_every_class_of_results_is_well_formed(monkeypatch):
             }
             needed["quantity"] = "velocity"
             needed["crystal"] = crystal
+            needed["measured"] = SimpleNamespace(calibrated=True)
             for name, value in (
                 given | {name: value for name, value in needed.items() if name in names}
             ).items():

@@ -24,6 +24,7 @@ from granphon.base.errors import InputError, MissingFileError, Refused, Unverifi
 from granphon.base.results import Result, read_only
 from granphon.dynamics.contact_lattice import Modes
 from granphon.dynamics.local_field import LocalField
+from granphon.dynamics.sensitivities import Sensitivities
 from granphon.fits.fit import Fitted
 from granphon.fits.measurements import Measurements
 from granphon.observables.validity import Check, Validity
@@ -368,6 +369,22 @@ def make_waves_in_strips(packing, results):
     ]
 
 
+def make_derivatives(packing, results):
+    state = results["state"]
+    network = surface_of(packing).network
+    response = gp.Waves(network.cut(1, 3)).response([1e3], (0, "x"), (1, "x"), 1e-6)
+    mass = network.masses[0]
+    goal = gp.MatchFrequencies([5e3], q=[[0.5, 0.0]], branches=[0])
+    return [
+        gp.Phonons(network).sensitivities([[0.1, 0.2]]),
+        gp.moduli(state).sensitivities,
+        gp.sound_velocities(state).sensitivities,
+        response.sensitivities,
+        gp.parameter_sensitivities(packing, lambda one: one.force, "density", force=1.0),
+        gp.design(network, goal, "mass", (0.5 * mass, 2.0 * mass), restarts=0),
+    ]
+
+
 def spread_of(packing):
     return gp.Packing(packing.material, packing.diameter, gp.Uniform(2e-6))
 
@@ -385,6 +402,7 @@ GROUPS = {
     "crystals": make_crystals,
     "waves in samples": make_waves_in_samples,
     "waves in strips": make_waves_in_strips,
+    "derivatives": make_derivatives,
 }
 
 
@@ -413,6 +431,7 @@ def test_every_class_of_results_is_made(made):
         Result,
         Refinable,
         Fitted,
+        Sensitivities,
     }
     assert ours == {cls for group in GROUPS for cls in made(group)}
 
@@ -421,9 +440,11 @@ def list_types(hint):
     """The types of which an annotation is made, none of which is made of others."""
     if get_origin(hint) is Annotated and isinstance(get_args(hint)[1], np.dtype):
         return {get_args(hint)[0]}
-    # the arguments of a function are a list
+    # the arguments of a function are a list, and may be none
     parts = hint if isinstance(hint, list) else get_args(hint)
     inner = [part for part in parts if not isinstance(part, str)]
+    if not inner and isinstance(hint, list):
+        return set()
     return set().union(*map(list_types, inner)) if inner else {hint}
 
 

@@ -9,6 +9,8 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.contacts.motion import MetPairs, MovingContacts
 from granphon.contacts.motion_laws import Powers
+from granphon.contacts.motion_loops import Rules
+from granphon.dynamics.damping import Losses
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 
@@ -22,9 +24,9 @@ def make_contacts(lattice: str, turns: bool) -> tuple[gp.ContactNetwork, MovingC
     pairs = MetPairs(none, none, np.zeros((0, 3), np.intp), np.zeros(0), 0.0)
     overlap = 1.5 * network.normal_force / network.normal_stiffness
     law = Powers(1.5, network.normal_force / overlap**1.5, overlap)
-    times = np.zeros((2, network.n_contacts))
     punch = network.normal_stiffness
-    return network, MovingContacts(network, pairs, law, punch, times, 0.3, turns)
+    rules = Rules(turns, 0.3)
+    return network, MovingContacts(network, pairs, law, punch, Losses.of(network), rules)
 
 
 @pytest.mark.parametrize("turns", [False, True])

@@ -14,6 +14,7 @@ import granphon as gp
 from granphon.base.errors import InputError
 from granphon.figures.modes import _find_network_motion, mode_figure, plot_mode
 from granphon.figures.style import KIND_COLOURS, OTHER_KINDS, colour_kinds
+from tests.dynamics.test_network_lattice import random_network
 from tests.figures.conftest import assert_inside_page, texts, with_gid
 
 MATERIAL = gp.Material(193e9, 0.30, 8000.0)
@@ -179,3 +180,16 @@ def test_of_a_large_network_the_balls_are_drawn_that_move_most(lattice, shape, p
     ax = gp.plot(gp.Waves(crystal.at_pressure(pressure)).modes(1)).axes[0]
     assert f"500 of {crystal.n_balls} balls" in ax.get_title()
     assert texts(ax.get_legend()) == ["steel", "aluminium"]
+
+
+def test_contacts_have_the_colours_of_their_shares_in_a_mode():
+    network = random_network("triangular", (3, 3))
+    modes = gp.Waves(network).modes(2)
+    figure = gp.plot(modes, show="sensitivity", mode=1)
+    (lines,) = (c for c in figure.axes[0].collections if c.get_gid() == "shares")
+    drawn = np.asarray(lines.get_array())
+    assert_allclose(np.sort(drawn), np.sort(np.tile(modes.contact_shares[1], 2)), rtol=1e-12)
+    widths = lines.get_linewidths()
+    assert widths[-1] == max(widths)  # the largest share is on top
+    with pytest.raises(gp.GranphonError, match="show"):
+        gp.plot(modes, show="colour")

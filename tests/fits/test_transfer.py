@@ -101,6 +101,67 @@ def test_fit_is_that_of_scipy_to_the_closed_form(known, hertz):
     assert_allclose(np.exp(1j * found.phase), np.exp(1j * np.angle(best_form)), rtol=1e-9)
 
 
+MASS = UNITS.mass
+STIFFNESS = UNITS.stiffness
+SOME = HERTZ[1::2]
+#: losses of a few percent
+TRUTH = {"drag": 0.04 * OMEGA, "dashpot": 0.05 * STIFFNESS / OMEGA, "restitution": 0.9}
+
+
+def respond(values):
+    """The closed form with drag, dashpots and a restitution: omega^2 - i omega gamma in place of
+    omega^2, and k + i omega c in place of k. The first contact is one with a ball that is held.
+    """
+    omega = 2.0 * math.pi * SOME
+    logarithm = -math.log(values.get("restitution", 1.0))
+    alpha = math.sqrt(10.0 / 3.0) * logarithm / math.hypot(math.pi, logarithm)
+    viscosity = values.get("dashpot", 0.0) + alpha * np.sqrt(
+        STIFFNESS * MASS * np.array([1.0, 0.5])
+    )
+    wall, between = STIFFNESS + 1j * omega * viscosity[:, None]
+    matrix = np.zeros((omega.size, COUNT, COUNT), complex)
+    alone = MASS * (omega**2 - 1j * omega * values.get("drag", 0.0))
+    for ball in range(COUNT):
+        below = wall if ball == 0 else between
+        above = between if ball < COUNT - 1 else 0.0
+        matrix[:, ball, ball] = below + above - alone
+        if ball:
+            matrix[:, ball, ball - 1] = matrix[:, ball - 1, ball] = -between
+    source = np.zeros((omega.size, COUNT, 1), complex)
+    source[:, 0, 0] = wall
+    return np.linalg.solve(matrix, source)[:, -1, 0]
+
+
+@pytest.mark.claim("losses-fit")
+@pytest.mark.parametrize(
+    "names", [("drag",), ("dashpot",), ("restitution",), ("drag", "dashpot")], ids="-".join
+)
+def test_drag_and_dashpots_are_found_alone_and_two_at_once(names):
+    """By the equations of the balls, fitted by SciPy: values, errors and their correlation."""
+    truth = np.array([TRUTH[name] for name in names])
+    data = measure(respond(dict(zip(names, truth, strict=True))))
+    size = np.abs(data)
+    found = fit(gp.TransferFunction(SOME, size, np.angle(data), 0.02 * size), parameters=names)
+
+    def model(_, *scaled):
+        values = respond(dict(zip(names, scaled * truth, strict=True)))
+        return np.concatenate([np.abs(values) / size, np.angle(values / data)])
+
+    wanted = np.concatenate([np.ones(size.size), np.zeros(size.size)])
+    best, covariance = curve_fit(
+        model, None, wanted, np.ones(len(names)), 0.02 * np.ones(wanted.size), absolute_sigma=True
+    )
+    assert_allclose(found.values, best * truth, rtol=1e-4)
+    assert_allclose(found.stderrs, np.sqrt(np.diag(covariance)) * truth, rtol=1e-2)
+    assert np.all(np.abs(found.values - truth) < 3.0 * found.stderrs)
+    scale = np.sqrt(np.diag(covariance))
+    assert_allclose(found.correlation, covariance / np.outer(scale, scale), atol=1e-3)
+    assert_allclose(
+        found.restitution, TRUTH["restitution"] if "restitution" in names else 1.0, rtol=0.02
+    )
+    assert gp.DampingFit.from_dict(found.to_dict()) == found
+
+
 def test_stiffness_and_gain_are_found_with_the_damping_and_errors_follow_from_the_scatter():
     truth = {"damping": TAU, "stiffness": 1.2, "gain": 3.0}
     hertz = HERTZ[::2]
@@ -437,6 +498,19 @@ def test_the_command_fits_the_response_of_a_scene(folder, capsys):
     assert_allclose(fit.loss_factor, 0.01)
     assert (folder / "out" / "fit.png").stat().st_size > 10_000
     assert redraw(folder / "out", folder / "again.png").is_file()
+
+
+@pytest.mark.slow
+def test_the_command_fits_two_losses_and_prints_their_correlation(folder, capsys):
+    """The data are those of a damping alone, so that nothing is left for drag."""
+    names = ["--parameter", "damping", "--parameter", "drag"]
+    assert command("-o", "out", *names) == 0
+    fit = gp.DampingFit.from_dict(read_yaml(folder / "out" / "fit.yaml"))
+    assert_allclose(fit.values[0], 2e-6, rtol=1e-4)
+    assert fit.drag[0] < 3.0 * fit.stderrs[1] + 1.0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert f"correlation of damping and drag {fit.correlation[0, 1]:.2f}" in printed
+    assert -1.0 < fit.correlation[0, 1] < -0.5
 
 
 @pytest.mark.parametrize(

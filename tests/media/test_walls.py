@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.base.errors import InputError
 from tests import packings
+from tests.waves.test_losses import find_viscosity
 
 STEEL = gp.Material(193e9, 0.30, 8000.0)
 BRASS = gp.Material(103e9, 0.34, 8500.0)
@@ -107,6 +108,35 @@ def test_a_ball_between_two_walls_rings_at_the_root_of_both_stiffnesses():
     matrix = np.array([[wall + inner, -inner], [-inner, wall + inner]])
     matrix -= np.eye(2) * BALL.mass * (2.0 * np.pi * 1e3) ** 2
     assert_allclose(response, np.linalg.inv(matrix)[0, 0], rtol=1e-10)
+
+
+@pytest.mark.claim("losses-wall")
+@pytest.mark.parametrize("losses", [{"dashpot": 5.0}, {"restitution": 0.8}], ids=str)
+def test_a_dashpot_at_a_wall_is_that_of_the_mass_of_the_ball(losses):
+    """A ball between a wall and another ball that is held, pushed: m x'' + (c + c') x' + (k + k') x
+    with a dashpot of the reduced mass m at the wall and at the ball that does not move.
+    """
+    network = CHAIN.cut(0, 2, (gp.Wall(BRASS), "clamped")).at_pressure(20.0).network
+    stiffness = network.normal_stiffness
+    viscosity = find_viscosity(losses, stiffness, BALL.mass)
+    ball = int(np.flatnonzero(network.moving)[0])
+    hertz = np.array([2e3, 8e3])
+    found = gp.Waves(network).response(hertz, (ball, "x"), (ball, "x"), **losses)
+    omega = 2.0 * np.pi * hertz
+    resistance = np.sum(stiffness) + 1j * omega * np.sum(viscosity) - BALL.mass * omega**2
+    assert_allclose(found.values[:, 0], 1.0 / resistance, rtol=1e-10)
+
+
+@pytest.mark.claim("losses-wall")
+def test_a_ball_bounces_off_a_wall_with_its_restitution():
+    """And then off the ball behind it, which stood still."""
+    restitution, speed = 0.6, 0.1
+    row = CHAIN.cut(0, 2, (gp.Wall(BRASS), "free"))
+    waves = gp.NonlinearWaves(row, restitution=restitution)
+    run = waves.run(200.0 * waves.find_step(speed), velocities=[[-speed], [0.0], [0.0]], frames=2)
+    back = restitution * speed
+    shared = 0.5 * back * np.array([1.0 - restitution, 1.0 + restitution])
+    assert_allclose(run.velocities[-1, :2, 0], shared, rtol=1e-2)
 
 
 @pytest.mark.claim("wall-glued")

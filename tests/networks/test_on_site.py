@@ -139,6 +139,15 @@ def test_springs_of_rotations_leave_sound():
     assert sound.transverse > free.transverse
     with pytest.raises(InputError, match="resist rotations"):
         gp.moduli(held)
+    # out of the plane the balls resist each other's slip, as they cannot turn with the wave
+    packing = gp.Packing(STEEL, 8e-3, motions="all", torsion=0.01, bending=0.01)
+    sheet = gp.AveragedLattice(packing).at_force(20.0).network
+    assert gp.sound_velocities(sheet, (1, 0)).velocities[0] == 0.0
+    held_sheet = replace(sheet, on_site=np.array([[0.0, 0.0, 0.0, 1.0, 1.0, 1.0]]))
+    across = gp.sound_velocities(held_sheet, (1, 0)).velocities[0]
+    beside = gp.Phonons(held_sheet).frequencies([[1e-5, 0.0]])[0, 0]
+    length = 1e-5 * np.linalg.norm(np.linalg.inv(sheet.cell[:2, :2])[:, 0])
+    assert_allclose(across, beside / length, rtol=1e-7)
     # without friction a ball turns alone, at (k/I)^1/2
     smooth = make_chain(motions="in_plane", friction=False, on_site={"rotation": 2.0})
     assert smooth.ball_motions.rotate

@@ -38,6 +38,7 @@ from granphon.page.page import (
 )
 from granphon.page.phononwebsite import write_phononwebsite
 from granphon.phonons.paths import BandPath
+from granphon.waves.settings import BandsSettings
 from tests.conftest import one_error, only
 from tests.dynamics.test_network_lattice import CASES as NETWORKS
 from tests.dynamics.test_network_lattice import ribbon
@@ -354,6 +355,21 @@ def test_kinds_have_their_colours_sizes_and_names_on_the_page():
     assert "large &amp; &lt;b>heavy" in table
     assert "<b>" not in table
     assert describe_network_page(gp.Crystal.on("square", [large]).at_pressure(10.0))["kinds"] == []
+
+
+@pytest.mark.parametrize("ground", [0.0, 1e6])
+def test_a_page_has_the_losses_that_are_the_same_in_all_motions(ground):
+    """Springs to the ground lose none: over these only drag is the same in all motions."""
+    crystal = gp.Crystal.on("chain", [gp.Ball(STEEL, 8e-3)], on_site=ground).at_pressure(10.0)
+
+    def find_losses(**losses):
+        return describe_network_page(crystal, losses=BandsSettings(**losses))["losses"]
+
+    assert find_losses(drag=40.0) == {"damping": 0.0, "loss_factor": 0.0, "drag": 40.0}
+    of_contacts = find_losses(damping=1e-6, drag=(40.0, 40.0))
+    assert of_contacts == (None if ground else {"damping": 1e-6, "loss_factor": 0.0, "drag": 40.0})
+    for other in ({"drag": (40.0, 0.0)}, {"loss_factor": (0.1, 0.2)}, {"restitution": 0.9}):
+        assert find_losses(**other) is None
 
 
 @needs_node

@@ -261,7 +261,7 @@ def test_a_click_on_a_branch_shows_its_mode(chromium, folder):
 
 
 def test_a_mode_tells_the_q_factor_of_its_losses(chromium, tmp_path):
-    losses = BandsSettings(5e-7, 0.02)
+    losses = BandsSettings(damping=5e-7, loss_factor=0.02, drag=2e3)
     balls = replace(BALLS, lattice="square")
     (tmp_path / "losses.html").write_text(
         make_page(balls, (), FORCE, losses=losses), encoding="utf-8"
@@ -277,7 +277,7 @@ def test_a_mode_tells_the_q_factor_of_its_losses(chromium, tmp_path):
         # static forces: contacts no longer lose all alike
         assert ", Q " not in page.inner_text("#mode-words")
     state = gp.AveragedLattice(balls).at_force(float(FORCE.array))
-    exact = gp.Phonons(state).damped([q], losses.damping, losses.loss_factor).quality[0, 2]
+    exact = gp.Phonons(state).damped([q], **losses.losses).quality[0, 2]
     assert float(re.search(r", Q ([0-9.]+[0-9])", told)[1]) == pytest.approx(exact, rel=6e-3)
 
 

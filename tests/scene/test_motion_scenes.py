@@ -192,17 +192,31 @@ def test_the_figure_of_a_single_state_is_drawn_from_its_files(tmp_path):
 
 
 def test_balls_that_may_go_anywhere_by_steps_that_keep_the_energy(tmp_path):
-    """Block ``motion`` reaches the true directions and the implicit scheme; both are those of the
-    call.
+    """Block ``motion`` reaches the true directions, the implicit scheme and all losses; they are
+    those of the call.
     """
-    text = PLANE.replace("frames: 21", "frames: 3\n  geometry: exact\n  scheme: midpoint")
+    words = (
+        "geometry: exact\n  scheme: midpoint\n  viscous_pull: limited\n  coulomb: total\n"
+        "  drag: [40 1/s, 20 1/s]\n  dashpot: 0.3 N*s/m\n  restitution: 0.95"
+    )
+    text = PLANE.replace("frames: 21", f"frames: 3\n  {words}")
     text = text.replace("repeat: 5 1", "repeat: 2 1").replace("duration: 40 us", "duration: 4 us")
     one = scene(text, DRIVE="{balls: 2, impact: 2 m/s, direction: 0 1}")
     result = one.run(tmp_path, figures=False)
     network = one.state().network.repeat((2, 1)).cut(1, 4, ("floor", "free"))
     velocities = np.zeros((network.n_balls, 3))
     velocities[2, 1] = 2.0
-    waves = gp.NonlinearWaves(network, friction_coefficient=0.3, damping=1e-6, geometry="exact")
+    waves = gp.NonlinearWaves(
+        network,
+        friction_coefficient=0.3,
+        damping=1e-6,
+        drag=(40.0, 20.0),
+        dashpot=0.3,
+        restitution=0.95,
+        viscous_pull="limited",
+        coulomb="total",
+        geometry="exact",
+    )
     assert result.waves.motion == waves.run(
         4e-6, velocities=velocities, frames=3, scheme="midpoint"
     )

@@ -427,3 +427,26 @@ def test_losses_of_a_scene_reach_from_none_to_a_bound():
             CHAIN.replace("{from: 400 Hz, to: 14 kHz, points: 30, scale: linear}", "[1e200 Hz]"),
             FORCE="10 N",
         )
+
+
+def test_drag_dashpots_and_restitutions_of_a_scene_are_those_of_python():
+    words = "  drag: [2000 1/s, 10 1/s]\n  dashpot: 3 N*s/m\n  restitution: 0.9\n"
+    one = scene(CHAIN + words, FORCE="10 N")
+    losses = {"drag": (2000.0, 10.0), "dashpot": 3.0, "restitution": 0.9}
+    assert {name: one.response.losses[name] for name in losses} == losses
+    assert gp.Scene.from_text(one.to_yaml()) == one
+    amplitudes = complex_of(one.sweep(), "transmissibility")[0, 0]
+    response = one.response
+    waves = gp.Waves(response.shape(one.state().network))
+    found = waves.response(
+        FREQUENCIES, "plane", [(19, "x"), (0, "x")], quantity="transmissibility", **losses
+    )
+    assert_allclose(amplitudes, found.values, rtol=1e-9)
+    for line, told in (
+        ("restitution: 0", "restitution"),
+        ("restitution: 1.2", "restitution"),
+        ("drag: -1 1/s", "negative"),
+        ("dashpot: 3 kg", "viscosity"),
+    ):
+        with pytest.raises(SceneError, match=told):
+            scene(f"{CHAIN}  {line}\n", FORCE="10 N")

@@ -575,14 +575,19 @@ def test_the_step_of_a_run_is_known_before(speed):
 
 
 @pytest.mark.claim("nonlinear-drive")
-@pytest.mark.parametrize("frames", [2, 41])
+@pytest.mark.parametrize(
+    ("frames", "ground", "losses"),
+    [(2, 0.0, {}), (41, 0.0, {}), (2, 1e7, {"drag": 2e3, "dashpot": 20.0})],
+    ids=str,
+)
 @pytest.mark.parametrize("scheme", ["verlet", pytest.param("midpoint", marks=pytest.mark.slow)])
-def test_the_step_follows_what_a_drive_presses(frames, scheme):
+def test_the_step_follows_what_a_drive_presses(frames, scheme, ground, losses):
     """Three balls that only touch, pushed by a force: as SciPy integrates them, however few the
-    frames.
+    frames; alone, or held by springs to the ground and with losses.
     """
     ball = gp.Ball(STEEL, D)
-    waves = gp.NonlinearWaves(gp.Crystal.on("chain", [ball]).cut(0, 3))
+    chain = gp.Crystal.on("chain", [ball], on_site=ground).cut(0, 3)
+    waves = gp.NonlinearWaves(chain, **losses)
     duration = 3e-4
 
     def push_first(time):
@@ -595,9 +600,12 @@ def test_the_step_follows_what_a_drive_presses(frames, scheme):
     coefficient = modulus * math.sqrt(D) / 3.0  # (4/3) E* (d/4)^(1/2), with E* half the modulus
 
     def accelerate(time, state):
-        forces = coefficient * np.maximum(-np.diff(state[:3]), 0.0) ** 1.5
+        overlaps = -np.diff(state[:3])
+        forces = coefficient * np.maximum(overlaps, 0.0) ** 1.5
+        forces -= np.where(overlaps > 0.0, losses.get("dashpot", 0.0), 0.0) * np.diff(state[3:])
         pushes = np.array([push_first(time) - forces[0], forces[0] - forces[1], forces[1]])
-        return np.concatenate([state[3:], pushes / ball.mass])
+        resistance = ground * state[:3] + ball.mass * losses.get("drag", 0.0) * state[3:]
+        return np.concatenate([state[3:], (pushes - resistance) / ball.mass])
 
     exact = solve_ivp(accelerate, (0.0, duration), np.zeros(6), rtol=1e-8, atol=1e-14)
     speeds = exact.y[3:, -1]

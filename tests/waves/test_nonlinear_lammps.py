@@ -264,3 +264,84 @@ def test_contacts_of_jkr_are_as_stiff_in_shear_as_in_lammps():
     theirs = collide_in_lammps(0.0, 1000, 1e-7, -float(waves.overlap[0]), 0.01, 1e3)[1][:, 2]
     assert np.all(np.abs(ours - 0.01) > 1e-4)
     assert_allclose(ours - 0.01, theirs - 0.01, rtol=3e-3)
+
+
+STEEL_PAIR = [gp.Ball(STEEL, D)] * 2
+
+
+def bounce_in_lammps(motions, step, steps, damping, tangential="linear_nohistory 0 0"):
+    """Velocities and spins (n, 3) of two balls of steel that touch, after some steps from
+    ``motions`` (n, 6) at the start; ``damping`` is a restitution and the words of a damping.
+    """
+    lmp = packings.start_or_skip()
+    side = 20.0 * D
+    places = np.full((2, 3), 10.0 * D)
+    places[1, 0] += D
+    packings.fill(lmp, f"block 0 {side!r} 0 {side!r} 0 {side!r}", places, dimension=3)
+    restitution, words = damping
+    law = f"{STEEL.young_modulus!r} {restitution!r} {STEEL.poisson_ratio!r}"
+    lmp.commands_string(f"""
+        set group all diameter {D!r} density {STEEL.density!r}
+        pair_style granular
+        pair_coeff * * hertz/material {law} tangential {tangential} damping {words}
+        neighbor 1e-3 bin
+        fix move all nve/sphere
+        timestep {step!r}""")
+    for name, values in (("v", motions[:, :3]), ("omega", motions[:, 3:])):
+        lmp.scatter_atoms(name, 1, 3, (ctypes.c_double * values.size)(*values.ravel()))
+    lmp.command(f"run {steps} post no")
+    found = [np.array(lmp.gather_atoms(name, 1, 3)).reshape(-1, 3) for name in ("v", "omega")]
+    lmp.close()
+    return found
+
+
+@pytest.mark.claim("losses-lammps")
+@pytest.mark.parametrize(
+    ("words", "restitution"),
+    [("tsuji", 0.3), ("tsuji", 0.9), ("coeff_restitution", 0.5), ("tsuji limit_damping", 0.5)],
+)
+def test_a_collision_loses_as_much_as_in_lammps(words, restitution):
+    """LAMMPS has Tsuji's polynomial in e for the dashpot, made for the mass of a ball, with the
+    reduced mass: collisions have another restitution, which follows from our law of the dashpot.
+    """
+    own = restitution
+    if "tsuji" in words:
+        powers = [4.8218, -18.022, 27.467, -22.348, 11.087, -4.2783, 1.2728]
+        ratio = np.polyval(powers, restitution) / np.sqrt(5.0)
+        own = float(np.exp(-np.pi * ratio / np.sqrt(1.0 - ratio**2)))
+        assert own > restitution + 0.02
+    pair = gp.Crystal(STEEL_PAIR, [], [[0.0], [D]], friction=False)
+    pull = "limited" if "limit" in words else "whole"
+    waves = gp.NonlinearWaves(pair, restitution=own, viscous_pull=pull)
+    step = waves.find_step(0.05) / 16.0
+    ours = waves.run(4800 * step, velocities=[[0.05], [-0.05]], frames=2, step=step)
+    motions = np.zeros((2, 6))
+    motions[:, 0] = 0.05, -0.05
+    theirs, _ = bounce_in_lammps(motions, step, 4800, (restitution, words))
+    assert_allclose(ours.velocities[-1, :, 0], theirs[:, 0], rtol=1e-3)
+
+
+@pytest.mark.claim("losses-lammps")
+@pytest.mark.parametrize("speed", [0.05, 0.2])
+def test_coulombs_limit_of_all_forces_is_that_of_lammps(speed):
+    """An oblique collision with slip: that of the law alone lets other spins remain."""
+    pair = gp.Crystal(STEEL_PAIR, [], [[0.0, 0.0], [D, 0.0]])
+    motions = np.zeros((2, 6))
+    motions[:, 0] = 0.05, -0.05
+    motions[:, 1] = 0.5 * speed, -0.5 * speed
+    found = {}
+    for coulomb in ("total", "elastic"):
+        waves = gp.NonlinearWaves(
+            pair, restitution=0.5, friction_coefficient=MU, coulomb=coulomb, geometry="exact"
+        )
+        step = gp.NonlinearWaves(pair, restitution=0.5).find_step(0.05) / 4.0
+        run = waves.run(1200 * step, velocities=motions[:, :3], frames=2, step=step)
+        found[coulomb] = run.velocities[-1], run.spins[-1]
+    tangential = f"mindlin_rescale/force NULL 1.0 {MU!r}"
+    velocities, spins = bounce_in_lammps(
+        motions, step, 1200, (0.5, "coeff_restitution"), tangential
+    )
+    scale = np.max(np.abs(spins))
+    assert_allclose(found["total"][0], velocities, atol=1e-3 * 0.05)
+    assert_allclose(found["total"][1], spins, atol=1e-3 * scale)
+    assert np.max(np.abs(found["elastic"][1] - spins)) > 0.02 * scale

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
+from tests.waves.test_losses import find_viscosity
 from tests.waves.test_nonlinear import STEEL, line, push
 from tests.waves.test_response import HERTZ, OMEGA, UNITS, D, chain, ideal, springs
 
@@ -30,6 +31,30 @@ def held_chain(balls=6):
 def respond(network, receiver, omega=FREQUENCIES, source=(0, "x"), **options):
     losses = {"damping": TIME / OMEGA, "loss_factor": LOSS} | options
     return gp.Waves(network).response(omega * HERTZ, source, receiver, **losses)
+
+
+@pytest.mark.claim("sensors-response")
+@pytest.mark.parametrize("losses", [{"dashpot": 20.0}, {"restitution": 0.7, "drag": 1e3}], ids=str)
+def test_force_of_a_contact_has_that_of_all_its_dashpots(losses):
+    """F = -(k (1 + i eta + i omega tau) + i omega c) (u_j - u_i): drag acts on balls alone. The
+    reduced mass at the floor is that of a ball.
+    """
+    network = held_chain()
+    found = respond(network, [(2, 3), (3, "x"), "floor"], quantity="force", **losses)
+    displacements = respond(network, (np.arange(6), "x"), **losses).values
+
+    def find_force(elongation, mass):
+        """The force of a contact of balls with a reduced ``mass``."""
+        viscous = 1j * FREQUENCIES * OMEGA * find_viscosity(losses, K, mass)
+        return -(K * (1.0 + 1j * (LOSS + FREQUENCIES * TIME)) + viscous) * elongation
+
+    before, after = (
+        find_force(displacements[:, ball + 1] - displacements[:, ball], 0.5 * UNITS.mass)
+        for ball in (2, 3)
+    )
+    assert_allclose(found.values[:, 0], before, rtol=1e-9)
+    assert_allclose(found.values[:, 1], 0.5 * (before + after), rtol=1e-9)
+    assert_allclose(found.values[:, 2], find_force(-displacements[:, 5], UNITS.mass), rtol=1e-9)
 
 
 @pytest.mark.claim("sensors-response")

@@ -132,11 +132,11 @@ function drawMode() {
     (modeView.renderer ? "" : ". This browser has no WebGL, which the moving picture needs");
 }
 
-// Q of a mode of the angular frequency w without losses, 1/s, from its complex one, whose square is w² (1 + i eta + i tau omega)
+// Q of a mode of the angular frequency w without losses, 1/s, from its complex one, whose square is w² (1 + i eta + i tau omega) + i gamma omega
 function printQuality(w) {
-  const { loss_factor: eta, damping: tau } = data.losses ?? {};
-  if (!(eta || tau) || !(w > 0) || (data.fixed ? data.fixed.push : state.overlap)) return "";
-  const creep = 0.5 * tau * w * w;
+  const { loss_factor: eta, damping: tau, drag: gamma } = data.losses ?? {};
+  if (!(eta || tau || gamma) || !(w > 0) || (data.fixed ? data.fixed.push : state.overlap)) return "";
+  const creep = 0.5 * (tau * w * w + gamma);
   const real = w * w - creep * creep, imaginary = eta * w * w;
   const size = Math.hypot(real, imaginary), root = Math.sqrt(0.5 * (size + real));
   const lost = root ? imaginary / (2 * root) : Math.sqrt(size);

@@ -1,0 +1,310 @@
+"""What a design is to reach: a wide gap, given frequencies, a low velocity, a response.
+
+A goal gives a number of a network, and its derivatives by the fields of
+:class:`granphon.Sensitivities`. The edges of a gap are a largest and a smallest frequency over
+branches and wave vectors, which jump from one to another as the network changes. The search takes
+smooth ones: t log sum exp(f/t) over all of them lies above the largest by t times the logarithm of
+their number at most, and has derivatives everywhere (the Kreisselmeier-Steinhauser function, 1979).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from granphon.base.arrays import Array
+from granphon.base.errors import InputError
+from granphon.base.validation import finite_array, positive, real_array
+from granphon.networks.network import ContactNetwork
+from granphon.observables.velocities import sound_velocities
+from granphon.phonons.phonons import Phonons
+from granphon.waves.response import QUANTITIES
+from granphon.waves.waves import Waves
+
+#: names of the derivatives that goals have
+NAMES = (
+    "normal_stiffness",
+    "shear_stiffness",
+    "torsion",
+    "bending",
+    "mass",
+    "inertia",
+    "normal_force",
+)
+#: points of the mesh of a gap along each of one, two and three periods
+_MESHES = (48, 12, 6)
+#: how much finer the mesh is on which a gap is certified
+FINER = 4
+#: smoothing t of a gap, over the top frequency
+_SMOOTH = 2e-3
+#: weight of a frequency in a smooth edge from which its derivatives count
+_LEAST_WEIGHT = 1e-9
+#: misfit, in standard deviations, or relative without these, above which frequencies are not
+#: matched
+_FAR = 3.0
+_FAR_RELATIVE = 1e-3
+
+
+class Goal(Protocol):
+    """A goal of :func:`granphon.design`; an object of your own with these serves, too.
+
+    ``largest`` says that the largest value is sought, not the smallest.
+    """
+
+    largest: bool
+
+    def evaluate(self, network: ContactNetwork) -> tuple[float, Mapping[str, Any]]:
+        """Return the value of a network, and its derivatives (n_c,), or (n,) of balls, by the names
+        of :class:`granphon.Sensitivities`, those that are not zero.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class WidestGap:
+    """The widest complete gap between two branches, Hz.
+
+    Parameters
+    ----------
+    near : frequency, Hz: the gap is that between the branches below and above it in the network
+        with which the search begins; None for the widest gap of all.
+    mesh : numbers of wave vectors along each period for the search; by default 48, 12 x 12, or 6 x
+        6 x 6. The gap that is found is that on a mesh four times finer.
+    branches : number of branches below the gap, in place of ``near``.
+    smoothing : Hz, the t of the edges; by default 2e-3 of the top frequency of the network with
+        which the search begins.
+    """
+
+    near: float | None = None
+    mesh: tuple[int, ...] | None = None
+    branches: int | None = None
+    smoothing: float | None = None
+    unit = "Hz"
+    largest = True
+
+    def choose(self, network: ContactNetwork, most: int) -> list[WidestGap]:
+        """Return up to ``most`` goals of a given number of branches below the gap, the most
+        promising first, for a search that begins at a ``network``.
+        """
+        frequencies = self._find_frequencies(Phonons(network))[1]
+        tops = frequencies.max(axis=0)
+        smoothing = self.smoothing or _SMOOTH * float(tops[-1])
+        chosen = replace(self, near=None, smoothing=smoothing)
+        if self.branches is not None:
+            return [chosen]
+        bottoms = frequencies.min(axis=0)
+        if self.near is not None:
+            near = positive("near", self.near, "Hz")
+            below = int(np.count_nonzero(np.mean(frequencies, axis=0) < near))
+            if below in (0, frequencies.shape[1]):
+                raise InputError(
+                    f"no gap can be near {near:g} Hz",
+                    f"The branches lie from {bottoms[0]:.6g} to {tops[-1]:.6g} Hz",
+                    "Choose a frequency between two branches",
+                )
+            return [replace(chosen, branches=below)]
+        widths = bottoms[1:] - tops[:-1]
+        order = np.argsort(-widths, kind="stable")[:most]
+        return [replace(chosen, branches=1 + int(number)) for number in order]
+
+    def _list_numbers(self, periods: int) -> tuple[int, ...]:
+        return self.mesh or (_MESHES[periods - 1],) * periods
+
+    def _find_frequencies(self, phonons: Phonons) -> tuple[Array, Array]:
+        """Return wave vectors (n_q, p), fractions, and frequencies (n_q, n_b), Hz."""
+        numbers = self._list_numbers(phonons.lattice.periods)
+        axes = [np.arange(number) / number for number in numbers]
+        axes[0] = axes[0][: numbers[0] // 2 + 1]  # q and -q have the same frequencies
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(numbers))
+        return points, phonons.frequencies(points)
+
+    def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
+        """Return the smooth width of the gap, Hz, and its derivatives (n_c,), or (n,) of balls."""
+        assert self.branches is not None  # as choose has made them
+        assert self.smoothing is not None
+        phonons = Phonons(network)
+        points, frequencies = self._find_frequencies(phonons)
+        lower = frequencies[:, : self.branches]
+        upper = frequencies[:, self.branches :]
+        top, weights_below = _smooth_largest(lower, self.smoothing)
+        bottom, weights_above = _smooth_largest(-upper, self.smoothing)
+        weights = np.concatenate([-weights_below, weights_above], axis=1)
+        slopes: dict[str, Any] = {}
+        for number in np.flatnonzero(np.any(np.abs(weights) > _LEAST_WEIGHT, axis=1)).tolist():
+            branches = np.flatnonzero(np.abs(weights[number]) > _LEAST_WEIGHT)
+            found = phonons.sensitivities(points[number : number + 1], branches)
+            _add(slopes, found, weights[number, branches])
+        return -bottom - top, slopes
+
+    def certify(self, network: ContactNetwork) -> float:
+        """Return the width of the gap, Hz, on a mesh four times finer; zero of a gap that is
+        closed.
+        """
+        phonons = Phonons(network)
+        numbers = self._list_numbers(phonons.lattice.periods)
+        below, gaps = phonons.find_gaps([FINER * number for number in numbers])
+        is_gap = below == self.branches
+        return float(np.sum(np.diff(gaps[is_gap], axis=1)))
+
+    def judge(self, network: ContactNetwork, value: float) -> str:
+        """Return a sentence if there is no gap, or nothing."""
+        if value > 0.0:
+            return ""
+        return f"no gap opens between branches {self.branches} and {self.branches + 1}"  # type: ignore[operator]
+
+
+@dataclass(frozen=True)
+class MatchFrequencies:
+    """Measured frequencies: the least sum of the squares of misfits over their errors.
+
+    Parameters
+    ----------
+    measured : (m,) Hz, ascending: of the lowest modes of the network that cost energy; or with
+        ``q``, (n_q, b) of its branches.
+    sigma : standard errors, Hz, a number or of the shape of ``measured``; None for errors in
+        proportion to the frequencies.
+    q : (n_q, p) wave vectors, fractions of the reciprocal cell.
+    branches : (b,) numbers of the branches at these, from 0; the first ones by default.
+    """
+
+    measured: Any
+    sigma: Any = None
+    q: Any = None
+    branches: Any = None
+    unit = "1"
+    largest = False
+
+    def find_residuals(self, network: ContactNetwork) -> tuple[Array, dict[str, Any]]:
+        """Return the misfits over their errors, (m,), and their derivatives (m, ...)."""
+        measured = finite_array("measured", self.measured, "Hz", "above zero")
+        sigma = measured if self.sigma is None else real_array("sigma", self.sigma)
+        errors = np.broadcast_to(sigma, measured.shape).ravel()
+        if self.q is None:
+            modes = Waves(network).modes(measured.size)
+            found: Any = modes.sensitivities
+        else:
+            points = np.reshape(self.q, (len(self.q), -1))
+            count = measured.size // len(points)
+            branches = np.arange(count) if self.branches is None else self.branches
+            found = Phonons(network).sensitivities(points, branches)
+        frequencies = found.frequencies.ravel()
+        if frequencies.size != measured.size:
+            raise InputError(
+                f"{measured.size} frequencies are measured, and the goal has {frequencies.size}",
+                mend="Give a frequency for each branch at each wave vector",
+            )
+        residuals = (frequencies - measured.ravel()) / errors
+        slopes = {}
+        for name in NAMES:
+            values = getattr(found, name)
+            if values is not None:
+                by_row = values.reshape(frequencies.size, -1)
+                slopes[name] = np.nan_to_num(by_row) / errors[:, None]
+        return residuals, slopes
+
+    def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
+        """Return the sum of the squares of the misfits over their errors, without a unit, and its
+        derivatives (n_c,), or (n,) of balls.
+        """
+        residuals, slopes = self.find_residuals(network)
+        doubled = {name: 2.0 * residuals @ slope for name, slope in slopes.items()}
+        return float(residuals @ residuals), doubled
+
+    def judge(self, network: ContactNetwork, value: float) -> str:
+        """Return a sentence if some frequency is not matched, or nothing."""
+        residuals, _ = self.find_residuals(network)
+        worst = float(np.max(np.abs(residuals)))
+        if worst <= (_FAR_RELATIVE if self.sigma is None else _FAR):
+            return ""
+        unit = "of it" if self.sigma is None else "standard errors"
+        return f"the goal is not reached: a measured frequency is missed by {worst:.3g} {unit}"
+
+
+@dataclass(frozen=True)
+class LowestVelocity:
+    """The lowest velocity of sound along a direction, m/s.
+
+    Parameters
+    ----------
+    direction : (p,) Cartesian, as for :func:`granphon.sound_velocities`.
+    wave : number of the wave in the order of ``velocities``, ascending.
+    """
+
+    direction: ArrayLike | None = None
+    wave: int = 0
+    unit = "m/s"
+    largest = False
+
+    def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
+        """Return the velocity, m/s, and its derivatives (n_c,), or (n,) of balls."""
+        found = sound_velocities(network, self.direction).sensitivities
+        weights = np.eye(found.velocities.size)[self.wave]
+        slopes: dict[str, Any] = {}
+        _add(slopes, found, weights)
+        return float(found.velocities[self.wave]), slopes
+
+
+@dataclass(frozen=True, init=False)
+class ResponseAt:
+    """The magnitude of a response at a frequency, m/N or in the unit of its quantity.
+
+    Parameters
+    ----------
+    frequency : Hz.
+    source, receiver, options : as for :meth:`granphon.Waves.response`; of several receivers the
+        mean over them counts.
+    largest : whether the largest response is sought; by default the smallest.
+    """
+
+    frequency: float
+    source: Any
+    receiver: Any
+    largest: bool
+    options: dict[str, Any]
+
+    @property
+    def unit(self) -> str:
+        """The unit of the response."""
+        return QUANTITIES[self.options.get("quantity", "displacement")]
+
+    def __init__(
+        self, frequency: float, source: Any, receiver: Any, *, largest: bool = False, **options: Any
+    ) -> None:
+        values = (frequency, source, receiver, largest, options)
+        for name, value in zip(self.__dataclass_fields__, values, strict=True):
+            object.__setattr__(self, name, value)
+
+    def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
+        """Return the magnitude, in ``unit``, and its derivatives (n_c,), or (n,) of balls."""
+        waves = Waves(network)
+        response = waves.response([self.frequency], self.source, self.receiver, **self.options)
+        found = response.sensitivities
+        mean = complex(response.coherent[0])
+        size = abs(mean)
+        slopes = {}
+        for name in NAMES:
+            values = getattr(found, name)
+            if values is not None and size > 0.0:
+                slopes[name] = (np.conj(mean) * np.mean(values[0], axis=0)).real / size
+        return size, slopes
+
+
+def _smooth_largest(values: Array, t: float) -> tuple[float, Array]:
+    """Return a smooth largest of ``values``, and its derivatives by them, which add up to one."""
+    highest = float(np.max(values))
+    exponentials = np.exp((values - highest) / t)
+    total = float(np.sum(exponentials))
+    return highest + t * float(np.log(total)), exponentials / total
+
+
+def _add(slopes: dict[str, Any], found: Any, weights: Array) -> None:
+    """Add to ``slopes`` the derivatives of results times their ``weights`` (b,)."""
+    for name in NAMES:
+        values = getattr(found, name)
+        if values is not None:
+            rows = np.nan_to_num(values.reshape(len(weights), -1))
+            slopes[name] = slopes.get(name, 0.0) + weights @ rows

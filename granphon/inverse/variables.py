@@ -1,0 +1,236 @@
+"""The variables of a design: numbers of the balls or contacts of a network, one for each, or one
+for all of a kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+
+from granphon.base.arrays import Array, Index
+from granphon.base.errors import InputError, brief
+from granphon.base.validation import finite_array, one_of, texts
+from granphon.networks.network import ContactNetwork
+
+#: what may vary: the field of a network that is the variable, the fields that change in proportion
+#: with it, and of each the name of its derivative
+VARIED = {
+    "mass": {"masses": "mass", "inertias": "inertia"},
+    "inertia": {"inertias": "inertia"},
+    "stiffness": {
+        "normal_stiffness": "normal_stiffness",
+        "shear_stiffness": "shear_stiffness",
+        "torsion_stiffness": "torsion",
+        "bending_stiffness": "bending",
+    },
+    "normal_stiffness": {"normal_stiffness": "normal_stiffness"},
+    "shear_stiffness": {"shear_stiffness": "shear_stiffness"},
+    "torsion": {"torsion_stiffness": "torsion"},
+    "bending": {"bending_stiffness": "bending"},
+}
+#: what has a variable of its own: every ball or contact, or every kind
+PER = ("each", "kind")
+#: relative distance by which a start may lie outside of its bounds: rounding
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Variables of one name: ``members`` (m,) of the field, the number (m,) of the variable of
+    each, from 0, and the ``labels`` of the variables.
+    """
+
+    name: str
+    members: Index
+    numbers: Index
+    labels: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of variables."""
+        return len(self.labels)
+
+    @property
+    def fields(self) -> dict[str, str]:
+        """The fields of a network, the first of which is the variable, with their derivatives."""
+        return VARIED[self.name]
+
+
+@dataclass(frozen=True)
+class Variables:
+    """The variables of a design.
+
+    ``low``, ``high`` and ``start`` are (n,), SI.
+    """
+
+    network: ContactNetwork
+    groups: tuple[_Group, ...]
+    low: Array
+    high: Array
+    start: Array
+
+    @classmethod
+    def of(cls, network: ContactNetwork, vary: Any, bounds: Any, per: str) -> Self:
+        """Return the variables from the arguments of :func:`granphon.design`.
+
+        InputError for unknown names, bounds that are no two ascending numbers, and for a start
+        outside of its bounds.
+        """
+        one_of("per", per, PER)
+        names = texts("vary", vary)
+        if not names:
+            raise InputError("nothing varies", mend=f"Use {', '.join(VARIED)}")
+        varied: list[str] = []
+        for name in names:
+            varied += VARIED[one_of("vary", name, tuple(VARIED))]
+        if len(set(varied)) < len(varied):
+            raise InputError(
+                f"{' and '.join(names)} vary the same numbers of the network", mend="Leave one out"
+            )
+        groups = tuple(_make_group(network, name, per) for name in names)
+        low = []
+        high = []
+        start = []
+        for group in groups:
+            least, largest = read_bounds(group.name, bounds, names)
+            values = getattr(network, next(iter(group.fields)))[group.members]
+            sums = np.bincount(group.numbers, values, group.count)
+            start.append(sums / np.bincount(group.numbers, minlength=group.count))
+            low.append(np.full(group.count, least))
+            high.append(np.full(group.count, largest))
+        variables = cls(network, groups, *map(np.concatenate, (low, high, start)))
+        variables._require_inside()
+        return variables
+
+    def _require_inside(self) -> None:
+        """Raise InputError for a start outside of its bounds."""
+        margin = _ROUNDING * self.high
+        outside = (self.start < self.low - margin) | (self.start > self.high + margin)
+        if np.any(outside):
+            number = int(np.argmax(outside))
+            raise InputError(
+                f"the {self.labels[number]} of the network is {self.start[number]:.6g}, outside of"
+                f" its bounds, {self.low[number]:.6g} to {self.high[number]:.6g}",
+                mend="Widen the bounds, or start from another network",
+            )
+
+    @property
+    def labels(self) -> list[str]:
+        """What each variable is called in messages."""
+        return [f"{group.name} of {label}" for group in self.groups for label in group.labels]
+
+    def split(self, values: Array) -> list[Array]:
+        """Return the values (n,) of the variables, group by group."""
+        return np.split(values, np.cumsum([group.count for group in self.groups])[:-1])
+
+    def make_network(self, values: Array) -> ContactNetwork:
+        """Return the network with these values (n,) of the variables, SI."""
+        fields: dict[str, Any] = {}
+        for group, of_group in zip(self.groups, self.split(values), strict=True):
+            new_values = of_group[group.numbers]
+            main = next(iter(group.fields))
+            old_values = getattr(self.network, main)[group.members]
+            for name in group.fields:
+                changed = np.array(getattr(self.network, name))
+                if name == main:
+                    changed[group.members] = new_values
+                else:
+                    changed[group.members] *= new_values / old_values
+                fields[name] = changed
+        return replace(self.network, lattice=None, shape=None, **fields)
+
+    def chain(self, network: ContactNetwork, slopes: Mapping[str, Any]) -> Array:
+        """Return the derivatives (..., n) by the variables, from ``slopes`` (..., n_c), or (..., n)
+        of balls, of a ``network`` of :meth:`make_network`, by the names of derivatives.
+        """
+        columns = []
+        for group in self.groups:
+            main = next(iter(group.fields))
+            values = getattr(network, main)[group.members]
+            total: Any = 0.0
+            for field, name in group.fields.items():
+                slope = slopes.get(name)
+                if slope is None:
+                    continue
+                of_members = np.asarray(slope)[..., group.members]
+                if field != main:  # in proportion
+                    of_members = of_members * getattr(network, field)[group.members] / values
+                total = total + of_members
+            by_member = np.zeros(len(group.members)) + total
+            sums = np.zeros((group.count, *by_member.shape[:-1]))
+            np.add.at(sums, group.numbers, np.moveaxis(by_member, -1, 0))
+            columns.append(np.moveaxis(sums, 0, -1))
+        return np.concatenate(columns, axis=-1)
+
+    def read_sums(self, constraints: Mapping[str, float] | None) -> list[tuple[Array, float]]:
+        """Return weights (n,) and totals of the sums over all balls or contacts that constraints,
+        {name: total}, keep; InputError for names that do not vary, and totals out of reach.
+        """
+        given: Any = constraints or {}
+        if not isinstance(given, Mapping):
+            mend = 'Give a mapping of a varied name to a sum, as {"mass": 0.1}'
+            raise InputError(f"constraints is {brief(given)}", mend=mend)
+        sums = []
+        names = [group.name for group in self.groups]
+        for name, total in given.items():
+            one_of("constraints", name, tuple(names))
+            weights = np.zeros(len(self.start))
+            parts = self.split(weights)
+            group = self.groups[names.index(name)]
+            parts[names.index(name)][:] = np.bincount(group.numbers, minlength=group.count)
+            value = float(finite_array("constraints", total))
+            if not weights @ self.low <= value <= weights @ self.high:
+                raise InputError(
+                    f"the sum of the {name}, {value:.6g}, is out of reach",
+                    f"The bounds allow {weights @ self.low:.6g} to {weights @ self.high:.6g}",
+                )
+            sums.append((weights, value))
+        return sums
+
+
+def _make_group(network: ContactNetwork, name: str, per: str) -> _Group:
+    """Return the variables of a ``name``: those of bodies that do not move are left out."""
+    kinds: list[tuple[str, ...]] | None = None
+    of_balls = "masses" in VARIED[name] or "inertias" in VARIED[name]
+    if of_balls:
+        members = np.flatnonzero(network.moving)
+        noun = "ball"
+        if network.kinds is not None:
+            kinds = [(network.kinds[ball],) for ball in members.tolist()]
+    else:
+        members = np.arange(network.n_contacts)
+        if network.kinds is not None:
+            ends = zip(network.i.tolist(), network.j.tolist(), strict=True)
+            kinds = [tuple(sorted((network.kinds[i], network.kinds[j]))) for i, j in ends]
+        noun = "contact"
+    if per == "each":
+        labels = tuple(f"{noun} {member}" for member in members)
+        return _Group(name, members, np.arange(len(members)), labels)
+    found = kinds or [()] * len(members)
+    unique = sorted(set(found))
+    numbers = np.array([unique.index(kind) for kind in found], np.intp)
+    return _Group(
+        name, members, numbers, tuple("-".join(kind) or f"all {noun}s" for kind in unique)
+    )
+
+
+def read_bounds(name: str, bounds: Any, names: Sequence[str]) -> tuple[float, float]:
+    """Return the bounds of the variables of a ``name``."""
+    given = bounds
+    if isinstance(bounds, Mapping):
+        if name not in bounds:
+            raise InputError(f"{name} has no bounds", mend=f"Give bounds of {', '.join(names)}")
+        given = bounds[name]
+    elif len(names) > 1:
+        mend = f"Give a mapping, with bounds of {', '.join(names)}"
+        raise InputError(f"bounds is {brief(bounds)}, and {len(names)} names vary", mend=mend)
+    ends = finite_array("bounds", given)
+    if ends.shape != (2,) or not 0.0 <= ends[0] < ends[1]:
+        raise InputError(
+            f"the bounds of {name} are {brief(given)}",
+            mend="Give the least and the greatest value, (low, high), from zero on",
+        )
+    return float(ends[0]), float(ends[1])

@@ -1,0 +1,259 @@
+"""Derivatives of elastic moduli and sound velocities with respect to the stiffnesses of contacts
+and the masses of balls.
+
+A uniform strain deforms each contact once the balls have moved and turned to where no force is left
+on them. There the energy is least, so that its derivative by a stiffness is the product of the
+deformations of that contact alone (:attr:`ContactLattice.gradient_deformations`): one solution of
+the equations of balance serves for all contacts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+
+from granphon.balls.layers import find_axes
+from granphon.base.arrays import Array, Flags
+from granphon.base.errors import InputError
+from granphon.dynamics.contact_lattice import ContactLattice
+from granphon.dynamics.elasticity import find_stress_part, voigt_pairs
+from granphon.dynamics.sensitivities import (
+    STIFFNESSES,
+    Sensitivities,
+    add_growth,
+    average_equal,
+    name_units,
+    number_equal,
+    sum_kinds,
+    turn_motions,
+)
+from granphon.media.state import State
+from granphon.networks.network import ContactNetwork, given_network
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ModuliSensitivities(Sensitivities):
+    """Derivatives of elastic constants, Pa (N on a line) over the unit of each parameter; see
+    :class:`Sensitivities`. The axes are those of the load, then those of ``tensor``, (n, n).
+
+    No mass changes a modulus: ``mass`` and ``inertia`` are None. Where balls do not turn, a spring
+    against slip would be taken up by rotations, and ``shear_stiffness`` is None. Springs to the
+    ground leave no moduli: ``on_site`` is None.
+    """
+
+    units: ClassVar[dict[str, str]] = name_units("Pa")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class VelocitySensitivities(Sensitivities):
+    """Derivatives of sound velocities, m/s over the unit of each parameter; see
+    :class:`Sensitivities`. The axes are those of ``velocities``.
+
+    No moment of inertia changes a long wave: ``inertia`` is None; ``shear_stiffness`` is None where
+    balls do not turn, as of moduli. ``on_site`` is nan against displacements, as springs against
+    these leave no sound.
+
+    Attributes
+    ----------
+    velocities : (..., n_u) m/s, ascending. The derivatives are nan where a velocity is zero.
+    degenerate : (..., n_u) whether another wave has the same velocity: the derivative is then that
+        of their mean.
+    """
+
+    units: ClassVar[dict[str, str]] = name_units("m/s")
+
+    velocities: Annotated[Array, "...", "m/s", "zero or above"]
+    degenerate: Flags
+
+
+def require_network(state: State, quantity: str) -> Callable[[], list[ContactNetwork]]:
+    """Return a function that gives the network at each load of a state, in C order.
+
+    InputError, which names the ``quantity``, for a state of samples, which are many networks.
+    """
+
+    def list_networks() -> list[ContactNetwork]:
+        if getattr(state, "samples", ()):
+            raise InputError(
+                f"the {quantity} of a simulation are means over samples",
+                "Each sample has contacts of its own",
+                f"Give a sample: gp.{quantity}(state.samples[0]).sensitivities",
+            )
+        single: Any = state
+        if state.is_single:
+            return [given_network(state)]
+        return [given_network(single[index]) for index in np.ndindex(state.shape)]
+
+    return list_networks
+
+
+def find_moduli_sensitivities(
+    networks: list[ContactNetwork], shape: tuple[int, ...]
+) -> ModuliSensitivities:
+    """Return the derivatives of the elastic tensors of ``networks``, which belong to loads of this
+    ``shape``.
+    """
+    parts = [_find_tensor_slopes(network) for network in networks]
+    return ModuliSensitivities(**_stack(parts, shape), mass=None, inertia=None, on_site=None)
+
+
+def find_velocity_sensitivities(
+    networks: list[ContactNetwork], shape: tuple[int, ...], direction: Array
+) -> VelocitySensitivities:
+    """Return the derivatives of the velocities along a ``direction`` (p,), or (n, p), in
+    ``networks``, which belong to loads of this ``shape``.
+    """
+    parts = [_find_velocity_slopes(network, direction) for network in networks]
+    return VelocitySensitivities(**_stack(parts, shape), inertia=None)
+
+
+def _stack(parts: list[dict[str, Any]], shape: tuple[int, ...]) -> dict[str, Any]:
+    """Return the arrays of ``parts``, one for each load, with the ``shape`` of the load in
+    front.
+    """
+    fields: dict[str, Any] = {}
+    for name, first in parts[0].items():
+        fields[name] = None
+        if first is not None:
+            stacked = np.array([part[name] for part in parts])
+            fields[name] = stacked.reshape(*shape, *first.shape)
+    return fields
+
+
+def _list_contact_units(network: ContactNetwork) -> dict[str, Any]:
+    """Return what one in reduced units is in SI, of each parameter of a contact that the network
+    has; of the force, which is over the distance in reduced units, for each contact (n_c,).
+    """
+    units = network.scales
+    twist_unit = units.stiffness * units.length**2
+    by_contact: dict[str, Any] = {
+        "normal_stiffness": units.stiffness,
+        "shear_stiffness": units.stiffness,
+        "torsion": twist_unit,
+        "bending": twist_unit,
+    }
+    if network.prestress:
+        by_contact["normal_force"] = units.stiffness * network.distance
+        by_contact["tangential_growth"] = 1.0 / units.length
+    if not (network.ball_motions.rotate or np.any(network.shear_stiffness)):
+        del by_contact["shear_stiffness"]
+    return by_contact
+
+
+def _make_slopes(network: ContactNetwork, products: dict[str, Array]) -> dict[str, Any]:
+    """Return derivatives (..., n_c) by SI units of the contacts, None of parameters that the
+    network does not have, from sums of ``products`` (n_c, ...) of deformations in reduced units.
+    """
+    fields: dict[str, Any] = dict.fromkeys(STIFFNESSES.values())
+    some = next(iter(products.values()))
+    for name, unit in _list_contact_units(network).items():
+        values = products.get(name, np.zeros_like(some))
+        sign = -1.0 if name == "normal_force" else 1.0
+        fields[name] = sign * np.moveaxis(values, 0, -1) / unit
+    by_growth = fields.pop("tangential_growth")
+    if network.prestress:
+        add_growth(fields, network, by_growth)
+    return fields
+
+
+def _multiply(lattice: ContactLattice, find: Callable[[Array], Array]) -> dict[str, Array]:
+    """Return the sums over the rows of each kind of ``find``, which makes products (n_c, ...) of
+    the deformations (n_c, n_u, p) of a row, by the names of the parameters.
+    """
+    rows, deformations = lattice.gradient_deformations
+    products = [find(deformation[: lattice.n_between]) for deformation in deformations]
+    return sum_kinds(rows, np.concatenate(products))
+
+
+def _find_tensor_slopes(network: ContactNetwork) -> dict[str, Any]:
+    """Return the derivatives (v, v, n_c) of the elastic tensor of a network."""
+    lattice = ContactLattice.from_network(network)
+    lattice.elastic_tensor()  # raises where there is none
+    p = lattice.periods
+    along = [lattice.motions.translations.index(axis) for axis in range(p)]
+    i, j = np.transpose(voigt_pairs(p))
+
+    def multiply(deformation: Array) -> Array:
+        """Return the products (n_c, v, v) of deformations under strains in Voigt order."""
+        gradients = deformation[:, along]
+        strains = 0.5 * (gradients[:, i, j] + gradients[:, j, i])
+        return np.asarray(strains[:, :, None] * strains[:, None])
+
+    products = _multiply(lattice, multiply)
+    if network.prestress:
+        vector = lattice.contacts.vector[:, :p]
+        stress = vector[:, :, None] * vector[:, None]
+        pushed = products.get("normal_force", 0.0)
+        products["normal_force"] = pushed + find_stress_part(stress)
+    units = network.scales
+    unit = units.force if p == 1 else units.modulus
+    scaled = {name: product * unit / lattice.measure for name, product in products.items()}
+    return _make_slopes(network, scaled)
+
+
+def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str, Any]:
+    """Return velocities (..., n_u), ascending, which of them are equal, and their derivatives
+    (..., n_u, n_c), (..., n_u, n) by masses and (..., n_u, n, motions) by springs to the ground,
+    along a ``direction`` (p,) or (n, p).
+    """
+    lattice = ContactLattice.from_network(network)
+    named, polarisations = lattice.sound_velocities(direction)
+    order = np.argsort(named, axis=-1, kind="stable")
+    reduced = np.take_along_axis(named, order, -1)
+    vectors = lattice._per_mass @ np.take_along_axis(polarisations, order[..., None, :], -1)
+    total = lattice.masses.sum()
+    groups = number_equal(reduced)
+    slope = np.full(reduced.shape, np.nan)  # a velocity of zero has no derivative
+    np.divide(1.0, 2.0 * reduced * total, out=slope, where=reduced > 0.0)
+
+    def average(values: Array) -> Array:
+        """Return values (m, ..., n_u) times the slopes, as means over waves of one velocity."""
+        scaled = np.moveaxis(values, 0, -2) * slope[..., None, :]
+        flat = scaled.reshape(math.prod(scaled.shape[:-2]), *scaled.shape[-2:])
+        flat_groups = groups.reshape(-1, groups.shape[-1])
+        means = [
+            average_equal(at_direction, groups_there, groups_there)
+            for at_direction, groups_there in zip(flat, flat_groups, strict=True)
+        ]
+        return np.moveaxis(np.reshape(means, scaled.shape), -2, 0)
+
+    def square(deformation: Array) -> Array:
+        """Return the squares (n_c, ..., n_u) of the deformations in waves."""
+        waves = np.einsum("cij,...iu,...j->c...u", deformation, vectors, direction)
+        return average(waves**2)
+
+    unit = network.scales.velocity
+    products = {name: unit * product for name, product in _multiply(lattice, square).items()}
+    fields = _make_slopes(network, products)
+    carried = np.einsum("bij,...ju->b...iu", lattice.carried, vectors)
+    kinetic = np.sum(carried**2, axis=-2) * reduced**2
+    motions = network.ball_motions
+    turns = square(_list_turns(network, lattice))
+    turns = turns.reshape(lattice.n_balls, len(motions.rotations), *reduced.shape)
+    by_spring = np.full((network.n_balls, motions.count, *reduced.shape), np.nan)
+    by_spring[~network.moving] = 0.0
+    twist_unit = network.scales.stiffness * network.scales.length**2
+    by_spring[network.moving, motions.turning] = unit / twist_unit * turns
+    by_mass = np.zeros((network.n_balls, *reduced.shape))
+    by_mass[network.moving] = -unit / network.scales.mass * average(kinetic)
+    sizes = np.sum(groups[..., :, None] == groups[..., None, :], axis=-1)
+    return fields | {
+        "mass": np.moveaxis(by_mass, 0, -1),
+        "on_site": np.moveaxis(by_spring, (0, 1), (-2, -1)),
+        "velocities": unit * reduced,
+        "degenerate": sizes > 1,
+    }
+
+
+def _list_turns(network: ContactNetwork, lattice: ContactLattice) -> Array:
+    """Return the rotations (n_balls x rotations, n_u, p) of the balls of the ``lattice`` of a
+    network that go with each displacement gradient, about the axes of the network.
+    """
+    frame = find_axes(network.cell[network.pbc, : network.dimension])
+    motions = turn_motions(lattice.motions, frame.T) @ lattice.gradient_motions
+    turns = motions[:, lattice.motions.turning] / lattice.gyration[:, None, None]
+    return turns.reshape(-1, len(lattice.motions.translations), lattice.periods)

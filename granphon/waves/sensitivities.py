@@ -1,0 +1,117 @@
+"""Derivatives of a response with respect to the stiffnesses of contacts and the masses of balls.
+
+The signal of a receiver is h = e^T u with Z u = F, and Z symmetric. With the adjoint motion y, the
+solution of Z y = e, a small change of Z and F changes the signal by y^T (dF - dZ u): one more
+solution with the same factors, for each receiver, serves for all contacts and balls.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+
+from granphon.base.arrays import Array, Complex
+from granphon.base.memory import require_memory
+from granphon.base.results import Result
+from granphon.dynamics.damping import Losses
+from granphon.dynamics.deformation_rows import network_unit_rows
+from granphon.dynamics.sensitivities import add_growth, list_inertias, name_units, sum_kinds
+from granphon.waves.operator import WaveOperator
+
+#: bytes of a derivative, with those that are under way
+_BYTES = 64.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ResponseSensitivities(Result):
+    """Derivatives of the complex amplitudes of receivers, in the unit of the response over that of
+    each parameter. Contacts and balls are those of the network, in its order.
+
+    The loss factor of a contact, and the viscosity of its dashpots over the stiffness, stay as the
+    stiffness changes; the rate of a drag stays as the mass changes.
+
+    Attributes
+    ----------
+    normal_stiffness, shear_stiffness, torsion, bending, mass, inertia, normal_force, on_site : as
+        in :class:`~granphon.Sensitivities`, (n_f, n_r, n_c), and (n_f, n_r, n) of balls.
+    frequencies : (n_f,) Hz.
+    quantity_unit : the unit of the response.
+    """
+
+    normal_stiffness: Annotated[Complex, "f r c"]
+    shear_stiffness: Annotated[Complex, "f r c"]
+    torsion: Annotated[Complex, "f r c"]
+    bending: Annotated[Complex, "f r c"]
+    mass: Annotated[Complex, "f r n"]
+    inertia: Annotated[Complex, "f r n"]
+    normal_force: Annotated[Complex | None, "f r c?"]
+    on_site: Annotated[Complex, "f r n a"]
+    frequencies: Annotated[Array, "f", "Hz"]
+    quantity_unit: str
+
+    def _field_units(self) -> dict[str, str]:
+        return {**name_units(self.quantity_unit), **self.units}
+
+
+class ResponseSlopes:
+    """The derivatives of responses, from motions and adjoint motions.
+
+    ``moved`` (n, motions) are the displacements of bodies that are moved, m; zero without any.
+    """
+
+    def __init__(self, operator: WaveOperator, losses: Losses, moved: Array) -> None:
+        self.operator = operator
+        self.losses = losses
+        network = operator.network
+        self.rows = network_unit_rows(network)
+        self._deform = operator.compose(self.rows)
+        ones = [np.ones(network.n_contacts) for _ in self.rows]
+        self._stretched = operator.stretch(moved, (self.rows, ones))
+
+    def require_memory(self, count: int) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless derivatives of so many signals fit
+        into memory.
+        """
+        network = self.operator.network
+        require_memory(
+            f"derivatives of {count:,} signals",
+            _BYTES * count * (len(self.rows) * network.n_contacts + 2 * network.n_balls),
+            "Take fewer frequencies or receivers",
+        )
+
+    def find(self, x: Complex, y: Complex, hertz: float) -> dict[str, Any]:
+        """Return derivatives (n_r, n_c), (n_r, n) by masses and (n_r, n, motions) by springs to the
+        ground, by the names of the fields, at a frequency, from mass-weighted motions x (size,) and
+        adjoint ones y (size, n_r).
+        """
+        network = self.operator.network
+        omega = 2.0 * math.pi * hertz
+        deformations = self._deform @ x + self._stretched
+        products: Any = deformations[:, None] * np.asarray(self._deform @ y)
+        normal, other = 1.0 + 1j * (self.losses.factors + omega * self.losses.times)
+        fields: dict[str, Any] = {"normal_force": None}
+        none = np.zeros((network.n_contacts, y.shape[1]))
+        sums = sum_kinds(self.rows, products)
+        for name, factor in (
+            ("normal_stiffness", normal),
+            ("shear_stiffness", other),
+            ("torsion", other),
+            ("bending", other),
+        ):
+            fields[name] = (-factor[:, None] * sums.get(name, none)).T
+        if network.prestress:
+            fields["normal_force"] = (sums.get("normal_force", none) / network.distance[:, None]).T
+            add_growth(fields, network, -sums.get("tangential_growth", none).T)
+        moving = self.operator.balls
+        motions = self.operator.motions
+        on_site = np.zeros((y.shape[1], network.n_balls, motions.count), complex)
+        of_moving = -np.moveaxis(self.operator.values(x[:, None] * y), 2, 0)
+        on_site[:, moving] = of_moving / list_inertias(network)[moving]
+        fields["on_site"] = on_site
+        by_inertia = (1j * omega * self.losses.drag_of(motions) - omega**2) * on_site
+        fields["mass"] = by_inertia[..., motions.translating].sum(axis=-1)
+        fields["inertia"] = by_inertia[..., motions.turning].sum(axis=-1)
+        return fields

@@ -1,0 +1,194 @@
+"""Designs with known answers: a gap, stiffnesses, a load; and what is refused or said."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import InputError
+from tests.dynamics.test_network_lattice import random_network
+from tests.dynamics.test_sensitivities import changes, difference
+
+BALL = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 19e-3)
+
+
+@pytest.fixture(scope="module")
+def chain():
+    """A chain whose cell has two equal balls."""
+    return gp.Crystal.on("chain", [BALL, BALL], friction=False).at_force(20.0).network
+
+
+@pytest.mark.claim("design-gap")
+def test_the_widest_gap_of_a_chain_of_two_masses_of_given_sum(chain):
+    """The gap is from (2k/m)^1/2 of the larger mass to that of the smaller one: the extreme ratio
+    is best.
+    """
+    mass = chain.masses[0]
+    bounds = (0.3 * mass, 1.8 * mass)
+    best = gp.design(chain, gp.WidestGap(), bounds=bounds, constraints={"mass": 2.0 * mass})
+    assert_allclose(np.sort(best.variables), [0.3 * mass, 1.7 * mass], rtol=1e-9)
+    k = chain.normal_stiffness[0]
+    gap = (math.sqrt(2.0 * k / (0.3 * mass)) - math.sqrt(2.0 * k / (1.7 * mass))) / (2.0 * math.pi)
+    assert_allclose(best.value, gap, rtol=1e-9)
+    assert best.warnings == ()
+    assert len(best.history) <= best.evaluations
+    assert_allclose(best.network.inertias / best.network.masses, chain.inertias / chain.masses)
+    again = type(best).from_dict(best.to_dict())
+    assert again == best
+
+
+@pytest.mark.claim("design-match")
+def test_stiffnesses_are_recovered_from_the_twenty_lowest_frequencies():
+    """Twelve contacts of eight balls, which move and turn in a plane."""
+    wanted = random_network("honeycomb", (2, 2), seed=1)
+    measured = gp.Waves(wanted).modes(20).frequencies
+    k = wanted.normal_stiffness
+    assert k.size == 12
+    wrong = k * np.random.default_rng(2).uniform(0.8, 1.25, k.size)
+    start = replace(wanted, normal_stiffness=wrong)
+    bounds = (0.5 * np.min(k), 2.0 * np.max(k))
+    goal = gp.MatchFrequencies(measured)
+    found = gp.design(start, goal, "normal_stiffness", bounds, restarts=0)
+    assert found.value < 1e-20
+    assert found.warnings == ()
+    assert_allclose(found.variables, k, rtol=1e-7)
+
+
+@pytest.mark.claim("design-load")
+def test_a_load_puts_a_band_edge_at_a_given_frequency():
+    """k goes as f^(1/3), and the edge as the root of k."""
+    crystal = gp.Crystal.on("chain", [BALL, BALL], friction=False)
+    edge = gp.Phonons(crystal.at_force(20.0)).frequencies([[0.0]])[0, -1]
+    goal = gp.MatchFrequencies([1.3 * edge], q=[[0.0]], branches=[1])
+    found = gp.design(
+        lambda force: crystal.at_force(force), goal, "force", (1.0, 300.0), restarts=0
+    )
+    assert_allclose(found.variables, 20.0 * 1.3**6, rtol=1e-7)
+    assert found.labels == ("force",)
+
+
+def test_the_lowest_velocity_has_the_softest_springs_and_the_heaviest_balls(chain):
+    k = chain.normal_stiffness[0]
+    mass = chain.masses[0]
+    bounds = {"mass": (mass, 3.0 * mass), "normal_stiffness": (0.5 * k, 2.0 * k)}
+    names = ("mass", "normal_stiffness")
+    best = gp.design(chain, gp.LowestVelocity(), names, bounds, restarts=0)
+    assert_allclose(best.variables, [3.0 * mass] * 2 + [0.5 * k] * 2, rtol=1e-6)
+    v = gp.sound_velocities(best.network).longitudinal
+    assert_allclose(best.value, v, rtol=1e-12)
+    start = gp.sound_velocities(chain).longitudinal
+    assert_allclose(best.value, start / math.sqrt(6.0), rtol=1e-6)
+
+
+def test_a_response_is_least_where_a_ball_beside_it_resonates(chain):
+    """A ball on a spring at the driven ball, whose own frequency is that of the drive, stills it
+    (Frahm's damper, 1909): the search finds its mass.
+    """
+    network = chain.cut(0, 2, edges=("clamped", "free"))
+    first, damper = 2, 3  # the first layer, of two balls, is held
+    frequency = 5e3
+    goal = gp.ResponseAt(frequency, (first, "x"), (first, "x"))
+    mass = network.masses[first]
+    best = gp.design(network, goal, "mass", (0.2 * mass, 3.0 * mass), restarts=0, steps=40)
+    k = network.normal_stiffness[-1]
+    own = math.sqrt(k / best.network.masses[damper]) / (2.0 * math.pi)
+    assert abs(own / frequency - 1.0) < 1e-3
+    assert best.unit == "m/N"
+
+
+@pytest.mark.parametrize("lattice", ["chain", "triangular"])
+def test_the_smooth_gap_has_exact_derivatives(lattice):
+    network = random_network(lattice, (3,) if lattice == "chain" else (2, 1), seed=4)
+    goal = gp.WidestGap(branches=2, mesh=(6,) * sum(network.pbc), smoothing=200.0)
+    value, slopes = goal.evaluate(network)
+    for name in ("normal_stiffness", "mass"):
+        change = changes(network, name)
+        wanted = difference(lambda one: goal.evaluate(one)[0], network, name, change)
+        assert_allclose(slopes[name] @ change, wanted, rtol=1e-6, atol=1e-7 * abs(value))
+
+
+def test_kinds_have_one_variable():
+    balls = [BALL, gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), 19e-3)]
+    network = gp.Crystal.on("chain", balls, friction=False).at_force(20.0).network.repeat((2,))
+    bounds = (0.5 * network.masses.min(), 2.0 * network.masses.max())
+    best = gp.design(network, gp.WidestGap(near=6e3), bounds=bounds, per="kind", restarts=0)
+    assert best.labels == ("mass of A", "mass of B")
+    assert np.unique(best.network.masses).size == 2
+    assert_allclose(np.sort(best.variables), bounds, rtol=1e-6)
+
+
+# -- what is refused, or said ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "options"),
+    [
+        ("outside of its bounds", {"bounds": (1.0, 2.0)}),
+        ("mass of A", {"bounds": (1.0, 2.0), "per": "kind"}),
+        ("out of reach", {"constraints": {"mass": 1e3}}),
+        ("constraints", {"constraints": {"inertia": 1.0}}),
+        ("vary", {"vary": "colour"}),
+        (
+            "same numbers",
+            {"vary": ("mass", "inertia"), "bounds": {"mass": (0, 1), "inertia": (0, 1)}},
+        ),
+        ("bounds", {"vary": ("mass", "stiffness")}),
+        ("bounds", {"bounds": (2.0, 1.0)}),
+        ("none of the variables", {"vary": "shear_stiffness", "bounds": (0.0, 1e7)}),
+        ("no gap can be near", {"goal": gp.WidestGap(near=1e6)}),
+        ("the goal is", {"goal": 3.0}),
+    ],
+)
+def test_mistakes_are_refused_in_one_line(chain, words, options):
+    mass = chain.masses[0]
+    arguments = {"goal": gp.WidestGap(), "bounds": (0.5 * mass, 2.0 * mass)} | options
+    with pytest.raises(InputError, match=words) as error:
+        gp.design(chain, **arguments)
+    assert "\n" not in str(error.value)
+
+
+def test_a_goal_out_of_reach_is_said_and_the_best_kept(chain):
+    mass = chain.masses[0]
+    goal = gp.MatchFrequencies([1.0], q=[[0.5]], branches=[0])
+    best = gp.design(chain, goal, bounds=(0.5 * mass, 2.0 * mass), restarts=0)
+    (warning,) = best.warnings
+    assert "not reached" in warning
+    assert_allclose(np.max(best.variables), 2.0 * mass, rtol=1e-3)
+    k = chain.normal_stiffness[0]
+    closed = gp.design(chain, gp.WidestGap(), "stiffness", (0.999999 * k, k), restarts=0)
+    assert closed.value >= 0.0
+
+
+def test_variables_without_effect_are_named(chain):
+    mass = chain.masses[0]
+    bounds = {"mass": (0.5 * mass, 2.0 * mass), "shear_stiffness": (0.0, 1e6)}
+    goal = gp.MatchFrequencies([5e3], q=[[0.5]], branches=[0])
+    best = gp.design(chain, goal, ("mass", "shear_stiffness"), bounds, restarts=0)
+    (warning,) = (one for one in best.warnings if "depend" in one)
+    assert "shear_stiffness of contact 0, shear_stiffness of contact 1" in warning
+
+
+def test_a_search_that_meets_an_impossible_network_keeps_its_best(chain):
+    class Fragile:
+        largest = False
+
+        def __init__(self):
+            self.count = 0
+
+        def evaluate(self, network):
+            self.count += 1
+            if self.count > 3:
+                raise InputError("no such network")
+            size = float(network.masses.sum())
+            return size, {"mass": np.ones(network.n_balls)}
+
+    mass = chain.masses[0]
+    best = gp.design(chain, Fragile(), bounds=(0.5 * mass, 2.0 * mass), restarts=0)
+    (warning,) = best.warnings
+    assert "no such network" in warning
+    assert best.value <= chain.masses.sum() * (1.0 + 1e-12)

@@ -1,0 +1,72 @@
+"""Logarithmic derivatives by named parameters: Hertz's law in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import InputError
+
+STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+PACKING = gp.Packing(STEEL, 8e-3, lattice="triangular")
+
+
+def find(state):
+    return gp.Phonons(state).frequencies([[0.2, 0.3]])[0]
+
+
+@pytest.mark.claim("parameters-hertz")
+@pytest.mark.parametrize(
+    ("load", "modulus", "diameter"),
+    [
+        # at a given force k goes as (E^2 f d)^(1/3), at a given overlap as E d^(1/2)
+        ({"force": 18.0}, 1.0 / 3.0, 1.0 / 6.0),
+        ({"overlap": 1e-6}, 0.5, 0.25),
+    ],
+)
+def test_frequencies_of_one_kind_go_as_powers(load, modulus, diameter):
+    names = ("young_modulus", "density", "diameter", *load)
+    found = gp.parameter_sensitivities(PACKING, find, names, **load)
+    assert_allclose(found["young_modulus"], modulus, rtol=1e-9)
+    assert_allclose(found["density"], -0.5, rtol=1e-9)
+    assert_allclose(found["diameter"], diameter - 1.5, rtol=1e-9)
+    power = 1.0 / 6.0 if "force" in load else 0.25
+    assert_allclose(found[next(iter(load))], power, rtol=1e-9)
+    again = type(found).from_dict(found.to_dict())
+    assert again == found
+
+
+def test_the_ratio_of_stiffnesses_is_that_of_all_contacts():
+    found = gp.parameter_sensitivities(PACKING, find, "mindlin_ratio", force=18.0)
+    network = gp.AveragedLattice(PACKING).at_force(18.0).network
+    by_contact = gp.Phonons(network).sensitivities([[0.2, 0.3]])
+    wanted = by_contact.shear_stiffness[0] @ network.shear_stiffness / by_contact.frequencies[0]
+    assert_allclose(found["mindlin_ratio"], wanted, rtol=1e-9)
+
+
+def test_kinds_of_a_crystal_share_the_power_of_one():
+    balls = [gp.Ball(STEEL, 8e-3), gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), 8e-3)]
+    crystal = gp.Crystal.on("chain", balls)
+
+    def find_edge(state):
+        return gp.Phonons(state).frequencies([[0.5]])[0, -1]
+
+    found = gp.parameter_sensitivities(crystal, find_edge, force=20.0)
+    assert_allclose(found["A.young_modulus"] + found["B.young_modulus"], 1.0 / 3.0, rtol=1e-9)
+    assert_allclose([found["A.density"], found["B.density"]], [0.0, -0.5], atol=1e-9)
+    assert_allclose(found["force"], 1.0 / 6.0, rtol=1e-9)
+    assert "A.diameter" not in found.names
+
+
+def test_all_parameters_of_a_packing_by_default():
+    found = gp.parameter_sensitivities(
+        PACKING, lambda state: gp.sound_velocities(state).velocities, pressure=4e3
+    )
+    assert found.names[-2:] == ("pressure", "mindlin_ratio")
+    assert found.slopes.shape == (len(found.names), 2)
+    assert np.all(np.isfinite(found.slopes))
+    for name in ("colour", "A.density"):
+        with pytest.raises(InputError, match="no parameter"):
+            gp.parameter_sensitivities(PACKING, find, name, force=1.0)
