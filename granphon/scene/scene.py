@@ -300,13 +300,12 @@ class Scene(SceneValues):
             waves=self.waves,
             exponents=has_velocities,
             surface=self.observed_settings("surface"),
-            # those of a single state are found with its phonons
-            gaps="gaps" in self.observe and not self.is_single,
+            gaps="gaps" in self.observe,
             cutoffs="cutoffs" in self.observe,
             bands=self.observed_settings("bands"),
             observe=self.observe,
             sound=has_velocities or of_mechanisms.isdisjoint(self.observe),
-            alone=self.is_single,
+            whole=self.is_single,
         )
         axes = tuple(Axis(*axis) for axis in self.parameters)
         written_load = None if self.load.balls_per_side is None else self.load.flat
@@ -392,9 +391,9 @@ def _write_result(
     written_rows = [row for row in rows if row.find is None or result[row.name] is not None]
     names = list_files(written_rows, figures)
     figure_files = [row.figure for row in written_rows if figures and row.figure]
-    left_out = [name for name in list_files(rows, figures) if name not in names]
+    # each row has written its numbers, or says which are missing
     with (
-        locked.staging((*figure_files, *left_out)) as stage,
+        locked.staging(locked.names) as stage,
         progress.step("writing", len(names)) as step,
     ):
         for row in written_rows:
@@ -600,20 +599,13 @@ class RunResult(Results):
             numbers |= find_all(analysis, ("velocities",))
         for row in self.rows or list_outputs(self.scene):
             numbers |= row.collect_numbers(self)
-        return numbers | self._collect_wave_values()
-
-    def _collect_wave_values(self) -> dict[str, float]:
-        """Return the observables of waves that are one number, by name, in SI units; those that are
-        not finite are left out.
-        """
-        values: dict[str, float] = {}
         data = self.dataset
         for name, entry in CATALOGUE.items():
             if entry.cost in WAVE_COSTS and not entry.dims and name in data:
                 value = data[name].item()
                 if np.isfinite(value):
-                    values[name] = value
-        return values
+                    numbers.setdefault(name, value)
+        return numbers
 
     def _summarise_states(self) -> dict[str, Any]:
         """Return the numbers of several states, see :meth:`summary`."""
