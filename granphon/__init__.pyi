@@ -145,9 +145,9 @@ from .waves.scattering import transmission as transmission
 from .waves.sensitivities import ResponseSensitivities as ResponseSensitivities
 from .waves.settings import BandsSettings as BandsSettings
 from .waves.settings import DriveSettings as DriveSettings
+from .waves.settings import ModesSettings as ModesSettings
 from .waves.settings import MotionSettings as MotionSettings
 from .waves.settings import PulseSettings as PulseSettings
-from .waves.settings import ModesSettings as ModesSettings
 from .waves.settings import ResponseSettings as ResponseSettings
 from .waves.settings import Shaker as Shaker
 from .waves.settings import Signal as Signal

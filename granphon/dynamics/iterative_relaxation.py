@@ -67,19 +67,37 @@ class IterativeRelaxation:
         relaxed.
         """
         flat = deformations.reshape(len(deformations), -1)
-        motions = self._solve(
-            lambda x: np.asarray(self._columns @ (self._rows @ x)), self._columns @ flat
+        remaining = flat - self._rows @ self.find_motions(flat)
+        return np.asarray(remaining).reshape(deformations.shape)
+
+    def find_motions(self, deformations: Array) -> Array:
+        """Return the mass-weighted motions (n_branches, m) that make the part of deformations
+        (n_rows, m) which does not remain.
+        """
+        return self._solve(
+            lambda x: np.asarray(self._columns @ (self._rows @ x)), self._columns @ deformations
         )
-        return np.asarray(flat - self._rows @ motions).reshape(deformations.shape)
 
     def eliminate(self, form: Array, mixed: Array, block: Any) -> Array:
         """Return an energy ``form`` (m, m) of gradients, with prestress, less the energy that inner
         motions save as they relax; for the arguments see
         :meth:`~granphon.dynamics.sparse_relaxation.SparseRelaxation.eliminate`.
         """
-        held = mixed - self._free @ (self._free.T @ mixed)
-        response = self._solve(lambda x: np.asarray(block @ x), held)
+        held, response = self._respond(mixed, block)
         return np.asarray(form - held.T @ response)
+
+    def respond(self, _form: Array, mixed: Array, block: Any) -> Array:
+        """Return the mass-weighted inner motions (n_branches, m) that, taken away, leave the least
+        energy; see :meth:`eliminate`.
+        """
+        return self._respond(mixed, block)[1]
+
+    def _respond(self, mixed: Array, block: Any) -> tuple[Array, Array]:
+        """Return the part of ``mixed`` that pulls at motions that something holds, and the motions,
+        both (n_branches, m); the arguments are those of :meth:`eliminate`.
+        """
+        held = np.asarray(mixed - self._free @ (self._free.T @ mixed))
+        return held, self._solve(lambda x: np.asarray(block @ x), held)
 
     def _solve(self, apply: Callable[[Array], Array], right: Array) -> Array:
         """Return the motions (n_branches, m) at which ``apply`` leaves the forces ``right``
