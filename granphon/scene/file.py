@@ -13,9 +13,11 @@ import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
 from importlib.resources import files
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,7 @@ from granphon.base.quantities import (
     NUMBER,
     TENSORS,
     find_written_unit,
+    split_error,
 )
 from granphon.base.scales import write_quantity
 from granphon.base.settings import NEEDED, Setting, list_settings
@@ -493,6 +496,25 @@ def _find_place_of_value(values: Any, index: int, is_list: bool) -> tuple[str, t
     return f"value {index + 1} of {points} from {first} to {last}", ()
 
 
+def _find_errors(data: Any) -> list[tuple[Any, ...]]:
+    """Return the keys that lead to each quantity of a document with a standard error, and last the
+    value and the error, as :func:`~granphon.base.quantities.split_error` returns both.
+    """
+    found = []
+    blocks = [((), data)]
+    while blocks:
+        path, entry = blocks.pop()
+        if isinstance(entry, Mapping):
+            blocks += [((*path, key), inner) for key, inner in entry.items()]
+        elif isinstance(entry, list):
+            blocks += [((*path, number), inner) for number, inner in enumerate(entry)]
+        elif isinstance(entry, str) and ("+-" in entry or "+/-" in entry or "±" in entry):
+            parts = split_error(entry)
+            if path and parts is not None:
+                found.append((*path, parts))
+    return found[::-1]
+
+
 @dataclass(frozen=True)
 class SceneSource(Places):
     """The document that a scene was read from, and the path of its file; both are None for a scene
@@ -506,6 +528,23 @@ class SceneSource(Places):
 
     document: Document | None = None
     path: Path | None = None
+    #: standard errors of quantities, by their paths in the document, which then holds the values
+    #: alone
+    errors: tuple[tuple[tuple[str | int, ...], str], ...] = ()
+
+    def __post_init__(self) -> None:
+        found = [] if self.document is None else _find_errors(self.document.data)
+        if not found or self.document is None:
+            return
+        data = deepcopy(self.document.data)
+        errors = []
+        for *outer, key, (value, error) in found:
+            block = reduce(getitem, outer, data)
+            block[key] = value
+            errors.append(((*outer, key), error))
+        # the dataclass is frozen: the values alone are put in place of the argument
+        object.__setattr__(self, "document", replace(self.document, data=data))
+        object.__setattr__(self, "errors", tuple(errors))
 
     @classmethod
     def of_file(cls, path: str | os.PathLike[str]) -> SceneSource:
@@ -686,7 +725,7 @@ class SceneSource(Places):
                 arguments[key] = settings(**blocks[key])
         if "finite_overlap" in blocks["packing"]:
             arguments["finite_overlap"] = blocks["packing"]["finite_overlap"]
-        return arguments | {"source": self.path}
+        return arguments | {"source": self.path, "errors": self.errors}
 
     def _make_load(self, values: Mapping[str, Any]) -> Load:
         """Return the load of the block load, with errors placed at its key; gravity alone is a

@@ -441,6 +441,17 @@ def _read_by(kind: str, method: str, path: Path) -> Any:
     return getattr(getattr(granphon, kind), method)(path)
 
 
+def _read_errors(path: Path) -> Any:
+    """Return the standard errors that a summary tells, by name, and the parameters that give most
+    of each; None if it tells none.
+    """
+    summary = read_summary(path.parent)
+    if "errors_from" not in summary:
+        return None
+    names = [f"{name}_error" for name in summary["errors_from"]]
+    return {name: summary[name] for name in (*names, "errors_from") if name in summary}
+
+
 def _read_fit(path: Path) -> Any:
     from granphon.fits.transfer import read_fit
 
@@ -547,6 +558,18 @@ for _row in (
         "summary",
         ("summary.yaml",),
         words="[the numbers](#quantities-of-a-state)",
+    ),
+    Export(
+        "errors",
+        (),
+        states="one",
+        when=lambda scene: bool(scene.errors),
+        read=_read_errors,
+        summarise=lambda run: run["errors"] or {},
+        source="summary.yaml",
+        occasion="quantities with standard errors, one state",
+        words="in `summary.yaml`: `NAME_error` beside each NAME, and `errors_from`, the parameter"
+        " that gives most of the error of each",
     ),
     Export(
         "diameters",

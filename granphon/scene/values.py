@@ -102,6 +102,8 @@ class SceneValues:
     motion: MotionSettings | None = None
     modes: ModesSettings | None = None
     bands: BandsSettings | None = None
+    #: paths in the file of the parameters that have a standard error, and the error, SI
+    errors: tuple[tuple[tuple[str | int, ...], Any], ...] = ()
     source: Path | None = field(default=None, compare=False)
     #: document and file that the scene was read from; a copy made by ``replace`` has none, as its
     #: values may differ
@@ -138,6 +140,11 @@ class SceneValues:
             problem = f"the load has the shape {self.load.shape}"
             raise InputError(problem, mend="Give one number, or a list of them")
         self._require_consistency()
+        if self.errors:
+            # imported here: few scenes have errors
+            from granphon.scene.uncertainty import settle_errors
+
+            assign("errors", settle_errors(self))
 
     @property
     def path(self) -> BandPath:
@@ -202,7 +209,12 @@ class SceneValues:
     @cached_property
     def _text(self) -> str:
         """The text of :meth:`to_yaml`."""
-        text = dump_yaml(write_blocks(self, Context(self.packing.structure)))
+        blocks = write_blocks(self, Context(self.packing.structure))
+        if self.errors:
+            from granphon.scene.uncertainty import write_errors
+
+            write_errors(self, blocks)
+        text = dump_yaml(blocks)
         n_bytes = len(text.encode())
         if n_bytes > MOST_SCENE_BYTES:
             problem = (
