@@ -1485,7 +1485,7 @@ class ContactNetwork(Result):
         whole = cls(**source.complete(material, friction, dimension, motions, prestress, bad))
         network = whole if keeps_all else whole.without_rattlers(held_by)
         is_kept: Any = slice(None)
-        if network is not whole:
+        if network is not whole and network.labels is not None:
             labels = np.arange(whole.n_balls) if whole.labels is None else whole.labels
             is_kept = np.isin(labels, network.labels)
         if tangential_law is not None:

@@ -501,7 +501,7 @@ def _find_errors(data: Any) -> list[tuple[Any, ...]]:
     value and the error, as :func:`~granphon.base.quantities.split_error` returns both.
     """
     found = []
-    blocks = [((), data)]
+    blocks: list[tuple[tuple[Any, ...], Any]] = [((), data)]
     while blocks:
         path, entry = blocks.pop()
         if isinstance(entry, Mapping):

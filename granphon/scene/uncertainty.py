@@ -27,7 +27,7 @@ from granphon.scene.file import SceneSource, write_blocks
 from granphon.scene.rules import Context
 
 if TYPE_CHECKING:
-    from xarray import Dataset
+    from granphon.runs.dataset import Dataset
 
 _Path = tuple[str | int, ...]
 #: a number and its unit
