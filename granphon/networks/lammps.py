@@ -444,7 +444,7 @@ def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.Pat
     force = np.zeros(network.n_balls)
     for end in (network.i, network.j):
         np.add.at(force, end, network.normal_force)
-    columns = {"id": ids, "type": types + 1}
+    columns: dict[str, Any] = {"id": ids, "type": types + 1}
     columns |= zip("xyz", network.positions.T, strict=True)
     columns |= {"radius": network.radii, "mass": network.masses, "force": force}
     _write_frame(atoms, "ATOMS", box, {name: values[is_ball] for name, values in columns.items()})
