@@ -1487,6 +1487,7 @@ class ContactNetwork(Result):
         is_kept: Any = slice(None)
         if network is not whole and network.labels is not None:
             labels = np.arange(whole.n_balls) if whole.labels is None else whole.labels
+            assert network.labels is not None  # a part of a network has them
             is_kept = np.isin(labels, network.labels)
         if tangential_law is not None:
             network = replace(network, tangential_law=tangential_law)
