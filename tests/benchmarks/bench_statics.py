@@ -42,7 +42,7 @@ RESTS = (
     ("triangular", 64, "superlu", (0.25, 0.65, 4.0), (0.6, 1.5, 13.0)),
     ("triangular", 128, "transform", (80.0, 180.0, 600.0), (220.0, 400.0, 2600.0)),
     ("fcc", 6, "superlu", (0.8, 2.0, 7.0), (1.6, 3.0, 28.0)),
-    ("fcc", 12, "transform", (60.0, 90.0, 350.0), (130.0, 280.0, 4000.0)),
+    ("fcc", 12, "transform", (90.0, 180.0, 600.0), (220.0, 500.0, 6000.0)),
 )
 #: arrays of elastic tensors, and their bound for any load in both geometries. It is reached at low
 #: load
