@@ -512,9 +512,7 @@ class ContactLattice(LongWaves):
         by_ball = vectors.reshape(len(q), self.n_balls, self.motions.count, self.n_branches)
         motion = by_ball * phase[:, :, None, None]
         wave_direction = np.where(at_gamma[:, None], along, requested)
-        if len(q):  # none has no direction
-            wave_direction = as_direction(wave_direction, self.periods)
-        energy_parts = self._split_energy(motion, wave_direction)
+        energy_parts = self._split_energy(motion, as_direction(wave_direction, self.periods))
         eigenvectors = motion.reshape(len(q), self.n_branches, self.n_branches)
         return requested, frequencies, eigenvectors, velocities, *energy_parts
 
