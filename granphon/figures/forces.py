@@ -334,6 +334,8 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
     if there are few; return the lines of the contacts.
     """
     lines, forces_of_lines = layer.find_lines()
+    if not forces_of_lines.size:
+        raise InputError("there is no contact to draw")
     low = np.array(edges[:2])
     high = np.array(edges[2:])
     is_near = np.all((lines > low - layer.diameter) & (lines < high + layer.diameter), axis=(1, 2))

@@ -8,8 +8,9 @@ random ones, and keeps the best that it meets.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, fields
 from typing import Annotated, Any
 
 import numpy as np
@@ -19,7 +20,8 @@ from granphon.base.errors import GranphonError, InputError, brief, one_line
 from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
 from granphon.base.text import counted
-from granphon.base.validation import texts, whole_number
+from granphon.base.validation import finite_array, one_of, texts, whole_number
+from granphon.dynamics.sensitivities import Sensitivities
 from granphon.inverse.goals import Goal
 from granphon.inverse.variables import Variables, read_bounds
 from granphon.networks.network import ContactNetwork, given_network
@@ -33,6 +35,8 @@ _NO_EFFECT = 1e-12
 _STEP = 1e-5
 #: distance of a start from its bounds, over their range, where a search needs one
 _INSIDE = 1e-6
+#: names of the derivatives that a goal may return
+_DERIVATIVES = tuple(field.name for field in fields(Sensitivities))
 #: most variables that a message names
 _NAMED = 6
 
@@ -71,7 +75,7 @@ class _Numbers(Variables):
     def differentiate(self, find: Callable[..., Any], values: Array) -> tuple[Any, Array]:
         """Return what ``find`` gives of a network, and its exact derivatives (..., n)."""
         network = self.make_network(values)
-        value, slopes = find(network)
+        value, slopes = _read_goal(find(network))
         return value, self.chain(network, slopes)
 
 
@@ -98,7 +102,7 @@ class _Parameters:
         """Return what ``find`` gives of a network, and its derivatives (..., n), by differences
         through the statics, within the bounds.
         """
-        value, _ = find(self.make_network(values))
+        value, _ = _read_goal(find(self.make_network(values)))
         columns = []
         for number, step in enumerate((_STEP * (self.high - self.low)).tolist()):
             ends = []
@@ -106,10 +110,23 @@ class _Parameters:
                 shifted = values.copy()
                 shifted[number] += sign * step
                 shifted = np.clip(shifted, self.low, self.high)
-                ends.append((shifted[number], find(self.make_network(shifted))[0]))
+                ends.append((shifted[number], _read_goal(find(self.make_network(shifted)))[0]))
             (high, above), (low, below) = ends
             columns.append((above - below) / (high - low))
         return value, np.stack(columns, axis=-1)
+
+
+def _read_goal(found: Any) -> tuple[Array, Mapping[str, Any]]:
+    """Return the value that a goal has ``found``, and its derivatives; InputError for anything but
+    finite numbers and a mapping, as a goal of a user may return.
+    """
+    is_pair = isinstance(found, Sequence) and len(found) == 2 and isinstance(found[1], Mapping)
+    if not is_pair:
+        mend = 'Return a number and its derivatives by name, as value, {"mass": slopes}'
+        raise InputError(f"the goal returns {brief(found)}", mend=mend)
+    for name in found[1]:
+        one_of("the derivatives of the goal", name, _DERIVATIVES)
+    return finite_array("the value of the goal", found[0]), found[1]
 
 
 #: networks by the values of variables
@@ -168,8 +185,10 @@ def design(
     count = 1 + whole_number("restarts", restarts, 0)
     most = whole_number("steps", steps, 1)
     random = np.random.default_rng(whole_number("seed", seed, 0))
-    if not callable(getattr(goal, "evaluate", None)):
-        raise InputError(f"the goal is {brief(goal)}", mend="Give gp.WidestGap(), or the like")
+    has_value = callable(getattr(goal, "evaluate", None)) and hasattr(goal, "largest")
+    if isinstance(goal, type) or not has_value:
+        mend = "Give gp.WidestGap(), or an object with largest and evaluate"
+        raise InputError(f"the goal is {brief(goal)}", mend=mend)
     choose: Any = getattr(goal, "choose", lambda network, most: [goal])
     goals = choose(space.make_network(space.start), count)
     warnings = _judge_effects(space, goals[0], random)
@@ -190,6 +209,9 @@ def _read_parameters(make: Callable[..., Any], vary: Any, bounds: Any) -> _Param
     their bounds.
     """
     names = texts("vary", vary)
+    if not names or len(set(names)) < len(names):
+        mend = "Name keywords of the function, each once"
+        raise InputError(f"vary is {brief(vary)}", mend=mend)
     pairs = np.array([read_bounds(name, bounds, names) for name in names])
     return _Parameters(make, names, pairs[:, 0], pairs[:, 1], pairs.mean(axis=1))
 
@@ -198,12 +220,17 @@ def _judge_effects(space: _Space, goal: Goal, random: np.random.Generator) -> li
     """Return a sentence that names the variables without an effect, or none; InputError if none of
     them has one.
 
-    A variable may have no effect at one place only: two are tried.
+    A variable may have no effect at one place only: two are tried, of which the second may have no
+    value.
     """
-    sizes = np.zeros(len(space.start))
-    for values in (space.start, random.uniform(space.low, space.high)):
-        _, slope = space.differentiate(goal.evaluate, values)
-        sizes = np.maximum(sizes, np.abs(slope) * (space.high - space.low))
+    value, slope = space.differentiate(goal.evaluate, space.start)
+    if np.ndim(value):
+        raise InputError(f"the value of the goal is {brief(value)}", mend="Return one number")
+    sizes = np.abs(slope)
+    with suppress(GranphonError):
+        _, slope = space.differentiate(goal.evaluate, random.uniform(space.low, space.high))
+        sizes = np.maximum(sizes, np.abs(slope))
+    sizes = sizes * (space.high - space.low)
     largest = float(np.max(sizes))
     if not largest > 0.0:
         first = ", ".join(space.labels[:_NAMED])

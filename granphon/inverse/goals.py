@@ -17,8 +17,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError
-from granphon.base.validation import finite_array, positive, real_array
+from granphon.base.errors import InputError, brief
+from granphon.base.validation import (
+    finite_array,
+    grid_numbers,
+    not_negative,
+    positive,
+    whole_number,
+)
 from granphon.networks.network import ContactNetwork
 from granphon.observables.velocities import sound_velocities
 from granphon.phonons.phonons import Phonons
@@ -37,6 +43,8 @@ NAMES = (
 )
 #: points of the mesh of a gap along each of one, two and three periods
 _MESHES = (48, 12, 6)
+#: most points of a mesh along each period
+_MOST_POINTS = 1000
 #: how much finer the mesh is on which a gap is certified
 FINER = 4
 #: smoothing t of a gap, over the top frequency
@@ -86,6 +94,13 @@ class WidestGap:
     unit = "Hz"
     largest = True
 
+    def __post_init__(self) -> None:
+        for name in ("near", "smoothing"):
+            if getattr(self, name) is not None:
+                positive(name, getattr(self, name), "Hz")
+        if self.branches is not None:
+            whole_number("branches", self.branches, 1)
+
     def choose(self, network: ContactNetwork, most: int) -> list[WidestGap]:
         """Return up to ``most`` goals of a given number of branches below the gap, the most
         promising first, for a search that begins at a ``network``.
@@ -94,15 +109,18 @@ class WidestGap:
         tops = frequencies.max(axis=0)
         smoothing = self.smoothing or _SMOOTH * float(tops[-1])
         chosen = replace(self, near=None, smoothing=smoothing)
+        n_gaps = len(tops) - 1
+        if not n_gaps:
+            raise InputError("the network has one branch alone, and no gap between branches")
         if self.branches is not None:
+            whole_number("branches", self.branches, 1, n_gaps)
             return [chosen]
         bottoms = frequencies.min(axis=0)
         if self.near is not None:
-            near = positive("near", self.near, "Hz")
-            below = int(np.count_nonzero(np.mean(frequencies, axis=0) < near))
-            if below in (0, frequencies.shape[1]):
+            below = int(np.count_nonzero(np.mean(frequencies, axis=0) < self.near))
+            if below in (0, len(tops)):
                 raise InputError(
-                    f"no gap can be near {near:g} Hz",
+                    f"no gap can be near {self.near:g} Hz",
                     f"The branches lie from {bottoms[0]:.6g} to {tops[-1]:.6g} Hz",
                     "Choose a frequency between two branches",
                 )
@@ -112,7 +130,11 @@ class WidestGap:
         return [replace(chosen, branches=1 + int(number)) for number in order]
 
     def _list_numbers(self, periods: int) -> tuple[int, ...]:
-        return self.mesh or (_MESHES[periods - 1],) * periods
+        default = (_MESHES[periods - 1],) * periods
+        if self.mesh is None:
+            return default
+        example = " ".join(map(str, default))
+        return grid_numbers("mesh", self.mesh, 1, _MOST_POINTS, example, periods)
 
     def _find_frequencies(self, phonons: Phonons) -> tuple[Array, Array]:
         """Return wave vectors (n_q, p), fractions, and frequencies (n_q, n_b), Hz."""
@@ -124,8 +146,8 @@ class WidestGap:
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the smooth width of the gap, Hz, and its derivatives (n_c,), or (n,) of balls."""
-        assert self.branches is not None  # as choose has made them
-        assert self.smoothing is not None
+        if self.branches is None or self.smoothing is None:
+            return self.choose(network, 1)[0].evaluate(network)
         phonons = Phonons(network)
         points, frequencies = self._find_frequencies(phonons)
         lower = frequencies[:, : self.branches]
@@ -144,6 +166,8 @@ class WidestGap:
         """Return the width of the gap, Hz, on a mesh four times finer; zero of a gap that is
         closed.
         """
+        if self.branches is None:
+            return self.choose(network, 1)[0].certify(network)
         phonons = Phonons(network)
         numbers = self._list_numbers(phonons.lattice.periods)
         below, gaps = phonons.find_gaps([FINER * number for number in numbers])
@@ -164,7 +188,7 @@ class MatchFrequencies:
     Parameters
     ----------
     measured : (m,) Hz, ascending: of the lowest modes of the network that cost energy; or with
-        ``q``, (n_q, b) of its branches.
+        ``q``, (n_q, b) of its branches, or (b,) at one wave vector, or (n_q,) of one branch.
     sigma : standard errors, Hz, a number or of the shape of ``measured``; None for errors in
         proportion to the frequencies.
     q : (n_q, p) wave vectors, fractions of the reciprocal cell.
@@ -178,16 +202,47 @@ class MatchFrequencies:
     unit = "1"
     largest = False
 
+    def __post_init__(self) -> None:
+        measured = finite_array("measured", self.measured, "Hz", "above zero")
+        if self.sigma is not None:
+            sigma = finite_array("sigma", self.sigma, "Hz", "above zero")
+            if sigma.shape not in ((), measured.shape):
+                fault = f"sigma has the shape {sigma.shape}, and measured {measured.shape}"
+                raise InputError(fault, mend="Give one standard error, or one for each frequency")
+        if self.q is None:
+            self._require_modes(measured)
+            return
+        n_points = len(np.atleast_1d(finite_array("q", self.q)))
+        if measured.ndim > 1:
+            fits = measured.ndim == 2 and len(measured) == n_points
+        else:
+            fits = n_points in (1, measured.size)
+        if not fits:
+            fault = (
+                f"measured has the shape {measured.shape}, and there are {n_points} wave vectors"
+            )
+            raise InputError(fault, mend="Give a row of frequencies for each wave vector")
+
+    def _require_modes(self, measured: Array) -> None:
+        """Raise InputError unless ``measured`` are frequencies of modes, without branches."""
+        if self.branches is not None:
+            raise InputError("branches are given without q", mend="Give the wave vectors, q")
+        if measured.ndim > 1 or np.any(np.diff(measured.ravel()) < 0.0):
+            fault = f"measured is {brief(self.measured)}"
+            why = "The lowest modes of a network ascend"
+            raise InputError(fault, why, "Sort them, or give the wave vectors of branches, q")
+
     def find_residuals(self, network: ContactNetwork) -> tuple[Array, dict[str, Any]]:
         """Return the misfits over their errors, (m,), and their derivatives (m, ...)."""
-        measured = finite_array("measured", self.measured, "Hz", "above zero")
-        sigma = measured if self.sigma is None else real_array("sigma", self.sigma)
+        measured = np.asarray(self.measured, float)
+        sigma = measured if self.sigma is None else self.sigma
         errors = np.broadcast_to(sigma, measured.shape).ravel()
         if self.q is None:
             modes = Waves(network).modes(measured.size)
             found: Any = modes.sensitivities
         else:
-            points = np.reshape(self.q, (len(self.q), -1))
+            points = np.atleast_1d(self.q)
+            points = points.reshape(len(points), -1)
             count = measured.size // len(points)
             branches = np.arange(count) if self.branches is None else self.branches
             found = Phonons(network).sensitivities(points, branches)
@@ -242,10 +297,15 @@ class LowestVelocity:
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the velocity, m/s, and its derivatives (n_c,), or (n,) of balls."""
         found = sound_velocities(network, self.direction).sensitivities
-        weights = np.eye(found.velocities.size)[self.wave]
+        shape = found.velocities.shape
+        if len(shape) != 1:
+            mend = "Give one direction, and a network at one load"
+            raise InputError(f"the velocities have the shape {shape}", mend=mend)
+        wave = whole_number("wave", self.wave, 0, shape[0] - 1)
+        weights = np.eye(shape[0])[wave]
         slopes: dict[str, Any] = {}
         _add(slopes, found, weights)
-        return float(found.velocities[self.wave]), slopes
+        return float(found.velocities[wave]), slopes
 
 
 @dataclass(frozen=True, init=False)
@@ -274,6 +334,7 @@ class ResponseAt:
     def __init__(
         self, frequency: float, source: Any, receiver: Any, *, largest: bool = False, **options: Any
     ) -> None:
+        not_negative("frequency", frequency, "Hz")
         values = (frequency, source, receiver, largest, options)
         for name, value in zip(self.__dataclass_fields__, values, strict=True):
             object.__setattr__(self, name, value)

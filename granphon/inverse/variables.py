@@ -12,7 +12,7 @@ import numpy as np
 
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
-from granphon.base.validation import finite_array, one_of, texts
+from granphon.base.validation import finite_array, not_negative, one_of, texts
 from granphon.networks.network import ContactNetwork
 
 #: what may vary: the field of a network that is the variable, the fields that change in proportion
@@ -31,6 +31,8 @@ VARIED = {
     "torsion": {"torsion_stiffness": "torsion"},
     "bending": {"bending_stiffness": "bending"},
 }
+#: what may be zero in a network; masses, inertias and normal stiffnesses are above zero
+_MAY_BE_ZERO = ("shear_stiffness", "torsion", "bending")
 #: what has a variable of its own: every ball or contact, or every kind
 PER = ("each", "kind")
 #: relative distance by which a start may lie outside of its bounds: rounding
@@ -91,11 +93,18 @@ class Variables:
                 f"{' and '.join(names)} vary the same numbers of the network", mend="Leave one out"
             )
         groups = tuple(_make_group(network, name, per) for name in names)
+        empty = [group.name for group in groups if not group.count]
+        if empty:
+            fault = f"the network has no {empty[0]} to vary"
+            raise InputError(fault, "It has no contact, or no ball that moves")
         low = []
         high = []
         start = []
         for group in groups:
             least, largest = read_bounds(group.name, bounds, names)
+            if least == 0.0 and group.name not in _MAY_BE_ZERO:
+                fault = f"the bounds of {group.name} begin at zero"
+                raise InputError(fault, "In a network it is above zero", "Begin above zero")
             values = getattr(network, next(iter(group.fields)))[group.members]
             sums = np.bincount(group.numbers, values, group.count)
             start.append(sums / np.bincount(group.numbers, minlength=group.count))
@@ -155,7 +164,12 @@ class Variables:
                 slope = slopes.get(name)
                 if slope is None:
                     continue
-                of_members = np.asarray(slope)[..., group.members]
+                by_all = finite_array(f"the derivatives by {name}", slope)
+                size = len(getattr(network, field))
+                if by_all.shape[-1:] != (size,):
+                    fault = f"the derivatives by {name} have the shape {by_all.shape}"
+                    raise InputError(fault, f"There are {size} of each value of the goal")
+                of_members = by_all[..., group.members]
                 if field != main:  # in proportion
                     of_members = of_members * getattr(network, field)[group.members] / values
                 total = total + of_members
@@ -181,7 +195,7 @@ class Variables:
             parts = self.split(weights)
             group = self.groups[names.index(name)]
             parts[names.index(name)][:] = np.bincount(group.numbers, minlength=group.count)
-            value = float(finite_array("constraints", total))
+            value = not_negative("constraints", total)
             if not weights @ self.low <= value <= weights @ self.high:
                 raise InputError(
                     f"the sum of the {name}, {value:.6g}, is out of reach",

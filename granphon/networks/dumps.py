@@ -237,7 +237,8 @@ class Lines:
         ``count`` is -1 if the file has not said how many there are.
 
         InputError for another ``kind`` of list than is needed, a count that is not known, a file
-        that ends before, or in the last row, and a name of a column that no program writes.
+        that ends before, or in the last row, a row more, and a name of a column that no program
+        writes.
         """
         if frame.kind != kind:
             required = "atoms (dump custom)" if kind == "atoms" else "pairs (dump local)"
@@ -262,6 +263,11 @@ class Lines:
         self.place += count
         if self.at_end:
             self.refuse_cut(frame)
+        next_line = self.peek()
+        n_cells = len(next_line.split())
+        if not next_line.startswith("ITEM:") and n_cells >= max(1, len(columns)) + frame.offset:
+            fault = f"{self.name}:{self.place + 1}: a row follows the {count} {kind} of the list"
+            raise InputError(fault, "The number of rows that the file says is another")
 
     def refuse_cut(self, frame: Frame) -> None:
         """Raise :class:`InputError` if the last line is broken, or is the last row of the last

@@ -14,6 +14,7 @@ import numpy as np
 from granphon.base.arrays import Index
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import Units
+from granphon.base.validation import texts
 from granphon.networks.building import Source
 from granphon.networks.dumps import Dump, Frame
 from granphon.networks.lammps import (
@@ -112,7 +113,7 @@ def _name_columns(frame: Frame, keywords: str | Sequence[str] | None) -> Frame:
     if keywords is None and not are_numbered:
         return frame
     words = keywords.split() if isinstance(keywords, str) else keywords
-    chosen = _DEFAULT if words is None else tuple(map(str, words))
+    chosen = _DEFAULT if words is None else texts("keywords", words)
     unknown = [word for word in chosen if word not in _KEYWORDS]
     if unknown or not chosen:
         mend = f"Give those of the compute: {', '.join(_KEYWORDS)}"

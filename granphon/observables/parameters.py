@@ -7,7 +7,7 @@ d ln X/d ln p is a difference of the fourth order, of states at four values of t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,7 +19,7 @@ from granphon.balls.packing import KIND_PARAMETERS, Packing, change_packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.results import Result
-from granphon.base.validation import texts
+from granphon.base.validation import real_array, texts
 from granphon.media.arrangement import Balls, given_balls
 from granphon.media.choice import MediumChoice
 from granphon.networks.network import given_network
@@ -80,11 +80,15 @@ def parameter_sensitivities(
     finite_overlap : as for the state.
     load : the load by its kind, as ``force=18.4`` (N).
 
-    Raises :class:`~granphon.base.errors.InputError` for unknown names, and what the states and
+    Raises :class:`~granphon.base.errors.InputError` for unknown names, parameters that are no
+    numbers, several loads, and arrays of ``find`` whose shape changes; and what the states and
     ``find`` raise.
     """
     balls = given_balls(x)
-    applied = Load.only(**load)
+    if not callable(find):
+        mend = "Give a function of a state, as lambda s: gp.moduli(s).bulk"
+        raise InputError(f"find is {brief(find)}", mend=mend)
+    applied = _read_load(load)
     names = _list_names(balls, applied) if parameters is None else texts("parameters", parameters)
     default_medium = "ema" if isinstance(balls, Packing) else "crystal"
     choice = MediumChoice(medium or default_medium)
@@ -96,21 +100,39 @@ def parameter_sensitivities(
         if name == applied.kind:
             load_there = replace(applied, array=factor * applied.array)
         elif name and name != MINDLIN_RATIO:
-            changed = change_packing(balls, {name: factor * _read_value(balls, name)})
+            changed = change_packing(balls, {name: factor * _read_number(balls, name)})
         flat = replace(load_there, array=np.ravel(load_there.array)[0])
         state: Any = choice.of(changed).at(flat, finite_overlap=finite_overlap or None)
         if name == MINDLIN_RATIO:
             network = given_network(state)
             state = replace(network, shear_stiffness=factor * network.shear_stiffness)
-        return np.asarray(find(state), float)
+        return real_array("what find returns", find(state))
 
     value = find_at("", 1.0)
     divisor = np.where(value == 0.0, np.nan, _STEP * value)  # what is zero has no logarithm
     slopes = []
     for name in names:
-        difference: Any = sum(weight * find_at(name, 1.0 + step * _STEP) for step, weight in _STEPS)
+        difference: Any = 0.0
+        for step, weight in _STEPS:
+            changed_value = find_at(name, 1.0 + step * _STEP)
+            if changed_value.shape != value.shape:
+                fault = f"find returns the shape {value.shape}, and {changed_value.shape}"
+                mend = "Return as many numbers of every state"
+                raise InputError(f"{fault} where {name} is changed by {step * _STEP:g}", mend=mend)
+            difference += weight * changed_value
         slopes.append(difference / divisor)
     return ParameterSensitivities(names, np.array(slopes), value)
+
+
+def _read_load(load: Mapping[str, Any]) -> Load:
+    """Return the load of one kind and one value; InputError for none or several."""
+    if not load:
+        raise InputError("there is no load", mend="Give one by its kind, as force=18.4")
+    applied = Load.only(**load)
+    if applied.size != 1:
+        kind = applied.kind
+        raise InputError(f"{kind} has {applied.size} values", mend=f"Give one {kind} at a time")
+    return applied
 
 
 def _list_names(balls: Balls, load: Load) -> tuple[str, ...]:
@@ -132,6 +154,14 @@ def _list_names(balls: Balls, load: Load) -> tuple[str, ...]:
 def _is_number(value: Any) -> bool:
     """Return whether the value of a parameter is a number other than zero."""
     return isinstance(value, float | int) and value != 0.0
+
+
+def _read_number(balls: Balls, name: str) -> float:
+    """Return the value of a parameter, SI; InputError unless it is a number."""
+    value = _read_value(balls, name)
+    if isinstance(value, bool) or not isinstance(value, float | int):
+        raise InputError(f"the parameter {name!r} is {brief(value)}, no number", mend="Use others")
+    return value
 
 
 def _read_value(balls: Balls, name: str) -> Any:

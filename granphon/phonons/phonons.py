@@ -925,6 +925,11 @@ class Phonons:
         gaps = self._find_gap_edges(mesh)
         count = len(gaps.branches_below)
         branches = gaps.branches_below[:, None] + np.array([-1, 0])  # below and above each gap
+        if not count:
+            none = np.zeros((0, 2))
+            motions = np.zeros((0, 2, self.lattice.n_balls, self.lattice.motions.count))
+            energies = ModeEnergies(none, none > 0.0, {}, motions)
+            return self._make_sensitivities(energies, np.zeros((0, 2, 3)))
         has_edge = branches >= 0
         points = gaps.points.reshape(-1, self._periods)
         energies = self._measure(points, np.maximum(branches, 0).reshape(-1, 1))

@@ -177,11 +177,11 @@ class SpectralDensity(Refinable):
     def boson_peak(self) -> float:
         """The frequency, Hz, of the greatest :attr:`reduced` density above the line at zero, four
         times the resolution: where modes exceed those of sound most; nan where the density falls
-        from there on.
+        from there on, and where the resolution leaves nothing above the line.
         """
         start = int(np.searchsorted(self.frequencies, _BEYOND_ZERO * self.resolution))
         reduced = self.reduced[start:]
-        peak = int(np.argmax(reduced))
+        peak = int(np.argmax(reduced)) if reduced.size else 0
         # where the density falls at once the line at zero is not left behind
         return float(self.frequencies[start + peak]) if peak else math.nan
 

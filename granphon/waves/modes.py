@@ -939,7 +939,9 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
     problem = Problem.of(operator)
     size = problem.live.size
     if count > size:
-        raise make_too_few(size, count)
+        request = counted(count, "mode is", "modes are")
+        fault = f"{request} asked for, and the network has {counted(size, 'motion')}"
+        raise InputError(fault, mend="Ask for fewer")
     if size <= DENSE or count * _SHARE > size:
         pairs = _find_dense(problem, count, target)
     elif size <= LARGEST_FACTORS[operator.network.dimension]:

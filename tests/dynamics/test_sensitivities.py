@@ -299,6 +299,14 @@ def test_the_gap_below_held_balls_has_one_edge():
     assert np.all(np.isfinite(edges.mass[0, 1]))
 
 
+def test_bands_without_a_gap_have_no_edge():
+    network = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="chain")).at_force(5.0).network
+    edges = gp.Phonons(network).gap_sensitivities()
+    assert edges.frequencies.shape == edges.degenerate.shape == (0, 2)
+    assert edges.normal_stiffness.shape == (0, 2, 1)
+    assert edges.qpoints.shape == (0, 2, 3)
+
+
 def test_derivatives_go_to_plain_data_and_back(two_masses):
     for found in (
         gp.Phonons(two_masses).sensitivities([[0.2]]),

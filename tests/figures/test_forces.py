@@ -299,6 +299,12 @@ def test_a_network_without_force_and_what_is_no_network(ax):
     still = replace(network, normal_force=0.0 * network.normal_force)
     plot_forces(still, ax)
     assert len(ax.get_figure().axes) == 1  # without a scale of forces
+    ends = {"i": [], "j": [], "normal_force": []}
+    alone = gp.ContactNetwork.from_table(
+        {"x": [0.0], "y": [0.0], "radius": [1e-3]}, ends, material=STEEL, keep_rattlers=True
+    )
+    with pytest.raises(InputError, match="no contact"):
+        plot_forces(alone)
     with pytest.raises(InputError, match=r"sample.* gp.ContactNetwork"):
         plot_forces(STEEL)
 

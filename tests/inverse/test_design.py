@@ -125,6 +125,18 @@ def test_kinds_have_one_variable():
 # -- what is refused, or said ----------------------------------------------------------------------
 
 
+class Fixed:
+    """A goal that returns what it was made with, whatever the network."""
+
+    largest = False
+
+    def __init__(self, found):
+        self.found = found
+
+    def evaluate(self, _network):
+        return self.found
+
+
 @pytest.mark.parametrize(
     ("words", "options"),
     [
@@ -142,6 +154,19 @@ def test_kinds_have_one_variable():
         ("none of the variables", {"vary": "shear_stiffness", "bounds": (0.0, 1e7)}),
         ("no gap can be near", {"goal": gp.WidestGap(near=1e6)}),
         ("the goal is", {"goal": 3.0}),
+        ("the goal is", {"goal": gp.WidestGap}),
+        ("the goal returns", {"goal": Fixed(1.0)}),
+        ("nan", {"goal": Fixed((math.nan, {"mass": [1.0, 1.0]}))}),
+        ("one number", {"goal": Fixed(([1.0, 2.0], {"mass": [1.0, 1.0]}))}),
+        ("by mass", {"goal": Fixed((1.0, {"mass": [1.0, math.nan]}))}),
+        ("by mass", {"goal": Fixed((1.0, {"mass": [1.0] * 3}))}),
+        ("Did you mean 'mass'", {"goal": Fixed((1.0, {"masses": [1.0, 1.0]}))}),
+        ("begin at zero", {"bounds": (0.0, 1.0)}),
+        ("constraints", {"constraints": {"mass": [0.1, 0.2]}}),
+        ("mesh", {"goal": gp.WidestGap(mesh=(0,))}),
+        ("branches", {"goal": gp.WidestGap(branches=2)}),
+        ("wave", {"goal": gp.LowestVelocity(wave=1)}),
+        ("one direction", {"goal": gp.LowestVelocity([[1.0], [1.0]])}),
     ],
 )
 def test_mistakes_are_refused_in_one_line(chain, words, options):
@@ -150,6 +175,60 @@ def test_mistakes_are_refused_in_one_line(chain, words, options):
     with pytest.raises(InputError, match=words) as error:
         gp.design(chain, **arguments)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("goal", "options", "word"),
+    [
+        (gp.WidestGap, {"near": -1.0}, "near"),
+        (gp.WidestGap, {"smoothing": 0.0}, "smoothing"),
+        (gp.WidestGap, {"branches": 0}, "branches"),
+        (gp.MatchFrequencies, {"measured": [2.0, 1.0]}, "ascend"),
+        (gp.MatchFrequencies, {"measured": [[1.0], [2.0]]}, "ascend"),
+        (gp.MatchFrequencies, {"measured": [0.0, 1.0]}, "measured"),
+        (gp.MatchFrequencies, {"measured": [1.0], "sigma": 0.0}, "sigma"),
+        (gp.MatchFrequencies, {"measured": [1.0], "sigma": [1.0, 1.0]}, "sigma"),
+        (gp.MatchFrequencies, {"measured": [1.0], "branches": [0]}, "without q"),
+        (gp.MatchFrequencies, {"measured": [[1.0, 2.0]], "q": [[0.1], [0.2]]}, "2 wave vectors"),
+        (gp.ResponseAt, {"frequency": -1.0, "source": 0, "receiver": 0}, "frequency"),
+    ],
+)
+def test_goals_refuse_what_they_are_made_of(goal, options, word):
+    with pytest.raises(InputError, match=word):
+        goal(**options)
+
+
+def test_what_cannot_vary_is_refused(chain):
+    still = replace(chain, masses=np.full(2, np.inf), inertias=np.full(2, np.inf))
+    with pytest.raises(InputError, match="no mass to vary"):
+        gp.design(still, Fixed((1.0, {})), bounds=(0.1, 1.0))
+    alone = gp.Crystal.on("chain", [BALL], friction=False).at_force(20.0).network
+    with pytest.raises(InputError, match="one branch"):
+        gp.design(alone, gp.WidestGap(), bounds=(1e-3, 1.0))
+    for names in ([], ["force", "force"]):
+        with pytest.raises(InputError, match="vary"):
+            gp.design(lambda force: chain, gp.WidestGap(), names, {"force": (1.0, 2.0)})
+
+
+def test_a_gap_is_evaluated_without_a_search(chain):
+    heavy = replace(chain, masses=chain.masses * np.array([1.0, 3.0]))
+    (settled,) = gp.WidestGap(near=5e3).choose(heavy, 1)
+    assert gp.WidestGap().evaluate(heavy)[0] == settled.evaluate(heavy)[0]
+    assert_allclose(gp.WidestGap().certify(heavy), np.diff(gp.Phonons(heavy).gaps())[0], rtol=1e-9)
+
+
+def test_a_goal_without_a_value_at_random_masses_is_searched_from_the_network(chain):
+    class Narrow:
+        largest = False
+
+        def evaluate(self, network):
+            if np.ptp(network.masses) > 1e-9 * network.masses[0]:
+                raise InputError("no such network")
+            return float(network.masses.sum()), {"mass": np.ones(network.n_balls)}
+
+    mass = chain.masses[0]
+    best = gp.design(chain, Narrow(), bounds=(0.5 * mass, 2.0 * mass), restarts=1)
+    assert_allclose(best.value, mass, rtol=1e-9)
 
 
 def test_a_goal_out_of_reach_is_said_and_the_best_kept(chain):

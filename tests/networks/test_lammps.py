@@ -404,6 +404,11 @@ BAD_DUMPS = {
         {},
         "ends before its 64 entries do: 63 are there",
     ),
+    "too few rows said": (
+        spoil((1, r"(NUMBER OF ENTRIES\n)\d+", r"\g<1>60")),
+        {"step": 3456},
+        r"pairs.dump:\d+: a row follows the 60 entries",
+    ),
     "number of rows": (
         spoil((1, r"ITEM: NUMBER OF ENTRIES\n\d+\n", "")),
         {},

@@ -93,6 +93,8 @@ def test_dumps_of_liggghts(kind, keywords, tmp_path):
         gp.ContactNetwork.from_liggghts(atoms, pairs, GLASS, keywords="pos id")
     with pytest.raises(InputError, match="keywords are 'ids'"):
         gp.ContactNetwork.from_liggghts(atoms, pairs, GLASS, keywords="ids")
+    with pytest.raises(InputError, match="keywords: found 3"):
+        gp.ContactNetwork.from_liggghts(atoms, pairs, GLASS, keywords=3)
 
 
 # -- MercuryDPM ------------------------------------------------------------------------------------

@@ -70,3 +70,31 @@ def test_all_parameters_of_a_packing_by_default():
     for name in ("colour", "A.density"):
         with pytest.raises(InputError, match="no parameter"):
             gp.parameter_sensitivities(PACKING, find, name, force=1.0)
+
+
+@pytest.mark.parametrize(
+    ("word", "options"),
+    [
+        ("no load", {}),
+        ("2 values", {"force": [1.0, 2.0]}),
+        ("find is 3.0", {"find": 3.0, "force": 1.0}),
+        ("what find returns", {"find": lambda _: None, "force": 1.0}),
+        ("what find returns", {"find": lambda _: 1j, "force": 1.0}),
+        ("no number", {"parameters": "lattice", "force": 1.0}),
+        ("no number", {"parameters": "friction", "force": 1.0}),
+        ("no number", {"parameters": "spread", "force": 1.0}),
+    ],
+)
+def test_mistakes_are_refused(word, options):
+    with pytest.raises(InputError, match=word):
+        gp.parameter_sensitivities(PACKING, **({"find": find} | options))
+
+
+def test_arrays_whose_shape_changes_are_refused():
+    """As gaps that open or close with a parameter."""
+
+    def list_forces(state):
+        return np.full(1 + (state.force > 18.0), state.force)
+
+    with pytest.raises(InputError, match="force"):
+        gp.parameter_sensitivities(PACKING, list_forces, "force", force=18.0)

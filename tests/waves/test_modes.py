@@ -287,6 +287,8 @@ def test_what_has_no_modes_is_refused():
     for bad in (0, 1.5, -1):
         with pytest.raises(InputError, match="count"):
             waves.modes(bad)
+    with pytest.raises(InputError, match=f"{waves.operator.shape[0]} motions"):
+        waves.modes(10**6)
     for bad in (-1.0, math.nan, "5"):
         with pytest.raises(InputError, match="nearest"):
             waves.modes(1, nearest=bad)

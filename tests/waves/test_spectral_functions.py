@@ -899,6 +899,7 @@ def test_the_boson_peak_is_the_greatest_reduced_density(dimension):
     assert np.max(made.reduced[1:]) == pytest.approx(2.0, rel=1e-3)
     falling = dataclasses.replace(made, translational=f ** (dimension - 1.0) * np.exp(-x))
     assert np.isnan(falling.boson_peak)
+    assert np.isnan(dos.with_moments(2).boson_peak)
 
 
 def test_the_reduced_density_of_long_waves_is_that_of_debye():
