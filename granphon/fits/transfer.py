@@ -43,6 +43,8 @@ from granphon.waves.response import OF_FORCE, QUANTITIES, Places
 from granphon.waves.settings import RESPONSES
 from granphon.waves.waves import Waves
 
+#: residual, over its standard error, of which sums of squares and their products stay finite
+_FARTHEST = 1e70
 #: losses of all motions that may be fitted, and those of other motions than the first kind
 _OTHERS = {
     "damping": "tangential_damping",
@@ -878,9 +880,15 @@ class _Comparison:
 
     def find_best(self) -> Any:
         """Return scipy's result of least squares at the lowest minimum: ``x`` (p,) scaled,
-        ``cost``, ``jac``.
+        ``cost``, ``jac``. InputError for data so far from the response that squares overflow.
         """
-        fits = [self._descend(start) for start in self.list_starts()]
+        starts = list(self.list_starts())
+        with np.errstate(over="ignore"):
+            farthest = max(float(np.max(np.abs(self.compare(start)))) for start in starts)
+        if farthest > _FARTHEST:
+            problem = f"the response is up to {farthest:.1g} standard errors from the data"
+            raise InputError(problem, mend="Look at the units of the data, and of sigma")
+        fits = [self._descend(start) for start in starts]
         return min(fits, key=lambda fit: float(fit.cost))
 
     def _descend(self, start: Array) -> Any:

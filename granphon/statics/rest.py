@@ -546,7 +546,8 @@ class _LatticeSearch(_Search):
         if laws.adhere and isinstance(error, ConvergenceError):
             contact = int(np.argmin(configuration.overlap - laws.least))
             problem = f"{self.problem.load.words} pulls contact {contact} apart"
-            why = f"It bears a tension of up to {laws.tension[contact]:.6g} N"
+            tension = laws.tension[contact] + 0.0  # of contacts that only push, no -0
+            why = f"It bears a tension of up to {tension:.6g} N"
             return InputError(problem, why, "Press the crystal more")
         return error
 

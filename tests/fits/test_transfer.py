@@ -306,6 +306,11 @@ def test_data_that_say_nothing_of_a_damping_are_refused():
         fit(data)
 
 
+def test_data_of_which_squares_overflow_are_refused():
+    with pytest.raises(InputError, match="units"):
+        fit(gp.TransferFunction(FEW, np.full(FEW.size, 1e-300)))
+
+
 def test_a_sigma_that_is_too_small_is_told():
     data = measure(closed_form(TAU, 0.0, hertz=FEW))
     wrong = fit(gp.TransferFunction(FEW, np.abs(data), np.angle(data), 1e-3 * np.abs(data)))

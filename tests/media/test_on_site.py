@@ -107,6 +107,12 @@ def test_springs_that_are_refused(springs):
         gp.Crystal.on("chain", [BALL], on_site=springs)
 
 
+def test_a_load_that_springs_bear_alone_is_refused():
+    row = gp.Crystal.on("chain", [BALL], on_site=1e6).repeat(6).cut(0, 1, ("floor", "free"))
+    with pytest.raises(InputError, match="tension of up to 0 N"):
+        row.at_force(1e-20)
+
+
 @pytest.mark.claim("on-site-motion")
 @pytest.mark.parametrize("scheme", ["verlet", "midpoint"])
 def test_a_mode_moves_at_its_frequency_and_keeps_its_energy(scheme):
