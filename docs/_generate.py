@@ -65,7 +65,7 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE
 from granphon.runs.dataset import load_sweep
 from granphon.scene import rules
-from granphon.scene.file import FIELDS as SCENE_FIELDS
+from granphon.scene.file import BLOCKS
 from granphon.scene.outputs import OUTPUTS
 from granphon.scene.rules import PARTS, Context
 from granphon.scene.scene import Scene
@@ -272,16 +272,18 @@ def scene_keys() -> str:
         for kind in (Material, Packing, Scene)
         for name, one in signature(kind).parameters.items()
     }
-    for field in SCENE_FIELDS:
-        allowed = told(partial(field.kind.rule(Context(folder=HERE)), object()))
-        block, _, name = field.key.rpartition(".")
+    for block, name, one in (
+        (block, name, one) for block, settings in BLOCKS.items() for name, one in settings.items()
+    ):
+        allowed = told(partial(one.kind.rule(Context(folder=HERE)), object()))
         several = (
             "; or a list of these, or a [range](#ranges)"
             if block == "load" and name in LOADS
             else ""
         )
-        default = field.default or _plain_default(field.key, made[name])
-        rows.append([f"`{field.key}`", field.words, allowed + several, field.kind.unit, default])
+        default = one.default or _plain_default(block, made[name or block])
+        key = f"{block}.{name}" if name else block
+        rows.append([f"`{key}`", one.meaning, allowed + several, one.kind.unit, default])
     return table(("key", "what it is", "allowed", "SI unit", "default"), rows)
 
 
@@ -374,7 +376,7 @@ def sweep_parameters() -> str:
     """What a block ``sweep`` may hold."""
     rows = []
     for name, unit in PARAMETERS.items():
-        allowed = told(lambda name=name: rules.PARAMETERS_SWEPT.read({name: object()}, Context()))
+        allowed = told(lambda name=name: rules.SWEEP.kind.read({name: object()}, Context()))
         several = "a list" if unit is None else "one, a list, or a [range](#ranges)"
         rows.append(
             [
@@ -390,7 +392,7 @@ def sweep_parameters() -> str:
 def _element(name: str, allowed: str) -> str:
     if not allowed.startswith("a list"):
         return allowed
-    return told(lambda: rules.PARAMETERS_SWEPT.read({name: [object()]}, Context()))
+    return told(lambda: rules.SWEEP.kind.read({name: [object()]}, Context()))
 
 
 def ranges() -> str:

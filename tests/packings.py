@@ -91,17 +91,31 @@ def fill(
     )
 
 
-def relax(lmp: Any, dimension: int, count: int, filled: float, seed: int) -> None:
-    """Put balls at random places and relax them until they are at rest."""
+def relax(
+    lmp: Any,
+    dimension: int,
+    count: int,
+    filled: float,
+    seed: int,
+    radii: Any = (0.8e-3, 1.0e-3, 1.2e-3),
+    tilt: float = 0.0,
+) -> None:
+    """Put balls at random places and relax them until they are at rest.
+
+    ``radii`` are those that balls may have, m; ``tilt`` is that of y towards x, over the side.
+    """
     rng = np.random.default_rng(seed)
-    radii = rng.choice([0.8e-3, 1.0e-3, 1.2e-3], count)
+    radii = rng.choice(radii, count)
     volume = np.sum(np.pi * radii**2) if dimension == 2 else np.sum(4.0 / 3.0 * np.pi * radii**3)
     side = float((volume / filled) ** (1.0 / dimension))
     low, high = (-2e-3, 2e-3) if dimension == 2 else (0.0, side)
     places = rng.uniform(0.0, side, (count, 3))
+    places[:, 0] += tilt * places[:, 1]
     if dimension == 2:
         places[:, 2] = 0.0
-    fill(lmp, f"block 0 {side!r} 0 {side!r} {low!r} {high!r}", places, dimension=dimension)
+    box = f"0 {side!r} 0 {side!r} {low!r} {high!r}"
+    region = f"prism {box} {tilt * side!r} 0 0" if tilt else f"block {box}"
+    fill(lmp, region, places, dimension=dimension)
     for ball, radius in enumerate(radii.tolist(), 1):
         lmp.command(f"set atom {ball} diameter {2.0 * radius!r} density {MATERIAL.density!r}")
     lmp.commands_string(f"""

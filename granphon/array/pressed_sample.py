@@ -190,9 +190,9 @@ class PressedEquilibrium(Equilibrium):
         "partial_slip" is the stiffness of each contact as if its tangential force were about to
         grow, also where it has just become less.
         """
-        mobilised = self.law.mobilise(self.contacts)
         if response == "stick":
-            return np.full_like(mobilised, self.mindlin_ratio)
+            return np.full(self.shears.shape[1:], self.mindlin_ratio)
+        mobilised = self.law.mobilise(self.contacts)
         part = reduce_by_slip(mobilised) if response == "partial_slip" else 1.0
         return self.mindlin_ratio * np.where(mobilised >= SLIDES, 0.0, part)
 

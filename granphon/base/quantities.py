@@ -97,6 +97,8 @@ _MOST_SIGNS = 100
 #: is applied to them
 _TINY = 1e-200
 _QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
+#: what stands between a quantity and its standard error
+_PLUS_MINUS = re.compile(r"\+-|\+/-|±")
 _FACTOR = r"(?:%|[A-Za-zµμÅ_]+)(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
 #: one factor of a unit: what stands before it, its name, and its power
 _FACTORS = re.compile(r"([*/·]?)\s*(%|[A-Za-zµμÅ_]+)(?:\^|\*\*)?(-?[1-9]|[²³])?")
@@ -366,6 +368,20 @@ def find_written_unit(text: Any) -> str:
     """Return the unit of a text such as "8 mm"; empty for another value."""
     match = _QUANTITY.fullmatch(text.strip()) if isinstance(text, str) else None
     return match.group(3).strip() if match else ""
+
+
+def split_error(text: str) -> tuple[Any, str] | None:
+    """Return the value and the standard error of a text such as "211.65 +- 2 GPa" or "8 mm +- 4
+    um", the value as it would stand alone; None if it is no such text.
+    """
+    matches = [_QUANTITY.fullmatch(part.strip()) for part in _PLUS_MINUS.split(text)]
+    if len(matches) != 2 or matches[0] is None or matches[1] is None:
+        return None
+    number, _, own_unit = matches[0].groups()
+    error, _, unit_of_error = matches[1].groups()
+    unit = own_unit.strip() or unit_of_error
+    value = f"{number} {unit}" if unit else float(number)
+    return value, f"{error} {unit_of_error or unit}".strip()
 
 
 def find_factor(unit: str, wanted: str) -> float | None:

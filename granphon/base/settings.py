@@ -248,14 +248,15 @@ class Setting(NamedTuple):
     ----------
     kind : how its value is read and written.
     meaning : in words, for the reference.
-    default : of a key that is left out, in words; :data:`NEEDED` where it has none.
+    default : of a key that is left out, in words; :data:`NEEDED` where it has none, and empty for
+        that of the class.
     title : its name in the lines of ``granphon check``; without one it is not listed.
     is_optional : whether its value may be None, as its default is.
     """
 
     kind: Kind
     meaning: str
-    default: str
+    default: str = ""
     title: str = ""
     is_optional: bool = False
 

@@ -59,11 +59,11 @@ def require(name: str, rule: Rule, value: Any) -> Any:
         raise InputError(f"{place}: {refused}") from None
 
 
-def refuse_unknown_key(key: str, known: Iterable[str], mend: str = "") -> Refused:
+def refuse_unknown_key(key: Any, known: Iterable[str], mend: str = "") -> Refused:
     """Return the refusal of a key that is not one of ``known``; without a ``mend`` the refusal
     suggests the known key that is closest.
     """
-    guess = closest(key, known)
+    guess = closest(str(key), known)
     suggestion = f"Did you mean '{guess}'?" if guess else ""
     return Refused("an unknown key", ", ".join(known) or "none", mend or suggestion, (key,))
 

@@ -216,6 +216,12 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
     gaps = numbers.get("gaps")
     if gaps is not None:
         rows.append(("gaps" if len(gaps) > 1 else "gap", _describe_gaps(gaps)))
+    told = dict[str, list[str]]()
+    for name, parameter in numbers.get("errors_from", {}).items():
+        entry = result.entry(name)
+        if name == "gaps" or (entry is not None and entry.told):
+            told.setdefault(parameter, []).append(name if entry is None else entry.label.lower())
+    rows += [(f"{name} gives most", f"of the error of {', '.join(told[name])}") for name in told]
     return rows
 
 

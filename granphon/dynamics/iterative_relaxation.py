@@ -67,8 +67,8 @@ class IterativeRelaxation:
         relaxed.
         """
         flat = deformations.reshape(len(deformations), -1)
-        relaxed = flat - self._rows @ self.find_motions(flat)
-        return np.asarray(relaxed).reshape(deformations.shape)
+        remaining = flat - self._rows @ self.find_motions(flat)
+        return np.asarray(remaining).reshape(deformations.shape)
 
     def find_motions(self, deformations: Array) -> Array:
         """Return the mass-weighted motions (n_branches, m) that make the part of deformations
@@ -83,20 +83,21 @@ class IterativeRelaxation:
         motions save as they relax; for the arguments see
         :meth:`~granphon.dynamics.sparse_relaxation.SparseRelaxation.eliminate`.
         """
-        held = self._leave_out_free(mixed)
-        return np.asarray(form - held.T @ self._solve(lambda x: np.asarray(block @ x), held))
+        held, response = self._respond(mixed, block)
+        return np.asarray(form - held.T @ response)
 
-    def respond(self, form: Array, mixed: Array, block: Any) -> Array:
+    def respond(self, _form: Array, mixed: Array, block: Any) -> Array:
         """Return the mass-weighted inner motions (n_branches, m) that, taken away, leave the least
-        energy; the arguments are those of :meth:`eliminate`.
+        energy; see :meth:`eliminate`.
         """
-        return self._solve(lambda x: np.asarray(block @ x), self._leave_out_free(mixed))
+        return self._respond(mixed, block)[1]
 
-    def _leave_out_free(self, forces: Array) -> Array:
-        """Return ``forces`` (n_branches, m) without those on motions of single balls that deform no
-        contact.
+    def _respond(self, mixed: Array, block: Any) -> tuple[Array, Array]:
+        """Return the part of ``mixed`` that pulls at motions that something holds, and the motions,
+        both (n_branches, m); the arguments are those of :meth:`eliminate`.
         """
-        return np.asarray(forces - self._free @ (self._free.T @ forces))
+        held = np.asarray(mixed - self._free @ (self._free.T @ mixed))
+        return held, self._solve(lambda x: np.asarray(block @ x), held)
 
     def _solve(self, apply: Callable[[Array], Array], right: Array) -> Array:
         """Return the motions (n_branches, m) at which ``apply`` leaves the forces ``right``

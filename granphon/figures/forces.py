@@ -1,5 +1,5 @@
 """Figures of the contact forces of a simulated sample or a network: force chains, and the
-distribution of forces.
+distribution of forces over sizes and directions.
 """
 
 from __future__ import annotations
@@ -76,6 +76,8 @@ _LEAST_BIN = 1e-12
 #: least and greatest number of these bins
 _LEAST_BINS = 20
 _MOST_BINS = 400
+#: number of bins of the directions of contacts, over half a turn
+_BINS_OF_DIRECTIONS = 18
 #: range of forces over their mean below which the forces differ by rounding only; then the number
 #: of bins, and the margin on both sides
 _EQUAL_FORCES = 1e-10
@@ -714,6 +716,41 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     ax.stairs(shown_density, shown_edges, baseline=None, color=BLUE, gid="density")
     ax.axvline(1.0, color=GUIDE, linewidth=0.6, zorder=0.5)
     ax.set(yscale="log", xlabel="Contact force over its mean", ylabel="Probability density")
+    return ax
+
+
+def plot_directions(network: ContactNetwork, ax: Axes | None = None) -> Axes:
+    """Draw the angular density of the contacts of a network in a plane, and that in which each
+    contact counts as its force, over the density without a preferred direction.
+
+    Dashed lines are the second orders, 1 + a cos 2(theta - theta_0), which the tensors
+    ``network.fabric`` and ``network.force_fabric`` give. If ``ax`` is not given, a new figure, one
+    column wide, is made. Raises :class:`~granphon.base.errors.InputError` for a network on a line
+    or in space, without contacts, or without forces.
+    """
+    if network.dimension != 2:
+        fault = f"the balls of the network are in {counted(network.dimension, 'dimension')}"
+        raise InputError(fault, "One angle is the direction of a contact in a plane")
+    tensors = (network.fabric, network.force_fabric)
+    if ax is None:
+        with styled_figure(2.4) as figure:
+            return plot_directions(network, figure.subplots())
+    angles = np.degrees(np.arctan2(network.normal[:, 1], network.normal[:, 0])) % 180.0
+    edges = np.linspace(0.0, 180.0, _BINS_OF_DIRECTIONS + 1)
+    directions = np.linspace(0.0, 180.0, 181)
+    units = np.stack([np.cos(np.radians(directions)), np.sin(np.radians(directions))], axis=1)
+    weights = (np.ones(network.n_contacts), network.normal_force)
+    named = zip(("contacts", "forces"), (BLUE, VERMILION), weights, tensors, strict=True)
+    for name, colour, weight, tensor in named:
+        sums, _edges = np.histogram(angles, edges, weights=weight)
+        density = sums * _BINS_OF_DIRECTIONS / np.sum(weight)
+        ax.stairs(density, edges, baseline=None, color=colour, label=name)
+        second_order = 4.0 * np.einsum("da,ab,db->d", units, tensor, units) - 1.0
+        ax.plot(directions, second_order, color=colour, linestyle="--", linewidth=0.8)
+    ax.set(xlim=(0.0, 180.0), xlabel="Direction of contacts (°)", ylabel="Density over its mean")
+    ax.set_ylim(bottom=0.0)
+    ax.set_xticks(np.arange(0, 181, 45))
+    ax.legend()
     return ax
 
 

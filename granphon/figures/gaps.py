@@ -67,7 +67,7 @@ def sweep_gaps_figure(dataset: Dataset, x: str | None = None) -> Figure:
     return _draw_panels(dataset, x, "top_frequency", draw, handles)
 
 
-def sweep_cutoffs_figure(dataset: Dataset, x: str | None = None) -> Figure:
+def cutoffs_figure(dataset: Dataset, x: str | None = None) -> Figure:
     """Draw a figure of the branches of a sweep, one column wide: each is a field over ``x`` from
     its lowest to its highest frequency in the zone, as in :func:`sweep_gaps_figure`.
 
@@ -128,7 +128,7 @@ def sweep_surface_figure(dataset: Dataset, x: str | None = None) -> Figure:
     return _draw_lines(dataset, x, "surface_frequency", "surface_wave", words)
 
 
-def sweep_modes_figure(dataset: Dataset, x: str | None = None) -> Figure:
+def modes_figure(dataset: Dataset, x: str | None = None) -> Figure:
     """Draw a figure of the lowest modes of the networks of a sweep, one column wide: their
     frequencies over ``x``, as in :func:`sweep_gaps_figure`.
 

@@ -242,6 +242,22 @@ def _draw_shares(modes: NetworkModes, mode: int, ax: Axes) -> Axes:
     return ax
 
 
+def plot_participation(modes: NetworkModes, ax: Axes | None = None) -> Axes:
+    """Draw the participation ratios of the modes of a network over their frequencies: 1 where all
+    balls move alike, 1/N where one of N moves.
+
+    If ``ax`` is not given, a new figure, one column wide, is made.
+    """
+    if ax is None:
+        with styled_figure(2.4) as figure:
+            return plot_participation(modes, figure.subplots())
+    unit = HertzPrefix.for_top(float(np.max(modes.frequencies)))
+    ax.plot(modes.frequencies / unit.hertz, modes.participation_ratio, ".", color=BLUE)
+    ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Participation ratio")
+    ax.set_ylim(bottom=0.0)
+    return ax
+
+
 def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
     """Return a mode of a network, of the index ``mode``, on the balls that are drawn."""
     network = modes.network

@@ -71,8 +71,8 @@ OF_DATASETS = {
     "sweep_spectra": Picture("waves.sweep_spectra_figure"),
     "sweep_gaps": Picture("gaps.sweep_gaps_figure"),
     "sweep_surface": Picture("gaps.sweep_surface_figure"),
-    "sweep_cutoffs": Picture("gaps.sweep_cutoffs_figure"),
-    "sweep_modes": Picture("gaps.sweep_modes_figure"),
+    "cutoffs": Picture("gaps.cutoffs_figure"),
+    "modes": Picture("gaps.modes_figure"),
 }
 #: cells along each period in the picture of a small network, for one, two and three periods
 _CELLS = (8, 4, 2)

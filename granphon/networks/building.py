@@ -32,6 +32,8 @@ from granphon.networks.sources import (
     MOST_STEPS,
     Balls,
     Contacts,
+    Reading,
+    find_errors_of_overlaps,
     find_repeated,
     find_rounding,
     note_pulling,
@@ -46,24 +48,11 @@ _ROUNDED = 1e-2
 #: difference of z, over the largest radius, up to which balls are in one plane: the rounding in a
 #: file
 _LEVEL = 1e-9
-#: greatest factor between the force of a source and that of Hertz's law at the overlap of the two
-#: balls
-_MOST_FACTOR = 10.0
-#: least force, over the mean, that is compared with Hertz's law: weaker contacts may not have come
-#: to rest
-_LEAST_COMPARED = 1e-3
-#: standard error of the forces that follow from overlaps, over the forces, above which there is a
-#: warning. Frequencies have a sixth of the error of forces, 0.1 %
-_LEAST_WARNED_ERROR = 6e-3
-#: the same above which forces are refused: frequencies are off by 1 %, as far as elastic constants
-#: are known
+#: standard error of the forces that follow from overlaps, over the forces, above which these are
+#: refused: frequencies are off by 1 %, as far as elastic constants are known
 _MOST_ERROR = 6e-2
-#: least difference of a ratio from one with a warning: of all forces to Hertz's, of masses to those
-#: of the density. A ratio of 1.05 has a warning, however it is rounded
+#: least difference from one of the ratio of all overlaps to those of places, with a warning
 _LEAST_WARNED_RATIO = 0.049
-#: greatest scatter of a ratio that is the same for all contacts: the rounding in a file, and how
-#: far balls are from rest
-_SAME = 1e-4
 #: least tangential force over the force of a contact for which force vectors are more than normal
 _ACROSS = 1e-3
 #: least component of the direction of a normal along the line of the centres for which a body that
@@ -215,6 +204,20 @@ class Source:
             "tangential_law": self.tangential_law,
         }
 
+    def describe(self, is_kept: Any) -> Reading:
+        """Return what is known of a network of this source beside its numbers; ``is_kept`` says
+        which of the balls the network has, (n,).
+        """
+        rounding = np.zeros((len(self.balls.radii), 3))
+        rounding[:, : self.balls.rounding.shape[1]] = self.balls.rounding
+        return Reading(
+            balls=self.balls.name,
+            contacts=self.contacts[0].name,
+            notes=self.notes,
+            rounding=rounding[is_kept],
+            radius_rounding=self.balls.radius_rounding[is_kept],
+        )
+
     def _list_on_site(self, motions: str, dimension: int) -> Array | None:
         """Return the stiffnesses (n, motions) of springs to the ground; None without springs.
         InputError for a spring of a motion that balls do not have.
@@ -247,8 +250,6 @@ class Source:
         """
         balls = self.balls
         masses = balls.masses
-        if masses is not None and material is not None:
-            self._compare_masses(material)
         if masses is None:
             if material is None:
                 problem = f"{balls.name} has no column 'mass', and no material is given"
@@ -307,31 +308,6 @@ class Source:
                 fault = f"the {name} of the material is {value:g} {unit}, {side} {limit:g} {unit}"
                 text = message(fault, WRONG_UNIT.capitalize())
                 warn_caller(text, InconsistencyWarning)
-
-    def _compare_masses(self, material: Material) -> None:
-        """Warn if the masses that are given differ from those of solid balls of the material, in
-        the median by 5 % or more.
-        """
-        balls = self.balls
-        assert balls.masses is not None
-        is_moving = np.isfinite(balls.masses) & np.isfinite(balls.radii)
-        if not np.any(is_moving):
-            return
-        solid_masses = material.density * (4.0 / 3.0 * math.pi) * balls.radii[is_moving] ** 3
-        # sizes and masses that cannot be reckoned with are refused later
-        with np.errstate(all="ignore"):
-            ratio = float(np.median(balls.masses[is_moving] / solid_masses))
-        if math.isfinite(ratio) and abs(ratio - 1.0) >= _LEAST_WARNED_RATIO:
-            fault = (
-                f"{balls.name}: the masses are {ratio:.4g} times those of solid balls of"
-                f" {material.density:g} kg/m3"
-            )
-            why = "The masses count, and the density of the material does not"
-            mend = (
-                "Compare units and material. If balls are not solid, give the density of mass"
-                " over volume"
-            )
-            warn_caller(message(fault, why, mend), InconsistencyWarning)
 
 
 @dataclass(frozen=True)
@@ -675,9 +651,8 @@ class _Joined:
         source, or of balls of the ``material`` by the laws of Hertz and Mindlin.
 
         A shear stiffness that the source does not have is zero without ``friction``. InputError
-        where a material is needed and lacks. Forces of overlaps are judged by
-        :func:`_judge_errors`, which refuses or warns; forces of the source from which stiffnesses
-        follow are compared by :func:`_compare_forces`, which warns.
+        where a material is needed and lacks, or overlaps from which forces follow have large errors
+        (:func:`_judge_errors`).
         """
         contacts = self.contacts
         pairs = self.pairs
@@ -688,14 +663,10 @@ class _Joined:
         if force is None or stiffness is None:
             assert material is not None
             coefficient = pairs.find_coefficient(material)
-            find_force = partial(_force_of_overlap, coefficient, pairs.overlap)
-            greatest_error, standard_error = _find_errors(contacts, balls, pairs)
             if force is None:
+                find_force = partial(_force_of_overlap, coefficient, pairs.overlap)
                 force = find_force()
-                _judge_errors(contacts, balls, find_force, standard_error)
-            elif stiffness is None:
-                comparable = np.where(pairs.has_overlap, force, np.nan)
-                _compare_forces(contacts, comparable, find_force, greatest_error)
+                _judge_errors(contacts, balls, pairs, find_force)
             if stiffness is None:
                 unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
                 stiffness = coefficient * unit.stiffness(unit.overlap(force / coefficient))
@@ -747,16 +718,6 @@ class _Joined:
         return np.asarray(torsion), np.asarray(bending)
 
 
-def _find_errors(contacts: Contacts, balls: Balls, pairs: _Pairs) -> tuple[Array, Array]:
-    """Return the greatest and the standard error (n_c,), m, that rounding leaves in overlaps: in
-    those of the source, or in those of places and radii.
-    """
-    if contacts.overlap is None:
-        return balls.find_errors(pairs.i, pairs.j, pairs.normal)
-    greatest = find_rounding(contacts.overlap)
-    return greatest, greatest / math.sqrt(3.0)
-
-
 def _warn_of_missing_forces(contacts: Contacts) -> None:
     """Warn that normal forces act without the tangential forces that belong to them."""
     fault = f"{contacts.name} has no tangential forces, and its normal ones act (prestress)"
@@ -777,32 +738,40 @@ def _force_of_overlap(coefficient: Array, overlap: Array, error: Array | float =
 
 
 def _judge_errors(
-    contacts: Contacts, balls: Balls, find_force: Callable[..., Array], error: Array
+    contacts: Contacts, balls: Balls, pairs: _Pairs, find_force: Callable[..., Array]
 ) -> None:
-    """Raise InputError if the forces that follow from overlaps have too large errors, or warn of
-    such errors.
+    """Raise InputError if the forces that follow from overlaps have too large errors;
+    ``find_force`` returns the forces (n_c,), N, at overlaps with an error (n_c,), m.
 
-    ``error`` (n_c,) is the standard error of each overlap, m, and ``find_force`` returns the forces
-    (n_c,), N, at overlaps with an error, m.
+    Smaller errors by rounded places are told of the network, as all that its numbers contradict.
     """
+    if contacts.overlap is None:
+        rounded = f"places of {balls.name}"
+        _greatest, error = _find_errors(balls, pairs)
+    else:
+        rounded = "the overlaps"
+        error = find_rounding(contacts.overlap) / math.sqrt(3.0)
     force_error = float(np.sum(find_force(error) - find_force(-error))) / 2.0
     total_force = float(np.sum(find_force()))
     error_share = force_error / total_force if force_error < total_force else 1.0
-    if error_share <= _LEAST_WARNED_ERROR:
+    if error_share <= _MOST_ERROR:
         return
-    n_decimals = 0 if error_share > 0.1 else 1
-    fault = (
-        f"{contacts.name} has no forces, and those of the overlaps are off by"
-        f" {error_share:.{n_decimals}%}, as"
-        f" places of {balls.name} are rounded: {float(np.max(error)):.2g} m in an overlap"
-    )
-    mend = (
+    raise InputError(
+        f"{contacts.name} has no forces, and those of the overlaps are off by {error_share:.0%}, as"
+        f" {rounded} are rounded: {float(np.max(error)):.2g} m in an overlap",
+        "An overlap is a small difference of places",
         "Write places with more digits (in LAMMPS: dump_modify 1 format float %.16g), or give the"
-        " forces"
+        " forces",
     )
-    if error_share > _MOST_ERROR:
-        raise InputError(fault, "An overlap is a small difference of places", mend)
-    warn_caller(message(fault, mend=mend), InconsistencyWarning)
+
+
+def _find_errors(balls: Balls, pairs: _Pairs) -> tuple[Array, Array]:
+    """Return the greatest and the standard error (n_c,), m, that rounding leaves in the overlaps of
+    places and radii.
+    """
+    return find_errors_of_overlaps(
+        balls.rounding, balls.radius_rounding, pairs.i, pairs.j, pairs.normal
+    )
 
 
 def _compare_overlaps(contacts: Contacts, balls: Balls, pairs: _Pairs) -> None:
@@ -810,7 +779,7 @@ def _compare_overlaps(contacts: Contacts, balls: Balls, pairs: _Pairs) -> None:
     more; those that rounding may have made count for nothing.
     """
     assert contacts.overlap is not None
-    greatest, _standard = balls.find_errors(pairs.i, pairs.j, pairs.normal)
+    greatest, _standard = _find_errors(balls, pairs)
     is_clear = pairs.has_overlap & (pairs.overlap * _LEAST_WARNED_RATIO > greatest)
     if not np.any(is_clear):
         return
@@ -819,58 +788,6 @@ def _compare_overlaps(contacts: Contacts, balls: Balls, pairs: _Pairs) -> None:
         fault = f"{contacts.name}: the overlaps are {ratio:.4g} times those of places and radii"
         mend = "Compare their units, and those of places and radii"
         warn_caller(message(fault, mend=mend), InconsistencyWarning)
-
-
-def _compare_forces(
-    contacts: Contacts, force: Array, find_force: Callable[..., Array], error: Array
-) -> None:
-    """Warn if forces (n_c,), N, are not those of Hertz's law at the overlaps: if one is more than
-    ten times that force, or less than a tenth; or else if the forces of contacts with the mean
-    force or more are all one multiple of it, by 5 % or more from one.
-
-    ``error`` (n_c,) is the greatest error of each overlap, m, and ``find_force`` returns the forces
-    (n_c,), N, at overlaps with an error, m: what such errors explain has no warning. Neither has a
-    contact that bears, by both forces, less than a thousandth of the mean. A force of nan is not
-    compared.
-    """
-    least = find_force(-error)
-    expected = find_force(0.0)
-    greatest = find_force(error)
-    mean = np.nansum(force / force.size)
-    is_odd = (force / _MOST_FACTOR > greatest) | (force < least / _MOST_FACTOR)
-    is_odd &= np.maximum(force, least) > _LEAST_COMPARED * mean
-    if np.any(is_odd):
-        first = int(np.argmax(is_odd))
-        n_odd = int(np.count_nonzero(is_odd))
-        total = f" ({n_odd} in all)" if n_odd > 1 else ""
-        fault = (
-            f"{contacts.name}: the contact of {contacts.describe(first)} has the force"
-            f" {force[first]:.6g} N, and the overlap of its balls makes {expected[first]:.6g}"
-            f" N{total}"
-        )
-        mend = (
-            "Compare units, material and columns. If the law is not Hertz's, give the stiffnesses"
-        )
-        warn_caller(message(fault, mend=mend), InconsistencyWarning)
-        return
-    # of weak contacts the overlaps have large relative errors
-    is_strong = (expected > 0.0) & (force >= mean)
-    if not np.any(is_strong):
-        return
-    ratios = force[is_strong] / expected[is_strong]
-    factor = float(np.median(ratios))
-    scatter = float(np.median(np.abs(ratios / factor - 1.0)))
-    spans = (greatest - least)[is_strong]
-    rounding = float(np.median(spans / (2.0 * expected[is_strong])))
-    is_one_factor = scatter <= _SAME + rounding
-    if is_one_factor and abs(factor - 1.0) >= _LEAST_WARNED_RATIO + rounding:
-        fault = (
-            f"{contacts.name}: all forces are {factor:.4g} times those of Hertz's law at the"
-            f" overlaps"
-        )
-        why = "The material or the law is another one"
-        mend = "Compare units and Young's modulus. If the law is not Hertz's, give the stiffnesses"
-        warn_caller(message(fault, why, mend), InconsistencyWarning)
 
 
 def _leave_out(fields: Mapping[str, Any], is_open: Flags) -> dict[str, Any]:

@@ -11,18 +11,17 @@ module.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from granphon.balls.hertz import EXPONENT, FREQUENCY_EXPONENT, HertzLaw, harmonic_diameter
-from granphon.base.arrays import Array, Index
-from granphon.base.errors import InconsistencyWarning, message
+from granphon.base.arrays import Array, Flags, Index
+from granphon.base.errors import InconsistencyWarning, message, warn_caller
 from granphon.base.text import counted
-from granphon.networks.sources import Balls, find_rounding
+from granphon.networks.sources import find_errors_of_overlaps, find_rounding
 
 #: sum of the forces on a ball, over the mean force of a contact, up to which they are in balance
 #: where static forces act: programs of discrete elements leave 1e-4 or less, and weights, walls or
@@ -32,21 +31,25 @@ BALANCED = 1e-3
 #: that nothing else can hold still moves: in files with three digits, too few for forces, it stays
 #: below
 MOVING = 5e-3
-#: greatest difference of a median ratio from one, and greatest scatter about the median
-_ALIKE = 0.05
+#: greatest difference of a median ratio from one, however 1.05 is rounded, and greatest scatter
+#: about the median
+_ALIKE = 0.049
 #: greatest error of forces by the rounding of places: frequencies have a sixth of it, 0.1 %
 _ROUNDED = 6e-3
 #: scatter of the forces of a source about those of its overlaps below which they follow from them
 _FOLLOWS = 1e-9
-#: least overlap of places over f/k: places with less have no overlaps, as those of a lattice
-_LEAST_OVERLAP = 1e-3
+#: greatest factor between the force of a contact and that of the law at its overlap
+_MOST_FACTOR = 10.0
+#: least force, over the mean, that is compared so: weaker contacts may not have come to rest
+_LEAST_COMPARED = 1e-3
+#: least overlap of places over the distance: places with less have none, as those of a lattice
+_LEAST_OVERLAP = 1e-10
 #: most balls, or pairs of balls, that a comparison names
 _NAMED = 3
 #: moment of inertia of a solid sphere over m r^2
 _SOLID = 0.4
-#: comparisons that readers make themselves, with the names of their files, and that of rattlers,
-#: which are there only if they were asked for
-_MADE_BY_READERS = ("law", "scatter", "masses", "rounding", "rattlers")
+#: comparisons of what stands in the file of balls
+_OF_BALLS = ("masses", "inertias", "rounding")
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,9 @@ def compare_numbers(network: Any) -> tuple[Comparison, ...]:
     """Return the comparisons of the numbers of a network, as far as its numbers are known.
 
     The sums of static forces and torques on balls are judged where the tangential forces are known,
-    or contacts resist no slip; without prestress only where the network has no open ends. Overlaps,
+    or contacts resist no slip; without prestress only where the network has no open ends. Torques
+    are not judged where contacts resist rolling or twist, whose static torques are not known.
+    Overlaps,
     stiffnesses and masses are judged of networks that were read: in granphon's own the contacts
     follow their law, and balls need not be solid.
     """
@@ -95,20 +100,28 @@ def compare_numbers(network: Any) -> tuple[Comparison, ...]:
 
 
 def warn_of_faults(network: Any) -> None:
-    """Warn of each comparison that a network fails which has been read, but for those that its
-    reader makes itself, with the names of its files.
+    """Warn of each comparison that a network fails which has been read, with the name of its file.
+
+    Rattlers are there only if they were asked for. Too few contacts are no fault of a lattice in
+    balance, whose modes of frequency zero are known.
     """
-    for comparison in compare_numbers(network):
-        if not comparison.holds and comparison.name not in _MADE_BY_READERS:
-            text = message(comparison.fault, comparison.reason)
-            warnings.warn(text, InconsistencyWarning, stacklevel=4)
+    failing = {each.name: each for each in compare_numbers(network) if not each.holds}
+    failing.pop("rattlers", None)
+    if "balance" not in failing and _is_regular(network):
+        failing.pop("contacts", None)
+    for name, comparison in failing.items():
+        file = network.reading.balls if name in _OF_BALLS else network.reading.contacts
+        fault = comparison.fault[0].lower() + comparison.fault[1:]
+        warn_caller(message(f"{file}: {fault}", comparison.reason), InconsistencyWarning)
 
 
 def _list_comparisons(network: Any) -> Iterator[Comparison]:
     """Yield the comparisons."""
     if _has_known_forces(network):
         yield compare_forces(network)
-        if network.tangential_force is not None:
+        # the static torques of contacts that resist rolling are not known
+        rolls = not np.any(network.bending_stiffness) and not np.any(network.torsion_stiffness)
+        if rolls and network.tangential_force is not None:
             yield _compare_torques(network)
     model = network.contact_model
     is_read = model is None or model.own_radii
@@ -163,7 +176,7 @@ def _compare_torques(network: Any) -> Comparison:
         f"The static torques on ball {network.name_ball(ball)} add up to {ratios[ball]:.2g} of the"
         f" mean contact force times the mean radius",
         "Frequencies are of balls that begin to turn: tangential forces are of another step, of the"
-        " other sign, or act at other arms",
+        " other sign, or act at other arms; or contacts resist rolling, and no stiffness says so",
     )
 
 
@@ -197,6 +210,63 @@ def _compare_sums(
 # -- contacts and balls ----------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class _Overlaps:
+    """The ``contacts`` (m,) under a force between balls that move, the overlaps of their places,
+    the greatest and the standard errors that rounding leaves in these, and force over stiffness,
+    all (m,), m; ``strong`` (m,) are those with the median force or more.
+    """
+
+    contacts: Index
+    overlaps: Array
+    greatest_errors: Array
+    errors: Array
+    linear_overlaps: Array
+    strong: Flags
+
+    @classmethod
+    def of(cls, network: Any) -> Self:
+        """Return those of a network."""
+        force = network.normal_force
+        contacts = np.flatnonzero(
+            (force > 0.0) & network.moving[network.i] & network.moving[network.j]
+        )
+        i = network.i[contacts]
+        j = network.j[contacts]
+        reading = network.reading
+        if reading is None:
+            rounding = find_rounding(network.positions), find_rounding(network.radii)
+        else:
+            rounding = reading.rounding, reading.radius_rounding
+        errors = find_errors_of_overlaps(*rounding, i, j, network.normal[contacts])
+        touch = network.radii[i] + network.radii[j]
+        return cls(
+            contacts,
+            touch - network.distance[contacts],
+            np.maximum(errors[0], _LEAST_OVERLAP * touch),
+            errors[1],
+            force[contacts] / network.normal_stiffness[contacts],
+            force[contacts] >= np.median(force[contacts]) if contacts.size else contacts > 0,
+        )
+
+    @property
+    def power(self) -> float:
+        """The median overlap over force over stiffness; zero if there are no overlaps beyond their
+        errors.
+        """
+        strong = self.strong
+        if not np.median((self.overlaps - self.greatest_errors)[strong]) > 0.0:
+            return 0.0
+        return float(np.median(self.overlaps[strong] / self.linear_overlaps[strong]))
+
+    def find_ratios(self, power: float, error: Array | float = 0.0) -> Array:
+        """Return the forces (m,) at the overlaps, with an error (m,), m, over those of the
+        contacts, if forces go as the ``power`` of overlaps; zero of balls that are apart.
+        """
+        overlaps = np.maximum(self.overlaps + error, 0.0)
+        return np.asarray((overlaps / (power * self.linear_overlaps)) ** power)
+
+
 def _compare_law(network: Any) -> Iterator[Comparison]:
     """Yield the comparisons of overlaps, forces and stiffnesses of the contacts with the median
     force or more, between balls that move: overlaps of others have large relative errors.
@@ -205,75 +275,116 @@ def _compare_law(network: Any) -> Iterator[Comparison]:
     1 where forces are proportional to overlaps; without a material p is the nearer of the two. The
     force at the overlap of the places is f times the power p of that overlap over p f/k.
     """
-    joins_moving = network.moving[network.i] & network.moving[network.j]
-    force = network.normal_force
-    if network.adhesive or not np.any(force[joins_moving]):
+    if network.adhesive:
         return
-    strong = np.flatnonzero(joins_moving & (force >= np.median(force[joins_moving])))
-    radii_i = network.radii[network.i[strong]]
-    radii_j = network.radii[network.j[strong]]
-    overlaps = radii_i + radii_j - network.distance[strong]
-    linear_overlaps = (force / network.normal_stiffness)[strong]
-    power = float(np.median(overlaps / linear_overlaps))
-    if power <= _LEAST_OVERLAP:
+    overlaps = _Overlaps.of(network)
+    if not overlaps.contacts.size:
         return
-    has_material = network.contact_model is not None
-    is_linear = abs(power - 1.0) <= _ALIKE if has_material else power < 0.5 * (1.0 + EXPONENT)
-    power = 1.0 if is_linear else EXPONENT
-    if has_material and not is_linear:
-        stiffness_ratio = _compare_stiffness(network, strong)
-        yield _compare_median(
-            "stiffness",
-            "median of the normal stiffness over that of Hertz's law under the force, less one",
-            stiffness_ratio,
-            "The normal stiffnesses are {ratio} times those of Hertz's law under the forces",
-            "The stiffnesses count: if the law is right, all frequencies are off by {effect}",
-            effect=stiffness_ratio**0.5,
-        )
-    # balls that are apart have the ratio zero
-    ratios = (np.maximum(overlaps, 0.0) / (power * linear_overlaps)) ** power
-    rounding = _find_rounding_of_overlaps(network)[strong]
-    error = power * float(np.median(rounding / (power * linear_overlaps)))
-    yield from _compare_forces_of_overlaps(network, strong, ratios, error)
+    power = overlaps.power
+    if not power:
+        return
+    is_linear = power < 0.5 * (1.0 + EXPONENT)
+    if network.contact_model is not None:
+        stiffness_ratios = _compare_stiffnesses(network, overlaps.contacts[overlaps.strong])
+        follows = float(np.median(np.abs(stiffness_ratios - 1.0))) <= _ALIKE
+        is_linear = abs(power - 1.0) <= _ALIKE and not follows
+        if not is_linear:
+            stiffness_ratio = float(np.median(stiffness_ratios))
+            yield _compare_median(
+                "stiffness",
+                "median of the normal stiffness over that of Hertz's law under the force, less one",
+                stiffness_ratio,
+                "The normal stiffnesses are {ratio} times those of Hertz's law under the forces",
+                "The stiffnesses count: if the law is right, all frequencies are off by {effect}",
+                effect=stiffness_ratio**0.5,
+            )
+    yield from _compare_forces_of_overlaps(network, overlaps, 1.0 if is_linear else EXPONENT)
 
 
 def _compare_forces_of_overlaps(
-    network: Any, strong: Index, ratios: Array, error: float
+    network: Any, overlaps: _Overlaps, power: float
 ) -> Iterator[Comparison]:
-    """Yield the comparisons of the forces of the law at the overlaps of ``strong`` contacts (m,),
-    whose ``ratios`` to the forces are (m,); places leave the relative ``error`` in such forces.
+    """Yield the comparisons of the forces of contacts with those of the law at their overlaps;
+    forces go as the ``power`` of overlaps.
     """
-    median = float(np.median(ratios))
-    deviations = np.abs(ratios / median - 1.0)
+    strong = overlaps.strong
+    ratios = overlaps.find_ratios(power)
+    median = float(np.median(ratios[strong]))
+    deviations = np.abs(ratios[strong] / median - 1.0)
     scatter = float(np.median(deviations))
+    relative_errors = overlaps.errors[strong] / overlaps.linear_overlaps[strong]
+    error = float(np.median(relative_errors))  # of overlaps p f/k to the power p
     yield _compare_median(
         "law",
-        "median of the force of the law at the overlap of the places over the force, less one",
-        median,
-        "The forces of the law at the overlaps of the places are {ratio} times the forces",
+        "median of the force over that of the law at the overlap of the places, less one",
+        1.0 / median,
+        "The forces are {ratio} times those of the law at the overlaps of the places",
         "By Hertz's law, if the overlaps are right and not the forces, all frequencies are off by"
-        " {effect}",
+        " {effect}. Compare units, Young's modulus and columns. If the law is another one, give the"
+        " stiffnesses",
         effect=median**FREQUENCY_EXPONENT,
         slack=error,
     )
-    worst = strong[np.argsort(-deviations, kind="stable")[:_NAMED]]
-    pairs = zip(network.i[worst].tolist(), network.j[worst].tolist(), strict=True)
+    worst = overlaps.contacts[strong][np.argsort(-deviations, kind="stable")]
     yield Comparison(
         name="scatter",
         meaning="median deviation of that ratio from its median, over the median",
         value=scatter,
         limit=_ALIKE + error,
-        worst=tuple((network.name_ball(i), network.name_ball(j)) for i, j in pairs),
+        worst=_name_pairs(network, worst),
         fault=f"The ratios of forces to those of the law at the overlaps scatter by {scatter:.1%}",
         reason="Frequencies are of contacts whose forces are of another step, in another order, or"
         " of other materials",
     )
-    yield _compare_rounding(network, error, follows=bool(np.max(deviations) < _FOLLOWS))
+    least = overlaps.find_ratios(power, -overlaps.greatest_errors) / median
+    greatest = overlaps.find_ratios(power, overlaps.greatest_errors) / median
+    force = network.normal_force[overlaps.contacts]
+    is_odd = (greatest < 1.0 / _MOST_FACTOR) | (least > _MOST_FACTOR)
+    is_odd &= np.maximum(1.0, least) * force > _LEAST_COMPARED * np.mean(force)
+    yield _compare_single_forces(network, overlaps.contacts[is_odd], ratios[is_odd])
+    if np.max(deviations) >= _FOLLOWS:  # forces of their own lose what directions of contacts lose
+        i = network.i[overlaps.contacts]
+        j = network.j[overlaps.contacts]
+        error = float(np.median(overlaps.errors / (network.radii[i] + network.radii[j])))
+    yield _compare_rounding(error)
 
 
-def _compare_stiffness(network: Any, strong: Index) -> float:
-    """Return the median of the normal stiffness of ``strong`` contacts (m,) over that of Hertz's
-    law of the material under the force.
+def _compare_single_forces(network: Any, odd: Index, ratios: Array) -> Comparison:
+    """Return the comparison of the number of contacts with an ``odd`` force (m,); ``ratios`` (m,)
+    are the forces of the law over those of the contacts.
+    """
+    forces = network.normal_force[odd]
+    order = np.argsort(-np.maximum(ratios * forces, forces), kind="stable")
+    pairs = _name_pairs(network, odd[order])
+    shown = [
+        f"balls {i} and {j}, with {forces[row]:.3g} N where the overlap makes"
+        f" {ratios[row] * forces[row]:.3g} N"
+        for row, (i, j) in zip(order.tolist(), pairs, strict=False)
+    ]
+    return Comparison(
+        name="single forces",
+        meaning="contacts whose force is more than ten times that of the law at the overlap, or"
+        " less than a tenth, beside the median ratio of all",
+        value=float(odd.size),
+        limit=0.0,
+        worst=pairs,
+        fault=f"{counted(odd.size, 'contact has', 'contacts have')} more than ten times the force"
+        f" of the overlap, or less than a tenth: {'; '.join(shown)}",
+        reason="Frequencies are of such contacts as if they were pressed by these forces. Compare"
+        " units and columns",
+    )
+
+
+def _name_pairs(network: Any, contacts: Index) -> tuple[tuple[int, int], ...]:
+    """Return the names of the two balls of each of the first few ``contacts`` (m,)."""
+    named = contacts[:_NAMED]
+    pairs = zip(network.i[named].tolist(), network.j[named].tolist(), strict=True)
+    return tuple((network.name_ball(i), network.name_ball(j)) for i, j in pairs)
+
+
+def _compare_stiffnesses(network: Any, strong: Index) -> Array:
+    """Return the normal stiffnesses of ``strong`` contacts (m,) over those of Hertz's law of the
+    material under the force.
     """
     diameters = harmonic_diameter(
         2.0 * network.radii[network.i[strong]], 2.0 * network.radii[network.j[strong]]
@@ -285,40 +396,23 @@ def _compare_stiffness(network: Any, strong: Index) -> float:
     expected = coefficient * unit.stiffness(
         unit.overlap(network.normal_force[strong] / coefficient)
     )
-    return float(np.median(network.normal_stiffness[strong] / expected))
+    return np.asarray(network.normal_stiffness[strong] / expected)
 
 
-def _compare_rounding(network: Any, error: float, follows: bool) -> Comparison:
-    """Return the comparison of the digits of places, which leave the relative ``error`` in forces
-    that ``follows`` says to be those of the overlaps; others lose what directions of contacts lose.
+def _compare_rounding(error: float) -> Comparison:
+    """Return the comparison of the digits of places, which leave the relative ``error`` in
+    forces.
     """
-    if not follows:
-        errors = _find_rounding_of_overlaps(network)
-        error = float(np.median(errors / (network.arm_i + network.arm_j)))
     return Comparison(
         name="rounding",
         meaning="part of the forces that the digits of places leave open",
         value=error,
         limit=_ROUNDED,
-        fault=f"The digits of places leave {error:.1%} of the forces open",
+        fault=f"Places are rounded: their digits leave {error:.1%} of the forces open",
         reason=f"The forces follow from overlaps: frequencies are off by about"
-        f" {FREQUENCY_EXPONENT * error:.1%}",
+        f" {FREQUENCY_EXPONENT * error:.1%}. Write places with more digits (in LAMMPS: dump_modify"
+        f" 1 format float %.16g), or give the forces",
     )
-
-
-def _find_rounding_of_overlaps(network: Any) -> Array:
-    """Return the standard errors (n_c,), m, that the digits of places and radii leave in
-    overlaps.
-    """
-    balls = Balls(
-        "the network",
-        network.positions,
-        network.radii,
-        rounding=find_rounding(network.positions),
-        radius_rounding=find_rounding(network.radii),
-    )
-    _greatest, standard = balls.find_errors(network.i, network.j, network.normal)
-    return standard
 
 
 def _compare_balls(network: Any) -> Iterator[Comparison]:
@@ -331,14 +425,16 @@ def _compare_balls(network: Any) -> Iterator[Comparison]:
     radii = network.radii[is_ball]
     masses = network.masses[is_ball]
     if network.contact_model is not None:
-        density = network.contact_model.kinds[0].material.density
+        density = float(network.contact_model.kinds[0].material.density)
         mass_ratio = float(np.median(masses / (density * (4.0 / 3.0 * np.pi) * radii**3)))
         yield _compare_median(
             "masses",
             "median of the mass over that of a solid ball of the material, less one",
             mass_ratio,
-            "The masses are {ratio} times those of solid balls of the material",
-            "The masses count: if the density is right, all frequencies are off by {effect}",
+            f"The masses are {{ratio}} times those of solid balls of {density:g} kg/m3",
+            "The masses count, and the density does not: if the density is right, all frequencies"
+            " are off by {effect}. Compare units and material. If balls are not solid, give the"
+            " density of mass over volume",
             effect=mass_ratio**-0.5,
         )
     inertias = network.inertias[is_ball]
@@ -372,7 +468,7 @@ def _compare_median(
         meaning=meaning,
         value=value,
         limit=_ALIKE + slack,
-        fault=fault.format(ratio=f"{median:.3g}"),
+        fault=fault.format(ratio=f"{median:.4g}"),
         reason=reason.format(effect=f"{abs(effect - 1.0):.1%}"),
     )
 
@@ -447,6 +543,12 @@ def _compare_coordination(network: Any, is_held: Array) -> Comparison:
         reason=f"{n_soft} modes or more have the frequency zero",
         at_least=True,
     )
+
+
+def _is_regular(network: Any) -> bool:
+    """Whether all balls that move have the same number of contacts, as in a lattice or a row."""
+    counts = np.bincount(np.concatenate([network.i, network.j]), minlength=network.n_balls)
+    return bool(np.ptp(counts[network.moving]) == 0)
 
 
 def _count_rigid_motions(network: Any) -> int:

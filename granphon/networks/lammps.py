@@ -1,9 +1,10 @@
 """Dumps of LAMMPS: one of atoms and one of pairs that touch, at the same time step; contacts with
-walls are columns of the atoms.
+walls are columns of the atoms. Networks are read from them, and written as them.
 """
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +15,8 @@ import numpy as np
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import Units
-from granphon.base.text import list_names
+from granphon.base.staging import write_text
+from granphon.base.text import list_names, require_path
 from granphon.base.validation import choice, not_negative, positive, require, whole_number
 from granphon.networks.building import Source
 from granphon.networks.dumps import Dump, Frame
@@ -235,7 +237,7 @@ def read_balls(atoms: Frame, scales: Scales, frozen: Mapping[str, Any] | None) -
         atoms.name,
         scales.length * (positions + atoms.origin),
         scales.length * radii,
-        scales.mass * columns["mass"] if has_mass else None,
+        masses=scales.mass * columns["mass"] if has_mass else None,
         labels=read_ids(atoms, "id", columns),
         rounding=scales.length * rounding,
         radius_rounding=scales.length * find_rounding(radii),
@@ -345,9 +347,6 @@ def add_wall(balls: Balls, label: int, kind: str) -> Balls:
     """Return the ``balls`` and a flat wall of this ``label`` and ``kind``, which does not move."""
     n_axes = balls.positions.shape[1]
     still = np.zeros(len(balls.radii), bool) if balls.still is None else balls.still
-    rounding = balls.rounding
-    if rounding is not None:
-        rounding = np.append(rounding, np.zeros((1, n_axes)), axis=0)
 
     def extend(values: Any, last: float) -> Any:
         return None if values is None else np.append(values, last)
@@ -356,11 +355,11 @@ def add_wall(balls: Balls, label: int, kind: str) -> Balls:
         balls.name,
         np.append(balls.positions, np.zeros((1, n_axes)), axis=0),
         np.append(balls.radii, np.inf),
-        extend(balls.masses, np.inf),
-        extend(balls.inertias, np.inf),
+        rounding=np.append(balls.rounding, np.zeros((1, n_axes)), axis=0),
+        radius_rounding=np.append(balls.radius_rounding, 0.0),
+        masses=extend(balls.masses, np.inf),
+        inertias=extend(balls.inertias, np.inf),
         labels=extend(balls.labels, label),
-        rounding=rounding,
-        radius_rounding=extend(balls.radius_rounding, 0.0),
         kinds=None if balls.kinds is None else (*balls.kinds, kind),
         still=np.append(still, True),
         lines=extend(balls.lines, 0),
@@ -426,3 +425,77 @@ def note_atoms(atoms: Frame, walls: Collection[str], frozen: Mapping[str, Any] |
                     f" walls={fix!r} reads them."
                 )
     return [*notes, note_columns(atoms, read)]
+
+
+# -- writing ---------------------------------------------------------------------------------------
+
+
+def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.PathLike[str]) -> None:
+    """Write a network as a dump of atoms and one of pairs; see
+    :meth:`~granphon.networks.network.ContactNetwork.write_dumps`.
+    """
+    for path in (atoms, pairs):
+        require_path(path)
+    box = _write_box(network)
+    is_ball = np.isfinite(network.radii)  # flat walls are no atoms
+    ids = np.arange(1, network.n_balls + 1) if network.labels is None else network.labels
+    kinds = network.kinds or [""] * network.n_balls
+    _names, types = np.unique(kinds, return_inverse=True)
+    force = np.zeros(network.n_balls)
+    for end in (network.i, network.j):
+        np.add.at(force, end, network.normal_force)
+    columns: dict[str, Any] = {"id": ids, "type": types + 1}
+    columns |= zip("xyz", network.positions.T, strict=True)
+    columns |= {"radius": network.radii, "mass": network.masses, "force": force}
+    _write_frame(atoms, "ATOMS", box, {name: values[is_ball] for name, values in columns.items()})
+    joins_balls = is_ball[network.j]
+    normal_force, across = network.static_forces
+    columns = {"i": ids[network.i], "j": ids[network.j], "force": normal_force}
+    columns |= zip(("dx", "dy", "dz"), -network.vector.T, strict=True)
+    if network.tangential_force is not None:
+        columns |= zip(("tx", "ty", "tz"), -across.T, strict=True)
+    columns = {name: values[joins_balls] for name, values in columns.items()}
+    _write_frame(pairs, "ENTRIES", box, columns)
+
+
+def _write_box(network: Any) -> str:
+    """Return the lines of the box of a network; InputError for vectors that a dump has not."""
+    cell = network.cell.copy()
+    is_still = ~np.asarray(network.pbc)
+    is_ball = np.isfinite(network.radii)
+    places = network.positions[is_ball]
+    radii = network.radii[is_ball, None]
+    low = np.where(is_still, np.min(places - radii, axis=0), 0.0)
+    sides = np.max(places + radii, axis=0) - low
+    cell[is_still] = np.diag(sides)[is_still]
+    lengths = np.diag(cell)
+    if np.any(np.triu(cell, 1)) or not np.all(lengths > 0.0):
+        fault = f"the cell of the network is {network.cell.tolist()} m"
+        why = "In a dump the first vector lies along x, and the second in the xy plane"
+        raise InputError(fault, why, "Turn the network, or write tables: network.write_tables")
+    xy, xz, yz = cell[1, 0], cell[2, 0], cell[2, 1]
+    bounds = np.stack([low, low + lengths], axis=1)
+    bounds[0] += min(0.0, xy, xz, xy + xz), max(0.0, xy, xz, xy + xz)
+    bounds[1] += min(0.0, yz), max(0.0, yz)
+    tilts = np.array([[xy], [xz], [yz]])
+    is_tilted = bool(np.any(tilts))
+    heading = "xy xz yz " * is_tilted + " ".join("pp" if flag else "ff" for flag in network.pbc)
+    rows = np.hstack([bounds, tilts]) if is_tilted else bounds
+    return "\n".join(
+        [f"ITEM: BOX BOUNDS {heading}", *(_join_numbers(row) for row in rows.tolist())]
+    )
+
+
+def _write_frame(
+    path: str | os.PathLike[str], kind: str, box: str, columns: Mapping[str, Array]
+) -> None:
+    """Write the dump of one step, with these ``columns`` (rows,) by name, in SI units."""
+    rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
+    head = ["ITEM: UNITS", "si", "ITEM: TIMESTEP", "0", f"ITEM: NUMBER OF {kind}", str(len(rows))]
+    head += [box, f"ITEM: {kind} {' '.join(columns)}"]
+    write_text(path, "\n".join([*head, *map(_join_numbers, rows), ""]))
+
+
+def _join_numbers(numbers: Sequence[float]) -> str:
+    """Return numbers on one line, with all of their digits."""
+    return " ".join(map(repr, numbers))

@@ -206,7 +206,7 @@ def _read_restart(
         lines.name,
         table[:, :p],
         table[:, 3],
-        masses,
+        masses=masses,
         inertias=0.5 * masses * table[:, 3] ** 2 if plane else None,  # of discs
         labels=np.arange(count),
         rounding=find_rounding(table[:, :p]),

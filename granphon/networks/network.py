@@ -55,6 +55,7 @@ from granphon.networks.sources import (
     LARGEST,
     MOST_STEPS,
     UNIT,
+    Reading,
     find_repeated,
     read_whole_numbers,
 )
@@ -94,8 +95,8 @@ TANGENTIAL_LAWS = {
 }
 #: memory to repeat or to cut a network, and to check it, over that of its arrays
 _COPIES = 4.5
-#: the key of the notes of a reader among what a network keeps
-_NOTES = "notes"
+#: the key of what a reader leaves among what a network keeps
+_READING = "reading"
 #: most cells along a period
 MOST_CELLS = 1_000_000
 
@@ -1120,13 +1121,11 @@ class ContactNetwork(Result):
             :class:`~granphon.base.errors.InconsistencyWarning` tells the same.
 
         Forces that follow from overlaps have the error of places with few digits: where its
-        standard value is above 0.6 % of the mean force there is an
-        :class:`~granphon.base.errors.InconsistencyWarning`, above 6 % an error. There is a warning
-        too if masses differ from those of the material by 5 % (the masses count), or if the
-        material is none in SI; and, where stiffnesses follow from forces, if a force is more than
-        ten times Hertz's force at the overlap of its balls, or less than a tenth, or if all forces
-        are one multiple of it (off by 5 % or more). Rounding in a file, and contacts below a
-        thousandth of the mean force, do not count.
+        standard value is above 6 % there is an error. An
+        :class:`~granphon.base.errors.InconsistencyWarning` tells each check of
+        :func:`~granphon.validity` that fails, as forces that are not those of the overlaps, masses
+        that are not those of the density, or balls that still move; but for the number of rattlers,
+        and the number of contacts in a lattice. There is one too if the material is none in SI.
 
         Contacts without force whose stiffness follows from it are left out. Files of
         :meth:`write_tables` also give cell, pbc, dimension, motions and prestress, where these are
@@ -1485,19 +1484,30 @@ class ContactNetwork(Result):
         keeps_all = require("keep_rattlers", truth, keep_rattlers)
         whole = cls(**source.complete(material, friction, dimension, motions, prestress, bad))
         network = whole if keeps_all else whole.without_rattlers(held_by)
+        is_kept: Any = slice(None)
+        if network is not whole and network.labels is not None:
+            labels = np.arange(whole.n_balls) if whole.labels is None else whole.labels
+            assert network.labels is not None  # a part of a network has them
+            is_kept = np.isin(labels, network.labels)
         if tangential_law is not None:
             network = replace(network, tangential_law=tangential_law)
-        network._cache[_NOTES] = source.notes
+        network._cache[_READING] = source.describe(is_kept)
         warn_of_faults(network)
         return network
+
+    @property
+    def reading(self) -> Reading | None:
+        """What the reader of the files of this network knows beside its numbers; None for a network
+        that no file holds, or that has been changed since.
+        """
+        return self._cache.get(_READING)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What the reader of the files of this network has passed over, and why; empty for a
         network that no file holds, or that has been changed since.
         """
-        notes: tuple[str, ...] = self._cache.get(_NOTES, ())
-        return notes
+        return self.reading.notes if self.reading else ()
 
     def write_tables(self, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:
         """Write the network as two CSV files; :meth:`from_table` reads the same from them, to the
@@ -1509,6 +1519,24 @@ class ContactNetwork(Result):
         from granphon.networks.tables import write_tables
 
         write_tables(vars(self.storable()), balls, contacts)
+
+    def write_dumps(self, atoms: str | os.PathLike[str], pairs: str | os.PathLike[str]) -> None:
+        """Write the network as two dumps of LAMMPS, in SI units, for OVITO, LAMMPS and
+        :meth:`from_lammps`, which reads the same balls, forces and normals from them.
+
+        ``atoms`` has the columns id, type (of the kinds of the balls), x, y, z, radius, mass, and
+        force, the sum of the normal forces on the ball, N. ``pairs`` has a bond for each contact: i
+        and j, the ids of its balls, force, N, dx, dy, dz, the vector from j to i, m, and tx, ty,
+        tz, the tangential force on i, N, if these are known. Flat walls and their contacts are left
+        out, and stiffnesses, which follow from the material. Folders are made if need be.
+
+        Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
+        x or whose second one leaves the xy plane, and OutputError for files of another kind that
+        are there.
+        """
+        from granphon.networks.lammps import write_dumps
+
+        write_dumps(self, atoms, pairs)
 
 
 #: readers of the files of other programs, by the name of the program

@@ -66,11 +66,11 @@ class Balls:
     name: str
     positions: Array
     radii: Array
+    rounding: Array
+    radius_rounding: Array
     masses: Array | None = None
     inertias: Array | None = None
     labels: Index | None = None
-    rounding: Array | None = None
-    radius_rounding: Array | None = None
     kinds: tuple[str, ...] | None = None
     still: Flags | None = None
     lines: Index | None = None
@@ -115,26 +115,21 @@ class Balls:
             faults.note(counts[index] > 1, words, mend="Give each an id of its own")
         return faults
 
-    def find_errors(self, i: Index, j: Index, normal: Array) -> tuple[Array, Array]:
-        """Return the greatest and the standard error that rounding leaves in the overlaps of balls
-        i and j, each (n_c,), m; ``normal`` is (n_c, 3).
-        """
-        n_axes = self.positions.shape[1]
-        position_errors = self.rounding
-        if position_errors is None:
-            position_errors = np.zeros_like(self.positions)
-        radius_errors = self.radius_rounding
-        if radius_errors is None:
-            radius_errors = np.zeros_like(self.radii)
-        weights = np.abs(normal[:, :n_axes])  # of the error along each axis
-        greatest = np.einsum("ca,ca->c", weights, position_errors[i] + position_errors[j])
-        greatest = greatest + radius_errors[i] + radius_errors[j]
-        squares = np.einsum(
-            "ca,ca->c", weights**2, position_errors[i] ** 2 + position_errors[j] ** 2
-        )
-        squares = squares + radius_errors[i] ** 2 + radius_errors[j] ** 2
-        # errors of rounding are even up to the greatest: their variance is a third of its square
-        return greatest, np.sqrt(squares / 3.0)
+
+@dataclass(frozen=True)
+class Reading:
+    """What is known of a network that was read, beside its numbers.
+
+    ``balls`` and ``contacts`` are the names of its sources in messages; ``notes`` say what has been
+    passed over, and why. ``rounding`` (n, 3) and ``radius_rounding`` (n,) are the greatest errors
+    that the digits of the source leave in positions and radii, m.
+    """
+
+    balls: str
+    contacts: str
+    notes: tuple[str, ...]
+    rounding: Array
+    radius_rounding: Array
 
 
 @dataclass(frozen=True)
@@ -286,6 +281,24 @@ def find_rounding(values: Array) -> Array:
     if np.allclose(steps, np.rint(steps), rtol=_EXACT, atol=0.0):
         last_units = np.full(values.shape, coarsest)
     return np.where(is_counted, 0.5 * last_units, 0.0)
+
+
+def find_errors_of_overlaps(
+    rounding: Array, radius_rounding: Array, i: Index, j: Index, normal: Array
+) -> tuple[Array, Array]:
+    """Return the greatest and the standard error that rounding leaves in the overlaps of balls i
+    and j, each (n_c,), m.
+
+    ``rounding`` (n, d) and ``radius_rounding`` (n,) are the greatest errors of positions and radii,
+    m; ``normal`` is (n_c, 3).
+    """
+    weights = np.abs(normal[:, : rounding.shape[1]])  # of the error along each axis
+    greatest = np.einsum("ca,ca->c", weights, rounding[i] + rounding[j])
+    greatest = greatest + radius_rounding[i] + radius_rounding[j]
+    squares = np.einsum("ca,ca->c", weights**2, rounding[i] ** 2 + rounding[j] ** 2)
+    squares = squares + radius_rounding[i] ** 2 + radius_rounding[j] ** 2
+    # errors of rounding are even up to the greatest: their variance is a third of its square
+    return greatest, np.sqrt(squares / 3.0)
 
 
 def _count_digits(sizes: Array) -> int:

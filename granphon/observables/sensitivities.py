@@ -70,25 +70,28 @@ class VelocitySensitivities(Sensitivities):
     degenerate: Flags
 
 
-def require_network(state: State, quantity: str) -> Callable[[], list[ContactNetwork]]:
-    """Return a function that gives the network at each load of a state, in C order.
+def list_networks(state: State | None, quantity: str) -> list[ContactNetwork]:
+    """Return the network at each load of a state, in C order.
 
-    InputError, which names the ``quantity``, for a state of samples, which are many networks.
+    InputError, which names the ``quantity``, without a state, as of a result that was read, and for
+    a state of samples, which are many networks.
     """
-
-    def list_networks() -> list[ContactNetwork]:
-        if getattr(state, "samples", ()):
-            raise InputError(
-                f"the {quantity} of a simulation are means over samples",
-                "Each sample has contacts of its own",
-                f"Give a sample: gp.{quantity}(state.samples[0]).sensitivities",
-            )
-        single: Any = state
-        if state.is_single:
-            return [given_network(state)]
-        return [given_network(single[index]) for index in np.ndindex(state.shape)]
-
-    return list_networks
+    if state is None:
+        raise InputError(
+            f"these {quantity.replace('_', ' ')} have no network",
+            "They were read, and nothing says of which contacts they are",
+            "Find them again from the state",
+        )
+    if getattr(state, "samples", ()):
+        raise InputError(
+            f"the {quantity} of a simulation are means over samples",
+            "Each sample has contacts of its own",
+            f"Give a sample: gp.{quantity}(state.samples[0]).sensitivities",
+        )
+    single: Any = state
+    if state.is_single:
+        return [given_network(state)]
+    return [given_network(single[index]) for index in np.ndindex(state.shape)]
 
 
 def find_moduli_sensitivities(

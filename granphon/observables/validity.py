@@ -107,11 +107,13 @@ def validity(state: Any) -> Validity:
 
     - "balance", "torques": the largest sum of the static forces on a ball over the mean force of a
       contact, without the acceleration that weights give, and that of the torques; ``typical`` is
-      the rms. Where tangential forces are not known, or ends are open, only with prestress;
-    - "law", "scatter": of a network that was read, the force of the law at the overlap of the
-      places over the force, of contacts with the median force or more: the median, less one, and
-      the median deviation. "stiffness": the stiffness over that of Hertz's law. "rounding": the
-      part of the forces that the digits of places leave open;
+      the rms. Where tangential forces are not known, or ends are open, only with prestress; torques
+      not where contacts resist rolling or twist;
+    - "law", "scatter": of a network that was read, the force over that of the law at the overlap of
+      the places, of contacts with the median force or more: the median, less one, and the median
+      deviation of the inverse. "single forces": number of contacts for which that ratio is ten, or
+      a tenth, beside the median. "stiffness": the stiffness over that of Hertz's law. "rounding":
+      the part of the forces that the digits of places leave open;
     - "masses", "inertias": of a network that was read, over those of solid spheres of the material;
     - "rattlers": number of balls that carry no load; "pieces": number of sets of balls that do not
       touch; "contacts": contacts per ball, at least the isostatic number;

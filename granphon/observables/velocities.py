@@ -5,7 +5,7 @@ exponent of velocities.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, TypeVar
@@ -25,13 +25,12 @@ from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.elasticity import anisotropy, bulk_and_shear, shears, voigt_names
 from granphon.media.state import ContactState, State, as_state, given_state
-from granphon.networks.network import ContactNetwork
 from granphon.observables.sensitivities import (
     ModuliSensitivities,
     VelocitySensitivities,
     find_moduli_sensitivities,
     find_velocity_sensitivities,
-    require_network,
+    list_networks,
 )
 from granphon.observables.validity import find_warnings
 
@@ -101,8 +100,8 @@ class SoundVelocities(Result):
         columns.
     """
 
-    #: gives the networks of the state; empty where none is at hand
-    _networks: ClassVar[tuple[Callable[[], list[ContactNetwork]], ...]] = ()
+    #: the state; None where none is at hand
+    _state: ClassVar[State | None] = None
 
     longitudinal: Annotated[Any, "...?", "m/s"]
     transverse: Annotated[Any, "...|... 2?", "m/s"]
@@ -123,7 +122,7 @@ class SoundVelocities(Result):
         Raises :class:`~granphon.base.errors.InputError` for velocities of a simulation, which are
         means over samples, and for those that were read from a file or a copy.
         """
-        networks = _list_networks(self._networks, "sound velocities")
+        networks = list_networks(self._state, "sound_velocities")
         shape = np.shape(self.velocities)[: -np.ndim(self.direction)]
         return find_velocity_sensitivities(networks, shape, self.direction)
 
@@ -242,7 +241,7 @@ def sound_velocities(
         polarisations=np.take_along_axis(polarisations, ascending[..., None, :], -1),
         twist=twist,
     )
-    object.__setattr__(sound, "_networks", (require_network(state, "sound_velocities"),))
+    object.__setattr__(sound, "_state", state)
     return sound
 
 
@@ -327,8 +326,8 @@ class Moduli(Result):
     units = {"bulk": "Pa", "shear": "Pa", "shears": "Pa"}
     _notebook_fields = ("bulk", "shear")
 
-    #: gives the networks of the state; empty where none is at hand
-    _networks: ClassVar[tuple[Callable[[], list[ContactNetwork]], ...]] = ()
+    #: the state; None where none is at hand
+    _state: ClassVar[State | None] = None
 
     tensor: Annotated[Array, "... 3 3|... 6 6|... 1 1", "Pa", "finite"]
     isotropic: bool
@@ -353,7 +352,7 @@ class Moduli(Result):
         Raises :class:`~granphon.base.errors.InputError` for moduli of a simulation, which are means
         over samples, and for those that were read from a file or a copy.
         """
-        networks = _list_networks(self._networks, "moduli")
+        networks = list_networks(self._state, "moduli")
         return find_moduli_sensitivities(networks, np.shape(self.tensor)[:-2])
 
     @property
@@ -532,23 +531,8 @@ def moduli(state: Any, *, progress: Progress = silent) -> Moduli:
             errors["anisotropy_error"] = jackknife(anisotropy, shears(samples))
     warnings = find_warnings(state) + state.reference_lattice.loose_warnings
     result = Moduli(tensor=tensor, isotropic=isotropic, warnings=warnings, cubic=cubic, **errors)
-    object.__setattr__(result, "_networks", (require_network(state, "moduli"),))
+    object.__setattr__(result, "_state", state)
     return result
-
-
-def _list_networks(
-    finders: tuple[Callable[[], list[ContactNetwork]], ...], quantity: str
-) -> list[ContactNetwork]:
-    """Return the networks of the state of a result; InputError, which names the ``quantity``, for a
-    result that was read.
-    """
-    if not finders:
-        raise InputError(
-            f"these {quantity} have no network",
-            "They were read, and nothing says of which contacts they are",
-            "Find them again from the state",
-        )
-    return finders[0]()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

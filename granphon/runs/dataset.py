@@ -193,8 +193,7 @@ class SweepRun:
             has_networks = tasks[0].request.waves is not None
             with progress.step("networks") if has_networks else nullcontext():
                 return [task.solve() for task in tasks]
-        label = "simulation" if self.grid.request.alone else "sweep"
-        return solve_all(label, tasks, executor, progress, store)
+        return solve_all("states", tasks, executor, progress, store)
 
     def join(self, results: Sequence[TaskResult]) -> Dataset:
         """Return the data set from the results of all tasks, in the order of :meth:`do`.

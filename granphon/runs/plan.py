@@ -264,10 +264,10 @@ class Plan:
         """The waves that are observed in arrays and in networks; None for none."""
         return self.grid.request.waves
 
-    @cached_property
+    @property
     def is_single(self) -> bool:
-        """Whether there is one state alone: one load, one medium, and no swept parameter."""
-        return self.grid.request.alone
+        """Whether there is one state alone, which is kept for its files and figures."""
+        return self.grid.request.whole
 
     @contextmanager
     def place_errors(self) -> Iterator[None]:
@@ -427,11 +427,9 @@ class Plan:
             return (
                 "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
             )
-        if not self.is_single:
-            return "It has bands, which a sweep without velocities has: observe: [bands]"
         return (
-            "It has bands and a density of states: observe them without velocities, as observe:"
-            " [bands, dos]"
+            "It has bands without velocities, and as one state a density of states: observe:"
+            " [bands], or [dos]"
         )
 
     def require_waves(self, most: float = math.inf) -> None:

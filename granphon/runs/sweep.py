@@ -267,7 +267,8 @@ def _read_waves(
     """
     with_dos = require("dos", truth, dos)
     spectrum_settings, corners, names = _read_spectrum(spectrum, lattice)
-    pulse_settings = _read_pulse(pulse)
+    read_pulse = partial(read_block, PulseSettings, context=IN_PYTHON)
+    pulse_settings = None if pulse is None else require("pulse", read_pulse, pulse)
     has_several = isinstance(directions[0], tuple) if directions else False
     if pulse_settings is not None and has_several:
         raise InputError("a pulse is asked for in several directions", mend="Give one direction")
@@ -302,13 +303,3 @@ def _read_spectrum(
     settings = require("spectrum", partial(block, rules=rules), spectrum)
     path = settings.pop("path", default)
     return SpectrumSettings(**settings), path.paths, path.names
-
-
-def _read_pulse(pulse: PulseSettings | Mapping[str, Any] | None) -> PulseSettings | None:
-    """Read the settings of a pulse; None without a pulse."""
-    if pulse is None or isinstance(pulse, PulseSettings):
-        return pulse
-    settings: PulseSettings = require(
-        "pulse", partial(read_block, PulseSettings, context=IN_PYTHON), pulse
-    )
-    return settings

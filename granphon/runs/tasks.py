@@ -135,8 +135,8 @@ class Request:
         left out.
     observe : the names of the observables, as in a scene; a registered observable among them must
         be found.
-    alone : whether there is only one state. The balls of its samples are kept, for files and
-        figures of them, and messages need not name the state.
+    whole : whether there is only one state, which is kept for its files and figures: the state
+        with the balls of its samples, and the results of the solvers of waves.
     """
 
     finite_overlap: bool = False
@@ -149,7 +149,7 @@ class Request:
     bands: BandsSettings | None = None
     exponents: bool = True
     sound: bool = True
-    alone: bool = False
+    whole: bool = False
     observe: tuple[str, ...] = ("velocities",)
 
     def find_path(self, structure: Lattice) -> tuple[Array, tuple[str, ...]] | None:
@@ -265,7 +265,7 @@ class Case:
             if not serving.arrays:
                 request = lattice_request
                 # a single state has been found by the check of the scene
-                state = self.state if request.alone else None
+                state = self.state if request.whole else None
             tasks.append(MediumTask(self.name(serving), serving, request, state))
         return tasks
 
@@ -277,12 +277,13 @@ class Case:
     def join(self, results: Sequence[TaskResult]) -> TaskResult:
         """Return the result of the case, arrays (loads, ...) by name, from the ``results`` of the
         :attr:`tasks`; variables that only some of several media have, chosen automatically, are
-        left out, and those that one medium has in one geometry alone are nan in the other. Of a
-        single simulated state the case keeps the balls.
+        left out, and those that one medium has in one geometry alone are nan in the other. A
+        single simulated state is kept, and its variables are found from it.
         """
         media = self.media
-        if self.request.alone and media[0].known_state is None:
+        if self.request.whole and media[0].known_state is None:
             vars(self)["state"] = self._restore(results)
+            return replace(media[0], known_state=self.state).solve()
         remaining = iter(results)
         of_media = [medium.join(list(islice(remaining, len(medium.tasks)))) for medium in media]
         if len(of_media) == 1:
@@ -489,11 +490,9 @@ class MediumTask(Task):
         """
         try:
             state = self.state(self.load)
-            variables = self.observe(state)
+            return self._add_waves(self.observe(state), state, self.load)
         except GranphonError as error:
             raise self._locate(error) from error
-        # those of samples are added to their mean
-        return variables if state.n_samples else self._add_waves(variables, state, self.load)
 
     def _add_waves(self, variables: TaskResult, state: ContactState, load: Load) -> TaskResult:
         """Return the ``variables`` of a state at its ``load`` with its waves, if waves are
@@ -511,8 +510,8 @@ class MediumTask(Task):
         medium was chosen automatically.
         """
         request = self.request
-        # that of a single state is kept with it; of others nothing is kept when they are done
-        find = find_analysis if request.alone else Analysis
+        # that of a known state is kept with it; of others nothing is kept when they are done
+        find = Analysis if self.known_state is None else find_analysis
         analysis = find(state, request.direction)
         # conditions that hold are kept only where another medium, at other loads, may not meet them
         notes: list[Check | str] = [
@@ -575,8 +574,8 @@ class MediumTask(Task):
 
     def list_records(self, state: ContactState) -> Sequence[Any]:
         """Return a record of the waves of each sample of a state at each load, or of its network;
-        that of a single state has the results of the solvers too. Errors about a network name the
-        task and the load, but of a single state.
+        that of a single state has the results of the solvers too. An error about a network knows
+        its load.
         """
         if state.n_samples:
             return state.samples
@@ -585,17 +584,14 @@ class MediumTask(Task):
 
         records = list[SampleRecord]()
         request = self.request
-        periods = self.serving.packing.structure.periods
         for index, single in enumerate(_split_loads(state)):
             try:
                 # kept, as the data set and the files of a single state need the same
-                waves = single.cached(record_networks, request.waves, request.alone)
+                waves = single.cached(record_networks, request.waves, request.whole)
                 records.append(SampleRecord(of_waves=waves))
             except GranphonError as error:
-                if self.request.alone:
-                    raise
-                load = self.load[index].describe(periods)
-                raise error.restate(f"{self.where}, {load}: {error}") from None
+                error.load_index = index
+                raise
         return records
 
     def _locate(self, reduced_error: GranphonError) -> GranphonError:
@@ -604,13 +600,9 @@ class MediumTask(Task):
 
         If the load of ``error`` is not known, the error of the first load that fails alone is
         returned instead. The ``load_index`` is the index of the load in the sweep. If no load fails
-        alone, or if ``error`` is about an option, ``error`` is returned with the task only; and the
-        error of a single state with its own message.
+        alone, or if ``error`` is about an option, ``error`` is returned with the task only.
         """
         error = write_newtons(reduced_error, self.serving.packing)
-        if self.request.alone:
-            error.load_index = 0 if error.option is None else None
-            return error
         periods = self.serving.packing.structure.periods
         if error.option is not None:  # the error is not about a load
             return _name_load(self.where, self.load, None, error, periods)
@@ -875,10 +867,11 @@ class SampleTask(MediumTask):
         rows without meaning at the other loads.
         """
         try:
-            return super().solve()
-        except GranphonError as error:
+            return self.observe(self.state(self.load))
+        except GranphonError as reduced_error:
+            error = self._locate(reduced_error)
             if error.reached is None:
-                raise
+                raise error from reduced_error
             n_loads = self.load.size
             history: Any = self.simulation.history
             order = history.sort(self.simulation.prescribed(self.load))
@@ -903,11 +896,11 @@ class SampleTask(MediumTask):
         """
         request = self.request
         records = [
-            SampleRecord.of(sample, request.waves, request.exponents, request.alone)
+            SampleRecord.of(sample, request.waves, request.exponents, request.whole)
             for sample in samples
         ]
         result = SampleRecord.to_result(records)
-        if not request.alone:
+        if not request.whole:
             return result
         equilibrium = samples[0].equilibrium
         balls = {

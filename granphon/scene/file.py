@@ -13,11 +13,13 @@ import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
 from importlib.resources import files
+from operator import getitem
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
 from granphon.balls.loads import Load
@@ -30,18 +32,18 @@ from granphon.base.quantities import (
     NUMBER,
     TENSORS,
     find_written_unit,
+    split_error,
 )
 from granphon.base.scales import write_quantity
-from granphon.base.settings import NEEDED, Kind, Setting, list_settings, whole_from
+from granphon.base.settings import NEEDED, Setting, list_settings
 from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.base.validation import block, read_inside, refuse_unknown_key
 from granphon.media.arrangement import Arrangement
-from granphon.phonons.paths import BandPath, read_labels
+from granphon.phonons.paths import BandPath
 from granphon.runs.plan import Places
 from granphon.scene import rules
 from granphon.scene.rules import (
     PARTS,
-    SCENE_SCHEMA,
     Context,
     choose_lattice,
     split_tensor,
@@ -64,157 +66,41 @@ _REMARK_OF_PRESETS = (
 )
 
 
-class Field(NamedTuple):
-    """One key of a scene file.
-
-    Attributes
-    ----------
-    key : the block and the key in it, or the key at the top level.
-    attribute : the attribute of a scene that has the value, with those that lead to it; a key whose
-        value is None is not written.
-    kind : how the value is read and written.
-    words : meaning of the key, for the page of the reference.
-    default : the value of a key that is left out, in words; empty for the plain default of the
-        class.
-    """
-
-    key: str
-    attribute: str
-    kind: Kind
-    words: str
-    default: str = ""
-
-
-#: the attributes of a scene that have the values of some blocks, where their keys are not those of
-#: the attributes
+#: the keys of each block, as they are declared; a value at the top level stands alone under an
+#: empty key
+BLOCKS: dict[str, Mapping[str, Setting]] = {
+    "schema": {"": rules.SCHEMA},
+    "material": list_settings(Material),
+    "packing": rules.PACKING,
+    "balls": {"": rules.BALLS},
+    "crystal": rules.CRYSTAL,
+    "load": rules.LOAD,
+    "medium": {"": rules.MEDIUM},
+    "sweep": {"": rules.SWEEP},
+    "observe": {"": rules.OBSERVE},
+    "direction": {"": rules.DIRECTION},
+    **{name: list_settings(settings) for name, settings in WAVE_BLOCKS.items()},
+    "phonopy": rules.PHONOPY,
+}
+#: the attribute of a scene that has the values of a block, or the value of a key, where it has not
+#: the name of the block, or of the key in it
 _ATTRIBUTES = {
+    "material": "packing.material",
+    "crystal": "packing",
+    "balls": "packing.kinds",
+    "medium": "media",
+    "sweep": "parameters",
+    # the waves of a scene have no spectrum that is not observed, so that none is written
+    "spectrum": "waves.spectrum",
     "packing.lattice": "packing.structure",
     "packing.finite_overlap": "finite_overlap",
     "crystal.kinds": "packing.order",
     "crystal.finite_overlap": "finite_overlap",
-    "load.balls_per_side": "load.balls_per_side",
-    "load.gravity": "load.gravity",
+    "phonopy.band_labels": "band.labels",
+    **{f"phonopy.{key}": key for key in ("dim", "band", "band_points", "mesh")},
+    # each key writes what it holds of the load
+    **{f"load.{key}": "load" for key in (*LOAD_KINDS, "times")},
 }
-
-
-def _list_fields(
-    declarations: Mapping[str, Setting], block: str, attribute: str, is_whole: bool = False
-) -> Iterator[Field]:
-    """Return the fields of a ``block``, as they are declared, of which each has the value of the
-    same name at an ``attribute`` of a scene, or of the attribute as a whole.
-    """
-    for name, declared in declarations.items():
-        key = f"{block}.{name}"
-        default_attribute = attribute if is_whole else f"{attribute}.{name}"
-        yield Field(
-            key,
-            _ATTRIBUTES.get(key, default_attribute),
-            declared.kind,
-            declared.meaning,
-            declared.default,
-        )
-
-
-FIELDS: tuple[Field, ...] = (
-    Field(
-        "schema",
-        "schema",
-        Kind.plain(rules.read_schema),
-        "version of this format",
-        f"`{SCENE_SCHEMA}`",
-    ),
-    *_list_fields(list_settings(Material), "material", "packing.material"),
-    *_list_fields(rules.PACKING, "packing", "packing"),
-    Field(
-        "balls",
-        "packing.kinds",
-        rules.BALLS,
-        "kinds of balls by name, see [crystals](#crystals)",
-        NEEDED,
-    ),
-    *_list_fields(rules.CRYSTAL, "crystal", "packing"),
-    *_list_fields(rules.LOAD, "load", "load", is_whole=True),
-    Field(
-        "medium",
-        "media",
-        rules.MEDIUM,
-        "how a spread of diameters is averaged, see [media](#media)",
-        "`ema`; `ala` for equal balls",
-    ),
-    Field(
-        "sweep",
-        "parameters",
-        rules.PARAMETERS_SWEPT,
-        "parameters of the packing, each with the values that it takes, see [sweep](#sweep)",
-        "none",
-    ),
-    Field(
-        "observe",
-        "observe",
-        Kind.plain(rules.read_observables),
-        "what to compute; nothing else is computed. `spectrum` and `pulse` are of simulations,"
-        " and so is `dos` where there are several states",
-    ),
-    Field(
-        "direction",
-        "direction",
-        Kind(lambda value, context: rules.read_directions(value, context.lattice)),
-        "direction of sound, Cartesian, or a list of directions, see [direction](#direction)",
-        "x",
-    ),
-    *(
-        field
-        for name, settings in WAVE_BLOCKS.items()
-        # the waves of a scene have no spectrum that is not observed, so that none is written
-        for field in _list_fields(
-            list_settings(settings), name, "waves.spectrum" if name == "spectrum" else name
-        )
-    ),
-    Field(
-        "phonopy.dim",
-        "dim",
-        rules.grid_kind(("3 1 1", "3 3 1", "3 3 3"), 2, 100, 2),
-        "cells of the supercell for force constants, along each period; `3 1 1` on a chain,"
-        " `3 3 3` in space",
-        "the smallest that is large enough",
-    ),
-    Field(
-        "phonopy.band",
-        "band",
-        Kind(
-            lambda value, context: BandPath.read(value, context.lattice), lambda path, _: str(path)
-        ),
-        "corners of the path: letters, or three numbers each, in fractions of the reciprocal cell",
-        "Γ-K-M-Γ; Γ-X-M-Γ on the square lattice; Γ-X on a chain; in space ASE's",
-    ),
-    Field(
-        "phonopy.band_labels",
-        "band.labels",
-        Kind.plain(read_labels),
-        "a label for each corner",
-        "the letters of the path; none for one in numbers",
-    ),
-    Field(
-        "phonopy.band_points",
-        "band_points",
-        whole_from(2, 100_000),
-        "points on each segment, both ends counted",
-    ),
-    Field(
-        # in space a 1 would be the mesh of a plane
-        "phonopy.mesh",
-        "mesh",
-        rules.grid_kind(("1024 1 1", "64 64 1", "32 32 32"), 1, 4096, 2),
-        "wave vectors for the density of states, along each period; `1024 1 1` on a chain,"
-        " `32 32 32` in space",
-        "`64 64 1`; `1024 1 1` on a chain; `32 32 32` in space",
-    ),
-)
-
-#: the fields of each block by their keys; a field at the top level stands alone under its own key
-_BLOCKS: dict[str, dict[str, Field]] = {}
-for _field in FIELDS:
-    _BLOCKS.setdefault(_field.key.partition(".")[0], {})[_field.key.partition(".")[2]] = _field
 #: the blocks that a scene must have
 _NEEDED_BLOCKS = ("material", "packing", "load")
 #: the blocks of a scene with balls of several kinds, which stand in place of the first two
@@ -237,13 +123,13 @@ def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
     """
     blocks: dict[str, Any] = {}
     absent_blocks = _NEEDED_BLOCKS[:2] if scene.packing.kind_names else _CRYSTAL_BLOCKS
-    for name, fields in _BLOCKS.items():
+    for name, settings in BLOCKS.items():
         if name in absent_blocks:
             continue
-        for key, field in fields.items():
-            value = _find_value(scene, field)
+        for key, declared in settings.items():
+            value = _find_value(scene, name, key)
             # a key is left out where it has no value, and where its kind writes none
-            plain = None if value is None else field.kind.write(value, context)
+            plain = None if value is None else declared.kind.write(value, context)
             if plain is None:
                 continue
             if key:
@@ -253,23 +139,18 @@ def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
     return blocks
 
 
-def _find_value(scene: Any, field: Field) -> Any:
-    """Return the attribute of a scene that has the value of a ``field``; None if an attribute on
-    the way to it is None.
+def _find_value(scene: Any, name: str, key: str) -> Any:
+    """Return the value that a scene has of the ``key`` of a block, or, if the key is empty, of the
+    block itself; None if an attribute on the way to it is None.
     """
+    of_block = _ATTRIBUTES.get(name, name)
+    path = _ATTRIBUTES.get(f"{name}.{key}", f"{of_block}.{key}") if key else of_block
     value = scene
-    for attribute in field.attribute.split("."):
+    for attribute in path.split("."):
         if value is None:
             return None
         value = getattr(value, attribute)
     return value
-
-
-def scene_rule(attribute: str, context: Context) -> Any:
-    """Return the rule that reads an ``attribute`` of a scene, the name of the field's attribute, in
-    the ``context`` of the scene.
-    """
-    return next(field.kind.rule(context) for field in FIELDS if field.attribute == attribute)
 
 
 def write_preset(name: str) -> str:
@@ -316,9 +197,9 @@ def _explain_key(line: str, block_name: str, key: str) -> str:
     """
     # kinds of balls have keys of the blocks material and packing
     for name in (block_name, *_NEEDED_BLOCKS[:2]):
-        field = _BLOCKS.get(name, {}).get(key)
-        if field is not None:
-            return field.words
+        declared = BLOCKS.get(name, {}).get(key)
+        if declared is not None:
+            return declared.meaning
     return {
         "load:": "one of these",
         "phonopy:": "path and meshes; this block matters to bands, dos and spectrum only",
@@ -339,13 +220,13 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
     """
     data: Any = document.data
     if isinstance(data, list):
-        raise document.error((), f"found a list; allowed: a block of keys: {', '.join(_BLOCKS)}.")
+        raise document.error((), f"found a list; allowed: a block of keys: {', '.join(BLOCKS)}.")
     try:
         _require_known(data)
         if isinstance(data, Mapping) and set(_CRYSTAL_BLOCKS) & set(data):
             return _read_crystal_scene(document, folder)
         context = Context(_find_lattice(data), folder=folder)
-        readers = {name: partial(_read_block, name, context=context) for name in _BLOCKS}
+        readers = {name: partial(_read_block, name, context=context) for name in BLOCKS}
         return block(data, readers, _NEEDED_BLOCKS)
     except Refused as refused:
         with suppress(LookupError, TypeError, Refused, AttributeError):
@@ -403,7 +284,7 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
     # spectrum and pulse are of arrays, which packings have
     unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], "spectrum", "pulse")
     readers = {
-        name: partial(_read_block, name, context=context) for name in _BLOCKS if name not in unused
+        name: partial(_read_block, name, context=context) for name in BLOCKS if name not in unused
     }
     blocks = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}
     return block(blocks, readers, ("load",)) | {"packing": packing}
@@ -424,11 +305,7 @@ def _make_arrangement(document: Document, kinds: Any, settings: Mapping[str, Any
             "Each site has its kind.",
             ("crystal", "kinds"),
         )
-    # an attribute may have another name than its key: that of the key "kinds" is "order"
-    attributes = {
-        key: field.attribute.rpartition(".")[2] for key, field in _BLOCKS["crystal"].items()
-    }
-    arguments = {attributes[key]: value for key, value in settings.items()}
+    arguments = {"order" if key == "kinds" else key: value for key, value in settings.items()}
     try:
         return Arrangement(kinds, **arguments)
     except GranphonError as error:
@@ -455,16 +332,16 @@ def _read_block(name: str, value: Any, context: Context) -> Any:
     """Return the values of the block ``name`` by key, or the value of a key at the top level, in SI
     units, from its plain ``value``; Refused for a value that a rule refuses, or a missing key.
     """
-    fields = _BLOCKS[name]
-    if "" in fields:
-        return fields[""].kind.read(value, context)
+    settings = BLOCKS[name]
+    if "" in settings:
+        return settings[""].kind.read(value, context)
     if name in ("phonopy", "spectrum") and value is None:
         return {}  # every key below the name of the block is commented out
     if name == "load" and isinstance(value, dict):
         # a value of another type is refused below, with the keys that are allowed
         _require_one_load(value, of_crystal=bool(context.kinds))
-    readers = {key: field.kind.rule(context) for key, field in fields.items()}
-    needed_keys = [key for key, field in fields.items() if field.default == NEEDED]
+    readers = {key: declared.kind.rule(context) for key, declared in settings.items()}
+    needed_keys = [key for key, declared in settings.items() if declared.default == NEEDED]
     if name != "packing" or not _has_measured_spread(value):
         return block(value, readers, needed_keys)
     # the list of diameters says the mean
@@ -515,10 +392,10 @@ def _require_known(data: Any) -> None:
     blocks in the order of the table, which says to which block the key belongs if another block has
     such a key; and for loads without a key.
     """
-    keys_of_blocks = {"": list(_BLOCKS)}  # the top level
-    for name, fields in _BLOCKS.items():
-        if "" not in fields:
-            keys_of_blocks[name] = list(fields)
+    keys_of_blocks = {"": list(BLOCKS)}  # the top level
+    for name, settings in BLOCKS.items():
+        if "" not in settings:
+            keys_of_blocks[name] = list(settings)
     for name, keys in keys_of_blocks.items():
         value = data.get(name) if name and isinstance(data, Mapping) else data
         if name == "load":
@@ -575,13 +452,6 @@ _ALLOWED_OF_MOTIONS = {
 }
 #: ordinary values of the quantities of which the scales of a ball are made, Pa, kg/m^3 and m
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
-#: arguments of a scene by the keys at the top level whose values they are
-_ARGUMENTS = {
-    "medium": "media",
-    "sweep": "parameters",
-    "observe": "observe",
-    "direction": "direction",
-}
 
 
 def _find_strangest(quantities: Mapping[str, float]) -> str:
@@ -626,6 +496,25 @@ def _find_place_of_value(values: Any, index: int, is_list: bool) -> tuple[str, t
     return f"value {index + 1} of {points} from {first} to {last}", ()
 
 
+def _find_errors(data: Any) -> list[tuple[Any, ...]]:
+    """Return the keys that lead to each quantity of a document with a standard error, and last the
+    value and the error, as :func:`~granphon.base.quantities.split_error` returns both.
+    """
+    found = []
+    blocks: list[tuple[tuple[Any, ...], Any]] = [((), data)]
+    while blocks:
+        path, entry = blocks.pop()
+        if isinstance(entry, Mapping):
+            blocks += [((*path, key), inner) for key, inner in entry.items()]
+        elif isinstance(entry, list):
+            blocks += [((*path, number), inner) for number, inner in enumerate(entry)]
+        elif isinstance(entry, str) and ("+-" in entry or "+/-" in entry or "±" in entry):
+            parts = split_error(entry)
+            if path and parts is not None:
+                found.append((*path, parts))
+    return found[::-1]
+
+
 @dataclass(frozen=True)
 class SceneSource(Places):
     """The document that a scene was read from, and the path of its file; both are None for a scene
@@ -639,6 +528,23 @@ class SceneSource(Places):
 
     document: Document | None = None
     path: Path | None = None
+    #: standard errors of quantities, by their paths in the document, which then holds the values
+    #: alone
+    errors: tuple[tuple[tuple[str | int, ...], str], ...] = ()
+
+    def __post_init__(self) -> None:
+        found = [] if self.document is None else _find_errors(self.document.data)
+        if not found or self.document is None:
+            return
+        data = deepcopy(self.document.data)
+        errors = []
+        for *outer, key, (value, error) in found:
+            block = reduce(getitem, outer, data)
+            block[key] = value
+            errors.append(((*outer, key), error))
+        # the dataclass is frozen: the values alone are put in place of the argument
+        object.__setattr__(self, "document", replace(self.document, data=data))
+        object.__setattr__(self, "errors", tuple(errors))
 
     @classmethod
     def of_file(cls, path: str | os.PathLike[str]) -> SceneSource:
@@ -806,23 +712,20 @@ class SceneSource(Places):
         if packing is None:
             packing = self._make_packing(blocks)
         arguments: dict[str, Any] = {"packing": packing, "load": self._make_load(blocks["load"])}
-        bands = blocks.get("phonopy", {})
-        if "band" in bands or "band_labels" in bands:
+        arguments |= blocks.get("phonopy", {})
+        if "band_labels" in arguments:
             with self.at("phonopy", "band_labels"):
-                path = bands["band"] if "band" in bands else BandPath.default(packing.structure)
-                arguments["band"] = replace(path, labels=bands.get("band_labels", path.labels))
-        for key, argument in _ARGUMENTS.items():
+                path = arguments.get("band") or BandPath.default(packing.structure)
+                arguments["band"] = replace(path, labels=arguments.pop("band_labels"))
+        for key in ("medium", "sweep", "observe", "direction"):
             if key in blocks:
-                arguments[argument] = blocks[key]
+                arguments[_ATTRIBUTES.get(key, key)] = blocks[key]
         for key, settings in WAVE_BLOCKS.items():
             if key in blocks:
                 arguments[key] = settings(**blocks[key])
-        for key in ("band_points", "mesh", "dim"):
-            if key in bands:
-                arguments[key] = bands[key]
         if "finite_overlap" in blocks["packing"]:
             arguments["finite_overlap"] = blocks["packing"]["finite_overlap"]
-        return arguments | {"source": self.path}
+        return arguments | {"source": self.path, "errors": self.errors}
 
     def _make_load(self, values: Mapping[str, Any]) -> Load:
         """Return the load of the block load, with errors placed at its key; gravity alone is a

@@ -197,11 +197,16 @@ class Results:
     values: dict[str, Any] = field(default_factory=dict, kw_only=True, repr=False)
 
     def __getitem__(self, name: str) -> Any:
-        """Return the value of the output ``name``; None if the folder does not hold it."""
+        """Return the value of the output ``name``; None if the folder does not hold it. That of an
+        output without files is found from other values.
+        """
         if name not in self.values:
             row = OUTPUTS[name]
             path = row.find_source(self.folder)
-            self.values[name] = None if path is None else row.read_value(path)
+            if path is not None:
+                self.values[name] = row.read_value(path)
+            else:
+                self.values[name] = None if row.files else row.find_value(self)
         return self.values[name]
 
     @property
@@ -250,6 +255,17 @@ def _find_force_constants(run: Any) -> Any:
 def _find_bands(run: Any) -> Any:
     path = run.scene.path
     return run.phonons.bands(path.arrays, npoints=run.scene.band_points, labels=path.labels)
+
+
+def _find_gaps(results: Any) -> Any:
+    """Return the gaps (n, 2), Hz, of the only state of a data set; None if it has none, or many
+    states.
+    """
+    data = results["states"]
+    if data is None or "gap_lower" not in data or data["valid"].size > 1:
+        return None
+    edges = np.array([data[name].values.ravel() for name in ("gap_lower", "gap_upper")])
+    return edges[:, np.isfinite(edges[0])].T
 
 
 def _find_spectra(run: Any) -> Any:
@@ -425,16 +441,15 @@ def _read_by(kind: str, method: str, path: Path) -> Any:
     return getattr(getattr(granphon, kind), method)(path)
 
 
-def _read_gaps(path: Path) -> Any:
-    """Return the gaps (n, 2), Hz, that a summary tells; None if it tells none."""
-    gaps = read_summary(path.parent).get("gaps")
-    if gaps is None:
+def _read_errors(path: Path) -> Any:
+    """Return the standard errors that a summary tells, by name, and the parameters that give most
+    of each; None if it tells none.
+    """
+    summary = read_summary(path.parent)
+    if "errors_from" not in summary:
         return None
-    try:
-        return np.array(gaps, float).reshape(-1, 2)
-    except (TypeError, ValueError):
-        why = "They are pairs of frequencies"
-        raise InputError(f"{path} is damaged at gaps", why, "Run the scene again") from None
+    names = [f"{name}_error" for name in summary["errors_from"]]
+    return {name: summary[name] for name in (*names, "errors_from") if name in summary}
 
 
 def _read_fit(path: Path) -> Any:
@@ -545,6 +560,18 @@ for _row in (
         words="[the numbers](#quantities-of-a-state)",
     ),
     Export(
+        "errors",
+        (),
+        states="one",
+        when=lambda scene: bool(scene.errors),
+        read=_read_errors,
+        summarise=lambda run: run["errors"] or {},
+        source="summary.yaml",
+        occasion="quantities with standard errors, one state",
+        words="in `summary.yaml`: `NAME_error` beside each NAME, and `errors_from`, the parameter"
+        " that gives most of the error of each",
+    ),
+    Export(
         "diameters",
         (DIAMETERS_FILE,),
         when=lambda scene: scene.diameters is not None,
@@ -638,41 +665,23 @@ for _row in (
         caption="Gaps between the branches, and the top frequency",
     ),
     Export(
-        "sweep_cutoffs",
-        ("sweep_cutoffs.csv", "sweep_cutoffs.png"),
+        "cutoffs",
+        ("cutoffs.csv", "cutoffs.png"),
         observed="cutoffs",
-        states="many",
-        write=partial(_write_table, "sweep_cutoffs.csv", ("branch",), numbered=True),
-        draw=partial(_draw_dataset, "sweep_cutoffs"),
+        write=partial(_write_table, "cutoffs.csv", ("branch",), numbered=True),
+        draw=partial(_draw_dataset, "cutoffs"),
         words="lowest and highest frequency of each branch in the zone; these over the load",
         caption="Branches, from their lowest to their highest frequency",
     ),
     Export(
-        "cutoffs",
-        ("cutoffs.csv",),
-        observed="cutoffs",
-        states="one",
-        write=partial(_write_table, "cutoffs.csv", ("branch",), numbered=True),
-        words="lowest and highest frequency of each branch in the zone",
-    ),
-    Export(
-        "sweep_modes",
-        ("sweep_modes.csv", "sweep_modes.png"),
+        "modes",
+        ("modes.csv", "modes.png"),
         observed="modes",
-        states="many",
-        write=partial(_write_table, "sweep_modes.csv", ("mode",)),
-        draw=partial(_draw_dataset, "sweep_modes"),
+        write=partial(_write_table, "modes.csv", ("mode",)),
+        draw=partial(_draw_dataset, "modes"),
         words="lowest modes of each network: frequency, participation, part in rotations; the"
         " frequencies over the load",
         caption="Frequencies of the lowest modes",
-    ),
-    Export(
-        "modes",
-        ("modes.csv",),
-        observed="modes",
-        states="one",
-        write=partial(_write_table, "modes.csv", ("mode",)),
-        words="lowest modes of the network: frequency, participation, part in rotations",
     ),
     Export(
         "sweep_surface",
@@ -767,10 +776,8 @@ for _row in (
         (),
         observed="gaps",
         states="one",
-        find=lambda run: run.phonons.gaps(),
+        find=_find_gaps,
         summarise=lambda run: {"gaps": run.gaps.tolist()},
-        read=_read_gaps,
-        source="summary.yaml",
     ),
     Export(
         "sample",

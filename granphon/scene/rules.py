@@ -92,6 +92,7 @@ from granphon.base.validation import (
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
+from granphon.phonons.paths import BandPath, read_labels
 from granphon.scene.outputs import DIAMETERS_FILE
 from granphon.waves.settings import CUT, NETWORK_BLOCKS, REPEAT
 
@@ -461,7 +462,11 @@ def _write_parameters(
     return {name: write(name, values) for name, values in parameters} or None
 
 
-PARAMETERS_SWEPT = Kind(_read_parameters, _write_parameters)
+SWEEP = Setting(
+    Kind(_read_parameters, _write_parameters),
+    "parameters of the packing, each with the values that it takes, see [sweep](#sweep)",
+    "none",
+)
 
 
 # -- loads, media and observables ------------------------------------------------------------------
@@ -529,10 +534,14 @@ def _write_media(choices: Sequence[MediumChoice], context: Context) -> Any:
     return media if len(media) > 1 else media[0]
 
 
-MEDIUM = Kind(_read_media, _write_media)
+MEDIUM = Setting(
+    Kind(_read_media, _write_media),
+    "how a spread of diameters is averaged, see [media](#media)",
+    "`ema`; `ala` for equal balls",
+)
 
 
-def read_schema(value: Any) -> int:
+def _read_schema(value: Any) -> int:
     """Read the number of the schema of a scene file, which must be the one that this granphon
     reads.
     """
@@ -544,7 +553,10 @@ def read_schema(value: Any) -> int:
     raise Refused(show(value), str(SCENE_SCHEMA), mend)
 
 
-def read_observables(value: Any) -> tuple[str, ...]:
+SCHEMA = Setting(Kind.plain(_read_schema), "version of this format", f"`{SCENE_SCHEMA}`")
+
+
+def _read_observables(value: Any) -> tuple[str, ...]:
     """Read the names of the observables of a scene, each once, and return them in the order of
     ``OBSERVABLES``.
 
@@ -577,7 +589,14 @@ def read_observables(value: Any) -> tuple[str, ...]:
     return tuple(name for name in observables if name in names)
 
 
-def grid_kind(examples: Sequence[str], low: int, high: int, low_in_space: int) -> Kind:
+OBSERVE = Setting(
+    Kind.plain(_read_observables),
+    "what to compute; nothing else is computed. `spectrum` and `pulse` are of simulations,"
+    " and so is `dos` where there are several states",
+)
+
+
+def _grid_kind(examples: Sequence[str], low: int, high: int, low_in_space: int) -> Kind:
     """Return the kind of whole numbers for each period, from ``low``, or ``low_in_space`` on
     lattices of three periods, to ``high``; ``examples`` are those of one, two and three periods.
 
@@ -649,6 +668,42 @@ def _has_numbers(value: Any) -> bool:
     return isinstance(value, list | tuple) or (isinstance(value, str) and len(value.split()) > 1)
 
 
+DIRECTION = Setting(
+    Kind(lambda value, context: read_directions(value, context.lattice)),
+    "direction of sound, Cartesian, or a list of directions, see [direction](#direction)",
+    "x",
+)
+#: the keys of the block "phonopy"
+PHONOPY: dict[str, Setting] = {
+    "dim": Setting(
+        _grid_kind(("3 1 1", "3 3 1", "3 3 3"), 2, 100, 2),
+        "cells of the supercell for force constants, along each period; `3 1 1` on a chain,"
+        " `3 3 3` in space",
+        "the smallest that is large enough",
+    ),
+    "band": Setting(
+        Kind(
+            lambda value, context: BandPath.read(value, context.lattice), lambda path, _: str(path)
+        ),
+        "corners of the path: letters, or three numbers each, in fractions of the reciprocal cell",
+        "Γ-K-M-Γ; Γ-X-M-Γ on the square lattice; Γ-X on a chain; in space ASE's",
+    ),
+    "band_labels": Setting(
+        Kind.plain(read_labels),
+        "a label for each corner",
+        "the letters of the path; none for one in numbers",
+    ),
+    "band_points": Setting(whole_from(2, 100_000), "points on each segment, both ends counted"),
+    "mesh": Setting(
+        # in space a 1 would be the mesh of a plane
+        _grid_kind(("1024 1 1", "64 64 1", "32 32 32"), 1, 4096, 2),
+        "wave vectors for the density of states, along each period; `1024 1 1` on a chain,"
+        " `32 32 32` in space",
+        "`64 64 1`; `1024 1 1` on a chain; `32 32 32` in space",
+    ),
+}
+
+
 # -- crystals: balls of several kinds, how they are arranged, and their loads ----------------------
 
 
@@ -717,9 +772,13 @@ _BALL = block_of(
     ("material", "diameter"),
 )
 #: mass and inertia are written out
-BALLS = Kind(
-    _read_balls,
-    lambda kinds, context: {name: _BALL.write(ball, context) for name, ball in kinds},
+BALLS = Setting(
+    Kind(
+        _read_balls,
+        lambda kinds, context: {name: _BALL.write(ball, context) for name, ball in kinds},
+    ),
+    "kinds of balls by name, see [crystals](#crystals)",
+    NEEDED,
 )
 
 

@@ -130,6 +130,8 @@ class Scene(SceneValues):
         them.
     bands : how contacts damp the bands, if the scene observes them; None for bands without loss
         alone.
+    errors : of each parameter that has a standard error, the path of its key in the file, as
+        ("material", "young_modulus"), and the error, SI; results have the errors that follow.
     response, motion, modes : which response of the network of each state to find, how its balls
         move, and which of its lowest modes to find, if the scene observes it.
     dim : supercell of the exported force constants, a number for each period; None for the smallest
@@ -280,7 +282,45 @@ class Scene(SceneValues):
                 if row.find is not None:
                     with progress.step(row.label):
                         result.values[row.name] = row.find_value(result)
+        if self.errors:
+            self._spread_errors(result, executor, progress)
         return result
+
+    def _spread_errors(
+        self, result: RunResult, executor: Executor | None, progress: Progress
+    ) -> None:
+        """Put the standard errors that follow from those of the parameters into the values of a
+        ``result``.
+        """
+        from granphon.scene.uncertainty import Spread, name_parameter
+
+        shifted = []
+        with progress.step("standard errors", len(self.errors)) as step:
+            for lower, upper in self.shifted:
+                pair = [
+                    scene._compute(result.folder, list_outputs(scene), executor, silent, None)
+                    for scene in (lower, upper)
+                ]
+                shifted.append(pair)
+                step.advance()
+        names = [name_parameter(path) for path, _ in self.errors]
+        if self.is_single:
+            summaries = [(lower.summary(), upper.summary()) for lower, upper in shifted]
+            result.values["errors"] = Spread(names, summaries).summarise(result.summary())
+        datasets = [(lower.dataset, upper.dataset) for lower, upper in shifted]
+        result.values["states"] = Spread(names, datasets).add_to(result.dataset)
+
+    @cached_property
+    def shifted(self) -> list[tuple[Self, Self]]:
+        """For each parameter with a standard error the scenes in which the parameter is smaller and
+        larger by it.
+        """
+        from granphon.scene.uncertainty import shift_scene
+
+        return [
+            (shift_scene(self, path, -error), shift_scene(self, path, error))
+            for path, error in self.errors
+        ]
 
     # -- the plan ----------------------------------------------------------------------------------
 
@@ -300,13 +340,12 @@ class Scene(SceneValues):
             waves=self.waves,
             exponents=has_velocities,
             surface=self.observed_settings("surface"),
-            # those of a single state are found with its phonons
-            gaps="gaps" in self.observe and not self.is_single,
+            gaps="gaps" in self.observe,
             cutoffs="cutoffs" in self.observe,
             bands=self.observed_settings("bands"),
             observe=self.observe,
             sound=has_velocities or of_mechanisms.isdisjoint(self.observe),
-            alone=self.is_single,
+            whole=self.is_single,
         )
         axes = tuple(Axis(*axis) for axis in self.parameters)
         written_load = None if self.load.balls_per_side is None else self.load.flat
@@ -375,7 +414,9 @@ class Scene(SceneValues):
         :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this
         machine now, or more than 10,000 days on one processor.
         """
-        return self.plan.cost()
+        cost = self.plan.cost()
+        count = 1.0 + 2.0 * len(self.errors)
+        return cost if cost is None or not self.errors else cost.times(count)
 
 
 def _write_result(
@@ -392,9 +433,9 @@ def _write_result(
     written_rows = [row for row in rows if row.find is None or result[row.name] is not None]
     names = list_files(written_rows, figures)
     figure_files = [row.figure for row in written_rows if figures and row.figure]
-    left_out = [name for name in list_files(rows, figures) if name not in names]
+    # each row has written its numbers, or says which are missing
     with (
-        locked.staging((*figure_files, *left_out)) as stage,
+        locked.staging(locked.names) as stage,
         progress.step("writing", len(names)) as step,
     ):
         for row in written_rows:
@@ -600,20 +641,13 @@ class RunResult(Results):
             numbers |= find_all(analysis, ("velocities",))
         for row in self.rows or list_outputs(self.scene):
             numbers |= row.collect_numbers(self)
-        return numbers | self._collect_wave_values()
-
-    def _collect_wave_values(self) -> dict[str, float]:
-        """Return the observables of waves that are one number, by name, in SI units; those that are
-        not finite are left out.
-        """
-        values: dict[str, float] = {}
         data = self.dataset
         for name, entry in CATALOGUE.items():
             if entry.cost in WAVE_COSTS and not entry.dims and name in data:
                 value = data[name].item()
                 if np.isfinite(value):
-                    values[name] = value
-        return values
+                    numbers.setdefault(name, value)
+        return numbers
 
     def _summarise_states(self) -> dict[str, Any]:
         """Return the numbers of several states, see :meth:`summary`."""

@@ -28,7 +28,7 @@ from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.plan import list_parameters_of_branches
 from granphon.runs.tasks import require_arrays
 from granphon.scene import rules
-from granphon.scene.file import SceneSource, scene_rule, write_blocks
+from granphon.scene.file import SceneSource, write_blocks
 from granphon.scene.rules import Context
 from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
 from granphon.waves.settings import (
@@ -46,8 +46,14 @@ from granphon.waves.settings import (
 
 #: the settings of a spectrum by default
 _SPECTRUM = SpectrumSettings()
-#: attributes of a scene that are checked by the rules of their keys in a file
-_CHECKED = ("media", "finite_overlap", "observe", "band_points", "mesh", "dim", "direction")
+#: the keys in a file by whose rules attributes of a scene are checked
+_CHECKED = {
+    "media": rules.MEDIUM,
+    "finite_overlap": rules.PACKING["finite_overlap"],
+    "observe": rules.OBSERVE,
+    **{name: rules.PHONOPY[name] for name in ("band_points", "mesh", "dim")},
+    "direction": rules.DIRECTION,
+}
 #: greatest number of directions of sound that the description of a scene names
 _MOST_DESCRIBED = 4
 #: number of cells along each period below which the smallest possible supercell is sought
@@ -96,6 +102,8 @@ class SceneValues:
     motion: MotionSettings | None = None
     modes: ModesSettings | None = None
     bands: BandsSettings | None = None
+    #: paths in the file of the parameters that have a standard error, and the error, SI
+    errors: tuple[tuple[tuple[str | int, ...], Any], ...] = ()
     source: Path | None = field(default=None, compare=False)
     #: document and file that the scene was read from; a copy made by ``replace`` has none, as its
     #: values may differ
@@ -116,10 +124,10 @@ class SceneValues:
         if isinstance(cast("object", self.media), tuple | list) and not self.media:
             assign("media", default_medium(self.packing, self.balls_differ))
         context = Context(lattice, written=False, kinds=self.packing.kind_names)
-        for name in _CHECKED:
+        for name, declared in _CHECKED.items():
             value = getattr(self, name)
             if value is not None:
-                assign(name, require(name, scene_rule(name, context), value))
+                assign(name, require(name, declared.kind.rule(context), value))
         if self.modes is None and "modes" in self.observe:
             assign("modes", ModesSettings())
         if all(choice.is_exact for choice in self.media) and self.balls_differ:
@@ -132,6 +140,11 @@ class SceneValues:
             problem = f"the load has the shape {self.load.shape}"
             raise InputError(problem, mend="Give one number, or a list of them")
         self._require_consistency()
+        if self.errors:
+            # imported here: few scenes have errors
+            from granphon.scene.uncertainty import settle_errors
+
+            assign("errors", settle_errors(self))
 
     @property
     def path(self) -> BandPath:
@@ -196,7 +209,12 @@ class SceneValues:
     @cached_property
     def _text(self) -> str:
         """The text of :meth:`to_yaml`."""
-        text = dump_yaml(write_blocks(self, Context(self.packing.structure)))
+        blocks = write_blocks(self, Context(self.packing.structure))
+        if self.errors:
+            from granphon.scene.uncertainty import write_errors
+
+            write_errors(self, blocks)
+        text = dump_yaml(blocks)
         n_bytes = len(text.encode())
         if n_bytes > MOST_SCENE_BYTES:
             problem = (

@@ -39,7 +39,8 @@ _RESOLVED = 0.5
 _SAME_LINE = 1e-2
 #: least half width of a line over the square of its frequency, 1/Q: losses of a narrower line are
 #: not told from rounding
-_NARROWEST = 1e-9  #: degree of the polynomials whose quotient passes through a peak
+_NARROWEST = 1e-9
+#: degree of the polynomials whose quotient passes through a peak
 _DEGREE = 6
 #: most rounds in which a peak is solved anew in the window that the last round gives
 _WINDOWS = 8
@@ -214,14 +215,15 @@ def _fit_pole(x: Array, values: Complex, weights: Any = None) -> Any:
     """
     rise = values[1] - values[0]
     following = values[2] - values[1]
-    if weights is None:
-        ratio_of_rises = rise / following
-    else:
-        overlap = np.sum(weights * rise * following.conj(), axis=-1)
-        ratio_of_rises = overlap / np.sum(weights * np.abs(following) ** 2, axis=-1)
-    # the ratio of the slopes is (p - x_2)/(p - x_0)
-    ratio_of_slopes = ratio_of_rises * (x[2] - x[1]) / (x[1] - x[0])
-    return (x[2] - ratio_of_slopes * x[0]) / (1.0 - ratio_of_slopes)
+    with np.errstate(divide="ignore", invalid="ignore"):  # equal values have no pole
+        if weights is None:
+            ratio_of_rises = rise / following
+        else:
+            overlap = np.sum(weights * rise * following.conj(), axis=-1)
+            ratio_of_rises = overlap / np.sum(weights * np.abs(following) ** 2, axis=-1)
+        # the ratio of the slopes is (p - x_2)/(p - x_0)
+        ratio_of_slopes = ratio_of_rises * (x[2] - x[1]) / (x[1] - x[0])
+        return (x[2] - ratio_of_slopes * x[0]) / (1.0 - ratio_of_slopes)
 
 
 def _approach_lines(
@@ -238,8 +240,7 @@ def _approach_lines(
     last_points = x.copy()
     last_values = values.copy()
     poles = np.full(len(low), np.nan + 0j)
-    with np.errstate(divide="ignore", invalid="ignore"):  # equal values have no pole
-        estimates = _fit_pole(x, values, heard)
+    estimates = _fit_pole(x, values, heard)
     active = np.arange(len(low))  # numbers of the lines that are still approached
     last_change = np.full(len(low), np.inf)
     for number in range(_ROUNDS):
@@ -250,8 +251,7 @@ def _approach_lines(
         last_points[:, active] = points
         frequencies, index = np.unique(np.sqrt(points), return_inverse=True)
         last_values[:, active] = solve(frequencies)[index.reshape(points.shape)]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            renewed = _fit_pole(points, last_values[:, active], heard[active])
+        renewed = _fit_pole(points, last_values[:, active], heard[active])
         change = np.abs(renewed - estimates[active])
         is_above_rounding = renewed.imag > _NARROWEST * points[1]
         stands = (change <= _STANDS * renewed.imag) & is_above_rounding
@@ -268,9 +268,10 @@ def _place_points(pole: Complex, low: Array, high: Array) -> Array:
     """Return three squares of frequencies, (3, n), Hz^2, about each ``pole`` (n,): that of the
     pole, between ``low`` and ``high`` (n,), and half a width to either side.
     """
-    centre = np.clip(pole.real, low, high)
+    centre = np.clip(pole.real, np.maximum(low, _NARROWEST * high), high)
     widest = 0.5 * _RESOLVED * (high - low)
     half_width = np.clip(np.abs(pole.imag), _NARROWEST * centre, widest)
+    half_width = np.minimum(half_width, 0.5 * centre)  # all squares are above zero
     return np.asarray(centre + half_width * np.array([[-1.0], [0.0], [1.0]]))
 
 
@@ -453,7 +454,7 @@ class _Quotient(NamedTuple):
         """
         scale = float(np.max(np.abs(values)))
         scaled = values[:, None] / scale
-        for degree in range(1, _DEGREE + 1):
+        for degree in range(_DEGREE + 1):
             powers = polynomial.polyvander(nodes, degree)
             _, singular, right = np.linalg.svd(np.hstack([powers, -scaled * powers]))
             is_whole = degree == _DEGREE or singular[-1] <= _ROUNDED * singular[0]
@@ -487,7 +488,11 @@ class _Quotient(NamedTuple):
         if not tops.size:
             return None
         top = int(tops[np.argmin(np.abs(mesh[tops] - expected))])
-        place = brentq(self._find_slope, mesh[top - 1], mesh[top + 1], xtol=_PLACE)
+        sides = mesh[top - 1], mesh[top + 1]
+        # where top and bottom have a zero in common but for rounding, there is no maximum
+        if not self._find_slope(sides[0]) > 0.0 > self._find_slope(sides[1]):
+            return None
+        place = brentq(self._find_slope, *sides, xtol=_PLACE)
         half = 0.5 * float(self.find_square(place))
         ends = [math.nan, math.nan]
         is_open = [False, False]

@@ -936,7 +936,7 @@ class _SensorReadings:
     factors: Array
     times: Array
 
-    def find_factors(self, omega: Any) -> Complex:
+    def find_factors(self, omega: Any) -> NDArray[Any]:
         """Return the stiffnesses (n_f, n_h) of the contacts at ``omega`` (n_f,), rad/s, over those
         without losses; (n_h,) at a number.
         """
@@ -959,9 +959,10 @@ class _SensorReadings:
         """Return the weights (n_h, n_r) of elongations in the forces at the angular frequency
         ``w``, rad/s; real where nothing loses energy.
         """
-        return np.real_if_close(-(self.find_factors(w) * self.stiffness)[:, None] * self.weights.T)
+        stiffness = self.find_factors(w) * self.stiffness
+        return np.real_if_close(-stiffness[:, None] * self.weights.T)
 
-    def stiffen(self, w: float, elongations: NDArray[Any]) -> Complex:
+    def stiffen(self, w: float, elongations: NDArray[Any]) -> NDArray[Any]:
         """Return the derivatives (n_r, n_h) of the forces of ``elongations`` (n_h,) by the
         stiffness of each contact.
         """

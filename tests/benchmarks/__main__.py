@@ -14,7 +14,6 @@ import bench_arrays
 import bench_calculator
 import bench_crystals
 import bench_effective
-import bench_exact
 import bench_friction
 import bench_motion
 import bench_networks
@@ -36,13 +35,7 @@ PARTS = (
     | bench_crystals.PARTS
     | bench_calculator.PARTS
 )
-PARTS |= (
-    bench_exact.PARTS
-    | bench_effective.PARTS
-    | bench_pulses.PARTS
-    | bench_waves.PARTS
-    | bench_sweeps.PARTS
-)
+PARTS |= bench_effective.PARTS | bench_pulses.PARTS | bench_waves.PARTS | bench_sweeps.PARTS
 PARTS |= bench_friction.PARTS | bench_motion.PARTS | bench_times.PARTS | bench_networks.PARTS
 PARTS |= {"factors": bench_waves.factors}
 

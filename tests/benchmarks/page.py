@@ -24,6 +24,7 @@ import bench_motion
 import bench_ordered
 import bench_pulses
 import bench_simulation
+import bench_statics
 import bench_waves
 from side_by_side import Row, line
 
@@ -35,6 +36,7 @@ TABLES = {
     "calculator": tuple(bench_calculator.PARTS),
     "effective": tuple(bench_effective.PARTS),
     "simulation": (*bench_simulation.PARTS, *bench_arrays.PARTS),
+    "statics": tuple(part for part in bench_statics.PARTS if part != "limit"),
     "waves": (*bench_pulses.PARTS, *bench_waves.PARTS),
     "motion": tuple(bench_motion.PARTS),
 }

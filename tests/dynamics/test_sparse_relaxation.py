@@ -78,6 +78,13 @@ def test_iteration_gives_the_moduli_and_sound_of_factors(name, monkeypatch):
         factored.sound_velocities(directions)[0],
         rtol=1e-9,
     )
+    deformations = factored.gradient_deformations[1]
+    assert_allclose(
+        iterated.gradient_deformations[1],
+        deformations,
+        rtol=0.0,
+        atol=1e-8 * np.max(np.abs(deformations)),
+    )
 
 
 def test_iteration_tells_of_a_network_that_gives_way(monkeypatch):

@@ -13,7 +13,13 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import InputError
-from granphon.figures.forces import forces_figure, plot_force_distribution, plot_forces
+from granphon.figures.forces import (
+    forces_figure,
+    plot_directions,
+    plot_force_distribution,
+    plot_forces,
+)
+from granphon.figures.modes import plot_participation
 from tests import packings
 from tests.figures.conftest import assert_inside_page, with_gid
 
@@ -420,3 +426,34 @@ def test_a_colour_that_a_network_does_not_have_is_refused():
         plot_forces(whole, color="spin")
     with pytest.raises(InputError, match="shape"):
         plot_forces(whole, color=[1.0, 2.0])
+
+
+def test_directions_of_contacts_and_forces_have_the_order_of_their_tensors():
+    """Contacts of a square lattice, whose rows along x bear three times the force of the others."""
+    lattice = gp.ContactLattice.of("square", 0.8).contact_network(gp.Units(1.0, 1.0, 1.0))
+    along = np.abs(lattice.normal[:, 0]) > 0.5
+    network = replace(lattice.repeat((2, 2)), normal_force=np.tile(np.where(along, 3.0, 1.0), 4))
+    ax = plot_directions(network)
+    contacts, forces = (patch.get_data() for patch in ax.patches)
+    for steps in (contacts, forces):
+        assert np.mean(steps.values) == pytest.approx(1.0)
+    assert contacts.values[[0, 9]] == pytest.approx([9.0, 9.0])
+    assert forces.values[[0, 9]] == pytest.approx([13.5, 4.5])
+    even, uneven = (line.get_ydata() for line in ax.lines)
+    np.testing.assert_allclose(even, 1.0)
+    # the mean of 2 cos(2 theta) is a: three quarters of the force are along x
+    assert uneven[[0, 90]] == pytest.approx([2.0, 0.0])
+    assert {text.get_text() for text in ax.get_legend().get_texts()} == {"contacts", "forces"}
+    with pytest.raises(gp.GranphonError, match="3 dimensions"):
+        plot_directions(gp.ContactLattice.of("fcc", 0.8).contact_network(gp.Units(1.0, 1.0, 1.0)))
+
+
+def test_participation_is_drawn_over_the_frequency():
+    network = gp.ContactLattice.of("square", 0.8).contact_network(gp.Units(1.0, 1.0, 1.0))
+    modes = gp.Waves(network.repeat((4, 4))).modes(12)
+    ax = plot_participation(modes)
+    x, y = ax.lines[0].get_data()
+    np.testing.assert_array_equal(y, modes.participation_ratio)
+    np.testing.assert_allclose(x / x[0], modes.frequencies / modes.frequencies[0])
+    assert "Hz" in ax.get_xlabel()
+    assert ax.get_ylim()[0] == 0.0

@@ -99,7 +99,9 @@ def test_a_crystal_keeps_its_springs():
     assert gp.Crystal.on("chain", [BALL], on_site=0.0).on_site is None
 
 
-@pytest.mark.parametrize("springs", [-1.0, np.inf, {"x": -1.0}, {"z": 1.0}, "1 N/m", [1.0, 2.0]])
+@pytest.mark.parametrize(
+    "springs", [-1.0, np.inf, {"x": -1.0}, {"z": 1.0}, {0: 1.0}, "1 N/m", [1.0, 2.0]]
+)
 def test_springs_that_are_refused(springs):
     with pytest.raises(InputError, match="on_site"):
         gp.Crystal.on("chain", [BALL], on_site=springs)

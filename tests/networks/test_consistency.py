@@ -89,7 +89,7 @@ def test_forces_in_another_unit_change_frequencies_by_the_sixth_root(ratio):
     )
     (check,) = failing(off).values()
     assert check.name == "law"
-    assert check.value == pytest.approx(abs(ratio - 1.0), rel=1e-6)
+    assert check.value == pytest.approx(abs(1.0 / ratio - 1.0), rel=1e-6)
     change = gp.Waves(network).modes(2).frequencies / gp.Waves(off).modes(2).frequencies - 1.0
     assert find_effect(check) == pytest.approx(np.mean(np.abs(change)), abs=6e-4)
 
@@ -199,6 +199,56 @@ def test_too_few_contacts_leave_modes_without_energy(friction):
     assert check.limit == pytest.approx((n_motions - 2) / n_rows * check.value)
 
 
+def test_too_few_contacts_are_told_of_no_lattice(tmp_path):
+    """Two rows of a square lattice shear freely; without one of their contacts they are none."""
+    units = gp.Units(1.0, 1.0, 1.0)
+    rows = gp.ContactLattice.of("square", 0.0).contact_network(units).repeat((4, 1)).cut(1, 2)
+    files = tmp_path / "balls.csv", tmp_path / "contacts.csv"
+    rows.write_tables(*files)
+    assert "contacts" in failing(gp.ContactNetwork.from_table(*files))
+    is_kept = np.arange(rows.n_contacts) > 0
+    fields = {name: getattr(rows, name)[is_kept] for name in rows.contact_fields}
+    replace(rows, **fields).write_tables(*files)
+    with pytest.warns(InconsistencyWarning, match=r"contacts\.csv: the balls have"):
+        gp.ContactNetwork.from_table(*files)
+
+
+def test_a_force_of_another_contact_is_counted():
+    network = read("glass")
+    force = network.normal_force.copy()
+    strongest = int(np.argmax(force))
+    force[strongest] *= 1e3
+    check = failing(replace(network, normal_force=force))["single forces"]
+    pair = network.name_ball(network.i[strongest]), network.name_ball(network.j[strongest])
+    assert (check.value, check.worst) == (1.0, (pair,))
+
+
+def test_no_factor_of_forces_makes_hertzian_contacts_linear():
+    """Stiffnesses of Hertz under forces that are 1.84 times his: f/k is the overlap, as of linear
+    springs.
+    """
+    network = read("balls")
+    factor = 1.5**1.5
+    off = replace(
+        network,
+        normal_force=factor * network.normal_force,
+        normal_stiffness=np.cbrt(factor) * network.normal_stiffness,
+        shear_stiffness=np.cbrt(factor) * network.shear_stiffness,
+    )
+    assert failing(off)["law"].value == pytest.approx(factor - 1.0, rel=1e-6)
+    linear = replace(off, normal_stiffness=np.full(off.n_contacts, 1e6))
+    overlap = linear.radii[linear.i] + linear.radii[linear.j] - linear.distance
+    assert "law" not in failing(replace(linear, normal_force=1e6 * np.maximum(overlap, 0.0)))
+
+
+def test_torques_of_rolling_contacts_are_not_known(lattice):
+    across = np.cross(lattice.normal, [0.0, 0.0, 1.0])
+    off = replace(lattice, tangential_force=0.1 * lattice.mean_force * across)
+    rolling = replace(off, bending_stiffness=np.full(off.n_contacts, 1e-3))
+    assert "torques" in failing(off)
+    assert "torques" not in failing(rolling)
+
+
 def test_rattlers_and_pieces_are_counted():
     whole = gp.ContactNetwork.from_lammps(
         packings.FOLDER / "disks_atoms.dump",
@@ -224,7 +274,10 @@ def test_what_is_read_is_judged():
         table = contacts | {"normal_force": [1.0, force, 1.0]}
         return gp.ContactNetwork.from_table(balls, table, friction=False)
 
-    with pytest.warns(InconsistencyWarning, match="forces on ball 1 .* weight"):
+    with (
+        pytest.warns(InconsistencyWarning, match="contacts: the static forces on ball 1 .* weight"),
+        pytest.warns(InconsistencyWarning, match=r"contacts: the forces are 1\.1 times"),
+    ):
         off = read_row(1.1)
     check = gp.validity(off)["balance"]
     assert check.value == pytest.approx(0.1 / (3.1 / 3.0))

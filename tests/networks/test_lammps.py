@@ -247,6 +247,9 @@ def read(lmp, folder, **more):
     return gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, keep_rattlers=True, **more)
 
 
+@pytest.mark.filterwarnings(
+    "ignore::granphon.base.errors.InconsistencyWarning"
+)  # the stiffness is another
 def test_boxes_units_and_places_of_dumps(tmp_path, lmp):
     """What LAMMPS writes of one state: scaled and unwrapped places, the tilted box, a box of any
     vectors, other units.
@@ -590,14 +593,11 @@ def test_a_force_that_is_not_that_of_the_overlap_is_told(digits, scaled, tmp_pat
     mean = np.mean([float(row[2]) for row in rows])
     ordinary = next(n for n, row in enumerate(rows) if float(row[2]) > 0.5 * mean)
     assert read(**{f"of_{ordinary}": 5.0}).n_contacts == read().n_contacts
-    said = rf"pairs: .* {rows[ordinary][0]} and {rows[ordinary][1]} .* the force .* N, and the ov"
+    said = rf"pairs: 1 contact .* {rows[ordinary][0]} and {rows[ordinary][1]}, with .* N where"
     for factor in (500.0, 1.0 / 500.0):
         with pytest.raises(InconsistencyWarning, match=said):
             read(**{f"of_{ordinary}": factor})
-    with pytest.raises(
-        InconsistencyWarning,
-        match=r"\(6[0-4] in all\)\. Compare units" if digits == 16 else "in all",
-    ):
+    with pytest.raises(InconsistencyWarning, match=r"pairs: the forces are [345].. times"):
         read(**{f"of_{n}": 500.0 for n in range(len(rows))})
     with pytest.warns(InconsistencyWarning) as caught:
         read(of_0=1e6)
@@ -675,7 +675,7 @@ def test_places_with_too_few_digits_give_no_forces(table, tmp_path):
             found = read("%.8g", unit)
         assert caught[0].filename == __file__
         # the error that is told is a standard one
-        told = float(re.search(r"off by (\S+)%", str(caught[0].message))[1]) / 100.0
+        told = float(re.search(r"leave (\S+)%", str(caught[0].message))[1]) / 100.0
         np.testing.assert_allclose(found.normal_force, hertz_force(), rtol=4.0 * told)
         np.testing.assert_allclose(read("%.9g", unit).normal_force, hertz_force(), rtol=6e-3)
 
@@ -727,7 +727,6 @@ def test_masses_and_forces_that_have_one_factor_are_told(tmp_path):
 
     assert read(forces=[force] * 3).n_contacts == 3
     assert read(forces=[1.04 * force] * 3, density=2400.0).n_contacts == 3
-    assert read(forces=[2.0 * force, 1.9 * force, 2.1 * force]).n_contacts == 3  # no common factor
     with pytest.warns(InconsistencyWarning, match=r"forces are 2 times") as caught:
         read(forces=[2.0 * force] * 3)
     assert caught[0].filename == __file__

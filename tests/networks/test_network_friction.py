@@ -86,16 +86,19 @@ def respond(network, by_radii=False):
     return whole[np.ix_(kept, kept)] / root / root[:, None]
 
 
-def press(lmp, dimension, count, loose, filled, seed, law="mindlin/force"):
-    """Press balls with friction, by a ``law`` of LAMMPS, until they are at rest."""
-    packings.relax(lmp, dimension, count, loose, seed)
+def press(lmp, dimension, count, loose, filled, seed, law="mindlin/force", rolling="", **options):
+    """Press balls with friction, by a ``law`` of LAMMPS, until they are at rest; ``rolling`` are
+    the words of rolling and twisting, and ``options`` those of the balls and their box.
+    """
+    packings.relax(lmp, dimension, count, loose, seed, **options)
     low, high = lmp.extract_box()[:2]
     side = (high[0] - low[0]) * (loose / filled) ** (1.0 / dimension)
     mass = GLASS.density * 4.0 / 3.0 * np.pi * 1e-9
     plane = dimension == 2
     sides = " ".join(f"{axis} final 0 {side!r}" for axis in "xyz"[:dimension])
+    damped = packings.coefficients(f"{law} NULL 0.1 0.5 {rolling}")
     lmp.commands_string(f"""
-        {packings.coefficients(f"{law} NULL 0.1 0.5").replace("70000000000.0 0 ", "70000000000.0 0.1 ")}
+        {damped.replace("70000000000.0 0 ", "70000000000.0 0.1 ")}
         timestep 1e-7
         thermo 100000000
         fix move all nve/sphere {"disc" if plane else ""}
@@ -509,7 +512,7 @@ def test_what_a_network_without_static_forces_leaves_out(pressed):
     assert 0.03 < off[1] < 0.05
 
 
-@pytest.mark.filterwarnings("ignore:The static torques")
+@pytest.mark.filterwarnings("ignore:.* the static torques")
 def test_prestress_without_tangential_forces_is_a_warning(tmp_path):
     balls = packings.FOLDER / "yade_balls.csv"
     contacts = packings.FOLDER / "yade_contacts.csv"

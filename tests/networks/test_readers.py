@@ -100,6 +100,7 @@ def test_dumps_of_liggghts(kind, keywords, tmp_path):
 # -- MercuryDPM ------------------------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore:.* the static forces")  # the upper balls of the floor
 @pytest.mark.parametrize("kind", NETWORKS)
 @pytest.mark.parametrize("particles", ["data", "restart"])
 def test_files_of_mercury(kind, particles, tmp_path):
@@ -282,7 +283,7 @@ def test_notes_name_what_is_passed_over(tmp_path):
         with pytest.raises(InputError, match=said):
             gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, frozen=frozen)
     balls = {"x": [0.0, 1.9], "radius": [1.0, 1.0], "mass": [1.0, 1.0], "colour": [1, 2]}
-    contacts = {"i": [0], "j": [1], "normal_stiffness": [1.0], "normal_force": [1.0]}
+    contacts = {"i": [0], "j": [1], "normal_stiffness": [1.0], "normal_force": [0.1]}
     found = gp.ContactNetwork.from_table(balls, contacts, friction=False, keep_rattlers=True)
     assert "colour" in found.notes[0]
 
@@ -312,10 +313,7 @@ def test_overlaps_and_force_vectors_take_the_place_of_few_digits(tmp_path):
     with pytest.raises(InputError, match="Turn the signs"):
         gp.ContactNetwork.from_table(balls, ends | turned, **options)
     exact = balls | dict(zip("xyz", network.positions.T, strict=True))
-    with (
-        pytest.warns(InconsistencyWarning, match="all forces are 0"),
-        pytest.warns(InconsistencyWarning, match="overlaps are 2 times"),
-    ):
+    with pytest.warns(InconsistencyWarning, match="overlaps are 2 times"):
         gp.ContactNetwork.from_table(
             exact, ends | vectors | {"overlap": 2.0 * deltas["overlap"]}, **options
         )
@@ -324,9 +322,58 @@ def test_overlaps_and_force_vectors_take_the_place_of_few_digits(tmp_path):
         gp.ContactNetwork.from_table(exact, ends | vectors | in_mm, **options)
 
 
+# -- dumps that granphon writes -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["disks", "balls"])
+def test_dumps_that_are_written_are_read_back(name, tmp_path):
+    """With tangential forces, ids and kinds; of a box that is tilted by a whole period too."""
+    network = gp.ContactNetwork.from_lammps(*dumps(name), GLASS)
+    rng = np.random.default_rng(1)
+    across = np.cross(network.normal, rng.normal(size=(network.n_contacts, 3)))
+    kinds = tuple("AB"[ball % 2] for ball in range(network.n_balls))
+    network = replace(network, tangential_force=across * (1.0 if name == "balls" else 0.0),
+                      kinds=kinds)  # fmt: skip
+    files = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
+    cell = network.cell.copy()
+    cell[1] += cell[0]
+    shift = network.shift.copy()
+    shift[:, 0] -= shift[:, 1]
+    tilted = replace(network, cell=cell, shift=shift)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InconsistencyWarning)  # these forces are not in balance
+        for made in (network, tilted):
+            made.write_dumps(*files)
+            found = gp.ContactNetwork.from_lammps(*files, GLASS)
+            np.testing.assert_array_equal(found.labels, network.labels)
+            np.testing.assert_allclose(found.vector, network.vector, atol=1e-15)
+            for field in ("radii", "masses", "normal_force", "tangential_force", "normal"):
+                np.testing.assert_allclose(
+                    getattr(found, field), getattr(network, field), rtol=1e-9, atol=1e-12
+                )
+            assert found.kinds == tuple("12"[kind == "B"] for kind in kinds)
+            np.testing.assert_allclose(found.cell[:2, :2], made.cell[:2, :2])
+    swapped = replace(network, cell=network.cell[[1, 0, 2]], shift=network.shift[:, [1, 0, 2]])
+    with pytest.raises(InputError, match="along x"):
+        swapped.write_dumps(*files)
+
+
+def test_dumps_of_layers_lack_their_walls(tmp_path):
+    network = written.layer_on_floor()
+    files = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
+    network.write_dumps(*files)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InconsistencyWarning)
+        found = gp.ContactNetwork.from_lammps(*files, GLASS, keep_rattlers=True)
+    assert found.n_balls == network.n_balls - 1
+    assert found.pbc == network.pbc
+    assert found.n_contacts == np.count_nonzero(np.isfinite(network.distance))
+
+
 # -- balls that do not move, and scripts of pages --------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.InconsistencyWarning")
 def test_spheres_that_do_not_move_need_no_normals():
     """Two spheres that are held, and one on them: normals, overlaps and arms are those of balls."""
     radius = 5e-4

@@ -14,14 +14,40 @@ from tests import packings
 
 
 def glass_packing() -> gp.ContactNetwork:
-    """Thirty-five glass balls of three sizes in a periodic box, with some tangential forces."""
+    """Thirty-five glass balls of three sizes in a periodic box, with tangential forces under which
+    they are at rest.
+    """
     folder = packings.FOLDER
     network = gp.ContactNetwork.from_lammps(
         folder / "balls_atoms.dump", folder / "balls_pairs.dump", packings.MATERIAL
     )
     rng = np.random.default_rng(3)
     across = np.cross(network.normal, rng.normal(size=network.normal.shape))
-    return replace(network, tangential_force=0.1 * network.normal_force[:, None] * across)
+    network = replace(network, tangential_force=0.1 * network.normal_force[:, None] * across)
+    return replace(network, tangential_force=across_at_rest(network))
+
+
+def across_at_rest(network: gp.ContactNetwork) -> np.ndarray:
+    """The tangential forces (n_c, 3), nearest to those of the network, whose sums and torques on
+    balls are zero.
+    """
+    contacts = np.arange(network.n_contacts)
+    first = np.cross(network.normal, np.roll(network.normal, 1, axis=1))
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    axes = np.stack([first, np.cross(network.normal, first)], axis=1)  # (n_c, 2, 3)
+    turning = np.cross(network.normal[:, None], axes)
+    sums = np.zeros((network.n_balls, 2, 3, network.n_contacts, 2))
+    for balls, sign, arms in (
+        (network.j, 1.0, network.arm_j),
+        (network.i, -1.0, network.arm_i),
+    ):
+        for axis in range(2):
+            sums[balls, 0, :, contacts, axis] += sign * axes[:, axis]
+            sums[balls, 1, :, contacts, axis] -= arms[:, None] * turning[:, axis]
+    matrix = sums.reshape(6 * network.n_balls, -1)
+    given = np.einsum("ca,cka->ck", network.tangential_force, axes).ravel()
+    change = np.linalg.lstsq(matrix, -matrix @ given, rcond=None)[0]
+    return np.einsum("ck,cka->ca", (given + change).reshape(-1, 2), axes)
 
 
 #: the modulus of a contact of two bodies of the material, Pa

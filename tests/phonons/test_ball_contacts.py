@@ -167,6 +167,7 @@ def test_places_that_are_not_in_metres_are_told():
     assert calculator.get_property("energy", apart) == 0.0
 
 
+@pytest.mark.filterwarnings("ignore:.*disks_pairs.dump.* law")  # forces are of another material
 @pytest.mark.parametrize("program", ["lammps", "tables"])
 def test_readers_for_viewers_keep_balls_without_load(program, tmp_path):
     """A viewer shows all balls of a file; one of these 30 is a rattler."""

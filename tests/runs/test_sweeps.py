@@ -1014,7 +1014,7 @@ def test_an_interrupted_sweep_goes_on_from_what_it_has(rough, serial, interrupte
         sweep(rough, path=interrupted / "sweep.nc", progress=meter, **ARGUMENTS, **options)
     meter.stop = math.inf
     assert resumed(rough, interrupted, serial, progress=meter, **options) == 2
-    assert (meter.steps, meter.done) == ([("sweep", 9)] * 2, 7.0 + 9.0)
+    assert (meter.steps, meter.done) == ([("states", 9)] * 2, 7.0 + 9.0)
     assert load_sweep(interrupted / "sweep.nc").identical(serial)
 
 

@@ -13,9 +13,9 @@ import granphon as gp
 from granphon.base.errors import InputError
 from granphon.cli import main
 from granphon.figures.gaps import (
-    sweep_cutoffs_figure,
+    cutoffs_figure,
+    modes_figure,
     sweep_gaps_figure,
-    sweep_modes_figure,
     sweep_surface_figure,
 )
 from granphon.scene.scene import Scene
@@ -241,12 +241,12 @@ def test_more_modes_than_there_are_is_an_error_at_the_block():
 
 
 def test_branches_are_fields_and_modes_lines_over_the_load(found):
-    for number, ax in enumerate(sweep_cutoffs_figure(found).axes):
+    for number, ax in enumerate(cutoffs_figure(found).axes):
         fields = [artist for artist in ax.collections if artist.get_gid() == "branch-1"]
         (field,) = fields
         upper = found["cutoff_upper"].values[:, 0, number, 1] / 1e3
         assert_allclose(field.get_paths()[0].vertices[:, 1].max(), upper.max())
-    for number, ax in enumerate(sweep_modes_figure(found).axes):
+    for number, ax in enumerate(modes_figure(found).axes):
         drawn = [line.get_ydata() for line in ax.lines if line.get_gid().startswith("wave")]
         assert_allclose(drawn, found["mode_frequency"].values[:, 0, number].T / 1e3)
 

@@ -67,7 +67,7 @@ def test_values_are_those_of_the_files(done):
     assert {path.name for path in done.files} == set(expected_files(done.scene, figures=False))
     read = Results(done.folder)
     kept = [row for row in list_outputs(done.scene) if row.find is not None and row.read]
-    assert [row.name for row in kept] == ["surface", "bands", "dos", "gaps"]
+    assert [row.name for row in kept] == ["surface", "bands", "dos"]
     assert read["surface"] == done.surface
     np.testing.assert_array_equal(read["gaps"], done.gaps)
     for name in ("bands", "dos"):

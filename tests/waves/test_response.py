@@ -130,6 +130,22 @@ def test_peaks_do_not_depend_on_the_grid(points, method):
     assert np.all(np.isnan(copied.peaks[0].heights))
 
 
+@pytest.mark.parametrize(
+    "losses", [{"dashpot": 1e30}, {"dashpot": 1e6}, {"damping": 1e30}, {"loss_factor": 1e6}]
+)
+def test_the_magnitude_of_a_rigid_row_has_no_lines(losses):
+    """Contacts far stiffer than their springs pass on the force whole: the magnitude has highest
+    values that are rounding, or a peak that is flat.
+    """
+    waves = gp.Waves(chain(9, ("clamped", "free")))
+    frequencies = np.linspace(0.0, 2.0, 10) * HERTZ
+    force = waves.response(frequencies, (8, "x"), [(3, 4), (5, 6)], quantity="force", **losses)
+    for peaks in force.peaks:
+        heights = peaks.heights[np.isfinite(peaks.heights)]
+        assert_allclose(heights, 1.0, rtol=1e-4)
+        assert not np.any(peaks.quality > 1e-3)
+
+
 @pytest.mark.claim("response-peaks")
 @pytest.mark.parametrize(
     "tau", [0.005, 0.03, pytest.param(0.1, marks=pytest.mark.slow), 0.5], ids=str

@@ -27,6 +27,7 @@ BALLS = [(1, "x"), (2, (0.6, 0.8))]
     ("case", "options", "receivers"),
     [
         ("plane", {"damping": 1e-7}, BALLS),
+        ("plane", {"damping": 1e-7, "drag": (3e3, 1e4)}, BALLS),
         ("tangential forces in a plane", {"loss_factor": 0.05, "quantity": "velocity"}, BALLS),
         ("growing tangential forces, one ball", {"damping": 1e-7}, [(0, "y")]),
         ("held", {"damping": (1e-7, 3e-7), "quantity": "transmissibility"}, BALLS),
