@@ -85,9 +85,10 @@ def parameter_sensitivities(
     ``find`` raise.
     """
     balls = given_balls(x)
-    if not callable(find):
+    given: Any = find
+    if not callable(given):
         mend = "Give a function of a state, as lambda s: gp.moduli(s).bulk"
-        raise InputError(f"find is {brief(find)}", mend=mend)
+        raise InputError(f"find is {brief(given)}", mend=mend)
     applied = _read_load(load)
     names = _list_names(balls, applied) if parameters is None else texts("parameters", parameters)
     default_medium = "ema" if isinstance(balls, Packing) else "crystal"
