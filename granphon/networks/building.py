@@ -751,6 +751,8 @@ def _judge_errors(
     else:
         rounded = "the overlaps"
         error = find_rounding(contacts.overlap) / math.sqrt(3.0)
+    if not error.size:
+        return
     force_error = float(np.sum(find_force(error) - find_force(-error))) / 2.0
     total_force = float(np.sum(find_force()))
     error_share = force_error / total_force if force_error < total_force else 1.0

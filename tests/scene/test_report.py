@@ -104,7 +104,16 @@ def test_figures_that_a_user_has_drawn_into_the_folder_are_in_the_report(folders
     assert [picture.name for picture in parts["Figures"]] == ["sweep.png", "stiff.svg"]
 
 
-def test_the_command_writes_both_forms_and_a_later_run_removes_them(folders, tmp_path, capsys):
+def test_the_command_writes_a_supplement_that_finds_the_figures(folders, tmp_path):
+    figures = folders / "sweep"
+    assert main(["report", str(figures), "-o", str(tmp_path / "more" / "supplement.md")]) == 0
+    text = (tmp_path / "more" / "supplement.md").read_text(encoding="utf-8")
+    (path,) = re.findall(r"\]\((.*sweep\.png)\)", text)
+    assert (tmp_path / "more" / path).resolve() == (figures / "sweep.png").resolve()
+
+
+@pytest.mark.slow
+def test_the_command_replaces_a_report_if_told_and_a_later_run_removes_it(tmp_path, capsys):
     (tmp_path / "one.yaml").write_text(ONE, encoding="utf-8")
     Scene.from_yaml(tmp_path / "one.yaml").run(tmp_path / "out", figures=False)
     assert main(["report", str(tmp_path / "out")]) == 0
@@ -114,11 +123,6 @@ def test_the_command_writes_both_forms_and_a_later_run_removes_them(folders, tmp
     assert (tmp_path / "out" / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE")
     Scene.from_text(ONE.replace("5 N", "6 N")).run(tmp_path / "out", force=True, figures=False)
     assert not list((tmp_path / "out").glob("report.*"))
-    figures = folders / "sweep"
-    assert main(["report", str(figures), "-o", str(tmp_path / "more" / "supplement.md")]) == 0
-    text = (tmp_path / "more" / "supplement.md").read_text(encoding="utf-8")
-    (path,) = re.findall(r"\]\((.*sweep\.png)\)", text)
-    assert (tmp_path / "more" / path).resolve() == (figures / "sweep.png").resolve()
 
 
 @pytest.mark.parametrize(
