@@ -100,9 +100,9 @@ def _read_springs(value: Any, motions: Motions) -> list[float]:
         return [0.0 if name in ROTATIONS else stiffness for name in names]
     allowed = (*names, ROTATION) if motions.rotations else names
     rules = {name: partial(zero_or_above, unit=find_unit(name)) for name in allowed}
-    given = require("on_site", partial(block, rules=rules), value)
-    of_rotations = given.get(ROTATION, 0.0)
-    return [given.get(name, of_rotations if name in ROTATIONS else 0.0) for name in names]
+    stiffnesses = require("on_site", partial(block, rules=rules), value)
+    of_rotations = stiffnesses.get(ROTATION, 0.0)
+    return [stiffnesses.get(name, of_rotations if name in ROTATIONS else 0.0) for name in names]
 
 
 def find_unit(name: str) -> str:

@@ -158,8 +158,8 @@ class WidestGap:
         slopes: dict[str, Any] = {}
         for number in np.flatnonzero(np.any(np.abs(weights) > _LEAST_WEIGHT, axis=1)).tolist():
             branches = np.flatnonzero(np.abs(weights[number]) > _LEAST_WEIGHT)
-            found = phonons.sensitivities(points[number : number + 1], branches)
-            _add(slopes, found, weights[number, branches])
+            sensitivities = phonons.sensitivities(points[number : number + 1], branches)
+            _add(slopes, sensitivities, weights[number, branches])
         return -bottom - top, slopes
 
     def certify(self, network: ContactNetwork) -> float:
@@ -239,14 +239,14 @@ class MatchFrequencies:
         errors = np.broadcast_to(sigma, measured.shape).ravel()
         if self.q is None:
             modes = Waves(network).modes(measured.size)
-            found: Any = modes.sensitivities
+            sensitivities: Any = modes.sensitivities
         else:
             points = np.atleast_1d(self.q)
             points = points.reshape(len(points), -1)
             count = measured.size // len(points)
             branches = np.arange(count) if self.branches is None else self.branches
-            found = Phonons(network).sensitivities(points, branches)
-        frequencies = found.frequencies.ravel()
+            sensitivities = Phonons(network).sensitivities(points, branches)
+        frequencies = sensitivities.frequencies.ravel()
         if frequencies.size != measured.size:
             raise InputError(
                 f"{measured.size} frequencies are measured, and the goal has {frequencies.size}",
@@ -255,7 +255,7 @@ class MatchFrequencies:
         residuals = (frequencies - measured.ravel()) / errors
         slopes = {}
         for name in NAMES:
-            values = getattr(found, name)
+            values = getattr(sensitivities, name)
             if values is not None:
                 by_row = values.reshape(frequencies.size, -1)
                 slopes[name] = np.nan_to_num(by_row) / errors[:, None]
@@ -296,16 +296,16 @@ class LowestVelocity:
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the velocity, m/s, and its derivatives (n_c,), or (n,) of balls."""
-        found = sound_velocities(network, self.direction).sensitivities
-        shape = found.velocities.shape
+        sensitivities = sound_velocities(network, self.direction).sensitivities
+        shape = sensitivities.velocities.shape
         if len(shape) != 1:
             mend = "Give one direction, and a network at one load"
             raise InputError(f"the velocities have the shape {shape}", mend=mend)
         wave = whole_number("wave", self.wave, 0, shape[0] - 1)
         weights = np.eye(shape[0])[wave]
         slopes: dict[str, Any] = {}
-        _add(slopes, found, weights)
-        return float(found.velocities[wave]), slopes
+        _add(slopes, sensitivities, weights)
+        return float(sensitivities.velocities[wave]), slopes
 
 
 @dataclass(frozen=True, init=False)
@@ -343,12 +343,12 @@ class ResponseAt:
         """Return the magnitude, in ``unit``, and its derivatives (n_c,), or (n,) of balls."""
         waves = Waves(network)
         response = waves.response([self.frequency], self.source, self.receiver, **self.options)
-        found = response.sensitivities
+        sensitivities = response.sensitivities
         mean = complex(response.coherent[0])
         size = abs(mean)
         slopes = {}
         for name in NAMES:
-            values = getattr(found, name)
+            values = getattr(sensitivities, name)
             if values is not None and size > 0.0:
                 slopes[name] = (np.conj(mean) * np.mean(values[0], axis=0)).real / size
         return size, slopes

@@ -223,9 +223,9 @@ def _make_group(network: ContactNetwork, name: str, per: str) -> _Group:
     if per == "each":
         labels = tuple(f"{noun} {member}" for member in members)
         return _Group(name, members, np.arange(len(members)), labels)
-    found = kinds or [()] * len(members)
-    unique = sorted(set(found))
-    numbers = np.array([unique.index(kind) for kind in found], np.intp)
+    kinds_of_members = kinds or [()] * len(members)
+    unique = sorted(set(kinds_of_members))
+    numbers = np.array([unique.index(kind) for kind in kinds_of_members], np.intp)
     return _Group(
         name, members, numbers, tuple("-".join(kind) or f"all {noun}s" for kind in unique)
     )

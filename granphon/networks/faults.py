@@ -107,15 +107,15 @@ def settle(lists: Sequence[Faults], drops: bool) -> None:
     contacts; with ``drops``, and if all are faults of contacts, warn of them instead: they are
     left out.
     """
-    found = [faults for faults in lists if np.any(faults.is_bad)]
-    if not found:
+    lists_with_faults = [faults for faults in lists if np.any(faults.is_bad)]
+    if not lists_with_faults:
         return
-    text = " ".join(map(str, found))
-    may_drop = all(faults.subject == "contacts" for faults in found)
+    text = " ".join(map(str, lists_with_faults))
+    may_drop = all(faults.subject == "contacts" for faults in lists_with_faults)
     if drops and may_drop:
         warn_caller(f"{text} They are left out.", InconsistencyWarning)
         return
-    leaves_some = any(not np.all(faults.is_bad) for faults in found)
+    leaves_some = any(not np.all(faults.is_bad) for faults in lists_with_faults)
     mend = ""
     if may_drop and leaves_some:
         mend = "Mend them, or leave them out: bad='drop'"

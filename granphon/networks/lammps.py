@@ -183,13 +183,13 @@ def find_frames(dump: Any, pairs: Any, step: int | None) -> tuple[Frame, Frame]:
 def read_contacts(pairs: Frame, scales: Scales, springs: Springs) -> Contacts:
     """Return the contacts of a dump of pairs, in SI units; InputError without ids."""
     require_columns(pairs, ("i", "j"), _NAME_PAIRS)
-    known = [name for name in _NAMES if name in pairs.names]
-    columns = pairs.read(known)
+    names_read = [name for name in _NAMES if name in pairs.names]
+    columns = pairs.read(names_read)
     # programs write the vector from j to i, and the forces on i: all are turned
     units = {"vector": scales.length, "tangential_force": scales.force, "force": scales.force}
     vectors: dict[str, Any] = {}
     for field, names in _VECTORS.items():
-        if set(names) <= set(known):
+        if set(names) <= set(names_read):
             vectors[field] = -units[field] * join_vectors(columns, names)
     return Contacts(
         pairs.name,

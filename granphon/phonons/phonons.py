@@ -934,10 +934,12 @@ class Phonons:
         points = gaps.points.reshape(-1, self._periods)
         energies = self._measure(points, np.maximum(branches, 0).reshape(-1, 1))
         by_edge = energies.reshape((count, 2))
-        found = by_edge._replace(frequencies=np.where(has_edge, by_edge.frequencies, 0.0))
+        energies_of_edges = by_edge._replace(
+            frequencies=np.where(has_edge, by_edge.frequencies, 0.0)
+        )
         qpoints = np.zeros((count, 2, 3))
         qpoints[..., : self._periods] = gaps.points @ np.linalg.inv(self.lattice.reciprocal)
-        return self._make_sensitivities(found, qpoints)
+        return self._make_sensitivities(energies_of_edges, qpoints)
 
     def _find_gap_edges(self, mesh: Sequence[int] | None) -> _Gaps:
         """Return the gaps and their edges in reduced units; ``mesh`` is that of :meth:`gaps`."""

@@ -500,7 +500,7 @@ def _find_errors(data: Any) -> list[tuple[Any, ...]]:
     """Return the keys that lead to each quantity of a document with a standard error, and last the
     value and the error, as :func:`~granphon.base.quantities.split_error` returns both.
     """
-    found = []
+    errors = []
     blocks: list[tuple[tuple[Any, ...], Any]] = [((), data)]
     while blocks:
         path, entry = blocks.pop()
@@ -511,8 +511,8 @@ def _find_errors(data: Any) -> list[tuple[Any, ...]]:
         elif isinstance(entry, str) and ("+-" in entry or "+/-" in entry or "±" in entry):
             parts = split_error(entry)
             if path and parts is not None:
-                found.append((*path, parts))
-    return found[::-1]
+                errors.append((*path, parts))
+    return errors[::-1]
 
 
 @dataclass(frozen=True)

@@ -119,14 +119,16 @@ class Spread:
             if lower is None or upper is None or not lower.shape == upper.shape == base.shape:
                 return None
             is_known = np.isfinite(lower) & np.isfinite(upper)
-            nothing = np.full(base.shape, np.nan)
-            change = 0.5 * np.subtract(upper, lower, out=nothing, where=is_known)
+            unknown_changes = np.full(base.shape, np.nan)
+            change = 0.5 * np.subtract(upper, lower, out=unknown_changes, where=is_known)
             changes.append(np.where(np.abs(change) <= _ROUNDING * np.abs(base), 0.0, change))
         variances = np.square(changes)
         if not np.any(variances > 0.0):
             return None
-        known = 0.0 if sampling is None else np.square(np.nan_to_num(np.asarray(sampling, float)))
-        total = np.sqrt(np.sum(variances, axis=0) + known)
+        sampling_variances = (
+            0.0 if sampling is None else np.square(np.nan_to_num(np.asarray(sampling, float)))
+        )
+        total = np.sqrt(np.sum(variances, axis=0) + sampling_variances)
         shares = np.nansum(variances.reshape(len(self.names), -1), axis=1)
         return total, self.names[int(np.argmax(shares))]
 
@@ -137,12 +139,12 @@ class Spread:
         errors: dict[str, Any] = {}
         sources: dict[str, str] = {}
         for name, value in numbers.items():
-            found = None
+            errors_of_value = None
             if not name.endswith(_ERROR):
-                found = self.find(name, value, numbers.get(f"{name}{_ERROR}"))
-            if found is not None:
-                errors[f"{name}{_ERROR}"] = found[0].tolist()
-                sources[name] = found[1]
+                errors_of_value = self.find(name, value, numbers.get(f"{name}{_ERROR}"))
+            if errors_of_value is not None:
+                errors[f"{name}{_ERROR}"] = errors_of_value[0].tolist()
+                sources[name] = errors_of_value[1]
         return errors | {"errors_from": sources}
 
     def add_to(self, dataset: Dataset) -> Dataset:
@@ -151,13 +153,13 @@ class Spread:
         """
         added = {}
         for name, variable in dataset.data_vars.items():
-            found = None
+            errors_of_variable = None
             if not str(name).endswith(_ERROR):
                 sampling = dataset.get(f"{name}{_ERROR}")
-                known = None if sampling is None else sampling.values
-                found = self.find(str(name), variable.values, known)
-            if found is not None:
-                error, source = found
+                sampling_errors = None if sampling is None else sampling.values
+                errors_of_variable = self.find(str(name), variable.values, sampling_errors)
+            if errors_of_variable is not None:
+                error, source = errors_of_variable
                 units = {key: text for key, text in variable.attrs.items() if key == "units"}
                 attributes = {**units, "mostly_from": source}
                 added[f"{name}{_ERROR}"] = (variable.dims, error, attributes)

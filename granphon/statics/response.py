@@ -127,12 +127,12 @@ class LinearResponse:
         """
         fine = for_motions or not self._may_factorise
         right = forces.reshape(-1, forces.shape[-1])
-        found = None
+        answer = None
         if self._may_iterate and self._symmetric:
-            found = self._iterate(right, _REDUCTION_OF_MOTIONS if fine else _REDUCTION)
-        if found is None:
-            found = self._refine(right, _BORNE_OF_MOTIONS if fine else _BORNE)
-        motions, remaining = found
+            answer = self._iterate(right, _REDUCTION_OF_MOTIONS if fine else _REDUCTION)
+        if answer is None:
+            answer = self._refine(right, _BORNE_OF_MOTIONS if fine else _BORNE)
+        motions, remaining = answer
         return motions.reshape(forces.shape), remaining.reshape(forces.shape)
 
     # -- refinement --------------------------------------------------------------------------------

@@ -364,11 +364,13 @@ def _refine_peaks(
             is_within = windows.find_room(number)
             ends = []
             for receiver in np.flatnonzero(is_peak[number]).tolist():
-                at = number, receiver
+                index_of_peak = number, receiver
                 quotient = _Quotient.through(nodes, samples[:, place, receiver])
-                change = _set_peak(fits, at, window, quotient, is_within & may_widen[at])
-                stands[at] = change.stands
-                may_widen[at] &= change.may_widen
+                change = _set_peak(
+                    fits, index_of_peak, window, quotient, is_within & may_widen[index_of_peak]
+                )
+                stands[index_of_peak] = change.stands
+                may_widen[index_of_peak] &= change.may_widen
                 ends.append(change.ends)
             windows.replace(number, np.transpose(ends))
     return fits, stands & is_peak
