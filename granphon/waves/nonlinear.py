@@ -165,7 +165,7 @@ class NonlinearWaves:
         two balls by Hertz's law alone has the ``restitution``; other laws have another.
     viscous_pull : "whole": where balls part, dashpots pull; "limited": by no more than the law
         pushes, so that both together never pull. A collision then loses less.
-    coulomb : "elastic": Coulomb's limit is that of the forces of springs, |T| <= mu f; "total":
+    coulomb : "elastic": Coulomb's limit is that of the forces of springs, T <= mu f; "total":
         that of these with the forces of dashpots, as LAMMPS has it.
     geometry : "lattice", the directions of the network: displacements are small against the balls,
         and contacts are those of the network. "exact", the true directions: balls may go anywhere,
