@@ -8,6 +8,7 @@ random ones, and keeps the best that it meets.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
@@ -317,15 +318,18 @@ class _Search:
             LinearConstraint(weights * scale / total, 1.0, 1.0) for weights, total in self.sums
         ]
         search: Any = minimize
-        search(
-            self._evaluate,
-            start / scale,
-            jac=True,
-            bounds=list(zip(self.space.low / scale, np.ones(len(scale)), strict=True)),
-            method="SLSQP" if constraints else "L-BFGS-B",
-            constraints=constraints,
-            options={"maxiter": steps, "ftol": _TOLERANCE},
-        )
+        with warnings.catch_warnings():
+            # older versions of SciPy step out of the bounds by rounding, and clip the step
+            warnings.filterwarnings("ignore", "Values in x were outside bounds", RuntimeWarning)
+            search(
+                self._evaluate,
+                start / scale,
+                jac=True,
+                bounds=list(zip(self.space.low / scale, np.ones(len(scale)), strict=True)),
+                method="SLSQP" if constraints else "L-BFGS-B",
+                constraints=constraints,
+                options={"maxiter": steps, "ftol": _TOLERANCE},
+            )
 
     def _match(self, start: Array, steps: int) -> None:
         from scipy.optimize import least_squares
