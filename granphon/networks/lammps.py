@@ -150,6 +150,15 @@ def read_dumps(
         balls = add_wall(balls, label, str(wall))
     notes = [note_columns(touching, _NAMES)]
     notes += note_atoms(atoms, names_of_walls, frozen)
+    return make_source(atoms, scales, balls, lists, notes)
+
+
+def make_source(
+    atoms: Frame, scales: Scales, balls: Balls, lists: Sequence[Contacts], notes: Sequence[str]
+) -> Source:
+    """Return the source of ``balls`` and ``lists`` of contacts in the box of a frame of atoms,
+    without the ``notes`` that say nothing.
+    """
     return Source(
         balls,
         tuple(lists),

@@ -23,6 +23,7 @@ from granphon.networks.lammps import (
     add_wall,
     find_frames,
     join_vectors,
+    make_source,
     note_atoms,
     note_columns,
     read_balls,
@@ -93,13 +94,7 @@ def read_liggghts(
         notes.append(note_columns(at_walls, _OF_WALLS))
     else:
         notes.append("Contacts with walls are not in a dump of pairs: walls=FILE reads them.")
-    return Source(
-        balls,
-        tuple(lists),
-        scales.length * atoms.cell,
-        np.asarray(atoms.pbc, bool),
-        notes=tuple(note for note in notes if note),
-    )
+    return make_source(atoms, scales, balls, lists, notes)
 
 
 def _name_columns(frame: Frame, keywords: str | Sequence[str] | None) -> Frame:
