@@ -170,11 +170,6 @@ class Contacts:
     def __len__(self) -> int:
         return len(self.i)
 
-    @property
-    def lacks_force(self) -> bool:
-        """Whether normal forces are not known, and follow from overlaps."""
-        return self.normal_force is None and self.force is None
-
     def select(self, rows: Any) -> Self:
         """Return some of the contacts, given by their indices or by truth values (n_c,)."""
         arrays = {f.name: getattr(self, f.name) for f in fields(self)}
