@@ -533,7 +533,13 @@ def test_energies_where_rests_differ_are_not_above_those_of_another_program(kind
 
 @pytest.mark.parametrize(
     ("kind", "value"),
-    [("overlap", 0.0), ("overlap", -0.05), ("overlap", -0.1), ("force", 0.02), ("force", 0.005)],
+    [
+        ("overlap", 0.0),
+        ("overlap", -0.05),
+        pytest.param("overlap", -0.1, marks=pytest.mark.slow),
+        pytest.param("force", 0.02, marks=pytest.mark.slow),
+        pytest.param("force", 0.005, marks=pytest.mark.slow),
+    ],
 )
 def test_balls_are_at_rest_at_a_minimum_where_rests_differ(kind, value):
     """No eigenvalue of the second derivatives is below zero: that is what the factors count."""
@@ -1107,7 +1113,7 @@ def test_an_array_in_space_keeps_its_energy():
     ("lattice", "shape", "friction"),
     [
         ("triangular", (5, 6), None),
-        ("triangular", (5, 6), 0.5),
+        pytest.param("triangular", (5, 6), 0.5, marks=pytest.mark.slow),
         ("fcc", (3, 3, 3), None),
         pytest.param("fcc", (3, 3, 3), 0.5, marks=pytest.mark.slow),
     ],

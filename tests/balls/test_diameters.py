@@ -174,7 +174,7 @@ def test_normal_averages_against_mpmath(cutoff, pair, places, powers):
             assert abs(float(found / exact - 1)) < 1e-12, (y, power)
 
 
-@pytest.mark.parametrize("name", ["uniform", "normal"])
+@pytest.mark.parametrize("name", ["uniform", pytest.param("normal", marks=pytest.mark.slow)])
 def test_averages_over_both_are_means_of_those_over_one_by_adaptive_quadrature(name):
     shape = SHAPES[name]
     b = shape.bounds[1]

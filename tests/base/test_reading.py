@@ -206,7 +206,14 @@ def test_a_pickle_inside_a_netcdf_file_stays_bytes(written, tmp_path, opened_her
     assert not marker.exists()
 
 
-@pytest.mark.parametrize("how", ["external link", "external storage", "virtual"])
+@pytest.mark.parametrize(
+    "how",
+    [
+        "external link",
+        pytest.param("external storage", marks=pytest.mark.slow),
+        pytest.param("virtual", marks=pytest.mark.slow),
+    ],
+)
 def test_a_netcdf_file_reads_no_other_file(written, tmp_path, opened_here, how):
     import h5py
 

@@ -174,7 +174,10 @@ def test_a_picture_that_fails_half_way_leaves_nothing(command, work, capsys, mon
     assert files(work) == before
 
 
-@pytest.mark.parametrize(("lattice", "at"), [("chain", "X"), ("kagome", "M"), ("fcc", "W")])
+@pytest.mark.parametrize(
+    ("lattice", "at"),
+    [("chain", "X"), ("kagome", "M"), pytest.param("fcc", "W", marks=pytest.mark.slow)],
+)
 def test_modes_of_other_lattices_are_drawn(lattice, at, work):
     (work / "scene.yaml").write_text(SCENE.replace("triangular", lattice), encoding="utf-8")
     assert main(["mode", "scene.yaml", "--at", at, "-o", "mode.svg"]) == 0

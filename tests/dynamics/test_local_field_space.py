@@ -527,7 +527,7 @@ def test_the_packing_says_what_the_local_field_is_made_of():
         ).local_field.xi == pytest.approx(2.39082, abs=1e-5)
 
 
-@pytest.mark.parametrize("lattice", ["fcc", "sc", "kagome"])
+@pytest.mark.parametrize("lattice", [pytest.param("fcc", marks=pytest.mark.slow), "sc", "kagome"])
 def test_everything_downstream(lattice):
     medium = gp.EffectiveMedium(packing(lattice))
     unit = medium.packing.width_units.force

@@ -138,7 +138,15 @@ def test_derivatives_are_those_of_central_differences(case):
 
 
 @pytest.mark.claim("sensitivities-differences")
-@pytest.mark.parametrize("case", ["plane", "one ball", "held", "ribbon on a wall"])
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param("plane", marks=pytest.mark.slow),
+        pytest.param("one ball", marks=pytest.mark.slow),
+        "held",
+        "ribbon on a wall",
+    ],
+)
 def test_springs_to_the_ground_have_derivatives_as_contacts_have(case):
     network = on_springs(CASES[case]())
     q = np.random.default_rng(7).uniform(-0.5, 0.5, (1, sum(network.pbc)))

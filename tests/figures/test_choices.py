@@ -320,13 +320,13 @@ def test_the_command_draws_some_states_and_panels(
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--where", "width=3 um"], "no width 3 um"),
+        pytest.param(["--where", "width=3 um"], "no width 3 um", marks=pytest.mark.slow),
         (["--where", "width=3"], "unit"),
-        (["--rows", "force"], "--rows is force"),
-        (["--distance", "1 m"], "--distance .*--data"),
+        pytest.param(["--rows", "force"], "--rows is force", marks=pytest.mark.slow),
+        pytest.param(["--distance", "1 m"], "--distance .*--data", marks=pytest.mark.slow),
         (["--distance", "1 N", "--data", "times.csv"], "--distance"),
         (["other", "--where", "spin=3"], "none of the runs"),
-        (["other", "--rows", "width"], "several results"),
+        pytest.param(["other", "--rows", "width"], "several results", marks=pytest.mark.slow),
     ],
 )
 def test_the_command_says_what_cannot_be_chosen_and_writes_nothing(

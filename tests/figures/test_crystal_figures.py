@@ -443,7 +443,7 @@ def test_wrong_numbers_of_cells_and_sizes_are_refused(fcc, ax):
         animate_mode(fcc, (0.5, 0.0, 0.5), 0, frames=1)
 
 
-@pytest.mark.parametrize("lattice", ["fcc", "triangular"])
+@pytest.mark.parametrize("lattice", ["fcc", pytest.param("triangular", marks=pytest.mark.slow)])
 def test_an_animation_comes_back_after_a_period(lattice, tmp_path):
     phonons = gp.Phonons(state_of(lattice))
     q = (0.5, 0.0, 0.5)[: phonons.lattice.periods]
@@ -461,7 +461,9 @@ def test_an_animation_comes_back_after_a_period(lattice, tmp_path):
 @pytest.mark.parametrize(
     ("lattice", "more", "forces", "names"),
     [
-        ("bcc", {}, [1.0, 100.0], ["$v_{T1}$, $v_{T2}$", "$v_L$"]),  # as fast along [100]
+        pytest.param(
+            "bcc", {}, [1.0, 100.0], ["$v_{T1}$, $v_{T2}$", "$v_L$"], marks=pytest.mark.slow
+        ),  # as fast along [100]
         pytest.param(
             "hcp",
             {"friction": False},
@@ -470,11 +472,12 @@ def test_an_animation_comes_back_after_a_period(lattice, tmp_path):
             marks=pytest.mark.slow,
         ),
         # close on this scale
-        (
+        pytest.param(
             "hcp",
             {"friction": False},
             [1.0, 100.0],
             ["$v_{T1}$, $v_{T2}$", "$v_L$"],
+            marks=pytest.mark.slow,
         ),
         ("chain", {"motions": "all"}, [1.0, 100.0], ["$v_L$"]),  # bending waves have no velocity
     ],

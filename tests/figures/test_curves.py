@@ -518,7 +518,11 @@ def test_the_command_draws_files_in_one_figure(folders, monkeypatch, capsys):
     ("words", "label"),
     [
         ("fit", b"Residual"),
-        ("sweep --x overlap --y contact_fraction", b"Fraction of contacts"),
+        pytest.param(
+            "sweep --x overlap --y contact_fraction",
+            b"Fraction of contacts",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_the_command_draws_one_folder_over_another_load(
@@ -532,12 +536,12 @@ def test_the_command_draws_one_folder_over_another_load(
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("sweep bands/band.yaml", "bands/band.yaml.* share"),
+        pytest.param("sweep bands/band.yaml", "bands/band.yaml.* share", marks=pytest.mark.slow),
         ("sweep nowhere", "nowhere"),
         ("sweep sweep", "sweep .*twice"),
-        ("sweep one --y exponnt", "exponent"),
+        pytest.param("sweep one --y exponnt", "exponent", marks=pytest.mark.slow),
         ("sweep one -o x.txt", "x.txt.* format"),
-        ("sweep fit --data side.csv", "side.csv.* side"),
+        pytest.param("sweep fit --data side.csv", "side.csv.* side", marks=pytest.mark.slow),
         ("sweep one --asymptotes", "--asymptotes"),
         ("sweep side.csv", "side.csv .*results"),
         ("fit sweep/sweep.csv", "sweep/sweep.csv .*results"),

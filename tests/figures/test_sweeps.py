@@ -266,7 +266,7 @@ def test_the_figure_of_one_variable_and_of_a_sweep_without_exponents(widths):
     ("load", "label"),
     [
         ({"force": [2.0, 9.0]}, "(N)"),
-        ({"pressure": [1e5, 1e6]}, "(MPa)"),
+        pytest.param({"pressure": [1e5, 1e6]}, "(MPa)", marks=pytest.mark.slow),
         ({"overlap": [2e-6, 4e-6]}, "(µm)"),
     ],
 )

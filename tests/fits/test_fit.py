@@ -91,7 +91,8 @@ def test_the_start_does_not_matter(start):
 
 
 @pytest.mark.parametrize(
-    ("width", "sigma", "lowest"), [(60e-6, (1.0, 3.0), 1), (100e-6, (10.0, 50.0), 0)]
+    ("width", "sigma", "lowest"),
+    [(60e-6, (1.0, 3.0), 1), pytest.param(100e-6, (10.0, 50.0), 0, marks=pytest.mark.slow)],
 )
 def test_of_two_minima_the_deeper_is_found(width, sigma, lowest):
     # some data ask for a small width and many for a large one
@@ -495,7 +496,7 @@ def test_data_that_cannot_determine_the_parameters_are_refused(options, words):
 
 
 @pytest.mark.usefixtures("remembered")
-@pytest.mark.parametrize("sigma", [None, 0.01])
+@pytest.mark.parametrize("sigma", [None, pytest.param(0.01, marks=pytest.mark.slow)])
 def test_data_above_the_velocity_of_equal_balls_are_told(sigma):
     """10 % too fast, at loads so low that a width is found all the same."""
     force = np.geomspace(1.0, 18.446, 12)
@@ -873,7 +874,10 @@ EXACT_SAMPLES = {"simulation": {"shape": (4, 4), "geometry": "exact"}}
 
 @pytest.mark.parametrize(
     ("branch", "frequency", "force"),
-    [("longitudinal", None, HIGH[::4]), ("transverse", 4e4, HIGH[5:6])],
+    [
+        pytest.param("longitudinal", None, HIGH[::4], marks=pytest.mark.slow),
+        ("transverse", 4e4, HIGH[5:6]),
+    ],
 )
 def test_the_model_in_the_exact_geometry_is_the_samples_there(branch, frequency, force):
     """At the places of its own curve; of pulses but for terms of the order of W/d in how they

@@ -58,7 +58,9 @@ def fit(measured, network=None, **more):
 
 
 @pytest.mark.claim("fit-damping")
-@pytest.mark.parametrize("known", ["magnitude and phase", "magnitude"])
+@pytest.mark.parametrize(
+    "known", ["magnitude and phase", pytest.param("magnitude", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize(
     "hertz", [FOUR, pytest.param(HERTZ, marks=pytest.mark.slow)], ids=["few", "many"]
 )
@@ -134,7 +136,14 @@ def respond(values):
 
 @pytest.mark.claim("losses-fit")
 @pytest.mark.parametrize(
-    "names", [("drag",), ("dashpot",), ("restitution",), ("drag", "dashpot")], ids="-".join
+    "names",
+    [
+        pytest.param(("drag",), marks=pytest.mark.slow),
+        pytest.param(("dashpot",), marks=pytest.mark.slow),
+        pytest.param(("restitution",), marks=pytest.mark.slow),
+        ("drag", "dashpot"),
+    ],
+    ids="-".join,
 )
 def test_drag_and_dashpots_are_found_alone_and_two_at_once(names):
     """By the equations of the balls, fitted by SciPy: values, errors and their correlation."""
@@ -177,7 +186,7 @@ def test_stiffness_and_gain_are_found_with_the_damping_and_errors_follow_from_th
 
 
 @pytest.mark.claim("fit-damping")
-@pytest.mark.parametrize("volts", [1e-7, 1.0])
+@pytest.mark.parametrize("volts", [pytest.param(1e-7, marks=pytest.mark.slow), 1.0])
 def test_a_sensor_in_a_ball_that_is_not_calibrated(volts):
     """The wall is moved; volts over volts of a disc in ball 3, by the closed form of the chain."""
     t = 2.0 * np.arcsin(np.pi * FEW / OMEGA / np.sqrt(1.0 + 2j * np.pi * FEW * TAU))
@@ -280,7 +289,7 @@ def test_a_written_fit_holds_its_data(without_loss, tmp_path):
     assert_allclose(table.phase_sigma, without_loss.measured.phase_sigma)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_error_of_a_damping_that_is_nearly_zero(seed):
     """Magnitudes depend on its square, so that their derivative is nothing at zero, and says
     nothing of the error: the misfit rises by one up to it.

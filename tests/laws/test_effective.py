@@ -256,7 +256,7 @@ def solved(shape, stages=16, order=32, tolerance=1e-12, most=np.inf):
 @pytest.mark.parametrize(
     ("shape", "stages", "length"),
     [
-        (UNIFORM, 2, 0.05),
+        pytest.param(UNIFORM, 2, 0.05, marks=pytest.mark.slow),
         pytest.param(NORMAL, 3, 0.05, marks=pytest.mark.slow),
         (LOTS["0.5 large"], 4, 0.1),
     ],

@@ -199,7 +199,11 @@ def test_what_a_geometry_leaves_out_belongs_to_the_expected_error():
 
 @pytest.mark.parametrize(
     ("geometry", "told"),
-    [(LATTICE, True), (EXACT, False), pytest.param(None, False, marks=pytest.mark.slow)],
+    [
+        pytest.param(LATTICE, True, marks=pytest.mark.slow),
+        (EXACT, False),
+        pytest.param(None, False, marks=pytest.mark.slow),
+    ],
 )
 def test_from_the_gas_in_the_directions_of_the_lattice_velocities_depend_on_the_numbering(
     geometry, told

@@ -569,7 +569,11 @@ def test_friction_does_not_touch_statics(spread, medium, states):
 @pytest.mark.claim("exponent-two-loads", "exponent-in-files", "api-exponent")
 @pytest.mark.parametrize(
     ("reduced", "friction"),
-    [(1.0, True), (0.1, False), pytest.param(0.03, False, marks=pytest.mark.slow)],
+    [
+        (1.0, True),
+        pytest.param(0.1, False, marks=pytest.mark.slow),
+        pytest.param(0.03, False, marks=pytest.mark.slow),
+    ],
 )
 def test_the_exponent_of_a_sample_is_the_difference_of_log_v_over_log_p(spread, reduced, friction):
     packing = dataclasses.replace(spread, friction=friction)
@@ -601,7 +605,10 @@ def part(state, which):
 
 
 @pytest.mark.claim("exponent-step")
-@pytest.mark.parametrize(("kind", "reduced"), [("force", 3.0), ("overlap", 2.0), ("force", 1.0)])
+@pytest.mark.parametrize(
+    ("kind", "reduced"),
+    [("force", 3.0), pytest.param("overlap", 2.0, marks=pytest.mark.slow), ("force", 1.0)],
+)
 def test_the_bias_of_the_step_is_of_second_order(spread, kind, reduced):
     load = reduced * (unit_of_force(spread) if kind == "force" else WIDTH)
     alone = [simulate(spread, (8, 8), seed) for seed in (0, 1)]

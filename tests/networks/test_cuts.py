@@ -139,8 +139,8 @@ def test_edge_state_of_a_chain_with_a_light_end_ball():
 @pytest.mark.parametrize(
     ("lattice", "axis", "layers"),
     [
-        ("honeycomb", 1, 4),
-        ("honeycomb", (1, 1), 3),
+        pytest.param("honeycomb", 1, 4, marks=pytest.mark.slow),
+        pytest.param("honeycomb", (1, 1), 3, marks=pytest.mark.slow),
         ("square", 0, 5),
         ("square", (1, 1), 4),
         ("triangular", 1, 5),

@@ -325,7 +325,7 @@ def test_many_directions_are_each_of_them(make):
         ("hcp", True, True),
         ("hcp", False, False),
         ("diamond", True, True),
-        (PYROCHLORE, True, False),
+        pytest.param(PYROCHLORE, True, False, marks=pytest.mark.slow),
         pytest.param("hcp", True, False, marks=SLOW),
         pytest.param("hcp", False, True, marks=SLOW),
         pytest.param("diamond", True, False, marks=SLOW),
@@ -695,7 +695,10 @@ def test_branches_that_cost_nothing_have_no_pulses(make, lattice, more, along, b
     assert gp.pulse_velocities(make(lattice, **more), 10.0, along, branches=branch).phase[0] > 0.0
 
 
-@pytest.mark.parametrize("more", [{"finite_overlap": True}, {"torsion": "mindlin"}, {}])
+@pytest.mark.parametrize(
+    "more",
+    [pytest.param({"finite_overlap": True}, marks=pytest.mark.slow), {"torsion": "mindlin"}, {}],
+)
 def test_pulses_over_loads_and_frequencies_are_each_of_them(make, more):
     states = make("hcp", np.array([1.0, 20.0]), **more)
     along = np.array([[0.0, 0.0, 1.0], [0.3, 0.2, 0.8]])

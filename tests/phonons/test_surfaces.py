@@ -220,7 +220,11 @@ def follow_pole(own, inner, hop, w):
 @pytest.mark.claim("leaky")
 @pytest.mark.parametrize(
     ("lattice", "axis", "q"),
-    [("fcc", (1, 1, 0), [0.3, 0.0]), ("triangular", (1, 1), [0.2]), ("square", (1, 1), [0.3])],
+    [
+        ("fcc", (1, 1, 0), [0.3, 0.0]),
+        pytest.param("triangular", (1, 1), [0.2], marks=pytest.mark.slow),
+        ("square", (1, 1), [0.3]),
+    ],
 )
 def test_leaky_waves_are_roots_of_outgoing_waves(lattice, axis, q):
     surface = gp.Surface(balls(lattice), axis)
@@ -383,7 +387,14 @@ def twisted_kagome(angle):
 
 
 @pytest.mark.claim("zak")
-@pytest.mark.parametrize("axis", [(0, 1), (1, 1), pytest.param((2, 1), marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "axis",
+    [
+        (0, 1),
+        pytest.param((1, 1), marks=pytest.mark.slow),
+        pytest.param((2, 1), marks=pytest.mark.slow),
+    ],
+)
 def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
     network = twisted_kagome(0.3)
     winding = (

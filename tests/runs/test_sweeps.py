@@ -102,7 +102,11 @@ def same(found, expected):
 
 @pytest.mark.parametrize(
     ("load", "values", "finite_overlap"),
-    [("force", FORCES, False), ("pressure", [4e3, 500.0], True), ("overlap", [2e-6, 1e-7], False)],
+    [
+        pytest.param("force", FORCES, False, marks=pytest.mark.slow),
+        pytest.param("pressure", [4e3, 500.0], True, marks=pytest.mark.slow),
+        ("overlap", [2e-6, 1e-7], False),
+    ],
 )
 def test_every_variable_is_what_direct_calls_give(rough, load, values, finite_overlap):
     widths = [0.0, 1e-6]
@@ -143,17 +147,23 @@ def test_every_variable_is_what_direct_calls_give(rough, load, values, finite_ov
             [70e9, 2e11],
             lambda p, v: gp.Packing(gp.Material(v, 0.276, 7840.0), 8e-3, p.spread),
         ),
-        (
+        pytest.param(
             "poisson_ratio",
             [0.0, 0.3, 0.5],
             lambda p, v: gp.Packing(gp.Material(211.65e9, v, 7840.0), 8e-3, p.spread),
+            marks=pytest.mark.slow,
         ),
         (
             "density",
             [2500.0, 7840.0],
             lambda p, v: gp.Packing(gp.Material(211.65e9, 0.276, v), 8e-3, p.spread),
         ),
-        ("diameter", [4e-3, 8e-3, 16e-3], lambda p, v: gp.Packing(p.material, v, p.spread)),
+        pytest.param(
+            "diameter",
+            [4e-3, 8e-3, 16e-3],
+            lambda p, v: gp.Packing(p.material, v, p.spread),
+            marks=pytest.mark.slow,
+        ),
         ("spread", [None, gp.Uniform(1e-6), BIMODAL], lambda p, v: gp.Packing(p.material, 8e-3, v)),
         ("lattice", ["square", "kagome"], lambda p, v: gp.Packing(p.material, 8e-3, p.spread, v)),
     ],
@@ -664,7 +674,12 @@ def serial(rough):
 
 @pytest.mark.claim("sweep-same-numbers")
 @pytest.mark.parametrize(
-    "pool", [partial(ThreadPoolExecutor, 3), partial(ProcessPoolExecutor, 3), partial(Backwards, 9)]
+    "pool",
+    [
+        partial(ThreadPoolExecutor, 3),
+        pytest.param(partial(ProcessPoolExecutor, 3), marks=pytest.mark.slow),
+        partial(Backwards, 9),
+    ],
 )
 def test_the_numbers_do_not_depend_on_the_workers(rough, serial, pool):
     """Nor on who is first."""
@@ -841,11 +856,15 @@ def test_another_library_reads_the_file(rough, tmp_path):
 @pytest.mark.parametrize(
     ("spread", "lattice"),
     [
-        (None, "triangular"),
+        pytest.param(None, "triangular", marks=pytest.mark.slow),
         (gp.Uniform(WIDTH), gp.Lattice("mine", ((1.0, 0.0), (-0.5, math.sqrt(0.75))))),
         pytest.param(gp.Normal(1e-6, 2.0), "triangular", marks=pytest.mark.slow),
         pytest.param(BIMODAL, "square", marks=pytest.mark.slow),
-        (gp.Measured(tuple(8e-3 + 1e-10 * (n - 4999.5) for n in range(10_000))), "triangular"),
+        pytest.param(
+            gp.Measured(tuple(8e-3 + 1e-10 * (n - 4999.5) for n in range(10_000))),
+            "triangular",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_the_packing_comes_back_from_the_file(steel, tmp_path, spread, lattice):
@@ -1091,7 +1110,7 @@ def _flip(place):
 @pytest.mark.parametrize(
     "change",
     [
-        _flip(0),
+        pytest.param(_flip(0), marks=pytest.mark.slow),
         lambda entry: None,
         pytest.param(lambda entry: entry[:-1], marks=pytest.mark.slow),
         pytest.param(lambda entry: "text", marks=pytest.mark.slow),
@@ -1569,7 +1588,9 @@ def test_an_identity_is_that_of_the_sweep_to_which_all_parts_belong(rough, tmp_p
     assert len(parts_in(tmp_path)) == 2
 
 
-@pytest.mark.parametrize(("most", "executor"), [(0, None), (4, AtOnce())])
+@pytest.mark.parametrize(
+    ("most", "executor"), [(0, None), pytest.param(4, AtOnce(), marks=pytest.mark.slow)]
+)
 def test_a_disk_that_is_full_keeps_what_it_has(rough, serial, tmp_path, most, executor):
     folder = tmp_path / "new"
     with full_disk(most), pytest.raises(OutputError, match=r"new/.*No space left"):

@@ -290,7 +290,7 @@ def test_many_directions_of_a_scene(tmp_path):
     [
         ("fcc", WAYS),
         pytest.param("square", ((1.0, 1.0), (0.0, 1.0)), marks=pytest.mark.slow),
-        ("triangular", ((0.5, 1.0), (3.0, 4.0))),
+        pytest.param("triangular", ((0.5, 1.0), (3.0, 4.0)), marks=pytest.mark.slow),
     ],
 )
 def test_a_sweep_has_its_directions_as_a_dimension(lattice, ways, tmp_path):
@@ -424,7 +424,7 @@ def test_mistakes_in_python(steel):
     [
         pytest.param("chain", marks=pytest.mark.slow),
         "membrane",
-        "fcc",
+        pytest.param("fcc", marks=pytest.mark.slow),
         pytest.param("hcp", marks=pytest.mark.exhaustive),
     ],
 )

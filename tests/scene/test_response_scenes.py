@@ -107,8 +107,8 @@ def test_a_sweep_over_loads_has_the_numbers_of_python():
     ("quantity", "source", "name"),
     [
         ("force", "0 x", "force_transmissibility"),
-        ("force", "floor", "dynamic_stiffness"),
-        ("stiffness", "plane", "dynamic_stiffness"),
+        pytest.param("force", "floor", "dynamic_stiffness", marks=pytest.mark.slow),
+        pytest.param("stiffness", "plane", "dynamic_stiffness", marks=pytest.mark.slow),
     ],
 )
 def test_sensors_of_force_are_those_of_python(quantity, source, name):

@@ -146,10 +146,11 @@ def test_loads_that_are_tensors():
             "load: {gravity: 9.81 m/s^2}\nobserve: [bands]\n",
             lambda c: c.cut(1, 4, ("floor", "free")).at_pressure(0.0, gravity=(0.0, -9.81)),
         ),
-        (
+        pytest.param(
             "crystal: {lattice: square, kinds: [A], cut: {axis: 1, layers: 4, edges: free floor}}\n"
             "load: {pressure: 5 N/m, gravity: 9.81 m/s^2}\nobserve: [bands]\n",
             lambda c: c.cut(1, 4, ("free", "floor")).at_pressure(5.0, gravity=(0.0, 9.81)),
+            marks=pytest.mark.slow,
         ),
     ],
 )

@@ -82,7 +82,7 @@ def test_a_run_searches_the_waves_of_a_state_once(text, words, tmp_path, monkeyp
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (PACKING, {"LATTICE": "square", "AXIS": "1"}),
+        pytest.param(PACKING, {"LATTICE": "square", "AXIS": "1"}, marks=pytest.mark.slow),
         pytest.param(PACKING, {"LATTICE": "fcc", "AXIS": "1 1 0"}, marks=pytest.mark.slow),
         (CRYSTAL, {}),
     ],

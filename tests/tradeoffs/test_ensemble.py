@@ -67,7 +67,7 @@ def test_what_is_linear_in_the_excess_is_taken_out_exactly():
     assert np.all(chance[:2] > 1.0)
 
 
-@pytest.mark.parametrize("count", [10, 60])
+@pytest.mark.parametrize("count", [10, pytest.param(60, marks=pytest.mark.slow)])
 def test_errors_are_those_of_a_fake_linear_model(count):
     """Many ensembles of a model with a known mean: deviations over standard errors have Student's
     variance.

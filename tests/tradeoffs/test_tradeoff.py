@@ -420,7 +420,9 @@ WITHOUT_RUNS = {"nothing was run", "not run: 1 of m"}
     ("costs", "budget", "marks", "words"),
     [
         (CLOSE, 100.0, [], set()),
-        ([("m", "1", 0.1, 0.0), ("m", "2", 0.2, 1e-2)], 100.0, [1], set()),
+        pytest.param(
+            [("m", "1", 0.1, 0.0), ("m", "2", 0.2, 1e-2)], 100.0, [1], set(), marks=pytest.mark.slow
+        ),
         pytest.param([("m", "1", 9.0, 1e-2)], 1.0, [], WITHOUT_RUNS, marks=pytest.mark.slow),
     ],
     ids=["close", "without error", "not run"],

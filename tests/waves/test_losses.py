@@ -29,8 +29,11 @@ LOSSES = [
 GROUND = 2e6
 #: losses, and springs to the ground
 CASES = [(losses, 0.0) for losses in LOSSES]
-CASES += [({"drag": 1e4}, GROUND), ({"drag": 5e3, "dashpot": 5.0}, GROUND)]
-CASES += [({"restitution": 0.8}, GROUND)]
+CASES += [
+    pytest.param({"drag": 1e4}, GROUND, marks=pytest.mark.slow),
+    pytest.param({"drag": 5e3, "dashpot": 5.0}, GROUND, marks=pytest.mark.slow),
+    ({"restitution": 0.8}, GROUND),
+]
 names = pytest.mark.parametrize(
     ("losses", "ground"),
     CASES,
@@ -338,7 +341,15 @@ def collide(speed, scheme="verlet", finer=1, frames=41, **losses):
 
 
 @pytest.mark.claim("losses-restitution")
-@pytest.mark.parametrize("restitution", [0.1, 0.5, 0.9, 0.99])
+@pytest.mark.parametrize(
+    "restitution",
+    [
+        pytest.param(0.1, marks=pytest.mark.slow),
+        0.5,
+        0.9,
+        pytest.param(0.99, marks=pytest.mark.slow),
+    ],
+)
 def test_a_collision_has_its_restitution_at_any_velocity(restitution):
     found = [collide(speed, restitution=restitution) for speed in (1e-3, 1e-1, 1.0)]
     assert_allclose(found, restitution, rtol=1e-2)

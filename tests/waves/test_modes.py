@@ -340,7 +340,7 @@ def test_static_forces_lower_frequencies(method):
 @pytest.mark.parametrize(
     ("method", "friction"),
     [
-        ("factorised", True),
+        pytest.param("factorised", True, marks=pytest.mark.slow),
         ("dense", False),
         slow("dense", True),
         slow("factorised", False),

@@ -448,7 +448,7 @@ def test_a_floor_may_be_listed_before_the_balls():
     [
         (gp.JKR(0.1), 0.9, "verlet", 4e-7, 0.0),
         pytest.param(gp.JKR(0.1), 1.5, "verlet", 4e-8, 5e-4, marks=pytest.mark.slow),
-        (gp.JKR(0.1), 1.5, "midpoint", 2e-6, 1e-10),
+        pytest.param(gp.JKR(0.1), 1.5, "midpoint", 2e-6, 1e-10, marks=pytest.mark.slow),
         (gp.DMT(0.1), 0.9, "verlet", 4e-7, 0.0),
         pytest.param(gp.DMT(0.1), 1.5, "verlet", 4e-8, 5e-4, marks=pytest.mark.slow),
         (gp.DMT(0.1), 1.5, "midpoint", 2e-6, 1e-10),

@@ -229,7 +229,7 @@ def integrate(waves, pulse, burst, viscous, times, method="DOP853", rtol=1e-11, 
     return states.reshape(2, size, -1)
 
 
-@pytest.mark.parametrize("damping", [0.0, 0.02, 3.0])
+@pytest.mark.parametrize("damping", [0.0, 0.02, pytest.param(3.0, marks=pytest.mark.slow)])
 def test_signals_and_states_are_those_of_another_integrator(disordered, damping):
     tau = damping / OMEGA
     waves = gp.Waves(disordered)
@@ -630,7 +630,9 @@ def test_arrays_too_large_to_be_factorised_leave_out_single_balls_alone(monkeypa
 
 
 @pytest.mark.claim("pulses-free-ends")
-@pytest.mark.parametrize("seed", [2, pytest.param(3, marks=pytest.mark.slow), 7])
+@pytest.mark.parametrize(
+    "seed", [pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow), 7]
+)
 def test_velocities_with_free_ends_and_walls_agree_at_low_load(seed):
     state = press(2.0, (20, 40), seed)
     sound = float(gp.sound_velocities(state, direction=(1, 0)).longitudinal)

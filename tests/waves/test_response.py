@@ -131,7 +131,13 @@ def test_peaks_do_not_depend_on_the_grid(points, method):
 
 
 @pytest.mark.parametrize(
-    "losses", [{"dashpot": 1e30}, {"dashpot": 1e6}, {"damping": 1e30}, {"loss_factor": 1e6}]
+    "losses",
+    [
+        pytest.param({"dashpot": 1e30}, marks=pytest.mark.slow),
+        {"dashpot": 1e6},
+        pytest.param({"damping": 1e30}, marks=pytest.mark.slow),
+        {"loss_factor": 1e6},
+    ],
 )
 def test_the_magnitude_of_a_rigid_row_has_no_lines(losses):
     """Contacts far stiffer than their springs pass on the force whole: the magnitude has highest
@@ -754,7 +760,7 @@ def test_factors_have_all_digits_deep_in_a_gap():
 
 
 @pytest.mark.claim("response-pulse")
-@pytest.mark.parametrize("tangential", [None, 0.3])
+@pytest.mark.parametrize("tangential", [None, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_fourier_transform_of_a_pulse_is_the_response(tangential):
     network = ideal("triangular", 0.6).repeat((2, 1)).cut(1, 6) if tangential else chain(8)
     tau = 0.4 / OMEGA

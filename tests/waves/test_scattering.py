@@ -209,7 +209,11 @@ def test_energy_that_does_not_add_up_is_an_error(monkeypatch):
 
 @pytest.mark.parametrize(
     ("lattice", "axis"),
-    [("square", 1), pytest.param("honeycomb", 1, marks=pytest.mark.slow), ("sc", 2)],
+    [
+        ("square", 1),
+        pytest.param("honeycomb", 1, marks=pytest.mark.slow),
+        pytest.param("sc", 2, marks=pytest.mark.slow),
+    ],
 )
 def test_a_ribbon_or_slab_guides_waves(lattice, axis):
     """Its balls may stand one above another across the way; those of a strip may be listed in any
@@ -366,7 +370,12 @@ def pass_chains(length, count, spread, random):
 
 @pytest.mark.claim("transmission-errors")
 @pytest.mark.parametrize(
-    ("count", "spread"), [(12, 0.25), pytest.param(12, 0.45, marks=pytest.mark.slow), (24, 0.45)]
+    ("count", "spread"),
+    [
+        (12, 0.25),
+        pytest.param(12, 0.45, marks=pytest.mark.slow),
+        pytest.param(24, 0.45, marks=pytest.mark.slow),
+    ],
 )
 def test_errors_of_lengths_are_the_scatter_over_samples(count, spread):
     """Of chains; in place of frequencies there are repetitions, each with samples of its own."""
