@@ -12,7 +12,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,6 +45,7 @@ from granphon.base.validation import (
     one_of,
     real_array,
     require,
+    spell_out,
     text_list,
     truth,
     whole_number,
@@ -55,6 +56,8 @@ from granphon.networks.sources import (
     LARGEST,
     MOST_STEPS,
     UNIT,
+    Completion,
+    CompletionOptions,
     Reading,
     find_repeated,
     read_whole_numbers,
@@ -1052,6 +1055,7 @@ class ContactNetwork(Result):
         return Result.to_dict(network)
 
     @classmethod
+    @spell_out(Completion)
     def from_table(
         cls,
         balls: Any,
@@ -1060,15 +1064,8 @@ class ContactNetwork(Result):
         material: Material | None = None,
         cell: ArrayLike | None = None,
         pbc: Sequence[bool] | None = None,
-        dimension: int | None = None,
-        motions: str | None = None,
-        friction: bool = True,
-        prestress: bool | None = None,
-        tangential_law: str | None = None,
         columns: Mapping[str, str] | None = None,
-        keep_rattlers: bool = False,
-        held_by: int | None = None,
-        bad: str = "refuse",
+        **options: Unpack[CompletionOptions],
     ) -> Self:
         """Return the network that a table of balls and one of contacts describe.
 
@@ -1141,21 +1138,12 @@ class ContactNetwork(Result):
         """
         from granphon.networks.tables import read_tables
 
+        completion = Completion(material, **options)
         source = read_tables(balls, contacts, {} if columns is None else columns, cell, pbc)
-        return cls._complete(
-            source,
-            material,
-            friction,
-            dimension,
-            motions,
-            prestress,
-            keep_rattlers,
-            held_by,
-            bad,
-            tangential_law,
-        )
+        return cls.from_source(source, completion)
 
     @classmethod
+    @spell_out(Completion)
     def from_lammps(
         cls,
         dump: str | os.PathLike[str],
@@ -1171,14 +1159,7 @@ class ContactNetwork(Result):
         twisting_stiffness: float | str | None = None,
         walls: str | Sequence[str] = (),
         frozen: Mapping[str, Any] | None = None,
-        dimension: int | None = None,
-        motions: str | None = None,
-        friction: bool = True,
-        prestress: bool = False,
-        tangential_law: str | None = None,
-        keep_rattlers: bool = False,
-        held_by: int | None = None,
-        bad: str = "refuse",
+        **options: Unpack[CompletionOptions],
     ) -> Self:
         """Return the network in two dumps of LAMMPS: of atoms, and of pairs that touch.
 
@@ -1240,6 +1221,7 @@ class ContactNetwork(Result):
         """
         from granphon.networks.lammps import Springs, read_dumps
 
+        completion = Completion(material, **options)
         source = read_dumps(
             dump,
             pairs,
@@ -1252,20 +1234,10 @@ class ContactNetwork(Result):
             walls=walls,
             frozen=frozen,
         )
-        return cls._complete(
-            source,
-            material,
-            friction,
-            dimension,
-            motions,
-            prestress,
-            keep_rattlers,
-            held_by,
-            bad,
-            tangential_law,
-        )
+        return cls.from_source(source, completion)
 
     @classmethod
+    @spell_out(Completion)
     def from_liggghts(
         cls,
         dump: str | os.PathLike[str],
@@ -1281,14 +1253,7 @@ class ContactNetwork(Result):
         shear_stiffness: float | None = None,
         rolling_stiffness: float | None = None,
         frozen: Mapping[str, Any] | None = None,
-        dimension: int | None = None,
-        motions: str | None = None,
-        friction: bool = True,
-        prestress: bool = False,
-        tangential_law: str | None = None,
-        keep_rattlers: bool = False,
-        held_by: int | None = None,
-        bad: str = "refuse",
+        **options: Unpack[CompletionOptions],
     ) -> Self:
         """Return the network in dumps of LIGGGHTS: of atoms, of ``compute pair/gran/local``, and of
         ``compute wall/gran/local``.
@@ -1321,6 +1286,7 @@ class ContactNetwork(Result):
         from granphon.networks.lammps import Springs
         from granphon.networks.liggghts import read_liggghts
 
+        completion = Completion(material, **options)
         source = read_liggghts(
             dump,
             pairs,
@@ -1332,20 +1298,10 @@ class ContactNetwork(Result):
             springs=Springs(normal_stiffness, shear_stiffness, rolling_stiffness),
             frozen=frozen,
         )
-        return cls._complete(
-            source,
-            material,
-            friction,
-            dimension,
-            motions,
-            prestress,
-            keep_rattlers,
-            held_by,
-            bad,
-            tangential_law,
-        )
+        return cls.from_source(source, completion)
 
     @classmethod
+    @spell_out(Completion)
     def from_mercury(
         cls,
         fstat: str | os.PathLike[str],
@@ -1357,14 +1313,7 @@ class ContactNetwork(Result):
         frozen: Mapping[str, Any] | None = None,
         normal_stiffness: float | None = None,
         shear_stiffness: float | None = None,
-        dimension: int | None = None,
-        motions: str | None = None,
-        friction: bool = True,
-        prestress: bool = False,
-        tangential_law: str | None = None,
-        keep_rattlers: bool = False,
-        held_by: int | None = None,
-        bad: str = "refuse",
+        **options: Unpack[CompletionOptions],
     ) -> Self:
         """Return the network in two files of MercuryDPM: contacts, and balls.
 
@@ -1395,6 +1344,7 @@ class ContactNetwork(Result):
         from granphon.networks.lammps import Springs
         from granphon.networks.mercury import read_mercury
 
+        completion = Completion(material, **options)
         source = read_mercury(
             fstat,
             particles,
@@ -1403,18 +1353,7 @@ class ContactNetwork(Result):
             frozen=frozen,
             springs=Springs(normal_stiffness, shear_stiffness),
         )
-        return cls._complete(
-            source,
-            material,
-            friction,
-            dimension,
-            motions,
-            prestress,
-            keep_rattlers,
-            held_by,
-            bad,
-            tangential_law,
-        )
+        return cls.from_source(source, completion)
 
     @classmethod
     def series(
@@ -1463,34 +1402,18 @@ class ContactNetwork(Result):
         return network
 
     @classmethod
-    def _complete(
-        cls,
-        source: Source,
-        material: Material | None,
-        friction: bool,
-        dimension: int | None,
-        motions: str | None,
-        prestress: bool | None,
-        keep_rattlers: bool,
-        held_by: int | None,
-        bad: str,
-        tangential_law: str | None,
-    ) -> Self:
-        """Return the network of what a program has left, without its rattlers, or with them if
-        ``keep_rattlers``; warn of what its numbers contradict
-        (:func:`~granphon.networks.consistency.compare_numbers`). For the arguments see
-        :meth:`from_table`.
+    def from_source(cls, source: Source, completion: Completion) -> Self:
+        """Return the network of what a program has left, with or without its rattlers; warn of what
+        its numbers contradict (:func:`~granphon.networks.consistency.compare_numbers`).
         """
-        keeps_all = require("keep_rattlers", truth, keep_rattlers)
-        whole = cls(**source.complete(material, friction, dimension, motions, prestress, bad))
-        network = whole if keeps_all else whole.without_rattlers(held_by)
+        whole = cls(**source.complete(completion))
+        network = whole
+        if not completion.keep_rattlers:
+            network = whole.without_rattlers(completion.held_by)
         is_kept: Any = slice(None)
         if network is not whole and network.labels is not None:
             labels = np.arange(whole.n_balls) if whole.labels is None else whole.labels
-            assert network.labels is not None  # a part of a network has them
             is_kept = np.isin(labels, network.labels)
-        if tangential_law is not None:
-            network = replace(network, tangential_law=tangential_law)
         network._cache[_READING] = source.describe(is_kept)
         warn_of_faults(network)
         return network
