@@ -144,14 +144,11 @@ class Source:
         For the arguments see :meth:`granphon.networks.network.ContactNetwork.from_table`, and for
         the warnings and errors too.
         """
-        return replace(self, **completion.of_network)._complete(completion)
-
-    def _complete(self, completion: Completion) -> dict[str, Any]:
-        """Return all fields of the network, by name, in SI units."""
         balls = self.balls
         material = completion.material
-        dimension = self.dimension
-        motions = self.motions
+        source = replace(self, **completion.of_network)
+        dimension = source.dimension
+        motions = source.motions
         n_axes = balls.positions.shape[1]
         positions = np.zeros((len(balls.positions), 3))
         positions[:, :n_axes] = balls.positions
@@ -173,7 +170,7 @@ class Source:
             contact_fields.pop("tangential_force", None)
         resists_slip = bool(np.any(contact_fields["shear_stiffness"]))
         lacks_tangential = dimension > 1 and resists_slip
-        if self.prestress and lacks_tangential and "tangential_force" not in contact_fields:
+        if source.prestress and lacks_tangential and "tangential_force" not in contact_fields:
             _warn_of_missing_forces(self.contacts[0])
         if motions is None:
             motions = next(iter(allowed_motions(dimension)))
@@ -187,14 +184,14 @@ class Source:
             **contact_fields,
             "motions": motions,
             "dimension": dimension,
-            "prestress": self.prestress,
+            "prestress": source.prestress,
             "left_out": self.left_out,
             "labels": balls.labels,
             "kinds": balls.kinds,
             "adhesive": self.adhesive,
             "contact_model": self._find_model(material, resists_slip),
             "on_site": self._list_on_site(motions, dimension),
-            "tangential_law": self.tangential_law,
+            "tangential_law": source.tangential_law,
         }
 
     def describe(self, is_kept: Any) -> Reading:
