@@ -355,6 +355,14 @@ class ContactNetwork(Result):
         return flags
 
     @cached_property
+    def in_lattice(self) -> Flags:
+        """(n_c,) whether a ball of each contact moves: contacts of two bodies that do not move are
+        not in the lattice of the network.
+        """
+        flags: Flags = read_only(self.moving[self.i] | self.moving[self.j])
+        return flags
+
+    @cached_property
     def ball_motions(self) -> Motions:
         """The motions of each ball, without rotations if no contact and no spring to the ground
         resists them.

@@ -235,12 +235,10 @@ def _describe_losses_of_network(
     alike = _describe_losses(losses)
     if losses is None or alike is None:
         return None
-    # contacts of two bodies that do not move are not in the lattice
-    kept = network.moving[network.i] | network.moving[network.j]
     of_contacts = Losses.of(network, **losses.losses)
     return alike | {
-        "factors": of_contacts.factors[:, kept].tolist(),
-        "damping": of_contacts.times[:, kept].tolist(),
+        "factors": of_contacts.factors[:, network.in_lattice].tolist(),
+        "damping": of_contacts.times[:, network.in_lattice].tolist(),
         "dashpot": [0.0, 0.0],
         "tsuji": 0.0,
     }
