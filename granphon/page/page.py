@@ -306,7 +306,7 @@ def describe_page(
             "shear_modulus": packing.material.shear_modulus,
             "density": packing.effective_density,
             "mindlin_ratio": packing.material.mindlin_ratio,
-            "spread": type(packing.spread or Uniform(1.0)).__name__.lower(),
+            "spread": (packing.spread or Uniform(1.0)).kind,
         },
         "pressure": pressure,
         "units": structure.units_of(("pressure", "modulus")),
