@@ -245,7 +245,7 @@ class Packing:
         """Return the rows of the table of the packing in a notebook: name, value and SI unit of
         each quantity.
         """
-        spread = "none" if self.spread is None else type(self.spread).__name__.lower()
+        spread = "none" if self.spread is None else self.spread.kind
         rows: list[tuple[str, Any, str]] = [
             ("lattice", self.structure.name, ""),
             ("diameter", self.diameter, "m"),
