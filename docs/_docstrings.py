@@ -52,6 +52,7 @@ INNER = frozenset(
     {
         "options",
         "history",
+        "from_source",
         "check_diameter",
         "check_state",
         "cached",

@@ -26,6 +26,7 @@ from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.motions import allowed_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.dynamics.deformation_rows import Row, contact_rows, strain_rows
+from granphon.dynamics.linalg import invert_hermitian
 
 #: number of elements of one array that are worked on at a time, so that they stay in the
 #: processor's cache
@@ -40,8 +41,6 @@ _DAMPED = 0.8
 _UNEVEN = 0.1
 #: number of wave vectors at which matrices are inverted at a time
 _WAVES = 2**15
-#: eigenvalue, over the largest of the same wave, that rounding explains
-_SINGULAR = 1e-14
 #: difference of a coefficient of C from a whole number that is rounding
 _ROUNDED = 1e-12
 #: least sine of the angle between a normal and those before it, for displacements to be projected
@@ -385,16 +384,7 @@ class Stencils:
                         matrix[..., a, b] += ratio * np.conj(one) * other
             if first == 0:
                 matrix[(0,) * len(shape)] += still
-            try:
-                inverse = np.linalg.inv(matrix)
-            except np.linalg.LinAlgError:  # not even rounding keeps it from being singular
-                inverse = np.full_like(matrix, np.inf)
-            sizes = [np.max(np.abs(one), axis=(-2, -1)) for one in (matrix, inverse)]
-            singular = sizes[0] * sizes[1] * _SINGULAR > 1.0
-            if np.any(singular):
-                inverse[singular] = np.linalg.pinv(
-                    matrix[singular], rcond=_SINGULAR, hermitian=True
-                )
+            inverse = invert_hermitian(matrix)
             if first == 0:
                 inverse[(0,) * len(shape)] -= still
             entries[:, :, first : first + step] = np.moveaxis(inverse, (-2, -1), (0, 1))

@@ -74,8 +74,17 @@ class ContactModel:
     @property
     def is_plain(self) -> bool:
         """Whether plain data can hold it: its laws are not a user's."""
-        laws = [law for _, law in self.law] if isinstance(self.law, tuple) else [self.law]
-        return all(isinstance(law, PlainLaw) for law in laws)
+        return all(isinstance(law, PlainLaw) for law in self._laws)
+
+    @property
+    def is_hertzian(self) -> bool:
+        """Whether all contacts have Hertz's law."""
+        return all(isinstance(law, Hertz) for law in self._laws)
+
+    @property
+    def _laws(self) -> list[Any]:
+        """The laws of all pairs of kinds."""
+        return [law for _, law in self.law] if isinstance(self.law, tuple) else [self.law]
 
     def body(self, name: str) -> Body:
         """Return the ball of the kind of a ``name``, or the wall, or the rigid plane for that of a

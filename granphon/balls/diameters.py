@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -631,6 +631,27 @@ class Spread(ABC):
         """Largest deviation, m."""
         return self.width * self.shape.bounds[1]
 
+    @property
+    def kind(self) -> str:
+        """Name of the distribution in scenes: "uniform", "normal", "discrete" or "measured"."""
+        return type(self).__name__.lower()
+
+    def with_width(self, width: float) -> Self:
+        """Return the distribution of the same shape and mean whose width is W = ``width``, m.
+
+        Raises :class:`InputError` if the width is negative or not finite, if listed diameters are
+        all the same, or if the distribution is not one of granphon's own.
+        """
+        raise InputError(
+            f"a {type(self).__name__} cannot be given another width",
+            "The parameters of this class are not known",
+            "Give the spreads themselves",
+        )
+
+    def with_mean(self, diameter: float) -> Self:
+        """Return the distribution of the same deviations about a mean ``diameter``, m."""
+        return self
+
     def check_diameter(self, diameter: float) -> None:
         """Raise :class:`InputError` if the mean diameter of the balls cannot be ``diameter`` (m).
 
@@ -684,6 +705,10 @@ class Uniform(Spread):
     def __post_init__(self) -> None:
         object.__setattr__(self, "width", not_negative("width", self.width, "m"))
 
+    def with_width(self, width: float) -> Self:
+        """Return the distribution with another width, m."""
+        return type(self)(width)
+
     @property
     def rms(self) -> float:
         """Root mean square deviation W / sqrt(12), m."""
@@ -721,6 +746,11 @@ class Normal(Spread):
                 f"cutoff is {self.cutoff:g}", mend="Give 0.001 to 10 standard deviations, such as 3"
             )
 
+    def with_width(self, width: float) -> Self:
+        """Return the distribution of the same cutoff whose width is W = ``width``, m."""
+        width_over_std = type(self)(1.0, self.cutoff).width
+        return type(self)(not_negative("width", width, "m") / width_over_std, self.cutoff)
+
     @property
     def rms(self) -> float:
         """Root mean square deviation Delta_rms of the cut distribution, m."""
@@ -732,10 +762,35 @@ class Normal(Spread):
         return NormalShape(self.cutoff)
 
 
+@dataclass(frozen=True)
 class _Listed(Spread):
     """Diameters given one by one."""
 
     diameters: tuple[float, ...]
+
+    def with_width(self, width: float) -> Self:
+        """Return the diameters whose deviations from their mean are scaled, so that their width is
+        ``width``, m; InputError if they do not deviate.
+        """
+        wanted_width = not_negative("width", width, "m")
+        if not self.width:
+            raise InputError(
+                "diameters that are all the same cannot be spread", mend="Give another spread"
+            )
+        mean = self.mean
+        scale = wanted_width / self.width
+        diameters = tuple(mean + (diameter - mean) * scale for diameter in self.diameters)
+        scaled = replace(self, diameters=diameters)
+        if wanted_width:
+            # the old shape is kept: a shape that differs by rounding would have its law solved
+            # again
+            scaled.__dict__["shape"] = self.shape
+        return scaled
+
+    def with_mean(self, diameter: float) -> Self:
+        """Return the diameters shifted so that their mean is ``diameter``, m."""
+        shift = diameter - self.mean
+        return replace(self, diameters=tuple(each + shift for each in self.diameters))
 
     def _compute_shares(self) -> Array:
         return np.full(len(self.diameters), 1.0 / len(self.diameters))
@@ -797,7 +852,6 @@ class Discrete(_Listed):
         fractions.
     """
 
-    diameters: tuple[float, ...]
     fractions: tuple[float, ...]
 
     def __post_init__(self) -> None:
@@ -838,8 +892,6 @@ class Measured(_Listed):
     ------
     InputError : there are none, or one is not finite and above zero.
     """
-
-    diameters: tuple[float, ...]
 
     def __post_init__(self) -> None:
         object.__setattr__(

@@ -245,7 +245,7 @@ class Packing:
         """Return the rows of the table of the packing in a notebook: name, value and SI unit of
         each quantity.
         """
-        spread = "none" if self.spread is None else type(self.spread).__name__.lower()
+        spread = "none" if self.spread is None else self.spread.kind
         rows: list[tuple[str, Any, str]] = [
             ("lattice", self.structure.name, ""),
             ("diameter", self.diameter, "m"),
@@ -588,51 +588,12 @@ def find_double(values: Sequence[Any]) -> int | None:
     return None
 
 
-def change_width(spread: Spread | None, width: float) -> Uniform | Normal | Discrete | Measured:
-    """Return the distribution of the same shape and mean whose width is W = ``width``, m; uniform
-    if ``spread`` is None.
-
-    Raises :class:`InputError` if the width is negative or not finite, if listed diameters are all
-    the same, or if the distribution is not one of granphon's own.
-    """
-    uniform = Uniform(width)  # refuses a width that is negative or not finite
-    if spread is None or isinstance(spread, Uniform):
-        return uniform
-    if isinstance(spread, Normal):
-        width_over_std = Normal(1.0, spread.cutoff).width
-        return Normal(uniform.width / width_over_std, spread.cutoff)
-    if isinstance(spread, Discrete | Measured):
-        return _scale_listed(spread, uniform.width)
-    raise InputError(
-        f"a {type(spread).__name__} cannot be given another width",
-        "The parameters of this class are not known",
-        "Give the spreads themselves",
-    )
-
-
-def _scale_listed(spread: Discrete | Measured, width: float) -> Discrete | Measured:
-    """Return listed diameters whose deviations from their mean are scaled, so that their width is
-    ``width``, m; InputError if they do not deviate.
-    """
-    if not spread.width:
-        raise InputError(
-            "diameters that are all the same cannot be spread", mend="Give another spread"
-        )
-    mean = spread.mean
-    scale = width / spread.width
-    diameters = tuple(mean + (diameter - mean) * scale for diameter in spread.diameters)
-    scaled = replace(spread, diameters=diameters)
-    if width:
-        # the old shape is kept: a shape that differs by rounding would have its law solved again
-        scaled.__dict__["shape"] = spread.shape
-    return scaled
-
-
 def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
     """Return the packing with other values of some of its :data:`PARAMETERS`; a crystal with other
     values of its :data:`KIND_PARAMETERS`.
 
-    A ``width`` scales the spread (:func:`change_width`); a ``diameter`` leaves the spread as it is.
+    A ``width`` scales the spread (:meth:`Spread.with_width
+    <granphon.balls.diameters.Spread.with_width>`); a ``diameter`` leaves the spread as it is.
     Raises :class:`InputError` if such a packing is not possible.
     """
     if not isinstance(packing, Packing):
@@ -648,8 +609,8 @@ def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
     packing_values = {name: value for name, value in values.items() if name not in _MATERIAL}
     if "width" in packing_values:
         width = packing_values.pop("width")
-        spread = packing_values.get("spread", packing.spread)
-        packing_values["spread"] = change_width(spread, width)
+        spread = packing_values.get("spread", packing.spread) or Uniform(0.0)
+        packing_values["spread"] = spread.with_width(width)
     material = replace(packing.material, **material_values)
     return replace(packing, material=material, **packing_values)
 

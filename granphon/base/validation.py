@@ -10,10 +10,13 @@ and the options of a rule. They return the value as a plain number, array or tup
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
 from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
+from dataclasses import fields
 from decimal import Decimal
+from inspect import Parameter
 from numbers import Real
 from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
 from unicodedata import normalize
@@ -28,6 +31,7 @@ from granphon.base.text import closest, show
 Rule = Callable[[Any], Any]
 Value = TypeVar("Value")
 Options = ParamSpec("Options")
+Function = TypeVar("Function", bound=Callable[..., Any])
 #: bound of numbers from below; empty for any sign
 Low = Literal["", "above zero", "zero or above"]
 #: highest frequency, Hz, far above that of any contact: its powers stay within the range of floats
@@ -46,6 +50,27 @@ def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
         return rule(value)
     except Refused as refused:
         raise refused.under(key) from None
+
+
+def spell_out(arguments: Any) -> Callable[[Function], Function]:
+    """Return a decorator of functions with ``**options``, which are fields of the dataclass
+    ``arguments``: the signature that help and pages show then names each of these fields, with its
+    default, but those that the function names itself.
+    """
+
+    def decorate(function: Function) -> Function:
+        signature = inspect.signature(function)
+        named = dict(signature.parameters)
+        parameters = [each for each in named.values() if each.kind is not Parameter.VAR_KEYWORD]
+        for field in fields(arguments):
+            if field.name not in named:
+                option = Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default)
+                parameters.append(option.replace(annotation=field.type))
+        spelled_out: Any = function
+        spelled_out.__signature__ = signature.replace(parameters=parameters)
+        return function
+
+    return decorate
 
 
 def require(name: str, rule: Rule, value: Any) -> Any:

@@ -224,7 +224,7 @@ class ContactLattice(LongWaves):
             )
         moving = network.moving
         units = network.scales
-        kept = np.flatnonzero(moving[network.i] | moving[network.j])
+        kept = np.flatnonzero(network.in_lattice)
         # of a contact with a body that does not move, ball i is the one that moves
         is_swapped = ~moving[network.i[kept]]
         is_held = is_swapped | ~moving[network.j[kept]]

@@ -55,6 +55,8 @@ _STRAIGHT = 1e-14
 #: ratio of the norms of columns below which LAPACK would lose digits of the smaller one, and QR
 #: leaves no coupling
 _COMPARABLE_RATIO = 1e-8
+#: eigenvalue, over the largest of the same matrix, that rounding explains
+_SINGULAR = 1e-14
 
 
 def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
@@ -425,6 +427,21 @@ def find_dependent(
     correction = adjoint[:rank].conj().T @ amplitudes / lengths[:, None]
     basis, _ = np.linalg.qr(free - correction, mode="complete")
     return basis[:, :count], basis[:, count:]
+
+
+def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:
+    """Return the inverses of Hermitian matrices (..., n, n); zero for what is singular in them."""
+    try:
+        inverse = np.linalg.inv(matrices)
+    except np.linalg.LinAlgError:  # not even rounding keeps some from being singular
+        inverse = np.full_like(matrices, np.inf)
+    sizes = [np.max(np.abs(values), axis=(-2, -1)) for values in (matrices, inverse)]
+    is_singular = sizes[0] * sizes[1] * _SINGULAR > 1.0
+    if np.any(is_singular):
+        inverse[is_singular] = np.linalg.pinv(
+            matrices[is_singular], rcond=_SINGULAR, hermitian=True
+        )
+    return np.asarray(inverse)
 
 
 @contextmanager

@@ -147,7 +147,6 @@ def list_facts(packing: Packing) -> dict[str, str]:
     """
     ball = packing.material
     spread = packing.spread
-    kind = type(spread).__name__.lower()
     facts = dict(
         describe_parameter(name, value)
         for name, value in (
@@ -163,8 +162,8 @@ def list_facts(packing: Packing) -> dict[str, str]:
             ("bending", packing.bending),
         )
     )
-    if spread is not None and packing.width and kind != "uniform":
-        facts["spread"] += f" ({kind})"
+    if spread is not None and packing.width and spread.kind != "uniform":
+        facts["spread"] += f" ({spread.kind})"
     return facts | {"overlap": describe_overlap(finite=False)}
 
 

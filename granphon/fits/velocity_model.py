@@ -25,7 +25,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from granphon.balls.diameters import Discrete, Measured, Spread, Uniform
+from granphon.balls.diameters import Spread, Uniform
 from granphon.balls.hertz import EXPONENT
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing, change_packing
@@ -454,8 +454,6 @@ class VelocityModel:
         """
         values = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
         spread = self.packing.spread
-        if isinstance(spread, Discrete | Measured):
-            shift = values.get("diameter", self.packing.diameter) - spread.mean
-            diameters = tuple(diameter + shift for diameter in spread.diameters)
-            spread = replace(spread, diameters=diameters)
+        if spread is not None:
+            spread = spread.with_mean(values.get("diameter", self.packing.diameter))
         return change_packing(self.packing, values | {"spread": spread})

@@ -338,7 +338,7 @@ def _describe_kind(name: str, ball: Ball) -> list[tuple[str, Any, str]]:
         (f"mass of {name}", ball.mass, "kg"),
     ]
     if ball.spread is not None:
-        rows.append((f"spread of {name}", type(ball.spread).__name__.lower(), ""))
+        rows.append((f"spread of {name}", ball.spread.kind, ""))
         rows.append((f"width of {name}", ball.spread.width, "m"))
     units = {"young_modulus": "Pa", "density": "kg/m^3", "yield_strength": "Pa"}
     for constant, value in vars(ball.material).items():

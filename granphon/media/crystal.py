@@ -11,15 +11,12 @@ layers follow each other along the next axis: y in a plane, z in space, x of a c
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from operator import attrgetter
-from string import ascii_uppercase
 from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -67,7 +64,6 @@ from granphon.base.validation import (
     index_array,
     label,
     lengths,
-    real_array,
     require,
     truth,
     whole_number,
@@ -76,7 +72,19 @@ from granphon.contacts.assembly import Assembly
 from granphon.contacts.grid import Grid
 from granphon.contacts.laws import ContactLaws
 from granphon.dynamics.elasticity import voigt_pairs
+from granphon.media.crystal_sites import (
+    find_dimension,
+    find_kinds,
+    list_balls,
+    name_kinds,
+    read_sites,
+    require_cell,
+    require_large_enough,
+    require_symbols,
+    scale_until_touch,
+)
 from granphon.media.limits import Check, check_limit
+from granphon.media.mean_force import MEAN, MOST_MEANS, SAMPLED, MeanContacts, PressureSearch
 from granphon.media.sample_on_grid import SampleOnGrid
 from granphon.media.state import read_finite_overlap
 from granphon.networks.network import ContactNetwork
@@ -102,16 +110,6 @@ _PER_LOAD = (
     "strain",
     "ways",
 )
-#: relative error at which a mean force or overlap is reached, and most states in the search for it
-_MEAN = 4e-15
-_MEANS = 60
-#: relative error at which the mean of a sample is reached: samples are at rest to 1e-12 of the mean
-#: force
-_SAMPLED = 1e-11
-#: relative error of a mean that is put down to rounding where no better one is found
-_ROUNDED_MEAN = 1e-13
-#: least length, area or volume of a cell, over the power of the mean radius
-_LEAST_CELL = 1e-3
 #: units of a pressure, by the number of axes along which it acts
 _PRESSURE_UNITS = ("N", "N", "N/m", "Pa")
 #: relative size of a component of a tensor or of gravity that is put down to rounding
@@ -271,7 +269,7 @@ class Crystal(Result):
         name: str = "of these balls",
     ) -> None:
         require("name", label, name)
-        centres, vectors = _read_sites(positions, cell)
+        centres, vectors = read_sites(positions, cell)
         n, d = centres.shape
         site_balls = list_balls(balls)
         if len(site_balls) != n:
@@ -279,7 +277,7 @@ class Crystal(Result):
             raise InputError(problem, mend="Give one ball for each site")
         kinds, kind = find_kinds(site_balls)
         radii = np.array([ball.radius for ball in kinds])[kind]
-        _require_cell(vectors, float(np.mean(radii)), name)
+        require_cell(vectors, float(np.mean(radii)), name)
         if len(vectors) == 0 and n == 1:
             raise InputError("a single ball without a period touches nothing", mend="Give a cell")
         contacts = find_contacts(vectors, centres, name, radii)
@@ -447,10 +445,10 @@ class Crystal(Result):
                 " cell and places",
             )
         site_balls = [kinds[site % len(kinds)] for site in range(n)]
-        scale = _scale_until_touch(structure, site_balls)
+        scale = scale_until_touch(structure, site_balls)
         cell = scale * structure.vectors
         if len(kinds) == n == 2:
-            _require_large_enough(structure, cell, kinds)
+            require_large_enough(structure, cell, kinds)
         options = {"name": structure.name} | options
         return cls(site_balls, cell, scale * structure.positions, **options)
 
@@ -471,7 +469,7 @@ class Crystal(Result):
             problem = f"{brief(atoms)} are not Atoms"
             raise InputError(problem, mend="Give ase.Atoms, with lengths in m")
         symbols = atoms.get_chemical_symbols()
-        _require_symbols(symbols, balls)
+        require_symbols(symbols, balls)
         find_kinds([balls[symbol] for symbol in symbols])  # raises for an entry that is no ball
         ball_of_symbol = {
             symbol: replace(balls[symbol], name=symbol) for symbol in sorted(set(symbols))
@@ -480,7 +478,7 @@ class Crystal(Result):
         is_periodic = np.array(atoms.pbc, bool)
         cell = np.array(atoms.cell, float)[is_periodic]
         tolerance = TOUCH * float(np.mean([ball.radius for ball in ball_of_symbol.values()]))
-        d = _find_dimension(positions, cell, tolerance)
+        d = find_dimension(positions, cell, tolerance)
         options = {"name": "of these atoms"} | options
         site_balls = [ball_of_symbol[symbol] for symbol in symbols]
         return cls(site_balls, cell[:, :d], positions[:, :d], **options)
@@ -1584,13 +1582,13 @@ class Crystal(Result):
         laws = self._laws
         words = f"a mean {kind} of {goal:g} {'N' if kind == 'force' else 'm'}, at a pressure of"
         pressure = self._estimate_pressure(kind, goal)
-        search = _PressureSearch(goal)
+        search = PressureSearch(goal)
         start: Rest | None = None
         state: Rest | None = None
         last_error = math.inf
         differ = assembly.differs
-        tolerance = _SAMPLED if differ else _MEAN
-        for _ in range(_MEANS):
+        tolerance = SAMPLED if differ else MEAN
+        for _ in range(MOST_MEANS):
             load = self._load_hydrostatic(pressure, acceleration, f"{words} {pressure:.6g}")
             small = self._find_rest(load, "lattice", boundary, start)
             if follows:
@@ -1600,7 +1598,7 @@ class Crystal(Result):
                 state = self._find_rest(load, "exact", boundary, nearest)
             else:
                 state = small
-            contacts = _MeanContacts.of(state, laws, differ)
+            contacts = MeanContacts.of(state, laws, differ)
             if not np.any(contacts.counts):
                 problem = f"all contacts are open under {words} {pressure:.6g}"
                 why = "Those that adhere have come apart"
@@ -1752,114 +1750,6 @@ class Crystal(Result):
         virial = virial @ deformation.T
         measure = assembly.measure * float(np.linalg.det(deformation))
         return np.asarray(-0.5 * (virial + virial.T) / measure)
-
-
-class _PressureSearch:
-    """The pressures that were tried for a mean force (N) or overlap (m), the ``goal``, and the
-    interval that remains.
-    """
-
-    def __init__(self, goal: float) -> None:
-        self.goal = goal
-        self.low = 0.0
-        self.high = math.inf
-        self.last_pressure = 0.0
-        self.last_mean = math.nan
-
-    def extrapolate(self, pressure: float, mean: float, guess: float) -> float:
-        """Return the pressure of the goal on the secant through the last two pressures and their
-        means; the ``guess`` if there is no secant.
-        """
-        if math.isfinite(self.last_mean) and mean != self.last_mean:
-            pressure_step = pressure - self.last_pressure
-            mean_step = mean - self.last_mean
-            guess = pressure + (self.goal - mean) * pressure_step / mean_step
-        self.last_pressure = pressure
-        self.last_mean = mean
-        return guess
-
-    def choose(self, pressure: float, excess: float, guess: float) -> float | None:
-        """Return the next pressure: the ``guess``, or the middle of the interval if the guess
-        leaves that; None if nothing remains of the interval.
-
-        ``excess`` is that of the mean at ``pressure`` over the goal, relative to the goal. The
-        middle is taken up to twice the ``pressure``: no mean may yet have been too large.
-        """
-        if excess < 0.0:
-            self.low = pressure
-        else:
-            self.high = pressure
-        middle = 0.5 * (self.low + min(self.high, 2.0 * pressure))
-        chosen = guess if self.low < guess < self.high else middle
-        return None if chosen in (self.low, self.high) else chosen
-
-
-class _MeanContacts(NamedTuple):
-    """The contacts of a state at rest over which means are taken.
-
-    ``overlap``, ``force`` and ``stiffness`` (n_c,) are in SI; ``counts`` (n_c,) says which contacts
-    the mean is over.
-    """
-
-    overlap: Array
-    force: Array
-    stiffness: Array
-    counts: Flags
-
-    @classmethod
-    def of(cls, state: Rest, laws: ContactLaws, differ: bool) -> Self:
-        """Return the contacts of a state: those that carry a load, or touch if they adhere; all of
-        them if balls ``differ``.
-        """
-        overlap = state.overlap[: laws.count]  # springs to the ground come behind the contacts
-        force = laws.force(overlap)
-        stiffness = laws.stiffness(overlap)
-        counts = stiffness > 0.0 if laws.adhere else force != 0.0
-        if differ:
-            counts = np.ones(force.size, bool)
-        return cls(overlap, force, stiffness, counts)
-
-    def find_mean(self, kind: str) -> float:
-        """Return the mean force, N, or overlap, m."""
-        values = self.force if kind == "force" else self.overlap
-        return float(np.mean(values[self.counts]))
-
-    @property
-    def power(self) -> float:
-        """Exponent with which overlaps grow with the pressure: the mean of f over that of
-        k delta.
-        """
-        work = np.mean((self.stiffness * self.overlap)[self.counts])
-        return float(np.mean(self.force[self.counts]) / work)
-
-    def find_growth(self, kind: str, goal: float, mean: float) -> tuple[float, float]:
-        """Return the factors by which the pressure and the overlaps are to grow for the ``mean``,
-        a force (N) or an overlap (m) as the ``kind`` says, to become the ``goal``.
-        """
-        # a mean of the wrong sign says nothing about the size of the step
-        growth = goal / mean if mean / goal > 0.0 else 2.0
-        if kind == "force":
-            return growth, growth**self.power
-        return growth ** (1.0 / self.power), growth
-
-    def bound_rounding(self, kind: str, goal: float, differ: bool, adhere: bool) -> float:
-        """Return the error of the mean, over the ``goal``, that is put down to rounding; balls may
-        ``differ`` in diameter, and contacts may ``adhere``.
-        """
-        rounding = _ROUNDED_MEAN
-        if differ:
-            # ten times the error at which the mean of a sample is reached; loose balls leave more,
-            # as the mean is small against its terms
-            ratio = float(np.mean(np.abs(self.overlap)) / np.abs(np.mean(self.overlap)))
-            rounding = 10.0 * _SAMPLED * max(1.0, ratio)
-        if not adhere:
-            return rounding
-        # the mean may be small against its terms, attraction and repulsion
-        if kind == "force":
-            terms = np.abs(self.stiffness * self.overlap)
-        else:
-            terms = np.abs(self.force / np.where(self.counts, self.stiffness, np.inf))
-        return rounding * max(1.0, float(np.mean(terms[self.counts])) / goal)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -2226,44 +2116,6 @@ def _find_motions(dimension: int, motions: str | None) -> Motions:
     return next(iter(allowed.values())) if motions is None else allowed[motions]
 
 
-def list_balls(balls: Any) -> list[Any]:
-    """Return ``balls``, the argument of a public call, as a list; one ball is a list of one.
-
-    Raises :class:`~granphon.base.errors.InputError` for an argument without an order.
-    """
-    if isinstance(balls, Ball):
-        return [balls]
-    sequence = balls.tolist() if isinstance(balls, np.ndarray) else balls
-    has_no_order = isinstance(sequence, str | Mapping | set | frozenset)
-    if has_no_order or not isinstance(sequence, Iterable):
-        raise InputError(f"the balls are {brief(balls)}", mend="Give a list of granphon.Ball")
-    return list(sequence)
-
-
-def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
-    """Return the different balls in the order in which they come, and the number (n,) of the kind
-    of each of the n ``balls``.
-
-    Raises :class:`~granphon.base.errors.InputError` if there are none, or one is no ball.
-    """
-    if not balls:
-        raise InputError("there are no balls", mend="Give a list of granphon.Ball")
-    # one ball often stands on many sites: an object is compared with the kinds once
-    number_of_object: dict[int, int] = {}
-    number_of_ball: dict[Ball, int] = {}
-    numbers = []
-    for ball in balls:
-        number = number_of_object.get(id(ball))
-        if number is None:
-            if not isinstance(ball, Ball):
-                problem = f"{brief(ball)} is not a ball"
-                raise InputError(problem, mend="Give a granphon.Ball for each site")
-            number = number_of_ball.setdefault(ball, len(number_of_ball))
-            number_of_object[id(ball)] = number
-        numbers.append(number)
-    return tuple(number_of_ball), np.array(numbers, np.intp)
-
-
 def find_mindlin_ratio(crystal: Crystal) -> float | None:
     """Return the ratio of the shear to the normal stiffness that all contacts have in common, zero
     without friction; None if they do not have one.
@@ -2277,157 +2129,6 @@ def find_mindlin_ratio(crystal: Crystal) -> float | None:
     if np.any(ratios) and crystal._laws.know_radii:
         return None
     return float(ratios[0]) if np.ptp(ratios) <= _SAME_RATIO else None
-
-
-def _count_in_letters() -> Iterator[str]:
-    """Yield A, B, ..., Z, AA, AB, ..."""
-    for size in itertools.count(1):
-        for letters in itertools.product(ascii_uppercase, repeat=size):
-            yield "".join(letters)
-
-
-def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -> tuple[str, ...]:
-    """Return the name of each kind: the ``known`` name, or that of its ball, or the next of A, B,
-    C, ...
-
-    Raises :class:`~granphon.base.errors.InputError` if two kinds have one name, or one is called
-    "floor".
-    """
-    known_names = known or {}
-    names = {ball: known_names.get(ball) or ball.name for ball in kinds}  # empty if there is none
-    used_names = {name for name in names.values() if name} | {RIGID_PLANE.name}
-    unused_letters = (letters for letters in _count_in_letters() if letters not in used_names)
-    kind_names = tuple(names[ball] or next(unused_letters) for ball in kinds)
-    counts = Counter([*kind_names, RIGID_PLANE.name])
-    repeated_name = next((name for name in kind_names if counts[name] > 1), None)
-    if repeated_name is not None:
-        raise InputError(
-            f"two kinds are called {repeated_name!r}",
-            "Laws are given by names",
-            "Name each kind differently",
-        )
-    return kind_names
-
-
-def _read_sites(positions: ArrayLike, cell: ArrayLike) -> tuple[Array, Array]:
-    """Return the centres (n, d) and the vectors (p, d) of a cell, m; InputError if their shapes do
-    not fit, or a number is not finite.
-    """
-    centres = real_array("positions", positions)
-    vectors = real_array("cell", cell)
-    are_centres = centres.ndim == 2 and len(centres) > 0 and 1 <= centres.shape[1] <= 3
-    if not are_centres:
-        problem = f"positions of the crystal have the shape {centres.shape}"
-        raise InputError(problem, mend="Give (n, d) centres in m, d = 1, 2 or 3")
-    d = centres.shape[1]
-    if vectors.size == 0:  # an empty list
-        vectors = vectors.reshape(0, d)
-    are_vectors = vectors.ndim == 2 and vectors.shape[1] == d and len(vectors) <= d
-    if not are_vectors:
-        problem = f"the cell has the shape {vectors.shape}, and positions have {d} coordinates"
-        raise InputError(problem, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m")
-    if not (np.all(np.isfinite(centres)) and np.all(np.isfinite(vectors))):
-        problem = "the cell or a position of the crystal is not finite"
-        raise InputError(problem, mend="Give finite numbers, in m")
-    return centres, vectors
-
-
-def _require_symbols(symbols: Sequence[str], balls: object) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` unless there are atoms, and ``balls`` is a
-    mapping that has each of their ``symbols``.
-    """
-    if not symbols:
-        raise InputError("there are no atoms", mend="Give one or more")
-    if not isinstance(balls, Mapping):
-        mend = 'Give balls by symbols, as {"Na": ball}'
-        raise InputError(f"the balls are {brief(balls)}", mend=mend)
-    missing = sorted(set(symbols) - set(balls))
-    if missing:
-        problem = f"there is no ball for {', '.join(missing)}"
-        raise InputError(problem, mend="Give one for each symbol")
-
-
-def _find_dimension(positions: Array, cell: Array, tolerance: float) -> int:
-    """Return the dimension, 1 to 3, of the line, plane or space in which balls lie, from their
-    positions (n, 3) and a cell (p, 3), m.
-
-    The coordinate z, and then y, is left out if all balls have the same one to a ``tolerance``, m,
-    and no period has a component along the axis.
-    """
-    for dimension in (3, 2):
-        axis = dimension - 1
-        are_level = np.ptp(positions[:, axis]) <= tolerance
-        has_component = np.any(np.abs(cell[:, axis]) > tolerance)
-        if len(cell) >= dimension or has_component or not are_level:
-            return dimension
-    return 1
-
-
-def _require_cell(vectors: Array, radius: float, name: str) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for a cell (p, d), m, that does not lie along
-    the first axes, or has no room for a ball of the mean ``radius``, m.
-    """
-    p = len(vectors)
-    if np.any(np.abs(vectors[:, p:]) > TOUCH * radius):
-        extent = ("", "along x", "in the xy plane", "")[p]
-        problem = f"the cell of crystal {name!r} does not lie {extent}"
-        raise InputError(problem, mend="Turn the crystal")
-    relative_measure = abs(np.linalg.det(vectors[:, :p] / radius))  # 1 without a period
-    if not relative_measure > _LEAST_CELL:
-        raise InputError(
-            f"the cell of crystal {name!r} has no room for a ball",
-            f"Its vectors are too short for balls of {2.0 * radius:.4g} m, or not independent",
-            "Give lengths in m",
-        )
-
-
-def _scale_until_touch(structure: Lattice, site_balls: Sequence[Ball]) -> float:
-    """Return the factor, m, by which a lattice of distances one is scaled until neighbours touch.
-
-    Raises :class:`~granphon.base.errors.InputError` if neighbours cannot all touch.
-    """
-    radii = np.array([ball.radius for ball in site_balls])
-    table = structure.contacts
-    distances = radii[table.i] + radii[table.j]
-    scale = float(np.mean(distances))
-    if np.ptp(distances) > TOUCH * scale:
-        extreme_contacts = [int(np.argmin(distances)), int(np.argmax(distances))]
-        texts = [
-            f"those of sites {table.i[contact]} and {table.j[contact]} at"
-            f" {distances[contact]:.6g} m"
-            for contact in extreme_contacts
-        ]
-        raise InputError(
-            f"balls of these sizes cannot all touch on the {structure.name} lattice",
-            f"Centres would be apart: {', '.join(texts)}",
-            "Give balls of one size, or a cell and places at which they touch",
-        )
-    return scale
-
-
-def _require_large_enough(structure: Lattice, cell: Array, kinds: Sequence[Ball]) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if the larger of two ``kinds`` of balls touch
-    each other before they touch the smaller ones, in a ``cell`` (p, d), m, with one ball of each.
-    """
-    p = structure.periods
-    steps = np.array(list(itertools.product((-1, 0, 1), repeat=p)))
-    image_steps = steps[np.any(steps, axis=1)]  # without the ball itself
-    image_distance = float(np.min(np.linalg.norm(image_steps @ cell, axis=1)))
-    small, large = sorted(kinds, key=lambda ball: ball.diameter)
-    if image_distance >= large.diameter * (1.0 - TOUCH):
-        return
-    # the distance of unlike balls over that of images, which is fixed by the lattice
-    distance_ratio = 0.5 * (small.diameter + large.diameter) / image_distance
-    least_diameter = 2.0 * large.diameter * distance_ratio - large.diameter
-    name = small.name or "AB"[kinds.index(small)]
-    ratio = small.diameter / large.diameter
-    least_ratio = least_diameter / large.diameter
-    raise InputError(
-        f"ball {name} of {small.diameter:g} m is too small for its site in {structure.name}",
-        f"The others, of {large.diameter:g} m, touch each other before they touch it: the ratio of"
-        f" the diameters is {ratio:.4g}, and must be {least_ratio:.4g} or more",
-        f"Give it a diameter of {least_diameter:.6g} m or more",
-    )
 
 
 def _require_room(cells: int, crystal: Crystal) -> None:

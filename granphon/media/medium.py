@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.diameters import Discrete, Measured, PointShape
+from granphon.balls.diameters import PointShape
 from granphon.balls.hertz import LEAST_NORMAL
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.loads import Load, require_compressive
@@ -457,7 +457,8 @@ class EffectiveMedium(LawMedium):
     @property
     def is_solved_anew(self) -> bool:
         """Whether each packing of a sweep has a law of its own, as for lists of diameters."""
-        return isinstance(self.packing.spread, Discrete | Measured)
+        spread = self.packing.spread
+        return spread is not None and spread.mean is not None
 
     def prepare(self) -> None:
         """Find the local field of balls that differ, which not every lattice has."""

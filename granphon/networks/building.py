@@ -23,14 +23,15 @@ from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
 from granphon.balls.on_site import name_springs
 from granphon.base.arrays import Array, Flags, Index
-from granphon.base.errors import InconsistencyWarning, InputError, brief, message, warn_caller
+from granphon.base.errors import InconsistencyWarning, InputError, message, warn_caller
 from granphon.base.text import counted
-from granphon.base.validation import choice, require, truth, whole_number
-from granphon.networks.faults import BAD, settle
+from granphon.base.validation import whole_number
+from granphon.networks.faults import settle
 from granphon.networks.sources import (
     LARGEST,
     MOST_STEPS,
     Balls,
+    Completion,
     Contacts,
     Reading,
     find_errors_of_overlaps,
@@ -136,15 +137,7 @@ class Source:
     notes: tuple[str, ...] = ()
     tangential_law: str = "mindlin/force"
 
-    def complete(
-        self,
-        material: Material | None,
-        friction: bool,
-        dimension: int | None,
-        motions: str | None,
-        prestress: bool | None,
-        bad: str,
-    ) -> dict[str, Any]:
+    def complete(self, completion: Completion) -> dict[str, Any]:
         """Return all fields of the network, by name, in SI units; arguments count before the fields
         of the source.
 
@@ -152,13 +145,10 @@ class Source:
         the warnings and errors too.
         """
         balls = self.balls
-        dimension = self.dimension if dimension is None else dimension
-        motions = self.motions if motions is None else motions
-        prestress = require("prestress", truth, self.prestress if prestress is None else prestress)
-        drops = require("bad", partial(choice, options=BAD), bad) == "drop"
-        if material is not None and not isinstance(material, Material):
-            raise InputError(f"the material is {brief(material)}", mend="Give a gp.Material")
-        friction = require("friction", truth, friction)
+        material = completion.material
+        source = replace(self, **completion.of_network)
+        dimension = source.dimension
+        motions = source.motions
         n_axes = balls.positions.shape[1]
         positions = np.zeros((len(balls.positions), 3))
         positions[:, :n_axes] = balls.positions
@@ -174,13 +164,13 @@ class Source:
             inertias = 0.4 * masses * balls.radii**2
         if balls.still is not None:
             inertias = np.where(balls.still, np.inf, inertias)
-        joined = self._join_balls(positions, pbc, drops)
-        contact_fields = _concatenate([part.complete(balls, material, friction) for part in joined])
+        joined = self._join_balls(positions, pbc, completion.bad == "drop")
+        contact_fields = _concatenate([part.complete(balls, completion) for part in joined])
         if all(part.is_normal or part.tangential_force is None for part in joined):
             contact_fields.pop("tangential_force", None)
         resists_slip = bool(np.any(contact_fields["shear_stiffness"]))
         lacks_tangential = dimension > 1 and resists_slip
-        if prestress and lacks_tangential and "tangential_force" not in contact_fields:
+        if source.prestress and lacks_tangential and "tangential_force" not in contact_fields:
             _warn_of_missing_forces(self.contacts[0])
         if motions is None:
             motions = next(iter(allowed_motions(dimension)))
@@ -194,14 +184,14 @@ class Source:
             **contact_fields,
             "motions": motions,
             "dimension": dimension,
-            "prestress": prestress,
+            "prestress": source.prestress,
             "left_out": self.left_out,
             "labels": balls.labels,
             "kinds": balls.kinds,
             "adhesive": self.adhesive,
             "contact_model": self._find_model(material, resists_slip),
             "on_site": self._list_on_site(motions, dimension),
-            "tangential_law": self.tangential_law,
+            "tangential_law": source.tangential_law,
         }
 
     def describe(self, is_kept: Any) -> Reading:
@@ -615,14 +605,14 @@ class _Joined:
     tangential_force: Array | None
     is_normal: bool
 
-    def complete(self, balls: Balls, material: Material | None, friction: bool) -> dict[str, Any]:
+    def complete(self, balls: Balls, completion: Completion) -> dict[str, Any]:
         """Return the fields of the contacts of the network, (m,) or (m, 3).
 
         Where stiffnesses follow from Hertz's law, contacts without force are open and left out.
         """
         contacts = self.contacts
         pairs = self.pairs
-        force, stiffness, shear = self._find_springs(balls, material, friction)
+        force, stiffness, shear = self._find_springs(balls, completion)
         torsion, bending = self._find_rolling_springs(shear)
         fields_of_contacts: dict[str, Any] = {
             "i": pairs.i,
@@ -644,13 +634,11 @@ class _Joined:
             return _leave_out(fields_of_contacts, force <= 0.0)
         return fields_of_contacts
 
-    def _find_springs(
-        self, balls: Balls, material: Material | None, friction: bool
-    ) -> tuple[Array, Array, Array]:
+    def _find_springs(self, balls: Balls, completion: Completion) -> tuple[Array, Array, Array]:
         """Return the normal force, N, the normal and the shear stiffness, N/m, each (m,): of the
-        source, or of balls of the ``material`` by the laws of Hertz and Mindlin.
+        source, or of balls of the material by the laws of Hertz and Mindlin.
 
-        A shear stiffness that the source does not have is zero without ``friction``. InputError
+        A shear stiffness that the source does not have is zero without friction. InputError
         where a material is needed and lacks, or overlaps from which forces follow have large errors
         (:func:`_judge_errors`).
         """
@@ -659,7 +647,8 @@ class _Joined:
         force = self.normal_force
         stiffness = contacts.normal_stiffness
         shear = contacts.shear_stiffness
-        self._require_springs(material, friction)
+        material = completion.material
+        self._require_springs(completion)
         if force is None or stiffness is None:
             assert material is not None
             coefficient = pairs.find_coefficient(material)
@@ -672,22 +661,22 @@ class _Joined:
                 stiffness = coefficient * unit.stiffness(unit.overlap(force / coefficient))
         if shear is None:
             ratio = 0.0
-            if friction and material is not None:
+            if completion.friction and material is not None:
                 ratio = material.mindlin_ratio
             shear = stiffness * ratio
         return force, stiffness, shear
 
-    def _require_springs(self, material: Material | None, friction: bool) -> None:
+    def _require_springs(self, completion: Completion) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if the source lacks forces or
         stiffnesses, and there is no material from which they follow.
         """
         contacts = self.contacts
         lacking = ["normal_force"] if self.normal_force is None else []
         names = ["normal_stiffness"]
-        if friction:
+        if completion.friction:
             names.append("shear_stiffness")
         lacking += [name for name in names if getattr(contacts, name) is None]
-        if not lacking or material is not None:
+        if not lacking or completion.material is not None:
             return
         mend = "Give the material of the balls, from which they follow, or the columns"
         if lacking == ["shear_stiffness"]:

@@ -11,13 +11,14 @@ module.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
 
 from granphon.balls.hertz import EXPONENT, FREQUENCY_EXPONENT, HertzLaw, harmonic_diameter
+from granphon.balls.material import Material
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, message, warn_caller
 from granphon.base.text import counted
@@ -269,13 +270,15 @@ class _Overlaps:
 
 def _compare_law(network: Any) -> Iterator[Comparison]:
     """Yield the comparisons of overlaps, forces and stiffnesses of the contacts with the median
-    force or more, between balls that move: overlaps of others have large relative errors.
+    force or more, between balls that move: overlaps of others have large relative errors. There are
+    none where contacts are known to have another law than Hertz's.
 
     A contact of the force f and the stiffness k has the overlap p f/k: p is 3/2 by Hertz's law, and
     1 where forces are proportional to overlaps; without a material p is the nearer of the two. The
     force at the overlap of the places is f times the power p of that overlap over p f/k.
     """
-    if network.adhesive:
+    model = network.contact_model
+    if network.adhesive or not (model is None or model.is_hertzian):
         return
     overlaps = _Overlaps.of(network)
     if not overlaps.contacts.size:
@@ -284,8 +287,8 @@ def _compare_law(network: Any) -> Iterator[Comparison]:
     if not power:
         return
     is_linear = power < 0.5 * (1.0 + EXPONENT)
-    if network.contact_model is not None:
-        stiffness_ratios = _compare_stiffnesses(network, overlaps.contacts[overlaps.strong])
+    stiffness_ratios = _compare_stiffnesses(network, overlaps.contacts[overlaps.strong])
+    if stiffness_ratios.size:
         follows = float(np.median(np.abs(stiffness_ratios - 1.0))) <= _ALIKE
         is_linear = abs(power - 1.0) <= _ALIKE and not follows
         if not is_linear:
@@ -382,21 +385,39 @@ def _name_pairs(network: Any, contacts: Index) -> tuple[tuple[int, int], ...]:
     return tuple((network.name_ball(i), network.name_ball(j)) for i, j in pairs)
 
 
+def _find_of_materials(network: Any, find: Callable[[Material], float]) -> Array:
+    """Return ``find(material)`` (n,) of the material of each ball; nan where it is not known."""
+    model = network.contact_model
+    if model is None:
+        return np.full(network.n_balls, np.nan)
+    values = [find(ball.material) for ball in model.kinds]
+    if len(values) == 1:
+        return np.full(network.n_balls, values[0])
+    value_of_kind = dict(zip(model.names, values, strict=True))
+    kinds = network.kinds or [""] * network.n_balls
+    return np.array([value_of_kind.get(kind, np.nan) for kind in kinds])
+
+
 def _compare_stiffnesses(network: Any, strong: Index) -> Array:
-    """Return the normal stiffnesses of ``strong`` contacts (m,) over those of Hertz's law of the
-    material under the force.
+    """Return the normal stiffnesses of ``strong`` contacts over those of Hertz's law under the
+    force, (m,), of the contacts whose materials are known.
     """
-    diameters = harmonic_diameter(
-        2.0 * network.radii[network.i[strong]], 2.0 * network.radii[network.j[strong]]
-    )
-    # the coefficient goes as the root of the diameter: its unit is that of a diameter of 1 m
+    moduli = _find_of_materials(network, lambda material: material.contact_modulus)
+    known = strong[np.isfinite(moduli[network.i[strong]] + moduli[network.j[strong]])]
+    i = network.i[known]
+    j = network.j[known]
+    if not known.size:
+        return np.zeros(0)
+    diameters = harmonic_diameter(2.0 * network.radii[i], 2.0 * network.radii[j])
+    compliances = 0.5 / moduli[i] + 0.5 / moduli[j]
+    # the coefficient goes as the modulus of the pair and as the root of the diameter: its unit is
+    # that of a diameter of 1 m
     material = network.contact_model.kinds[0].material
     coefficient = HertzLaw.between(material, 1.0).coefficient * np.sqrt(diameters)
+    coefficient /= compliances * material.contact_modulus
     unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
-    expected = coefficient * unit.stiffness(
-        unit.overlap(network.normal_force[strong] / coefficient)
-    )
-    return np.asarray(network.normal_stiffness[strong] / expected)
+    expected = coefficient * unit.stiffness(unit.overlap(network.normal_force[known] / coefficient))
+    return np.asarray(network.normal_stiffness[known] / expected)
 
 
 def _compare_rounding(error: float) -> Comparison:
@@ -424,14 +445,15 @@ def _compare_balls(network: Any) -> Iterator[Comparison]:
         return
     radii = network.radii[is_ball]
     masses = network.masses[is_ball]
-    if network.contact_model is not None:
-        density = float(network.contact_model.kinds[0].material.density)
-        mass_ratio = float(np.median(masses / (density * (4.0 / 3.0 * np.pi) * radii**3)))
+    densities = _find_of_materials(network, lambda material: material.density)[is_ball]
+    if np.all(np.isfinite(densities)):
+        mass_ratio = float(np.median(masses / (densities * (4.0 / 3.0 * np.pi) * radii**3)))
+        listed = ", ".join(f"{density:g}" for density in np.unique(densities))
         yield _compare_median(
             "masses",
             "median of the mass over that of a solid ball of the material, less one",
             mass_ratio,
-            f"The masses are {{ratio}} times those of solid balls of {density:g} kg/m3",
+            f"The masses are {{ratio}} times those of solid balls of {listed} kg/m3",
             "The masses count, and the density does not: if the density is right, all frequencies"
             " are off by {effect}. Compare units and material. If balls are not solid, give the"
             " density of mass over volume",

@@ -12,20 +12,19 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.ball import Body, Wall, find_wall, name_walls
 from granphon.balls.contact_model import ContactModel
-from granphon.balls.hertz import HOLDING_FORCE, overlap_from
+from granphon.balls.hertz import overlap_from
 from granphon.balls.lattices import Lattice
-from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
+from granphon.balls.layers import Layers, find_axes, read_edges
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
-from granphon.balls.neighbours import TOUCH, repeat_contacts, require_joined
-from granphon.balls.on_site import name_springs, turn_on_site
+from granphon.balls.neighbours import repeat_contacts
+from granphon.balls.on_site import name_springs
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import (
     GranphonError,
@@ -36,7 +35,6 @@ from granphon.base.memory import require_memory
 from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
-from granphon.base.text import counted
 from granphon.base.validation import (
     index_array,
     is_one_of,
@@ -45,16 +43,17 @@ from granphon.base.validation import (
     one_of,
     real_array,
     require,
+    spell_out,
     text_list,
     truth,
     whole_number,
 )
 from granphon.networks.consistency import BALANCED, MOVING, warn_of_faults
+from granphon.networks.demands import NUMBERS_OF_BALLS, list_demands
 from granphon.networks.sources import (
-    ALONG,
     LARGEST,
-    MOST_STEPS,
-    UNIT,
+    Completion,
+    CompletionOptions,
     Reading,
     find_repeated,
     read_whole_numbers,
@@ -64,25 +63,10 @@ if TYPE_CHECKING:
     from granphon.networks.building import Source
 
 Found = TypeVar("Found")
-#: fields with one number for each ball
-_BALLS = ("radii", "masses", "inertias")
 #: fields of whole numbers
 _WHOLE = ("i", "j", "shift", "labels")
-#: forces and stiffnesses of contacts, and their ranges
-_SPRINGS = {
-    "normal_force": "zero or above",
-    "normal_stiffness": "above zero",
-    **dict.fromkeys(("shear_stiffness", "torsion_stiffness", "bending_stiffness"), "zero or above"),
-}
-#: greatest difference, over the sum of the two arms, between these and the distance of the centres
-_STRAY = 0.25
 #: least volume of a periodic cell over the product of the lengths of its vectors
 _FLAT = 1e-9
-#: part of a tangential force along the normal, over the normal force, that is rounding
-_NOTHING = 1e-12
-#: difference of the radii of balls that name no kind, over their mean, below which the balls are of
-#: one kind
-_ALIKE = 0.25
 #: the power of the overlap as which a static tangential force grows while the slip stays, by the
 #: names of laws of other programs
 TANGENTIAL_LAWS = {
@@ -254,7 +238,7 @@ class ContactNetwork(Result):
         if not self.n_balls:
             raise InputError("the network has no ball", mend="Give one or more")
         self._check_cell()
-        for name, is_fine, fault, mend in _list_demands(self):
+        for name, is_fine, fault, mend in list_demands(self):
             if not np.all(is_fine):
                 self._refuse(name, ~np.asarray(is_fine), fault, mend)
         if self.n_contacts:
@@ -371,6 +355,14 @@ class ContactNetwork(Result):
         return flags
 
     @cached_property
+    def in_lattice(self) -> Flags:
+        """(n_c,) whether a ball of each contact moves: contacts of two bodies that do not move are
+        not in the lattice of the network.
+        """
+        flags: Flags = read_only(self.moving[self.i] | self.moving[self.j])
+        return flags
+
+    @cached_property
     def ball_motions(self) -> Motions:
         """The motions of each ball, without rotations if no contact and no spring to the ground
         resists them.
@@ -379,12 +371,12 @@ class ContactNetwork(Result):
             self.shear_stiffness,
             self.torsion_stiffness,
             self.bending_stiffness,
-            self._named_motions,
+            self.named_motions,
             self.on_site,
         )
 
     @property
-    def _named_motions(self) -> Motions:
+    def named_motions(self) -> Motions:
         """The motions of a ball that :attr:`motions` names."""
         return allowed_motions(self.dimension)[self.motions]
 
@@ -393,7 +385,7 @@ class ContactNetwork(Result):
         """(n,) whether springs to the ground resist every displacement of each ball."""
         if self.on_site is None:
             return np.zeros(self.n_balls, bool)
-        springs = self.on_site[:, self._named_motions.translating]
+        springs = self.on_site[:, self.named_motions.translating]
         return np.asarray(np.all(springs > 0.0, axis=1))
 
     @cached_property
@@ -640,24 +632,9 @@ class ContactNetwork(Result):
         count, as if their forces were equal. See :meth:`without_rattlers`. Neither a wall is a
         rattler, nor a ball whose displacements are all resisted by springs to the ground.
         """
-        return read_only(self._find_rattlers())
+        from granphon.networks.rattlers import find_rattlers
 
-    def _find_rattlers(self, held_by: int | None = None) -> Index:
-        """Return the indices (m,) of the balls that carry no load; see :meth:`without_rattlers` for
-        ``held_by``.
-        """
-        hold = _Hold(self, held_by)
-        is_loose = ~hold.are_held(np.arange(self.n_balls))
-        if not np.any(self.moving & ~is_loose):  # all that move are loose already
-            return np.flatnonzero(is_loose)
-        # loose balls whose contacts still count for their neighbours
-        waiting = np.flatnonzero(is_loose).tolist()
-        while waiting:
-            for neighbour in hold.release(waiting.pop()):
-                if not is_loose[neighbour] and not hold.are_held(np.array([neighbour]))[0]:
-                    is_loose[neighbour] = True
-                    waiting.append(neighbour)
-        return np.flatnonzero(is_loose)
+        return read_only(find_rattlers(self))
 
     def without_rattlers(self, held_by: int | None = None) -> Self:
         """Return the network without the balls that carry no load; ``left_out`` says how many these
@@ -669,8 +646,10 @@ class ContactNetwork(Result):
         gravity holds balls down, too, it is smaller: give it. Raises
         :class:`~granphon.base.errors.InputError` if no ball is held.
         """
+        from granphon.networks.rattlers import find_holding, find_rattlers
+
         least = None if held_by is None else whole_number("held_by", held_by, 0)
-        rattlers = self.rattlers if least is None else self._find_rattlers(least)
+        rattlers = self.rattlers if least is None else find_rattlers(self, least)
         if not rattlers.size:
             return self
         is_kept = np.ones(self.n_balls, bool)
@@ -679,28 +658,11 @@ class ContactNetwork(Result):
             fault = "all balls of the network are rattlers, which carry no load"
             why = "Each has fewer contacts than can hold it, or is left so by others"
             mend = ""
-            holding = self._find_holding(self.dimension + 1 if least is None else least - 1)
+            holding = find_holding(self, self.dimension + 1 if least is None else least - 1)
             if holding:
                 mend = f"If something else holds them too, give held_by={holding}"
             raise InputError(fault, why, mend)
         return replace(self.select(is_kept), left_out=self.left_out + int(rattlers.size))
-
-    def _find_holding(self, most: int) -> int:
-        """Return the greatest ``held_by`` up to ``most`` at which a ball that moves is held; 0 if
-        none above 0 holds one.
-        """
-        n_contacts = np.bincount(np.concatenate([self.i, self.j]), minlength=self.n_balls)
-        low = 0
-        high = min(most, int(np.max(n_contacts, initial=0)))
-        # bisection, as a ball that is held where more contacts are needed is held where fewer are
-        while low < high:
-            middle = (low + high + 1) // 2
-            moving_and_held = np.delete(self.moving, self._find_rattlers(middle))
-            if np.any(moving_and_held):
-                low = middle
-            else:
-                high = middle - 1
-        return low
 
     def select(self, balls: ArrayLike) -> Self:
         """Return the network of some balls, given by their indices or as (n,) truth values, and of
@@ -723,7 +685,7 @@ class ContactNetwork(Result):
         is_kept = (i >= 0) & (j >= 0)
         labels = np.arange(self.n_balls) if self.labels is None else self.labels
         fields: dict[str, Any] = {}
-        for name in ("positions", *_BALLS):
+        for name in ("positions", *NUMBERS_OF_BALLS):
             fields[name] = getattr(self, name)[chosen]
         for name in self.contact_fields:
             fields[name] = getattr(self, name)[is_kept]
@@ -796,7 +758,9 @@ class ContactNetwork(Result):
         )
         origins = np.asarray(cells @ self.cell)  # (n_cells, 3), m
         n_cells = len(cells)
-        balls: dict[str, Any] = {name: np.tile(getattr(self, name), n_cells) for name in _BALLS}
+        balls: dict[str, Any] = {
+            name: np.tile(getattr(self, name), n_cells) for name in NUMBERS_OF_BALLS
+        }
         contacts: dict[str, Any] = {}
         for name in self.contact_fields:
             values = getattr(self, name)
@@ -813,15 +777,11 @@ class ContactNetwork(Result):
             left_out=self.left_out * n_cells,
             labels=None,
             kinds=self.kinds and self.kinds * n_cells,
-            on_site=self._repeat_springs(n_cells),
+            on_site=None if self.on_site is None else np.tile(self.on_site, (n_cells, 1)),
             **contacts,
             lattice=self.lattice if is_cell else None,
             shape=shape if is_cell else None,
         )
-
-    def _repeat_springs(self, n_cells: int) -> Array | None:
-        """Return ``on_site`` of the balls of ``n_cells`` cells; None without springs."""
-        return None if self.on_site is None else np.tile(self.on_site, (n_cells, 1))
 
     def _require_memory(self, n_cells: int) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if ``n_cells`` cells of this network do
@@ -875,167 +835,12 @@ class ContactNetwork(Result):
         Where balls of one kind differ in size, a ball that has lost none does not touch the floor,
         and only a face without others is an error.
         """
+        from granphon.networks.cuts import cut_network
+
         n_layers = whole_number("layers", layers, 1, MOST_CELLS)
-        model = self.contact_model
-        lower_edge, upper_edge = require("edges", read_edges, edges)
-        if model is not None:
-            given_edges = (lower_edge, upper_edge)
-            lower_edge, upper_edge = name_walls(given_edges, model.named_kinds, model.walls)
+        faces = require("edges", read_edges, edges)
         self._require_memory(n_layers)
-        stack = _LayerStack.of(self, self.layers_across(axis), n_layers)
-        n_periods = len(stack.layers.cell)
-        balls = stack.make_balls()
-        contacts = stack.make_contacts()
-        spread = self._find_spread()
-        heights = balls["positions"][:, n_periods]  # the axis across the layers follows the periods
-        # of a face are balls whose heights differ by as much as their radii may let them
-        lower_face, upper_face = find_faces(
-            heights, balls["radii"], (lower_edge, upper_edge), self.n_balls, 4.0 * spread
-        )
-        clamped_faces = list[Index]()
-        walls = list[Body]()
-        for side, edge, face in ((-1.0, lower_edge, lower_face), (1.0, upper_edge, upper_face)):
-            if edge == "clamped":
-                balls["masses"][face] = np.inf
-                clamped_faces.append(face)
-            elif (wall := find_wall(edge)) is not None:
-                floor = stack.find_floor(side, face, wall, may_carry_none=bool(spread))
-                floor.add_to(balls, contacts, n_periods)
-                walls.append(wall)
-        is_still = np.isinf(balls["masses"])
-        contacts = _leave_out_still(contacts, is_still)
-        on_site = turn_on_site(self._repeat_springs(n_layers), stack.turn, self._named_motions)
-        if on_site is not None:  # floors have no springs
-            on_site = np.pad(on_site, ((0, len(is_still) - len(on_site)), (0, 0)))
-        _require_motion(contacts, is_still, clamped_faces, n_layers)
-        self._require_joined_cut(contacts, is_still, n_periods)
-        cell = np.zeros((3, 3))
-        cell[:n_periods, : self.dimension] = stack.layers.cell
-        kinds = self.kinds
-        if kinds:
-            kinds = kinds * n_layers + tuple(wall.name for wall in walls)
-        if model is not None:
-            elastic_walls = [wall for wall in walls if isinstance(wall, Wall)]
-            model = replace(model, walls=tuple(dict.fromkeys([*model.walls, *elastic_walls])))
-        return replace(
-            self,
-            cell=cell,
-            pbc=(n_periods > 0, n_periods > 1, False),
-            **balls,
-            **contacts,
-            left_out=self.left_out * n_layers,
-            labels=None,
-            lattice=None,
-            shape=None,
-            kinds=kinds,
-            contact_model=model,
-            on_site=on_site,
-        )
-
-    def _require_joined_cut(
-        self, contacts: Mapping[str, Any], is_still: Flags, n_periods: int
-    ) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` unless the balls of a cut that move hang
-        together, or are held by bodies that do not move.
-
-        ``contacts`` are the fields of the contacts of the cut, of which ``n_periods`` periods are
-        left, and ``is_still`` (n,) says which of its balls do not move.
-        """
-        n_rattlers = self.rattlers.size
-        why = ""
-        mend = "Give more layers"
-        if n_rattlers:
-            why = f"Of its balls {n_rattlers} in each cell carry no load and hang on nothing"
-            mend = "Leave them out: network.without_rattlers()"
-        require_joined(
-            contacts["i"],
-            contacts["j"],
-            contacts["shift"][:, :n_periods],
-            len(is_still),
-            n_periods,
-            "the cut network",
-            why=why,
-            mend=mend,
-            held=is_still,
-        )
-
-    def _find_spread(self) -> float:
-        """Return the greatest difference of the radii of balls of one kind, m: a layer of such
-        balls is a face, though the balls are off their sites. Zero where balls without kinds differ
-        so much that they are of several.
-        """
-        kinds = np.array(self.kinds or [""] * self.n_balls)
-        is_ball = np.isfinite(self.radii)  # a flat wall has an infinite radius
-        spread = 0.0
-        for kind in set(kinds[is_ball].tolist()):
-            radii = self.radii[is_ball & (kinds == kind)]
-            spread = max(spread, float(np.ptp(radii)))
-        if self.kinds or spread < _ALIKE * float(np.mean(self.radii[is_ball])):
-            return spread
-        return 0.0
-
-    def _find_forces(self, contacts: Index) -> Array:
-        """Return the static forces (m, 3), N, of balls i on balls j of some ``contacts`` (m,)."""
-        forces = self.normal_force[contacts, None] * self.normal[contacts]
-        if self.tangential_force is not None:
-            forces += self.tangential_force[contacts]
-        return np.asarray(forces)
-
-    def _press_on_floor(self, balls: Index, force: Array, wall: Body, face: str) -> dict[str, Any]:
-        """Return the fields (m,) of the contacts of ``balls`` (m,) of a cut with a ``wall``, each
-        under its own ``force`` (m,), N, in SI units by name; ``face`` is the face of these balls in
-        words. InputError for a ball without a force, or of an unknown material.
-        """
-        model = self.contact_model
-        if model is None:
-            fault = f"there is no floor for the balls of the {face}, whose materials are not known"
-            mend = (
-                "Give the material where the network is read, as from_table(..., material=...);"
-                " or clamp the face"
-            )
-            raise InputError(fault, "Its stiffness is that of a ball on a flat wall", mend)
-        in_layer = balls % self.n_balls
-        names = self._name_kinds(in_layer, model, face)
-        radii = self.radii[in_layer]
-        try:
-            contacts = model.press_on_wall(names, radii, force, wall)
-        except InputError as error:
-            reason = str(error).rstrip(".")
-            fault = f"there is no floor for the balls of the {face}: {reason}"
-            raise InputError(fault) from error
-        is_loose = ~(contacts["normal_stiffness"] > 0.0)
-        if np.any(is_loose):
-            fault = f"a floor bears no load of ball {balls[is_loose][0]} of the {face}"
-            why = "Without a force its contact has no stiffness"
-            raise InputError(fault, why, "Press the network, or clamp the face")
-        # arms end in the middle of the overlap where a network has overlaps; where overlaps are
-        # small, at the points where balls touch
-        overlap = contacts.pop("overlap")
-        arm_i = contacts.pop("arm")
-        arm_j = np.zeros(len(balls))
-        if self.prestress or model.own_radii:
-            arm_i = radii - 0.5 * overlap
-            arm_j = -0.5 * overlap
-        return contacts | {"normal_force": force, "arm_i": arm_i, "arm_j": arm_j}
-
-    def _name_kinds(self, balls: Index, model: ContactModel, face: str) -> list[str]:
-        """Return the names of the kinds of ``balls`` (m,), by their indices in the network; an
-        empty list where the contact model has one kind without a name. InputError for a ball of the
-        ``face`` whose material is not known.
-        """
-        if not self.kinds and len(model.kinds) > 1:
-            materials = counted(len(model.kinds), "material")
-            fault = f"the balls of the {face} name no kinds, and are of {materials}"
-            why = "Which of them stand on the floor is not known"
-            raise InputError(fault, why, "Keep the kinds of the network")
-        if not self.kinds or not model.names:
-            return []
-        names = [self.kinds[ball] for ball in balls.tolist()]
-        unknown = sorted(set(names) - set(model.names))
-        if unknown:
-            fault = f"no material is known of balls of the kind {unknown[0]!r}"
-            raise InputError(fault, f"It is of {', '.join(model.names)}")
-        return names
+        return replace(self, **cut_network(self, self.layers_across(axis), n_layers, faces))
 
     def storable(self) -> Self:
         """Return the network as plain data and files can hold it: without the contact model of a
@@ -1052,6 +857,7 @@ class ContactNetwork(Result):
         return Result.to_dict(network)
 
     @classmethod
+    @spell_out(Completion)
     def from_table(
         cls,
         balls: Any,
@@ -1060,15 +866,8 @@ class ContactNetwork(Result):
         material: Material | None = None,
         cell: ArrayLike | None = None,
         pbc: Sequence[bool] | None = None,
-        dimension: int | None = None,
-        motions: str | None = None,
-        friction: bool = True,
-        prestress: bool | None = None,
-        tangential_law: str | None = None,
         columns: Mapping[str, str] | None = None,
-        keep_rattlers: bool = False,
-        held_by: int | None = None,
-        bad: str = "refuse",
+        **options: Unpack[CompletionOptions],
     ) -> Self:
         """Return the network that a table of balls and one of contacts describe.
 
@@ -1141,21 +940,12 @@ class ContactNetwork(Result):
         """
         from granphon.networks.tables import read_tables
 
+        completion = Completion(material, **options)
         source = read_tables(balls, contacts, {} if columns is None else columns, cell, pbc)
-        return cls._complete(
-            source,
-            material,
-            friction,
-            dimension,
-            motions,
-            prestress,
-            keep_rattlers,
-            held_by,
-            bad,
-            tangential_law,
-        )
+        return cls.from_source(source, completion)
 
     @classmethod
+    @spell_out(Completion)
     def from_lammps(
         cls,
         dump: str | os.PathLike[str],
@@ -1171,14 +961,7 @@ class ContactNetwork(Result):
         twisting_stiffness: float | str | None = None,
         walls: str | Sequence[str] = (),
         frozen: Mapping[str, Any] | None = None,
-        dimension: int | None = None,
-        motions: str | None = None,
-        friction: bool = True,
-        prestress: bool = False,
-        tangential_law: str | None = None,
-        keep_rattlers: bool = False,
-        held_by: int | None = None,
-        bad: str = "refuse",
+        **options: Unpack[CompletionOptions],
     ) -> Self:
         """Return the network in two dumps of LAMMPS: of atoms, and of pairs that touch.
 
@@ -1240,6 +1023,7 @@ class ContactNetwork(Result):
         """
         from granphon.networks.lammps import Springs, read_dumps
 
+        completion = Completion(material, **options)
         source = read_dumps(
             dump,
             pairs,
@@ -1252,20 +1036,10 @@ class ContactNetwork(Result):
             walls=walls,
             frozen=frozen,
         )
-        return cls._complete(
-            source,
-            material,
-            friction,
-            dimension,
-            motions,
-            prestress,
-            keep_rattlers,
-            held_by,
-            bad,
-            tangential_law,
-        )
+        return cls.from_source(source, completion)
 
     @classmethod
+    @spell_out(Completion)
     def from_liggghts(
         cls,
         dump: str | os.PathLike[str],
@@ -1281,14 +1055,7 @@ class ContactNetwork(Result):
         shear_stiffness: float | None = None,
         rolling_stiffness: float | None = None,
         frozen: Mapping[str, Any] | None = None,
-        dimension: int | None = None,
-        motions: str | None = None,
-        friction: bool = True,
-        prestress: bool = False,
-        tangential_law: str | None = None,
-        keep_rattlers: bool = False,
-        held_by: int | None = None,
-        bad: str = "refuse",
+        **options: Unpack[CompletionOptions],
     ) -> Self:
         """Return the network in dumps of LIGGGHTS: of atoms, of ``compute pair/gran/local``, and of
         ``compute wall/gran/local``.
@@ -1321,6 +1088,7 @@ class ContactNetwork(Result):
         from granphon.networks.lammps import Springs
         from granphon.networks.liggghts import read_liggghts
 
+        completion = Completion(material, **options)
         source = read_liggghts(
             dump,
             pairs,
@@ -1332,20 +1100,10 @@ class ContactNetwork(Result):
             springs=Springs(normal_stiffness, shear_stiffness, rolling_stiffness),
             frozen=frozen,
         )
-        return cls._complete(
-            source,
-            material,
-            friction,
-            dimension,
-            motions,
-            prestress,
-            keep_rattlers,
-            held_by,
-            bad,
-            tangential_law,
-        )
+        return cls.from_source(source, completion)
 
     @classmethod
+    @spell_out(Completion)
     def from_mercury(
         cls,
         fstat: str | os.PathLike[str],
@@ -1357,14 +1115,7 @@ class ContactNetwork(Result):
         frozen: Mapping[str, Any] | None = None,
         normal_stiffness: float | None = None,
         shear_stiffness: float | None = None,
-        dimension: int | None = None,
-        motions: str | None = None,
-        friction: bool = True,
-        prestress: bool = False,
-        tangential_law: str | None = None,
-        keep_rattlers: bool = False,
-        held_by: int | None = None,
-        bad: str = "refuse",
+        **options: Unpack[CompletionOptions],
     ) -> Self:
         """Return the network in two files of MercuryDPM: contacts, and balls.
 
@@ -1395,6 +1146,7 @@ class ContactNetwork(Result):
         from granphon.networks.lammps import Springs
         from granphon.networks.mercury import read_mercury
 
+        completion = Completion(material, **options)
         source = read_mercury(
             fstat,
             particles,
@@ -1403,18 +1155,7 @@ class ContactNetwork(Result):
             frozen=frozen,
             springs=Springs(normal_stiffness, shear_stiffness),
         )
-        return cls._complete(
-            source,
-            material,
-            friction,
-            dimension,
-            motions,
-            prestress,
-            keep_rattlers,
-            held_by,
-            bad,
-            tangential_law,
-        )
+        return cls.from_source(source, completion)
 
     @classmethod
     def series(
@@ -1463,34 +1204,18 @@ class ContactNetwork(Result):
         return network
 
     @classmethod
-    def _complete(
-        cls,
-        source: Source,
-        material: Material | None,
-        friction: bool,
-        dimension: int | None,
-        motions: str | None,
-        prestress: bool | None,
-        keep_rattlers: bool,
-        held_by: int | None,
-        bad: str,
-        tangential_law: str | None,
-    ) -> Self:
-        """Return the network of what a program has left, without its rattlers, or with them if
-        ``keep_rattlers``; warn of what its numbers contradict
-        (:func:`~granphon.networks.consistency.compare_numbers`). For the arguments see
-        :meth:`from_table`.
+    def from_source(cls, source: Source, completion: Completion) -> Self:
+        """Return the network of what a program has left, with or without its rattlers; warn of what
+        its numbers contradict (:func:`~granphon.networks.consistency.compare_numbers`).
         """
-        keeps_all = require("keep_rattlers", truth, keep_rattlers)
-        whole = cls(**source.complete(material, friction, dimension, motions, prestress, bad))
-        network = whole if keeps_all else whole.without_rattlers(held_by)
+        whole = cls(**source.complete(completion))
+        network = whole
+        if not completion.keep_rattlers:
+            network = whole.without_rattlers(completion.held_by)
         is_kept: Any = slice(None)
         if network is not whole and network.labels is not None:
             labels = np.arange(whole.n_balls) if whole.labels is None else whole.labels
-            assert network.labels is not None  # a part of a network has them
             is_kept = np.isin(labels, network.labels)
-        if tangential_law is not None:
-            network = replace(network, tangential_law=tangential_law)
         network._cache[_READING] = source.describe(is_kept)
         warn_of_faults(network)
         return network
@@ -1597,125 +1322,6 @@ def refuse_unpressed(source: Any) -> None:
         raise InputError(f"{brief(source)} has no load", why, mend)
 
 
-# -- demands on balls and contacts -----------------------------------------------------------------
-
-
-#: a field, whether each of its entries meets the demand, the fault of one that does not, and how to
-#: mend it
-_Demand = tuple[str, Any, str, str]
-#: what messages say of numbers that are too large, and of products that would be
-_TOO_LARGE = f"that is not finite, or above {LARGEST:g}"
-_BEYOND = f"beyond what can be reckoned with, {1.0 / LARGEST:g} to {LARGEST:g} in SI"
-
-
-def _list_demands(network: ContactNetwork) -> Iterator[_Demand]:
-    """Yield the demands on balls and contacts; a demand may rely on earlier demands."""
-    yield from _list_demands_on_balls(network)
-    yield from _list_demands_on_ends(network)
-    yield from _list_demands_on_forces(network)
-    yield from _list_demands_on_geometry(network)
-    yield from _list_demands_on_range(network)
-
-
-def _list_demands_on_balls(network: ContactNetwork) -> Iterator[_Demand]:
-    """Yield the demands that places are finite, sizes and masses above zero, and those of all but
-    bodies that do not move finite.
-    """
-    is_placed = np.all(np.abs(network.positions) < LARGEST, axis=1)
-    yield "positions", is_placed, f"is at a place {_TOO_LARGE} m", ""
-    for name in _BALLS:
-        values = getattr(network, name)
-        yield name, values > 0.0, f"has {name} that are not above zero", ""
-        is_finite = (values < LARGEST) | ~network.moving
-        mend = "A body that does not move has an infinite mass"
-        yield name, is_finite, f"has {name} that are not finite, but moves", mend
-
-
-def _list_demands_on_ends(network: ContactNetwork) -> Iterator[_Demand]:
-    """Yield the demands on the balls of each contact, and on the cells between them."""
-    for name in ("i", "j"):
-        index = getattr(network, name)
-        exists = (index >= 0) & (index < network.n_balls)
-        fault = f"names a ball that is not there; balls are 0 to {network.n_balls - 1}"
-        yield name, exists, fault, ""
-    is_edge = [not is_period for is_period in network.pbc]
-    crosses = np.any(network.shift[:, is_edge], axis=1)
-    yield "shift", ~crosses, "crosses a side of the cell that is not periodic", ""
-    is_near = np.all(np.abs(network.shift) <= MOST_STEPS, axis=1)
-    yield "shift", is_near, f"has a shift of more than {MOST_STEPS} cells", ""
-    joins_two = (network.i != network.j) | np.any(network.shift, axis=1)
-    yield "i", joins_two, "joins a ball with itself", ""
-
-
-def _list_demands_on_forces(network: ContactNetwork) -> Iterator[_Demand]:
-    """Yield the demands on normals, forces, stiffnesses and arms."""
-    # squares of larger numbers might overflow
-    length = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)
-    yield "normal", np.abs(length - 1.0) <= UNIT, "has a normal whose length is not one", ""
-    for name, least in _SPRINGS.items():
-        values = getattr(network, name)
-        fault = f"has a {name} that is not {least}"
-        if name == "normal_force":
-            fault += "; forces that pull are not of elastic balls"
-        is_in_range = np.isfinite(values)
-        if least == "above zero":
-            is_in_range &= values > 0.0
-        elif name != "normal_force" or not network.adhesive:
-            is_in_range &= values >= 0.0
-        yield name, is_in_range, fault, ""
-    tangential = network.tangential_force
-    if tangential is not None:
-        name = "tangential_force"
-        is_finite = np.all(np.abs(tangential) < LARGEST, axis=1)
-        yield name, is_finite, f"has a {name} {_TOO_LARGE} N", ""
-        along = np.abs(np.einsum("ca,ca->c", tangential, network.normal))
-        # rounding turns a force that is nothing beside the normal one, or among the least numbers
-        nothing = _NOTHING * np.abs(network.normal_force) + np.finfo(float).tiny
-        allowed = ALONG * np.linalg.norm(tangential, axis=1) + nothing
-        fault = f"has a {name} that is not across its normal"
-        yield name, along <= allowed, fault, "Leave the normal force out of it"
-    for name in ("arm_i", "arm_j"):
-        is_finite = np.abs(getattr(network, name)) < LARGEST
-        yield name, is_finite, f"has an {name} {_TOO_LARGE} m", ""
-
-
-def _list_demands_on_geometry(network: ContactNetwork) -> Iterator[_Demand]:
-    """Yield the demands that normals lie in the line or plane of the balls; and that contacts of
-    two balls that move lie there, lead from ball i to ball j, and are as long as the two arms, to a
-    quarter of these. A body that does not move may have any place.
-    """
-    d = network.dimension
-    where = "the line along x" if d == 1 else "the plane"
-    # the components from d on are those that leave the line or the plane
-    is_flat = ~np.any(np.abs(network.normal[:, d:]) > UNIT, axis=1)
-    yield "normal", is_flat, f"leaves {where} of a network in {d} dimensions", ""
-    is_at_wall = ~(network.moving[network.i] & network.moving[network.j])
-    vector = network.vector
-    arms = network.arm_i + network.arm_j
-    is_level = ~np.any(np.abs(vector[:, d:]) > UNIT * np.abs(arms)[:, None], axis=1)
-    yield "i", is_level | is_at_wall, f"joins balls that are not both in {where}", ""
-    leads_on = np.einsum("ca,ca->c", network.normal, vector) > 0.0
-    fault = "has a normal that does not lead from ball i to ball j"
-    mend = "Normals lead from ball i to ball j displaced by shift cells"
-    yield "normal", leads_on | is_at_wall, fault, mend
-    is_touching = np.abs(np.linalg.norm(vector, axis=1) - arms) <= _STRAY * np.abs(arms)
-    fault = "joins balls whose distance is not the sum of the two arms"
-    mend = "Compare shift and cell with the positions"
-    yield "arm_i", is_touching | is_at_wall, fault, mend
-
-
-def _list_demands_on_range(network: ContactNetwork) -> Iterator[_Demand]:
-    """Yield the demands that products of a few numbers stay within the range of floats."""
-    for name in _BALLS:
-        values = getattr(network, name)
-        is_in_range = (values >= 1.0 / LARGEST) & (values <= LARGEST)
-        yield name, is_in_range | ~network.moving, f"has {name} {_BEYOND}", ""
-    is_stiff = network.normal_stiffness >= 1.0 / LARGEST
-    yield "normal_stiffness", is_stiff, f"has a stiffness {_BEYOND}", ""
-    for name in _SPRINGS:
-        yield name, getattr(network, name) <= LARGEST, f"has a {name} {_BEYOND}", ""
-
-
 def _read_periods(pbc: Any) -> tuple[bool, ...]:
     """Return three truth values; InputError for what is not three of them."""
     flags = pbc.tolist() if isinstance(pbc, np.ndarray) else pbc
@@ -1726,309 +1332,9 @@ def _read_periods(pbc: Any) -> tuple[bool, ...]:
     return tuple(require("pbc", truth, value) for value in flags)
 
 
-# -- rattlers --------------------------------------------------------------------------------------
-
-
-class _Hold:
-    """How the contacts that carry load hold each ball of a network; the contacts of a ball can be
-    released one by one.
-
-    Attributes
-    ----------
-    i, j : (m,) the balls of the contacts that carry load.
-    sizes : (m,) the forces of these contacts, N, or 1 if no contact has a force.
-    forces : (m, 3) these forces as vectors, of i on j.
-    counts : (n,) number of these contacts of each ball.
-    total_sizes, total_forces : (n,) and (n, 3) the sums of the sizes, and of the vectors, of the
-        forces on each ball.
-    least : the number of contacts from which on they hold a ball.
-    rows_hold : whether two contacts whose forces are in balance hold a ball too.
-    """
-
-    def __init__(self, network: ContactNetwork, held_by: int | None) -> None:
-        n = network.n_balls
-        slips = not np.any(network.shear_stiffness)
-        self.is_held = ~network.moving | network.is_anchored
-        self.rows_hold = slips and held_by is None
-        if held_by is None:
-            self.least = network.dimension + 1 if slips else 2
-        else:
-            self.least = held_by
-        sizes = network.normal_force
-        if not np.any(sizes > 0.0):
-            sizes = np.ones(network.n_contacts)
-        is_loaded = np.zeros(0, bool)
-        if len(sizes):
-            is_loaded = sizes > HOLDING_FORCE * np.mean(sizes, where=sizes > 0.0)
-        self.i = network.i[is_loaded]
-        self.j = network.j[is_loaded]
-        self.sizes = sizes[is_loaded]
-        self.forces = self.sizes[:, None] * network.normal[is_loaded]
-        self.counts = np.bincount(self.i, minlength=n) + np.bincount(self.j, minlength=n)
-        sizes_on_i = np.bincount(self.i, self.sizes, n)
-        self.total_sizes = sizes_on_i + np.bincount(self.j, self.sizes, n)
-        # ball j gets the force of a contact, and ball i the opposite one
-        sums = [
-            np.bincount(self.j, component, n) - np.bincount(self.i, component, n)
-            for component in self.forces.T
-        ]
-        self.total_forces = np.stack(sums, axis=1)
-        self._is_open = np.ones(len(self.i), bool)  # (m,) whether a contact is not released yet
-        # the ends of contacts, first all ends i and then all ends j, ball by ball, and where the
-        # ends at each ball begin
-        ends = np.concatenate([self.i, self.j])
-        self._order = np.argsort(ends, kind="stable")
-        self._starts = np.searchsorted(ends[self._order], np.arange(n + 1))
-
-    def are_held(self, balls: Index) -> Flags:
-        """Return (m,) whether each of some ``balls`` (m,) has enough contacts, does not move, or
-        hangs on a spring to the ground.
-        """
-        counts = self.counts[balls]
-        # where contacts slip, two contacts or more whose forces are in balance, as along a straight
-        # row, hold a ball
-        net_force = np.linalg.norm(self.total_forces[balls], axis=1)
-        is_balanced = net_force <= BALANCED * self.total_sizes[balls]
-        is_in_row = self.rows_hold & (counts >= 2) & is_balanced
-        return np.asarray((counts >= self.least) | is_in_row | self.is_held[balls])
-
-    def release(self, ball: int) -> Iterator[int]:
-        """Remove the contacts of a ``ball`` one by one, and yield the neighbour of each, from whose
-        sums the contact has been taken; the sums of the ball itself stay.
-        """
-        ends = self._order[self._starts[ball] : self._starts[ball + 1]]
-        contacts = ends % len(self.i)  # the ends j of all contacts follow the ends i
-        for contact in contacts[self._is_open[contacts]].tolist():
-            self._is_open[contact] = False
-            force = self.forces[contact]
-            if self.i[contact] == ball:
-                neighbour = int(self.j[contact])
-                self.total_forces[neighbour] -= force
-            else:
-                neighbour = int(self.i[contact])
-                self.total_forces[neighbour] += force
-            self.counts[neighbour] -= 1
-            self.total_sizes[neighbour] -= self.sizes[contact]
-            yield neighbour
-
-
-# -- cuts ------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class _LayerStack:
-    """Layers of a network, one above the other, with their contacts.
-
-    Attributes
-    ----------
-    network : the network, whose cell is one layer of n balls.
-    layers : the vectors of the layers; p periods are left.
-    count : the number of layers.
-    turn : (3, 3) rows are the axes of the cut: the periods that are left come first.
-    positions : (n count, 3) centres of the balls, layer by layer, m.
-    i, j : (m,) the two balls of each contact; those of layers beyond have numbers below zero, or
-        from n count on.
-    row : (m,) the row of each contact among those of the network.
-    shift : (m, p) whole cells by which ball j is displaced.
-    """
-
-    network: ContactNetwork
-    layers: Layers
-    count: int
-    turn: Array
-    positions: Array
-    i: Index
-    j: Index
-    row: Index
-    shift: Index
-
-    @classmethod
-    def of(cls, network: ContactNetwork, layers: Layers, count: int) -> Self:
-        """Return a stack of ``count`` layers of a ``network``; InputError if a contact reaches
-        across all of them.
-        """
-        n = network.n_balls
-        d = network.dimension
-        p = len(layers.cell)
-        layer_step = np.zeros(3)  # from one layer to the next, along the axes of the cut, m
-        layer_step[:d] = layers.stack
-        turn = np.eye(3)
-        turn[:d, :d] = layers.turn
-        sites = network.positions.copy()
-        shift = network.shift[:, np.flatnonzero(network.pbc)]
-        sites[:, :d], shift = layers.gather(
-            sites[:, :d], network.i, network.j, shift, np.isinf(network.radii)
-        )
-        _cells, rise = layers.split(shift)  # rise: layers from ball i to ball j
-        lengths_across = np.abs(network.vector @ turn.T[:, p])[rise != 0]
-        reach = float(np.max(lengths_across, initial=0.0))
-        _require_short(reach, float(layer_step[p]), count)
-        # Contacts that are cut lead to balls of layers beyond the two faces, as many as a contact
-        # rises. Balls are numbered from the lowest of these, and then from the lower face.
-        n_beyond = int(np.max(np.abs(rise), initial=0))
-        i, j, row, inner_shift = layers.unfold(network.i, network.j, shift, n, count + 2 * n_beyond)
-        heights = np.arange(count)[:, None, None] * layer_step
-        positions = ((sites @ turn.T)[None] + heights).reshape(-1, 3)
-        return cls(
-            network=network,
-            layers=layers,
-            count=count,
-            turn=turn,
-            positions=positions,
-            i=i - n_beyond * n,
-            j=j - n_beyond * n,
-            row=row,
-            shift=inner_shift,
-        )
-
-    @cached_property
-    def has_i(self) -> Flags:
-        """(m,) whether ball i of each contact is in the layers."""
-        return np.asarray((self.i >= 0) & (self.i < len(self.positions)))
-
-    @cached_property
-    def has_j(self) -> Flags:
-        """(m,) whether ball j of each contact is in the layers."""
-        return np.asarray((self.j >= 0) & (self.j < len(self.positions)))
-
-    def make_balls(self) -> dict[str, Any]:
-        """Return the fields of the balls."""
-        fields: dict[str, Any] = {
-            name: np.tile(getattr(self.network, name), self.count) for name in _BALLS
-        }
-        return fields | {"positions": self.positions}
-
-    def make_contacts(self) -> dict[str, Any]:
-        """Return the fields of the contacts among the layers, along the axes of the cut, by
-        name.
-        """
-        is_kept = self.has_i & self.has_j
-        rows = self.row[is_kept]
-        fields: dict[str, Any] = {}
-        for name in self.network.contact_fields:
-            values = getattr(self.network, name)[rows]
-            is_vector = name in ("normal", "tangential_force")
-            fields[name] = values @ self.turn.T if is_vector else values
-        # a network has shifts along three vectors, of which the first p are periods here
-        padding = ((0, 0), (0, 3 - self.shift.shape[1]))
-        return fields | {
-            "i": self.i[is_kept],
-            "j": self.j[is_kept],
-            "shift": np.pad(self.shift[is_kept], padding),
-        }
-
-    def find_floor(self, side: float, face: Index, wall: Body, may_carry_none: bool) -> _Floor:
-        """Return the floor of the balls of a ``face`` (m,), the lower one (``side`` -1) or the
-        upper one (+1), which is a ``wall``.
-
-        The force on each ball is that of the contacts which the ball has lost there. Balls of the
-        face that have lost none stand on no floor if ``may_carry_none``, as of balls of different
-        sizes; else there is an InputError.
-        """
-        p = self.shift.shape[1]
-        leads_beyond = np.minimum(self.i, self.j) < 0
-        if side > 0.0:
-            leads_beyond = np.maximum(self.i, self.j) >= len(self.positions)
-        ball_inside = np.where(self.has_i, self.i, self.j)
-        is_cut = (self.has_i | self.has_j) & leads_beyond
-        cut_contacts = np.flatnonzero(is_cut & np.isin(ball_inside, face))
-        balls = ball_inside[cut_contacts]
-        pressed_balls = np.intersect1d(face, balls)
-        spare_balls = np.setdiff1d(face, balls)
-        if spare_balls.size and (not may_carry_none or not pressed_balls.size):
-            raise InputError(
-                f"ball {spare_balls[0]} of the {_name_face(side)} has lost no contact there",
-                "Nothing says with which force it stands on a floor",
-                "Cut elsewhere, or clamp it",
-            )
-        # the force of ball i on ball j along the axis across the layers, and the sign by which it
-        # presses the ball in the layers on the floor
-        forces = self.network._find_forces(self.row[cut_contacts]) @ self.turn.T[:, p]
-        signs = np.where(self.has_i, side, -side)[cut_contacts]
-        places = np.searchsorted(pressed_balls, balls)
-        force: Any = np.bincount(places, signs * forces)
-        springs = self.network._press_on_floor(pressed_balls, force, wall, _name_face(side))
-        return _Floor(side, pressed_balls, springs)
-
-
-@dataclass(frozen=True, eq=False)
-class _Floor:
-    """A flat wall below (``side`` -1) or above (+1) a cut, on which ``balls`` (m,) stand;
-    ``springs`` has the fields (m,) of their contacts.
-    """
-
-    side: float
-    balls: Index
-    springs: dict[str, Any]
-
-    def add_to(self, balls: dict[str, Any], contacts: dict[str, Any], axis: int) -> None:
-        """Add the plane, which lies across an ``axis``, as the last ball to the fields of
-        ``balls``, and its contacts to the fields of ``contacts``, in place.
-        """
-        n_contacts = len(self.balls)
-        plane = len(balls["masses"])  # the index of the plane
-        axis_vector = np.eye(3)[axis]
-        fields = self.springs | {
-            "i": self.balls,
-            "j": np.full(n_contacts, plane),
-            "normal": np.tile(self.side * axis_vector, (n_contacts, 1)),
-            "tangential_force": np.zeros((n_contacts, 3)),
-            "shift": np.zeros((n_contacts, 3), np.intp),
-        }
-        for name in tuple(contacts):
-            contacts[name] = np.concatenate([contacts[name], fields[name]])
-        heights = balls["positions"][self.balls, axis]
-        outermost_heights = heights + self.side * balls["radii"][self.balls]
-        point = axis_vector * np.mean(outermost_heights)
-        for name in _BALLS:
-            balls[name] = np.append(balls[name], np.inf)
-        balls["positions"] = np.concatenate([balls["positions"], point[None]])
-
-
-def _require_short(reach: float, height: float, count: int) -> None:
-    """Raise InputError if a contact reaches across all of ``count`` layers; ``reach`` is the
-    greatest distance across layers of balls that touch, and ``height`` that of one layer, m.
-
-    A large cell, as that of a sample, is a layer of many rows, which hang together by themselves:
-    contacts within a layer do not count.
-    """
-    if reach >= (1.0 - TOUCH) * count * height:
-        least_count = int((1.0 + TOUCH) * reach / height) + 1
-        fault = f"some contacts reach across {counted(count, 'layer')}"
-        raise InputError(fault, "None of them would be left", f"Give {least_count} layers or more")
-
-
-def _leave_out_still(contacts: Mapping[str, Any], is_still: Flags) -> dict[str, Any]:
-    """Return the fields of the contacts but those of two balls that do not move; ``is_still`` is
-    (n,).
-    """
-    is_kept = ~(is_still[contacts["i"]] & is_still[contacts["j"]])
-    return {name: values[is_kept] for name, values in contacts.items()}
-
-
-def _require_motion(
-    contacts: Mapping[str, Any], is_still: Flags, clamped: Sequence[Index], count: int
-) -> None:
-    """Raise InputError if no ball of ``count`` layers moves, or the balls of a clamped face touch
-    none that moves.
-    """
-    if np.all(is_still):
-        fault = f"no ball moves in {counted(count, 'layer')} with these edges"
-        raise InputError(fault, mend="Give more layers")
-    for face in clamped:
-        is_at_face = np.isin(contacts["i"], face) | np.isin(contacts["j"], face)
-        if not np.any(is_at_face):
-            fault = "the clamped balls of an edge touch none that moves"
-            raise InputError(fault, mend="Give more layers")
-
-
 def _find_mean(values: Array) -> float:
     """Return the mean of values, exact where all are equal."""
     return float(values[0] + np.mean(values - values[0]))
-
-
-def _name_face(side: float) -> str:
-    return "lower face" if side < 0.0 else "upper face"
 
 
 def number_pieces(i: Index, j: Index, moving: Flags) -> Index:

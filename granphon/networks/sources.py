@@ -6,14 +6,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self
+from functools import partial
+from typing import Any, Self, TypedDict
 
 import numpy as np
 
+from granphon.balls.material import Material
 from granphon.base.arrays import Array, Flags, Index
-from granphon.base.errors import InputError
-from granphon.base.validation import real_array
-from granphon.networks.faults import Faults
+from granphon.base.errors import InputError, brief
+from granphon.base.validation import choice, real_array, require, truth
+from granphon.networks.faults import BAD, Faults
 
 #: greatest number in SI, and the inverse of the least one: products of a few of them stay within
 #: the range of floats
@@ -130,6 +132,53 @@ class Reading:
     notes: tuple[str, ...]
     rounding: Array
     radius_rounding: Array
+
+
+class CompletionOptions(TypedDict, total=False):
+    """The types of the fields of a :class:`Completion` but the material."""
+
+    friction: bool
+    dimension: int | None
+    motions: str | None
+    prestress: bool | None
+    tangential_law: str | None
+    keep_rattlers: bool
+    held_by: int | None
+    bad: str
+
+
+@dataclass(frozen=True)
+class Completion:
+    """How a network follows from what a source has: the arguments that all readers have in common,
+    see :meth:`granphon.networks.network.ContactNetwork.from_table`. InputError for other values.
+    """
+
+    material: Material | None = None
+    friction: bool = True
+    dimension: int | None = None
+    motions: str | None = None
+    prestress: bool | None = None
+    tangential_law: str | None = None
+    keep_rattlers: bool = False
+    held_by: int | None = None
+    bad: str = "refuse"
+
+    def __post_init__(self) -> None:
+        material: Any = self.material
+        if not isinstance(material, Material | None):
+            raise InputError(f"the material is {brief(material)}", mend="Give a gp.Material")
+        require("bad", partial(choice, options=BAD), self.bad)
+        for name in ("friction", "prestress", "keep_rattlers"):
+            value = getattr(self, name)
+            if name != "prestress" or value is not None:
+                require(name, truth, value)
+
+    @property
+    def of_network(self) -> dict[str, Any]:
+        """The fields of the network that are given, by name."""
+        names = ("dimension", "motions", "prestress", "tangential_law")
+        values = {name: getattr(self, name) for name in names}
+        return {name: value for name, value in values.items() if value is not None}
 
 
 @dataclass(frozen=True)

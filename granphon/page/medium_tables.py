@@ -18,7 +18,7 @@ import numpy as np
 
 from granphon.balls.diameters import Uniform
 from granphon.balls.hertz import EXPONENT, force_of, high_pressure_overlap
-from granphon.balls.packing import Packing, change_width
+from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MechanismError, PrecisionError
 from granphon.base.scales import WidthUnits
@@ -369,7 +369,7 @@ def _simulate(
     largest_width = _SIMULATED_WIDTH * packing.diameter
     spread = packing.spread or Uniform(largest_width)
     width = min(spread.width, largest_width)
-    narrow_packing = replace(packing, spread=change_width(spread, width))
+    narrow_packing = replace(packing, spread=spread.with_width(width))
     units = WidthUnits(packing.law.coefficient, width)
     medium: Any = choice.of(narrow_packing)
     least_force, greatest_force = _SIMULATED_FORCES

@@ -24,10 +24,11 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MechanismError
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
+from granphon.dynamics.damping import LOSSES, Losses, find_tsuji
 from granphon.figures.style import colour_kinds
 from granphon.media.choice import MediumChoice, find_medium
 from granphon.media.state import NetworkState
-from granphon.networks.network import given_network
+from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.validity import find_warnings
 from granphon.page.lattice_data import describe_lattice, describe_network
 from granphon.page.medium_tables import tabulate_medium
@@ -101,8 +102,7 @@ def describe_network_page(
     ----------
     source : the state of a crystal, a sample, or a :class:`~granphon.ContactNetwork` that repeats.
     direction : of sound, (p,); x by default.
-    losses : of contacts and balls; the page shows the Q factor of a mode if the losses are the same
-        in all motions, and neither a dashpot nor a restitution is among them.
+    losses : of contacts and balls, of which the page shows the Q factor of a mode.
     remarks : sentences that the page shows, after the warnings of the network.
 
     Returns
@@ -153,7 +153,7 @@ def describe_network_page(
             "motions": lattice.named_motions.name,
         },
         "remarks": [*find_warnings(state), *remarks],
-        "losses": _find_losses(losses, over_springs=state.network.on_site is not None),
+        "losses": _describe_losses_of_network(losses, state.network),
     }
 
 
@@ -205,24 +205,43 @@ def _describe_kind(masses: Array, radii: Array) -> str:
     return f"{count}, {qualifier}{mass}, {qualifier}diameter {diameter}"
 
 
-def _find_losses(
-    losses: BandsSettings | None, *, over_springs: bool = False
-) -> dict[str, float] | None:
-    """Return damping, s, loss factor, and drag, 1/s, of all motions; None without losses, where the
-    losses of motions differ, as those of contacts ``over_springs`` to the ground, which lose none,
-    and with other losses, of which the page knows nothing.
+def _describe_losses(losses: BandsSettings | None) -> dict[str, Any] | None:
+    """Return the losses of contacts that are all alike, from which the page finds the Q factor of a
+    mode; None without losses.
+
+    Loss factors, times, s, and viscosities, N s/m, are pairs of those of normal and of all other
+    motion, the first two each as a list over contacts, and drags, 1/s, of displacements and of
+    rotations; alpha of the dashpot of a restitution is "tsuji".
     """
-    names = ("damping", "loss_factor", "drag")
-    if losses is None or not losses.losses.keys() <= set(names):
+    given = losses.losses if losses is not None else {}
+    if not any(np.any(loss) for loss in given.values()):
         return None
-    common_losses = dict[str, float]()
-    for name in names:
-        loss = losses.losses.get(name, 0.0)
-        first, other = loss if isinstance(loss, tuple) else (loss, loss)
-        if first != other or (over_springs and first and name != "drag"):
-            return None
-        common_losses[name] = first
-    return common_losses
+    pairs = {name: np.broadcast_to(given.get(name, 0.0), 2).tolist() for name in LOSSES}
+    return {
+        "factors": [[factor] for factor in pairs["loss_factor"]],
+        "damping": [[time] for time in pairs["damping"]],
+        "dashpot": pairs["dashpot"],
+        "tsuji": float(find_tsuji(given.get("restitution", 1.0))),
+        "drag": pairs["drag"],
+    }
+
+
+def _describe_losses_of_network(
+    losses: BandsSettings | None, network: ContactNetwork
+) -> dict[str, Any] | None:
+    """Return the losses of the contacts of a network as :func:`_describe_losses` does: their times
+    are those of all of their dashpots.
+    """
+    alike = _describe_losses(losses)
+    if losses is None or alike is None:
+        return None
+    of_contacts = Losses.of(network, **losses.losses)
+    return alike | {
+        "factors": of_contacts.factors[:, network.in_lattice].tolist(),
+        "damping": of_contacts.times[:, network.in_lattice].tolist(),
+        "dashpot": [0.0, 0.0],
+        "tsuji": 0.0,
+    }
 
 
 def describe_page(
@@ -249,8 +268,7 @@ def describe_page(
     finite_overlap : whether the page begins with the terms of relative order delta/d.
     path : the path of the bands, by default that of the lattice.
     direction : of sound, (p,); x by default.
-    losses : of contacts and balls; the page shows the Q factor of a mode if the losses are the same
-        in all motions, and neither a dashpot nor a restitution is among them.
+    losses : of contacts and balls, of which the page shows the Q factor of a mode.
     remarks : sentences that the page shows.
 
     Raises
@@ -288,7 +306,7 @@ def describe_page(
             "shear_modulus": packing.material.shear_modulus,
             "density": packing.effective_density,
             "mindlin_ratio": packing.material.mindlin_ratio,
-            "spread": type(packing.spread or Uniform(1.0)).__name__.lower(),
+            "spread": (packing.spread or Uniform(1.0)).kind,
         },
         "pressure": pressure,
         "units": structure.units_of(("pressure", "modulus")),
@@ -311,7 +329,7 @@ def describe_page(
             "motions": packing.named_motions.name,
         },
         "remarks": [*remarks, *notes],
-        "losses": _find_losses(losses),
+        "losses": _describe_losses(losses),
     }
 
 

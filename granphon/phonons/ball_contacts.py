@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from ase import Atoms
@@ -38,8 +38,11 @@ from granphon.balls.neighbours import find_pairs
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief
 from granphon.base.text import list_names
+from granphon.base.validation import spell_out
 from granphon.contacts.laws import ContactLaws
 from granphon.networks.network import ContactNetwork
+from granphon.networks.sources import Completion, CompletionOptions
+from granphon.networks.tables import read_tables
 from granphon.phonons.phonopy_atoms import choose_symbols
 
 #: distance of balls, over their diameter, from which on their places are taken for those in another
@@ -278,12 +281,12 @@ class BallContacts(ContactCalculator):
                 "the cell has no volume", "Stress is force over area", "Give it three vectors"
             )
 
-    def contact_network(self, atoms: Atoms, **options: Any) -> ContactNetwork:
+    @spell_out(Completion)
+    def contact_network(self, atoms: Atoms, **options: Unpack[CompletionOptions]) -> ContactNetwork:
         """Return the balls and their contacts as a network, in SI, with Mindlin's shear stiffness.
 
-        ``options`` are those of :meth:`ContactNetwork.from_table`, such as ``dimension``,
-        ``motions`` or ``prestress``. The masses are those of the balls; those of Atoms are atomic,
-        and are not read.
+        The ``options`` are as for :meth:`ContactNetwork.from_table`. The masses are those of the
+        balls; those of Atoms are atomic, and are not read.
         """
         kinds, radii = self.find_radii(atoms)
         i, j, shift, vector, laws, ratio = self.find_contacts(atoms)
@@ -301,8 +304,6 @@ class BallContacts(ContactCalculator):
             "shift_2": shift[:, 1],
             "shift_3": shift[:, 2],
         }
-        if np.any(atoms.pbc):
-            options = {"cell": atoms.cell.array, "pbc": atoms.pbc.tolist()} | options
         # the model has one ball for each kind
         names = tuple(dict.fromkeys(kinds))
         mean_balls = []
@@ -310,11 +311,9 @@ class BallContacts(ContactCalculator):
             mean_radius = float(np.mean(radii[np.array(kinds) == name]))
             mean_balls.append(self._make_ball(name, mean_radius))
         model = ContactModel(tuple(mean_balls), names, self._law, self.friction, own_radii=True)
-        with warnings.catch_warnings():
-            if self._law != Hertz():  # only forces of Hertz's law can be compared with overlaps
-                warnings.filterwarnings("ignore", ".*the law at the overlaps", InconsistencyWarning)
-            network = ContactNetwork.from_table(balls, contacts, **options)
-        return replace(network, contact_model=model)
+        cell, pbc = (atoms.cell.array, atoms.pbc.tolist()) if np.any(atoms.pbc) else (None, None)
+        source = replace(read_tables(balls, contacts, {}, cell, pbc), contact_model=model)
+        return ContactNetwork.from_source(source, Completion(**options))
 
     def _find_mass(self, kind: str, radius: float) -> float:
         """Return the mass, kg, of a ball of a kind with a radius, m: the mass of the

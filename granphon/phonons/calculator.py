@@ -279,9 +279,7 @@ class HarmonicContacts(ContactCalculator):
         lattice = self.state.contact_lattice()
         table = lattice.contacts
         network = self.state.network
-        # contacts of two bodies that do not move are not in the lattice
-        kept = network.moving[network.i] | network.moving[network.j]
-        sizes = network.normal_force[kept, None] / self.state.scales.force
+        sizes = network.normal_force[network.in_lattice, None] / self.state.scales.force
         forces = sizes * table.normal[: len(sizes)]
         # compressive forces are above zero, and make a stress below zero
         vectors = table.vector[: len(sizes)]  # springs to the ground bear none

@@ -469,8 +469,7 @@ class Phonons:
             damped = damp_evenly(undamped, eta, time * angular_unit, rate / angular_unit)
             omega = np.sort(damped)
         else:
-            # contacts of two bodies that do not move are not in the lattice
-            kept = network.moving[network.i] | network.moving[network.j]
+            kept = network.in_lattice
             times = losses.times[:, kept] * angular_unit
             drags = losses.drag_of(self.lattice.motions) / angular_unit
             stiffness, viscous = self.lattice.damped_matrices(
@@ -544,13 +543,8 @@ class Phonons:
     ) -> FrequencySensitivities:
         """Return derivatives of frequencies from the ``energies`` of their modes."""
         network = given_network(self.state)
-        moving = network.moving
-        place = Place(
-            network,
-            self.scales,
-            np.flatnonzero(moving),
-            np.flatnonzero(moving[network.i] | moving[network.j]),
-        )
+        balls = np.flatnonzero(network.moving)
+        place = Place(network, self.scales, balls, np.flatnonzero(network.in_lattice))
         warnings = find_warnings(self.state)
         return find_frequency_sensitivities(energies, place, warnings, qpoints)
 

@@ -219,14 +219,7 @@ def _read_spread(value: Any, context: Context) -> Any:
 
 def _write_spread(spread: Any, context: Context) -> dict[str, Any]:
     """Return the block of a spread of diameters, whose key names the distribution."""
-    classes: dict[str, Any] = {
-        "uniform": Uniform,
-        "normal": Normal,
-        "discrete": Discrete,
-        "measured": Measured,
-    }
-    name = next(name for name, of_name in classes.items() if isinstance(spread, of_name))
-    return {name: _SPREADS[name].write(spread, context)}
+    return {spread.kind: _SPREADS[spread.kind].write(spread, context)}
 
 
 def table_named(value: Any) -> str | None:

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 
 from granphon.base.compiled import compiled
 from granphon.contacts.grid import Grid
+from granphon.dynamics.linalg import invert_hermitian
 
 Values = NDArray[Any]
 #: balls of a grid, at most, whose Green's function is kept: all samples of a packing share one
 _KEPT_BALLS = 2**17
 #: number of waves at which matrices are inverted at a time
 _WAVES = 2**15
-#: eigenvalue, over the largest of the same wave, that rounding explains
-_SINGULAR = 1e-14
 
 
 class GreenFunction:
@@ -108,26 +107,13 @@ def _find_table(
             matrix[..., at_j, at_i] -= np.conj(ahead)
         if low == 0:
             matrix[(0,) * d] += still
-        inverse = _invert(matrix)
+        inverse = invert_hermitian(matrix)
         if low == 0:
             inverse[(0,) * d] -= still
         table[:, :, low : low + step] = np.moveaxis(inverse, (-2, -1), (0, 1))
     flat = table.reshape(fields, fields, -1)
     flat.flags.writeable = False
     return flat
-
-
-def _invert(matrix: Values) -> Values:
-    """Return the inverses of matrices (..., f, f); zero for what is singular in them."""
-    try:
-        inverse = np.linalg.inv(matrix)
-    except np.linalg.LinAlgError:  # not even rounding keeps some from being singular
-        inverse = np.full_like(matrix, np.inf)
-    sizes = [np.max(np.abs(values), axis=(-2, -1)) for values in (matrix, inverse)]
-    singular = sizes[0] * sizes[1] * _SINGULAR > 1.0
-    if np.any(singular):
-        inverse[singular] = np.linalg.pinv(matrix[singular], rcond=_SINGULAR, hermitian=True)
-    return np.asarray(inverse)
 
 
 @compiled

@@ -115,8 +115,8 @@ class RestOptions:
         all others are no longer moved in turn, the steps of an array too are those along which the
         energy falls, and four times as many end the search; where balls do not differ, as many end
         it.
-    detours : loads, over the given one, under which balls come to rest first where a search in
-        exact directions ends without rest: other contacts are then open on the way.
+    detours : loads, over the given one, ascending, under which balls come to rest first where a
+        search in exact directions ends without rest: other contacts are then open on the way.
     light : force of a contact, over the mean, up to which it is light: balls with no more heavy
         contacts than dimensions are loose. The same part of what is left on others may be left on
         loose balls.
@@ -168,8 +168,8 @@ class RestOptions:
         Newton's method where the strain is given.
     interior_forces : least and largest mean force for which they do where a load is given, in units
         of the spread.
-    direct_force : mean force, in these units, below which the search begins at rest under ten times
-        the load.
+    direct_force : mean force, in these units, below which the search begins at rest under the last
+        of the ``detours``.
     start_tolerance : tolerance of that rest, and of that of an array in the directions of the
         lattice from which a search in exact directions begins.
     interior : numbers of the interior-point method.

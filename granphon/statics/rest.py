@@ -223,7 +223,7 @@ def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOption
 
     on_grid = GridProblem(problem)
     if start is None and on_grid.needs_more_load(options):
-        heavier = problem.load.scale(10.0)
+        heavier = problem.load.scale(options.detours[-1])
         assert heavier is not None
         loosened = options.loosen()
         start = find_rest(problem.assembly, heavier, "lattice", problem.boundary, None, loosened)

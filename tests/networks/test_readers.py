@@ -3,10 +3,11 @@ formats of LIGGGHTS and MercuryDPM.
 """
 
 import gzip
+import inspect
 import re
 import tracemalloc
 import warnings
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 
 import granphon as gp
 from granphon.base.errors import InconsistencyWarning, InputError, StoppedEarlyWarning
+from granphon.networks.sources import Completion
 from tests import packings
 from tests.networks import written
 from tests.networks.test_lammps import dumps
@@ -215,6 +217,18 @@ def test_faults_of_balls_and_contacts_are_told_together(tmp_path):
 
 
 # -- forms of dumps --------------------------------------------------------------------------------
+
+
+def test_options_that_all_readers_share_have_one_list():
+    shared = {field.name: field.default for field in fields(Completion)}
+    names = ("from_table", "from_lammps", "from_liggghts", "from_mercury")
+    for reader in [getattr(gp.ContactNetwork, name) for name in names]:
+        arguments = inspect.signature(reader).parameters
+        assert shared.items() <= {name: one.default for name, one in arguments.items()}.items()
+        with pytest.raises(TypeError, match="fricton"):
+            reader("balls", "contacts", fricton=False)
+        with pytest.raises(InputError, match="friction"):  # before any file is read
+            reader("balls", "contacts", friction="no")
 
 
 def test_a_series_of_dumps(tmp_path):

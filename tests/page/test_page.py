@@ -45,6 +45,7 @@ from tests.dynamics.test_network_lattice import ribbon
 from tests.test_structure import loaded_after
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+BRASS = gp.Material(103e9, 0.34, 8500.0)
 BALLS = gp.Packing(STEEL, 8e-3)
 FORCE = Load("force", 18.446)
 SCENE = """\
@@ -157,7 +158,7 @@ def run_node(program: str, **given: Any) -> Any:
     """Run the modules of the page that compute, and then a program that prints JSON, with ``given``
     as constants.
     """
-    text = join_modules("long_waves", "state", "mode_view", "numbers_view")
+    text = join_modules("long_waves", "state", "mode_view", "numbers_view", "damping")
     constants = "".join(f"const {name} = {json.dumps(value)};\n" for name, value in given.items())
     assert NODE is not None
     run = subprocess.run(
@@ -357,19 +358,63 @@ def test_kinds_have_their_colours_sizes_and_names_on_the_page():
     assert describe_network_page(gp.Crystal.on("square", [large]).at_pressure(10.0))["kinds"] == []
 
 
+#: Q of each branch, as a page shows it
+QUALITY = """((data, q) => {
+  const start = startState(data);
+  const { contact, lattice } = solveState(data, start);
+  const losses = findLosses(data, contact.stiffness, lattice.settings.eta);
+  const modes = solveModes(lattice, q);
+  const angular = Math.sqrt(contact.stiffness / data.balls.mass);
+  return [...modes.values].map((_, k) => findQuality(lattice, modes, k, losses, angular));
+})"""
+LOSSY = [
+    {"damping": 5e-7, "loss_factor": 0.02, "drag": 2e3},
+    {"restitution": 0.8},
+    {"dashpot": (2.0, 5.0), "drag": (0.0, 3e3)},
+    {"damping": (2e-7, 0.0), "loss_factor": (0.01, 0.05), "restitution": 0.9},
+]
+
+
+def find_qualities(data, q):
+    found = run_node(f"console.log(JSON.stringify({QUALITY}(data, q)));", data=data, q=q)
+    return np.array(found, float)
+
+
+@needs_node
+@pytest.mark.parametrize("losses", LOSSY)
+@pytest.mark.parametrize("overlap", [False, True])
+def test_a_page_finds_the_q_factors_of_all_losses(losses, overlap):
+    """Those of the quadratic eigenvalue problem, of all branches, to nine digits."""
+    packing = gp.Packing(STEEL, 8e-3, lattice="square", friction=True)
+    state = gp.AveragedLattice(packing).at_force(18.446, finite_overlap=overlap)
+    settings = BandsSettings(**losses)
+    q = [0.21, 0.34, 0.0]
+    expected = gp.Phonons(state).damped([q[:2]], **settings.losses).quality[0]
+    data = describe_page(
+        packing, (), Load("force", 18.446), finite_overlap=overlap, losses=settings
+    )
+    np.testing.assert_allclose(find_qualities(data, q), expected, rtol=1e-9)
+
+
+@needs_node
+@pytest.mark.parametrize("losses", LOSSY)
 @pytest.mark.parametrize("ground", [0.0, 1e6])
-def test_a_page_has_the_losses_that_are_the_same_in_all_motions(ground):
-    """Springs to the ground lose none: over these only drag is the same in all motions."""
-    crystal = gp.Crystal.on("chain", [gp.Ball(STEEL, 8e-3)], on_site=ground).at_pressure(10.0)
+def test_a_page_of_a_network_finds_the_q_factors_of_all_losses(losses, ground):
+    """Contacts of unlike balls have dashpots of their own; springs to the ground lose nothing."""
+    balls = [gp.Ball(STEEL, 8e-3), gp.Ball(BRASS, 5e-3)]
+    crystal = gp.Crystal.on("NaCl", balls, on_site=ground)
+    state = crystal.at_pressure(1e5)
+    settings = BandsSettings(**losses)
+    q = [0.11, 0.23, 0.37]
+    expected = gp.Phonons(state).damped([q], **settings.losses).quality[0]
+    found = find_qualities(describe_network_page(state, losses=settings), q)
+    np.testing.assert_allclose(np.sort(found), np.sort(expected), rtol=1e-8)
 
-    def find_losses(**losses):
-        return describe_network_page(crystal, losses=BandsSettings(**losses))["losses"]
 
-    assert find_losses(drag=40.0) == {"damping": 0.0, "loss_factor": 0.0, "drag": 40.0}
-    of_contacts = find_losses(damping=1e-6, drag=(40.0, 40.0))
-    assert of_contacts == (None if ground else {"damping": 1e-6, "loss_factor": 0.0, "drag": 40.0})
-    for other in ({"drag": (40.0, 0.0)}, {"loss_factor": (0.1, 0.2)}, {"restitution": 0.9}):
-        assert find_losses(**other) is None
+def test_a_page_without_losses_has_no_q_factor():
+    crystal = gp.Crystal.on("chain", [gp.Ball(STEEL, 8e-3)]).at_pressure(10.0)
+    for losses in (None, BandsSettings(), BandsSettings(drag=(0.0, 0.0))):
+        assert describe_network_page(crystal, losses=losses)["losses"] is None
 
 
 @needs_node

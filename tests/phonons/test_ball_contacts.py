@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tomllib
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import ase
@@ -128,6 +129,26 @@ def test_networks_have_mindlins_stiffness_and_the_masses_of_the_balls():
     assert gp.Waves(balls).network.n_contacts == len(state.overlap)
     smooth = gp.HertzMindlin(BALLS, friction=False).contact_network(balls)
     assert not smooth.shear_stiffness.any()
+
+
+@pytest.mark.parametrize("law", [None, gp.PowerLaw(1.4, 2e8)])
+def test_networks_are_judged_by_the_materials_of_their_kinds_and_their_law(law):
+    pair = {"A": gp.Ball(STEEL, 8e-3, name="A"), "B": gp.Ball(BRASS, 6e-3, name="B")}
+    state = gp.Crystal.on("CsCl", list(pair.values()), law=law).at_force(5.0)
+    balls = atoms_of(state.network)
+    touch = float(np.linalg.norm(state.network.vector[0]))
+    scale = 1.0 - float(state.overlap[0]) / touch
+    balls.set_cell(balls.cell.array * scale, scale_atoms=True)
+    network = gp.HertzMindlin(pair, law=law).contact_network(balls)
+    checks = {check.name: check.value for check in gp.validity(network).checks}
+    assert checks["masses"] < 1e-12
+    if law is None:
+        assert max(checks[name] for name in ("stiffness", "law", "scatter")) < 1e-8
+        softer = replace(network, normal_stiffness=0.8 * network.normal_stiffness)
+        failed = {check.name: check.value for check in gp.validity(softer).checks}
+        assert failed["stiffness"] == pytest.approx(0.2, abs=1e-8)
+    else:  # forces of another law cannot be compared with Hertz's
+        assert not {"stiffness", "law", "scatter"} & {*checks}
 
 
 def test_what_cannot_be_served():

@@ -30,7 +30,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon.balls.packing import PARAMETERS, Axis, change_packing, change_width
+from granphon.balls.diameters import Spread
+from granphon.balls.packing import PARAMETERS, Axis, change_packing
 from granphon.base.errors import FileExistsInRunError, InputError, OutputError, PrecisionError
 from granphon.base.results import restore
 from granphon.media.choice import MediumChoice
@@ -383,7 +384,6 @@ def test_a_lattice_without_a_pressure_has_none(rough):
 
 @given(
     st.one_of(
-        st.none(),
         st.floats(0.0, 1e-5).map(gp.Uniform),
         st.builds(gp.Normal, st.floats(0.0, 1e-6), st.floats(0.5, 5.0)),
         st.floats(1e-6, 1e-5).map(lambda w: gp.Discrete((8e-3 - w, 8e-3 + 3.0 * w), (0.75, 0.25))),
@@ -394,12 +394,12 @@ def test_a_lattice_without_a_pressure_has_none(rough):
     st.one_of(st.just(0.0), st.floats(1e-7, 1e-4)),
 )
 def test_a_width_keeps_the_shape(spread, width):
-    found = change_width(spread, width)
-    assert type(found) is (gp.Uniform if spread is None else type(spread))
+    found = spread.with_width(width)
+    assert type(found) is type(spread)
     assert_allclose(found.width, width, rtol=1e-9)
-    if spread is not None and spread.mean is not None:
+    if spread.mean is not None:
         assert_allclose(found.mean, spread.mean, rtol=1e-12)
-    if width and spread is not None:
+    if width:
         probability = np.linspace(0.01, 0.99, 21)
         # a listed diameter has the digits that 8 mm leaves a deviation
         assert_allclose(
@@ -412,20 +412,21 @@ def test_a_width_keeps_the_shape(spread, width):
 
 def test_equal_diameters_and_a_distribution_of_another_make_keep_their_width():
     with pytest.raises(InputError, match="cannot be spread"):
-        change_width(gp.Discrete((8e-3,), (1.0,)), 1e-6)
+        gp.Discrete((8e-3,), (1.0,)).with_width(1e-6)
 
-    class Triangle:
-        width = 1e-6
+    class Triangle(Spread):
+        rms = 1e-6
+        shape = gp.Uniform(1e-6).shape
 
     with pytest.raises(InputError, match="Triangle"):
-        change_width(Triangle(), 1e-6)
+        Triangle().with_width(1e-6)
 
 
 def test_spread_and_width_together(rough):
     ds = sweep(rough, force=5.0, media="afa", spread=[gp.Normal(1e-6), BIMODAL], width=[1e-6, 3e-6])
     for i, spread in enumerate((gp.Normal(1e-6), BIMODAL)):
         for j, width in enumerate((1e-6, 3e-6)):
-            packing = gp.Packing(rough.material, 8e-3, change_width(spread, width))
+            packing = gp.Packing(rough.material, 8e-3, spread.with_width(width))
             same(ds["overlap"][0, 0, i, j], gp.AveragedForce(packing).at_force(5.0).overlap)
 
 

@@ -35,20 +35,27 @@ export function makeLattice(data, settings) {
 // forces can make negative; the frequency is then NaN, and `buckles` says so.
 export function solveModes(lattice, fractions) {
   const folded = fractions.slice(0, lattice.data.periods).map((one) => one - Math.round(one));
-  const rows = computeRows(lattice, lattice.deforming, folded);
   if (!lattice.pushing) {
+    const rows = computeRows(lattice, lattice.deforming, folded);
     const { values, right } = singularValues(rows);
     clearRounding(lattice, rows, values, right);
     return { values, vectors: right, folded, buckles: false };
   }
-  const matrix = zeroMatrix(lattice.branches, lattice.branches, rows.im !== null);
-  addGram(matrix, rows, 1);
-  for (const { sign, pushes } of lattice.pushing) addGram(matrix, computeRows(lattice, pushes, folded), -sign);
-  const { values: squares, vectors } = hermitianEigen(matrix);
+  const { stiffness } = makeStiffness(lattice, folded);
+  const { values: squares, vectors } = hermitianEigen(stiffness);
   // squares are rounded as multiples of the largest
   const least = ROUNDING * Math.max(Math.abs(squares[0]), Math.abs(squares[squares.length - 1]));
   const values = squares.map((one) => (Math.abs(one) <= least ? 0 : Math.sqrt(one)));
   return { values, vectors, squares, folded, buckles: squares[0] < -least };
+}
+
+// The rows of C(q), and D(q) with static forces, of mass-weighted motions
+export function makeStiffness(lattice, folded) {
+  const rows = computeRows(lattice, lattice.deforming, folded);
+  const stiffness = zeroMatrix(lattice.branches, lattice.branches, rows.im !== null);
+  addGram(stiffness, rows, 1);
+  for (const { sign, pushes } of lattice.pushing ?? []) addGram(stiffness, computeRows(lattice, pushes, folded), -sign);
+  return { rows, stiffness };
 }
 
 // Part of the kinetic energy of mode `branch` that is rotation

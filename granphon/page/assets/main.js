@@ -3,6 +3,7 @@
 
 import { BandsView, drawVelocities } from "./bands_view.js";
 import { makeList, makeSlider, makeSwitch } from "./controls.js";
+import { findLosses, findQuality } from "./damping.js";
 import { ballMotions, makeLattice, rotationalPart, solveModes } from "./lattice.js";
 import { elasticTensor, soundVelocities } from "./long_waves.js";
 import { findContact } from "./medium.js";
@@ -128,19 +129,16 @@ function drawMode() {
   byId("mode-words").textContent = `Branch ${selected.branch + 1} of ${lattice.branches} at q = (` +
     `${q.slice(0, data.lattice.periods).map((one) => one.toFixed(3)).join(", ")}): ` +
     (Number.isNaN(value) ? "it buckles" : `${printNumber(value)} ${unit.name}, ${turning} % of the energy in rotation`) +
-    printQuality(2 * Math.PI * modes.values[selected.branch] * unit.hertz) +
+    printQuality(modes, selected.branch) +
     (modeView.renderer ? "" : ". This browser has no WebGL, which the moving picture needs");
 }
 
-// Q of a mode of the angular frequency w without losses, 1/s, from its complex one, whose square is w² (1 + i eta + i tau omega) + i gamma omega
-function printQuality(w) {
-  const { loss_factor: eta, damping: tau, drag: gamma } = data.losses ?? {};
-  if (!(eta || tau || gamma) || !(w > 0) || (data.fixed ? data.fixed.push : state.overlap)) return "";
-  const creep = 0.5 * (tau * w * w + gamma);
-  const real = w * w - creep * creep, imaginary = eta * w * w;
-  const size = Math.hypot(real, imaginary), root = Math.sqrt(0.5 * (size + real));
-  const lost = root ? imaginary / (2 * root) : Math.sqrt(size);
-  return `, Q ${printNumber(root / (2 * (creep + lost)), 3)}`;
+function printQuality(modes, branch) {
+  const { contact, lattice, unit } = current;
+  const losses = findLosses(data, contact.stiffness, lattice.settings.eta);
+  if (!losses || !(modes.values[branch] > 0)) return "";
+  const quality = findQuality(lattice, modes, branch, losses, 2 * Math.PI * unit.hertz);
+  return `, Q ${Number.isFinite(quality) ? printNumber(quality, 3) : "∞"}`;
 }
 
 function showProblems(problem, bands, path, lattice) {

@@ -1,0 +1,211 @@
+"""What a crystal is made of: balls of several kinds, and the sites on which they touch."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from string import ascii_uppercase
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from granphon.balls.ball import RIGID_PLANE, Ball
+from granphon.balls.lattices import Lattice
+from granphon.balls.neighbours import TOUCH
+from granphon.base.arrays import Array, Index
+from granphon.base.errors import InputError, brief
+from granphon.base.validation import real_array
+
+#: least length, area or volume of a cell, over the power of the mean radius
+_LEAST_CELL = 1e-3
+
+
+def list_balls(balls: Any) -> list[Any]:
+    """Return ``balls``, the argument of a public call, as a list; one ball is a list of one.
+
+    Raises :class:`~granphon.base.errors.InputError` for an argument without an order.
+    """
+    if isinstance(balls, Ball):
+        return [balls]
+    sequence = balls.tolist() if isinstance(balls, np.ndarray) else balls
+    has_no_order = isinstance(sequence, str | Mapping | set | frozenset)
+    if has_no_order or not isinstance(sequence, Iterable):
+        raise InputError(f"the balls are {brief(balls)}", mend="Give a list of granphon.Ball")
+    return list(sequence)
+
+
+def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
+    """Return the different balls in the order in which they come, and the number (n,) of the kind
+    of each of the n ``balls``.
+
+    Raises :class:`~granphon.base.errors.InputError` if there are none, or one is no ball.
+    """
+    if not balls:
+        raise InputError("there are no balls", mend="Give a list of granphon.Ball")
+    # one ball often stands on many sites: an object is compared with the kinds once
+    number_of_object: dict[int, int] = {}
+    number_of_ball: dict[Ball, int] = {}
+    numbers = []
+    for ball in balls:
+        number = number_of_object.get(id(ball))
+        if number is None:
+            if not isinstance(ball, Ball):
+                problem = f"{brief(ball)} is not a ball"
+                raise InputError(problem, mend="Give a granphon.Ball for each site")
+            number = number_of_ball.setdefault(ball, len(number_of_ball))
+            number_of_object[id(ball)] = number
+        numbers.append(number)
+    return tuple(number_of_ball), np.array(numbers, np.intp)
+
+
+def _count_in_letters() -> Iterator[str]:
+    """Yield A, B, ..., Z, AA, AB, ..."""
+    for size in itertools.count(1):
+        for letters in itertools.product(ascii_uppercase, repeat=size):
+            yield "".join(letters)
+
+
+def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -> tuple[str, ...]:
+    """Return the name of each kind: the ``known`` name, or that of its ball, or the next of A, B,
+    C, ...
+
+    Raises :class:`~granphon.base.errors.InputError` if two kinds have one name, or one is called
+    "floor".
+    """
+    known_names = known or {}
+    names = {ball: known_names.get(ball) or ball.name for ball in kinds}  # empty if there is none
+    used_names = {name for name in names.values() if name} | {RIGID_PLANE.name}
+    unused_letters = (letters for letters in _count_in_letters() if letters not in used_names)
+    kind_names = tuple(names[ball] or next(unused_letters) for ball in kinds)
+    counts = Counter([*kind_names, RIGID_PLANE.name])
+    repeated_name = next((name for name in kind_names if counts[name] > 1), None)
+    if repeated_name is not None:
+        raise InputError(
+            f"two kinds are called {repeated_name!r}",
+            "Laws are given by names",
+            "Name each kind differently",
+        )
+    return kind_names
+
+
+def read_sites(positions: ArrayLike, cell: ArrayLike) -> tuple[Array, Array]:
+    """Return the centres (n, d) and the vectors (p, d) of a cell, m; InputError if their shapes do
+    not fit, or a number is not finite.
+    """
+    centres = real_array("positions", positions)
+    vectors = real_array("cell", cell)
+    are_centres = centres.ndim == 2 and len(centres) > 0 and 1 <= centres.shape[1] <= 3
+    if not are_centres:
+        problem = f"positions of the crystal have the shape {centres.shape}"
+        raise InputError(problem, mend="Give (n, d) centres in m, d = 1, 2 or 3")
+    d = centres.shape[1]
+    if vectors.size == 0:  # an empty list
+        vectors = vectors.reshape(0, d)
+    are_vectors = vectors.ndim == 2 and vectors.shape[1] == d and len(vectors) <= d
+    if not are_vectors:
+        problem = f"the cell has the shape {vectors.shape}, and positions have {d} coordinates"
+        raise InputError(problem, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m")
+    if not (np.all(np.isfinite(centres)) and np.all(np.isfinite(vectors))):
+        problem = "the cell or a position of the crystal is not finite"
+        raise InputError(problem, mend="Give finite numbers, in m")
+    return centres, vectors
+
+
+def require_symbols(symbols: Sequence[str], balls: object) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` unless there are atoms, and ``balls`` is a
+    mapping that has each of their ``symbols``.
+    """
+    if not symbols:
+        raise InputError("there are no atoms", mend="Give one or more")
+    if not isinstance(balls, Mapping):
+        mend = 'Give balls by symbols, as {"Na": ball}'
+        raise InputError(f"the balls are {brief(balls)}", mend=mend)
+    missing = sorted(set(symbols) - set(balls))
+    if missing:
+        problem = f"there is no ball for {', '.join(missing)}"
+        raise InputError(problem, mend="Give one for each symbol")
+
+
+def find_dimension(positions: Array, cell: Array, tolerance: float) -> int:
+    """Return the dimension, 1 to 3, of the line, plane or space in which balls lie, from their
+    positions (n, 3) and a cell (p, 3), m.
+
+    The coordinate z, and then y, is left out if all balls have the same one to a ``tolerance``, m,
+    and no period has a component along the axis.
+    """
+    for dimension in (3, 2):
+        axis = dimension - 1
+        are_level = np.ptp(positions[:, axis]) <= tolerance
+        has_component = np.any(np.abs(cell[:, axis]) > tolerance)
+        if len(cell) >= dimension or has_component or not are_level:
+            return dimension
+    return 1
+
+
+def require_cell(vectors: Array, radius: float, name: str) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a cell (p, d), m, that does not lie along
+    the first axes, or has no room for a ball of the mean ``radius``, m.
+    """
+    p = len(vectors)
+    if np.any(np.abs(vectors[:, p:]) > TOUCH * radius):
+        extent = ("", "along x", "in the xy plane", "")[p]
+        problem = f"the cell of crystal {name!r} does not lie {extent}"
+        raise InputError(problem, mend="Turn the crystal")
+    relative_measure = abs(np.linalg.det(vectors[:, :p] / radius))  # 1 without a period
+    if not relative_measure > _LEAST_CELL:
+        raise InputError(
+            f"the cell of crystal {name!r} has no room for a ball",
+            f"Its vectors are too short for balls of {2.0 * radius:.4g} m, or not independent",
+            "Give lengths in m",
+        )
+
+
+def scale_until_touch(structure: Lattice, site_balls: Sequence[Ball]) -> float:
+    """Return the factor, m, by which a lattice of distances one is scaled until neighbours touch.
+
+    Raises :class:`~granphon.base.errors.InputError` if neighbours cannot all touch.
+    """
+    radii = np.array([ball.radius for ball in site_balls])
+    table = structure.contacts
+    distances = radii[table.i] + radii[table.j]
+    scale = float(np.mean(distances))
+    if np.ptp(distances) > TOUCH * scale:
+        extreme_contacts = [int(np.argmin(distances)), int(np.argmax(distances))]
+        texts = [
+            f"those of sites {table.i[contact]} and {table.j[contact]} at"
+            f" {distances[contact]:.6g} m"
+            for contact in extreme_contacts
+        ]
+        raise InputError(
+            f"balls of these sizes cannot all touch on the {structure.name} lattice",
+            f"Centres would be apart: {', '.join(texts)}",
+            "Give balls of one size, or a cell and places at which they touch",
+        )
+    return scale
+
+
+def require_large_enough(structure: Lattice, cell: Array, kinds: Sequence[Ball]) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if the larger of two ``kinds`` of balls touch
+    each other before they touch the smaller ones, in a ``cell`` (p, d), m, with one ball of each.
+    """
+    p = structure.periods
+    steps = np.array(list(itertools.product((-1, 0, 1), repeat=p)))
+    image_steps = steps[np.any(steps, axis=1)]  # without the ball itself
+    image_distance = float(np.min(np.linalg.norm(image_steps @ cell, axis=1)))
+    small, large = sorted(kinds, key=lambda ball: ball.diameter)
+    if image_distance >= large.diameter * (1.0 - TOUCH):
+        return
+    # the distance of unlike balls over that of images, which is fixed by the lattice
+    distance_ratio = 0.5 * (small.diameter + large.diameter) / image_distance
+    least_diameter = 2.0 * large.diameter * distance_ratio - large.diameter
+    name = small.name or "AB"[kinds.index(small)]
+    ratio = small.diameter / large.diameter
+    least_ratio = least_diameter / large.diameter
+    raise InputError(
+        f"ball {name} of {small.diameter:g} m is too small for its site in {structure.name}",
+        f"The others, of {large.diameter:g} m, touch each other before they touch it: the ratio of"
+        f" the diameters is {ratio:.4g}, and must be {least_ratio:.4g} or more",
+        f"Give it a diameter of {least_diameter:.6g} m or more",
+    )

@@ -1,0 +1,133 @@
+"""The search for the pressure under which the contacts of a crystal have a mean force or overlap.
+
+The mean grows with the pressure. The next pressure follows from the power with which overlaps grow
+with it, and where balls differ from a secant.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from granphon.base.arrays import Array, Flags
+from granphon.contacts.laws import ContactLaws
+from granphon.statics.rest import Rest
+
+#: relative error at which a mean force or overlap is reached, and most states in the search for it
+MEAN = 4e-15
+MOST_MEANS = 60
+#: relative error at which the mean of a sample is reached: samples are at rest to 1e-12 of the mean
+#: force
+SAMPLED = 1e-11
+#: relative error of a mean that is put down to rounding where no better one is found
+_ROUNDED_MEAN = 1e-13
+
+
+class PressureSearch:
+    """The pressures that were tried for a mean force (N) or overlap (m), the ``goal``, and the
+    interval that remains.
+    """
+
+    def __init__(self, goal: float) -> None:
+        self.goal = goal
+        self.low = 0.0
+        self.high = math.inf
+        self.last_pressure = 0.0
+        self.last_mean = math.nan
+
+    def extrapolate(self, pressure: float, mean: float, guess: float) -> float:
+        """Return the pressure of the goal on the secant through the last two pressures and their
+        means; the ``guess`` if there is no secant.
+        """
+        if math.isfinite(self.last_mean) and mean != self.last_mean:
+            pressure_step = pressure - self.last_pressure
+            mean_step = mean - self.last_mean
+            guess = pressure + (self.goal - mean) * pressure_step / mean_step
+        self.last_pressure = pressure
+        self.last_mean = mean
+        return guess
+
+    def choose(self, pressure: float, excess: float, guess: float) -> float | None:
+        """Return the next pressure: the ``guess``, or the middle of the interval if the guess
+        leaves that; None if nothing remains of the interval.
+
+        ``excess`` is that of the mean at ``pressure`` over the goal, relative to the goal. The
+        middle is taken up to twice the ``pressure``: no mean may yet have been too large.
+        """
+        if excess < 0.0:
+            self.low = pressure
+        else:
+            self.high = pressure
+        middle = 0.5 * (self.low + min(self.high, 2.0 * pressure))
+        chosen = guess if self.low < guess < self.high else middle
+        return None if chosen in (self.low, self.high) else chosen
+
+
+class MeanContacts(NamedTuple):
+    """The contacts of a state at rest over which means are taken.
+
+    ``overlap``, ``force`` and ``stiffness`` (n_c,) are in SI; ``counts`` (n_c,) says which contacts
+    the mean is over.
+    """
+
+    overlap: Array
+    force: Array
+    stiffness: Array
+    counts: Flags
+
+    @classmethod
+    def of(cls, state: Rest, laws: ContactLaws, differ: bool) -> Self:
+        """Return the contacts of a state: those that carry a load, or touch if they adhere; all of
+        them if balls ``differ``.
+        """
+        overlap = state.overlap[: laws.count]  # springs to the ground come behind the contacts
+        force = laws.force(overlap)
+        stiffness = laws.stiffness(overlap)
+        counts = stiffness > 0.0 if laws.adhere else force != 0.0
+        if differ:
+            counts = np.ones(force.size, bool)
+        return cls(overlap, force, stiffness, counts)
+
+    def find_mean(self, kind: str) -> float:
+        """Return the mean force, N, or overlap, m."""
+        values = self.force if kind == "force" else self.overlap
+        return float(np.mean(values[self.counts]))
+
+    @property
+    def power(self) -> float:
+        """Exponent with which overlaps grow with the pressure: the mean of f over that of
+        k delta.
+        """
+        work = np.mean((self.stiffness * self.overlap)[self.counts])
+        return float(np.mean(self.force[self.counts]) / work)
+
+    def find_growth(self, kind: str, goal: float, mean: float) -> tuple[float, float]:
+        """Return the factors by which the pressure and the overlaps are to grow for the ``mean``,
+        a force (N) or an overlap (m) as the ``kind`` says, to become the ``goal``.
+        """
+        # a mean of the wrong sign says nothing about the size of the step
+        growth = goal / mean if mean / goal > 0.0 else 2.0
+        if kind == "force":
+            return growth, growth**self.power
+        return growth ** (1.0 / self.power), growth
+
+    def bound_rounding(self, kind: str, goal: float, differ: bool, adhere: bool) -> float:
+        """Return the error of the mean, over the ``goal``, that is put down to rounding; balls may
+        ``differ`` in diameter, and contacts may ``adhere``.
+        """
+        rounding = _ROUNDED_MEAN
+        if differ:
+            # ten times the error at which the mean of a sample is reached; loose balls leave more,
+            # as the mean is small against its terms
+            ratio = float(np.mean(np.abs(self.overlap)) / np.abs(np.mean(self.overlap)))
+            rounding = 10.0 * SAMPLED * max(1.0, ratio)
+        if not adhere:
+            return rounding
+        # the mean may be small against its terms, attraction and repulsion
+        if kind == "force":
+            terms = np.abs(self.stiffness * self.overlap)
+        else:
+            terms = np.abs(self.force / np.where(self.counts, self.stiffness, np.inf))
+        return rounding * max(1.0, float(np.mean(terms[self.counts])) / goal)

@@ -1,0 +1,422 @@
+"""Cuts of a network: layers of it, one above the other, and the floors on which their faces stand.
+
+A ``network`` is a :class:`~granphon.networks.network.ContactNetwork`, which stands above this
+module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+
+from granphon.balls.ball import Body, Wall, find_wall, name_walls
+from granphon.balls.contact_model import ContactModel
+from granphon.balls.layers import Layers, find_faces
+from granphon.balls.neighbours import TOUCH, require_joined
+from granphon.balls.on_site import turn_on_site
+from granphon.base.arrays import Array, Flags, Index
+from granphon.base.errors import InputError
+from granphon.base.text import counted
+from granphon.networks.demands import NUMBERS_OF_BALLS
+
+#: difference of the radii of balls that name no kind, over their mean, below which the balls are of
+#: one kind
+_ALIKE = 0.25
+
+
+def cut_network(network: Any, layers: Layers, count: int, edges: tuple[Any, Any]) -> dict[str, Any]:
+    """Return those fields of ``count`` ``layers`` of a network that are not its own, by name;
+    ``edges`` are how the lower and the upper face are held.
+
+    For the errors see :meth:`granphon.networks.network.ContactNetwork.cut`.
+    """
+    model = network.contact_model
+    if model is not None:
+        edges = name_walls(edges, model.named_kinds, model.walls)
+    stack = _LayerStack.of(network, layers, count)
+    n_periods = len(layers.cell)
+    balls = stack.make_balls()
+    contacts = stack.make_contacts()
+    walls, clamped_faces = _hold_faces(stack, balls, contacts, edges)
+    is_still = np.isinf(balls["masses"])
+    contacts = _leave_out_still(contacts, is_still)
+    _require_motion(contacts, is_still, clamped_faces, count)
+    _require_joined_cut(network, contacts, is_still, n_periods)
+    cell = np.zeros((3, 3))
+    cell[:n_periods, : network.dimension] = layers.cell
+    kinds = network.kinds
+    if kinds:
+        kinds = kinds * count + tuple(wall.name for wall in walls)
+    if model is not None:
+        elastic_walls = [wall for wall in walls if isinstance(wall, Wall)]
+        model = replace(model, walls=tuple(dict.fromkeys([*model.walls, *elastic_walls])))
+    on_site = turn_on_site(network.on_site, stack.turn, network.named_motions)
+    if on_site is not None:  # walls have no springs
+        on_site = np.pad(np.tile(on_site, (count, 1)), ((0, len(walls)), (0, 0)))
+    return {
+        **balls,
+        **contacts,
+        "cell": cell,
+        "pbc": (n_periods > 0, n_periods > 1, False),
+        "left_out": network.left_out * count,
+        "labels": None,
+        "lattice": None,
+        "shape": None,
+        "kinds": kinds,
+        "contact_model": model,
+        "on_site": on_site,
+    }
+
+
+def _hold_faces(
+    stack: _LayerStack, balls: dict[str, Any], contacts: dict[str, Any], edges: tuple[Any, Any]
+) -> tuple[list[Body], list[Index]]:
+    """Hold the two faces of a stack as ``edges`` say, in place: give clamped balls an infinite
+    mass, and add walls to the fields of ``balls`` and their contacts to those of ``contacts``.
+
+    Returns the walls, and the balls of each clamped face.
+    """
+    axis = len(stack.layers.cell)  # the axis across the layers follows the periods
+    spread = _find_spread(stack.network)
+    # of a face are balls whose heights differ by as much as their radii may let them
+    lower_face, upper_face = find_faces(
+        balls["positions"][:, axis], balls["radii"], edges, stack.network.n_balls, 4.0 * spread
+    )
+    walls = list[Body]()
+    clamped_faces = list[Index]()
+    for side, edge, face in ((-1.0, edges[0], lower_face), (1.0, edges[1], upper_face)):
+        if edge == "clamped":
+            balls["masses"][face] = np.inf
+            clamped_faces.append(face)
+        elif (wall := find_wall(edge)) is not None:
+            floor = stack.find_floor(side, face, wall, may_carry_none=bool(spread))
+            floor.add_to(balls, contacts, axis)
+            walls.append(wall)
+    return walls, clamped_faces
+
+
+def _require_joined_cut(
+    network: Any, contacts: Mapping[str, Any], is_still: Flags, n_periods: int
+) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` unless the balls of a cut that move hang
+    together, or are held by bodies that do not move.
+
+    ``contacts`` are the fields of the contacts of the cut, of which ``n_periods`` periods are
+    left, and ``is_still`` (n,) says which of its balls do not move.
+    """
+    n_rattlers = network.rattlers.size
+    why = ""
+    mend = "Give more layers"
+    if n_rattlers:
+        why = f"Of its balls {n_rattlers} in each cell carry no load and hang on nothing"
+        mend = "Leave them out: network.without_rattlers()"
+    require_joined(
+        contacts["i"],
+        contacts["j"],
+        contacts["shift"][:, :n_periods],
+        len(is_still),
+        n_periods,
+        "the cut network",
+        why=why,
+        mend=mend,
+        held=is_still,
+    )
+
+
+def _find_spread(network: Any) -> float:
+    """Return the greatest difference of the radii of balls of one kind, m: a layer of such
+    balls is a face, though the balls are off their sites. Zero where balls without kinds differ
+    so much that they are of several.
+    """
+    kinds = np.array(network.kinds or [""] * network.n_balls)
+    is_ball = np.isfinite(network.radii)  # a flat wall has an infinite radius
+    spread = 0.0
+    for kind in set(kinds[is_ball].tolist()):
+        radii = network.radii[is_ball & (kinds == kind)]
+        spread = max(spread, float(np.ptp(radii)))
+    if network.kinds or spread < _ALIKE * float(np.mean(network.radii[is_ball])):
+        return spread
+    return 0.0
+
+
+def _find_forces(network: Any, contacts: Index) -> Array:
+    """Return the static forces (m, 3), N, of balls i on balls j of some ``contacts`` (m,)."""
+    forces = network.normal_force[contacts, None] * network.normal[contacts]
+    if network.tangential_force is not None:
+        forces += network.tangential_force[contacts]
+    return np.asarray(forces)
+
+
+def _press_on_floor(
+    network: Any, balls: Index, force: Array, wall: Body, face: str
+) -> dict[str, Any]:
+    """Return the fields (m,) of the contacts of ``balls`` (m,) of a cut with a ``wall``, each
+    under its own ``force`` (m,), N, in SI units by name; ``face`` is the face of these balls in
+    words. InputError for a ball without a force, or of an unknown material.
+    """
+    model = network.contact_model
+    if model is None:
+        fault = f"there is no floor for the balls of the {face}, whose materials are not known"
+        mend = (
+            "Give the material where the network is read, as from_table(..., material=...);"
+            " or clamp the face"
+        )
+        raise InputError(fault, "Its stiffness is that of a ball on a flat wall", mend)
+    in_layer = balls % network.n_balls
+    names = _name_kinds(network, in_layer, model, face)
+    radii = network.radii[in_layer]
+    try:
+        contacts = model.press_on_wall(names, radii, force, wall)
+    except InputError as error:
+        reason = str(error).rstrip(".")
+        fault = f"there is no floor for the balls of the {face}: {reason}"
+        raise InputError(fault) from error
+    is_loose = ~(contacts["normal_stiffness"] > 0.0)
+    if np.any(is_loose):
+        fault = f"a floor bears no load of ball {balls[is_loose][0]} of the {face}"
+        why = "Without a force its contact has no stiffness"
+        raise InputError(fault, why, "Press the network, or clamp the face")
+    # arms end in the middle of the overlap where a network has overlaps; where overlaps are
+    # small, at the points where balls touch
+    overlap = contacts.pop("overlap")
+    arm_i = contacts.pop("arm")
+    arm_j = np.zeros(len(balls))
+    if network.prestress or model.own_radii:
+        arm_i = radii - 0.5 * overlap
+        arm_j = -0.5 * overlap
+    return contacts | {"normal_force": force, "arm_i": arm_i, "arm_j": arm_j}
+
+
+def _name_kinds(network: Any, balls: Index, model: ContactModel, face: str) -> list[str]:
+    """Return the names of the kinds of ``balls`` (m,), by their indices in the network; an
+    empty list where the contact model has one kind without a name. InputError for a ball of the
+    ``face`` whose material is not known.
+    """
+    if not network.kinds and len(model.kinds) > 1:
+        materials = counted(len(model.kinds), "material")
+        fault = f"the balls of the {face} name no kinds, and are of {materials}"
+        why = "Which of them stand on the floor is not known"
+        raise InputError(fault, why, "Keep the kinds of the network")
+    if not network.kinds or not model.names:
+        return []
+    names = [network.kinds[ball] for ball in balls.tolist()]
+    unknown = sorted(set(names) - set(model.names))
+    if unknown:
+        fault = f"no material is known of balls of the kind {unknown[0]!r}"
+        raise InputError(fault, f"It is of {', '.join(model.names)}")
+    return names
+
+
+@dataclass(frozen=True, eq=False)
+class _LayerStack:
+    """Layers of a network, one above the other, with their contacts.
+
+    Attributes
+    ----------
+    network : the network, whose cell is one layer of n balls.
+    layers : the vectors of the layers; p periods are left.
+    count : the number of layers.
+    turn : (3, 3) rows are the axes of the cut: the periods that are left come first.
+    positions : (n count, 3) centres of the balls, layer by layer, m.
+    i, j : (m,) the two balls of each contact; those of layers beyond have numbers below zero, or
+        from n count on.
+    row : (m,) the row of each contact among those of the network.
+    shift : (m, p) whole cells by which ball j is displaced.
+    """
+
+    network: Any
+    layers: Layers
+    count: int
+    turn: Array
+    positions: Array
+    i: Index
+    j: Index
+    row: Index
+    shift: Index
+
+    @classmethod
+    def of(cls, network: Any, layers: Layers, count: int) -> Self:
+        """Return a stack of ``count`` layers of a ``network``; InputError if a contact reaches
+        across all of them.
+        """
+        n = network.n_balls
+        d = network.dimension
+        p = len(layers.cell)
+        layer_step = np.zeros(3)  # from one layer to the next, along the axes of the cut, m
+        layer_step[:d] = layers.stack
+        turn = np.eye(3)
+        turn[:d, :d] = layers.turn
+        sites = network.positions.copy()
+        shift = network.shift[:, np.flatnonzero(network.pbc)]
+        sites[:, :d], shift = layers.gather(
+            sites[:, :d], network.i, network.j, shift, np.isinf(network.radii)
+        )
+        _cells, rise = layers.split(shift)  # rise: layers from ball i to ball j
+        lengths_across = np.abs(network.vector @ turn.T[:, p])[rise != 0]
+        reach = float(np.max(lengths_across, initial=0.0))
+        _require_short(reach, float(layer_step[p]), count)
+        # Contacts that are cut lead to balls of layers beyond the two faces, as many as a contact
+        # rises. Balls are numbered from the lowest of these, and then from the lower face.
+        n_beyond = int(np.max(np.abs(rise), initial=0))
+        i, j, row, inner_shift = layers.unfold(network.i, network.j, shift, n, count + 2 * n_beyond)
+        heights = np.arange(count)[:, None, None] * layer_step
+        positions = ((sites @ turn.T)[None] + heights).reshape(-1, 3)
+        return cls(
+            network=network,
+            layers=layers,
+            count=count,
+            turn=turn,
+            positions=positions,
+            i=i - n_beyond * n,
+            j=j - n_beyond * n,
+            row=row,
+            shift=inner_shift,
+        )
+
+    @cached_property
+    def has_i(self) -> Flags:
+        """(m,) whether ball i of each contact is in the layers."""
+        return np.asarray((self.i >= 0) & (self.i < len(self.positions)))
+
+    @cached_property
+    def has_j(self) -> Flags:
+        """(m,) whether ball j of each contact is in the layers."""
+        return np.asarray((self.j >= 0) & (self.j < len(self.positions)))
+
+    def make_balls(self) -> dict[str, Any]:
+        """Return the fields of the balls."""
+        fields: dict[str, Any] = {
+            name: np.tile(getattr(self.network, name), self.count) for name in NUMBERS_OF_BALLS
+        }
+        return fields | {"positions": self.positions}
+
+    def make_contacts(self) -> dict[str, Any]:
+        """Return the fields of the contacts among the layers, along the axes of the cut, by
+        name.
+        """
+        is_kept = self.has_i & self.has_j
+        rows = self.row[is_kept]
+        fields: dict[str, Any] = {}
+        for name in self.network.contact_fields:
+            values = getattr(self.network, name)[rows]
+            is_vector = name in ("normal", "tangential_force")
+            fields[name] = values @ self.turn.T if is_vector else values
+        # a network has shifts along three vectors, of which the first p are periods here
+        padding = ((0, 0), (0, 3 - self.shift.shape[1]))
+        return fields | {
+            "i": self.i[is_kept],
+            "j": self.j[is_kept],
+            "shift": np.pad(self.shift[is_kept], padding),
+        }
+
+    def find_floor(self, side: float, face: Index, wall: Body, may_carry_none: bool) -> _Floor:
+        """Return the floor of the balls of a ``face`` (m,), the lower one (``side`` -1) or the
+        upper one (+1), which is a ``wall``.
+
+        The force on each ball is that of the contacts which the ball has lost there. Balls of the
+        face that have lost none stand on no floor if ``may_carry_none``, as of balls of different
+        sizes; else there is an InputError.
+        """
+        p = self.shift.shape[1]
+        leads_beyond = np.minimum(self.i, self.j) < 0
+        if side > 0.0:
+            leads_beyond = np.maximum(self.i, self.j) >= len(self.positions)
+        ball_inside = np.where(self.has_i, self.i, self.j)
+        is_cut = (self.has_i | self.has_j) & leads_beyond
+        cut_contacts = np.flatnonzero(is_cut & np.isin(ball_inside, face))
+        balls = ball_inside[cut_contacts]
+        pressed_balls = np.intersect1d(face, balls)
+        spare_balls = np.setdiff1d(face, balls)
+        if spare_balls.size and (not may_carry_none or not pressed_balls.size):
+            raise InputError(
+                f"ball {spare_balls[0]} of the {_name_face(side)} has lost no contact there",
+                "Nothing says with which force it stands on a floor",
+                "Cut elsewhere, or clamp it",
+            )
+        # the force of ball i on ball j along the axis across the layers, and the sign by which it
+        # presses the ball in the layers on the floor
+        forces = _find_forces(self.network, self.row[cut_contacts]) @ self.turn.T[:, p]
+        signs = np.where(self.has_i, side, -side)[cut_contacts]
+        places = np.searchsorted(pressed_balls, balls)
+        force: Any = np.bincount(places, signs * forces)
+        springs = _press_on_floor(self.network, pressed_balls, force, wall, _name_face(side))
+        return _Floor(side, pressed_balls, springs)
+
+
+@dataclass(frozen=True, eq=False)
+class _Floor:
+    """A flat wall below (``side`` -1) or above (+1) a cut, on which ``balls`` (m,) stand;
+    ``springs`` has the fields (m,) of their contacts.
+    """
+
+    side: float
+    balls: Index
+    springs: dict[str, Any]
+
+    def add_to(self, balls: dict[str, Any], contacts: dict[str, Any], axis: int) -> None:
+        """Add the plane, which lies across an ``axis``, as the last ball to the fields of
+        ``balls``, and its contacts to the fields of ``contacts``, in place.
+        """
+        n_contacts = len(self.balls)
+        plane = len(balls["masses"])  # the index of the plane
+        axis_vector = np.eye(3)[axis]
+        fields = self.springs | {
+            "i": self.balls,
+            "j": np.full(n_contacts, plane),
+            "normal": np.tile(self.side * axis_vector, (n_contacts, 1)),
+            "tangential_force": np.zeros((n_contacts, 3)),
+            "shift": np.zeros((n_contacts, 3), np.intp),
+        }
+        for name in tuple(contacts):
+            contacts[name] = np.concatenate([contacts[name], fields[name]])
+        heights = balls["positions"][self.balls, axis]
+        outermost_heights = heights + self.side * balls["radii"][self.balls]
+        point = axis_vector * np.mean(outermost_heights)
+        for name in NUMBERS_OF_BALLS:
+            balls[name] = np.append(balls[name], np.inf)
+        balls["positions"] = np.concatenate([balls["positions"], point[None]])
+
+
+def _require_short(reach: float, height: float, count: int) -> None:
+    """Raise InputError if a contact reaches across all of ``count`` layers; ``reach`` is the
+    greatest distance across layers of balls that touch, and ``height`` that of one layer, m.
+
+    A large cell, as that of a sample, is a layer of many rows, which hang together by themselves:
+    contacts within a layer do not count.
+    """
+    if reach >= (1.0 - TOUCH) * count * height:
+        least_count = int((1.0 + TOUCH) * reach / height) + 1
+        fault = f"some contacts reach across {counted(count, 'layer')}"
+        raise InputError(fault, "None of them would be left", f"Give {least_count} layers or more")
+
+
+def _leave_out_still(contacts: Mapping[str, Any], is_still: Flags) -> dict[str, Any]:
+    """Return the fields of the contacts but those of two balls that do not move; ``is_still`` is
+    (n,).
+    """
+    is_kept = ~(is_still[contacts["i"]] & is_still[contacts["j"]])
+    return {name: values[is_kept] for name, values in contacts.items()}
+
+
+def _require_motion(
+    contacts: Mapping[str, Any], is_still: Flags, clamped: Sequence[Index], count: int
+) -> None:
+    """Raise InputError if no ball of ``count`` layers moves, or the balls of a clamped face touch
+    none that moves.
+    """
+    if np.all(is_still):
+        fault = f"no ball moves in {counted(count, 'layer')} with these edges"
+        raise InputError(fault, mend="Give more layers")
+    for face in clamped:
+        is_at_face = np.isin(contacts["i"], face) | np.isin(contacts["j"], face)
+        if not np.any(is_at_face):
+            fault = "the clamped balls of an edge touch none that moves"
+            raise InputError(fault, mend="Give more layers")
+
+
+def _name_face(side: float) -> str:
+    return "lower face" if side < 0.0 else "upper face"

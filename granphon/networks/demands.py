@@ -1,0 +1,141 @@
+"""What the balls and the contacts of a network must be: demands on the entries of its fields.
+
+A ``network`` is a :class:`~granphon.networks.network.ContactNetwork`, which stands above this
+module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from granphon.networks.sources import ALONG, LARGEST, MOST_STEPS, UNIT
+
+#: fields with one number for each ball
+NUMBERS_OF_BALLS = ("radii", "masses", "inertias")
+#: forces and stiffnesses of contacts, and their ranges
+_SPRINGS = {
+    "normal_force": "zero or above",
+    "normal_stiffness": "above zero",
+    **dict.fromkeys(("shear_stiffness", "torsion_stiffness", "bending_stiffness"), "zero or above"),
+}
+#: greatest difference, over the sum of the two arms, between these and the distance of the centres
+_STRAY = 0.25
+#: part of a tangential force along the normal, over the normal force, that is rounding
+_NOTHING = 1e-12
+#: a field, whether each of its entries meets the demand, the fault of one that does not, and how to
+#: mend it
+_Demand = tuple[str, Any, str, str]
+#: what messages say of numbers that are too large, and of products that would be
+_TOO_LARGE = f"that is not finite, or above {LARGEST:g}"
+_BEYOND = f"beyond what can be reckoned with, {1.0 / LARGEST:g} to {LARGEST:g} in SI"
+
+
+def list_demands(network: Any) -> Iterator[_Demand]:
+    """Yield the demands on balls and contacts; a demand may rely on earlier demands."""
+    yield from _list_demands_on_balls(network)
+    yield from _list_demands_on_ends(network)
+    yield from _list_demands_on_forces(network)
+    yield from _list_demands_on_geometry(network)
+    yield from _list_demands_on_range(network)
+
+
+def _list_demands_on_balls(network: Any) -> Iterator[_Demand]:
+    """Yield the demands that places are finite, sizes and masses above zero, and those of all but
+    bodies that do not move finite.
+    """
+    is_placed = np.all(np.abs(network.positions) < LARGEST, axis=1)
+    yield "positions", is_placed, f"is at a place {_TOO_LARGE} m", ""
+    for name in NUMBERS_OF_BALLS:
+        values = getattr(network, name)
+        yield name, values > 0.0, f"has {name} that are not above zero", ""
+        is_finite = (values < LARGEST) | ~network.moving
+        mend = "A body that does not move has an infinite mass"
+        yield name, is_finite, f"has {name} that are not finite, but moves", mend
+
+
+def _list_demands_on_ends(network: Any) -> Iterator[_Demand]:
+    """Yield the demands on the balls of each contact, and on the cells between them."""
+    for name in ("i", "j"):
+        index = getattr(network, name)
+        exists = (index >= 0) & (index < network.n_balls)
+        fault = f"names a ball that is not there; balls are 0 to {network.n_balls - 1}"
+        yield name, exists, fault, ""
+    is_edge = [not is_period for is_period in network.pbc]
+    crosses = np.any(network.shift[:, is_edge], axis=1)
+    yield "shift", ~crosses, "crosses a side of the cell that is not periodic", ""
+    is_near = np.all(np.abs(network.shift) <= MOST_STEPS, axis=1)
+    yield "shift", is_near, f"has a shift of more than {MOST_STEPS} cells", ""
+    joins_two = (network.i != network.j) | np.any(network.shift, axis=1)
+    yield "i", joins_two, "joins a ball with itself", ""
+
+
+def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
+    """Yield the demands on normals, forces, stiffnesses and arms."""
+    # squares of larger numbers might overflow
+    length = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)
+    yield "normal", np.abs(length - 1.0) <= UNIT, "has a normal whose length is not one", ""
+    for name, least in _SPRINGS.items():
+        values = getattr(network, name)
+        fault = f"has a {name} that is not {least}"
+        if name == "normal_force":
+            fault += "; forces that pull are not of elastic balls"
+        is_in_range = np.isfinite(values)
+        if least == "above zero":
+            is_in_range &= values > 0.0
+        elif name != "normal_force" or not network.adhesive:
+            is_in_range &= values >= 0.0
+        yield name, is_in_range, fault, ""
+    tangential = network.tangential_force
+    if tangential is not None:
+        name = "tangential_force"
+        is_finite = np.all(np.abs(tangential) < LARGEST, axis=1)
+        yield name, is_finite, f"has a {name} {_TOO_LARGE} N", ""
+        along = np.abs(np.einsum("ca,ca->c", tangential, network.normal))
+        # rounding turns a force that is nothing beside the normal one, or among the least numbers
+        nothing = _NOTHING * np.abs(network.normal_force) + np.finfo(float).tiny
+        allowed = ALONG * np.linalg.norm(tangential, axis=1) + nothing
+        fault = f"has a {name} that is not across its normal"
+        yield name, along <= allowed, fault, "Leave the normal force out of it"
+    for name in ("arm_i", "arm_j"):
+        is_finite = np.abs(getattr(network, name)) < LARGEST
+        yield name, is_finite, f"has an {name} {_TOO_LARGE} m", ""
+
+
+def _list_demands_on_geometry(network: Any) -> Iterator[_Demand]:
+    """Yield the demands that normals lie in the line or plane of the balls; and that contacts of
+    two balls that move lie there, lead from ball i to ball j, and are as long as the two arms, to a
+    quarter of these. A body that does not move may have any place.
+    """
+    d = network.dimension
+    where = "the line along x" if d == 1 else "the plane"
+    # the components from d on are those that leave the line or the plane
+    is_flat = ~np.any(np.abs(network.normal[:, d:]) > UNIT, axis=1)
+    yield "normal", is_flat, f"leaves {where} of a network in {d} dimensions", ""
+    is_at_wall = ~(network.moving[network.i] & network.moving[network.j])
+    vector = network.vector
+    arms = network.arm_i + network.arm_j
+    is_level = ~np.any(np.abs(vector[:, d:]) > UNIT * np.abs(arms)[:, None], axis=1)
+    yield "i", is_level | is_at_wall, f"joins balls that are not both in {where}", ""
+    leads_on = np.einsum("ca,ca->c", network.normal, vector) > 0.0
+    fault = "has a normal that does not lead from ball i to ball j"
+    mend = "Normals lead from ball i to ball j displaced by shift cells"
+    yield "normal", leads_on | is_at_wall, fault, mend
+    is_touching = np.abs(np.linalg.norm(vector, axis=1) - arms) <= _STRAY * np.abs(arms)
+    fault = "joins balls whose distance is not the sum of the two arms"
+    mend = "Compare shift and cell with the positions"
+    yield "arm_i", is_touching | is_at_wall, fault, mend
+
+
+def _list_demands_on_range(network: Any) -> Iterator[_Demand]:
+    """Yield the demands that products of a few numbers stay within the range of floats."""
+    for name in NUMBERS_OF_BALLS:
+        values = getattr(network, name)
+        is_in_range = (values >= 1.0 / LARGEST) & (values <= LARGEST)
+        yield name, is_in_range | ~network.moving, f"has {name} {_BEYOND}", ""
+    is_stiff = network.normal_stiffness >= 1.0 / LARGEST
+    yield "normal_stiffness", is_stiff, f"has a stiffness {_BEYOND}", ""
+    for name in _SPRINGS:
+        yield name, getattr(network, name) <= LARGEST, f"has a {name} {_BEYOND}", ""

@@ -1,0 +1,135 @@
+"""Rattlers: balls that carry no load, as too few contacts hold them.
+
+A ``network`` is a :class:`~granphon.networks.network.ContactNetwork`, which stands above this
+module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from granphon.balls.hertz import HOLDING_FORCE
+from granphon.base.arrays import Flags, Index
+from granphon.networks.consistency import BALANCED
+
+
+def find_rattlers(network: Any, held_by: int | None = None) -> Index:
+    """Return the indices (m,) of the balls that carry no load; for ``held_by`` see
+    :meth:`granphon.networks.network.ContactNetwork.without_rattlers`.
+    """
+    hold = _Hold(network, held_by)
+    is_loose = ~hold.are_held(np.arange(network.n_balls))
+    if not np.any(network.moving & ~is_loose):  # all that move are loose already
+        return np.flatnonzero(is_loose)
+    # loose balls whose contacts still count for their neighbours
+    waiting = np.flatnonzero(is_loose).tolist()
+    while waiting:
+        for neighbour in hold.release(waiting.pop()):
+            if not is_loose[neighbour] and not hold.are_held(np.array([neighbour]))[0]:
+                is_loose[neighbour] = True
+                waiting.append(neighbour)
+    return np.flatnonzero(is_loose)
+
+
+def find_holding(network: Any, most: int) -> int:
+    """Return the greatest ``held_by`` up to ``most`` at which a ball that moves is held; 0 if
+    none above 0 holds one.
+    """
+    n_contacts = np.bincount(np.concatenate([network.i, network.j]), minlength=network.n_balls)
+    low = 0
+    high = min(most, int(np.max(n_contacts, initial=0)))
+    # bisection, as a ball that is held where more contacts are needed is held where fewer are
+    while low < high:
+        middle = (low + high + 1) // 2
+        moving_and_held = np.delete(network.moving, find_rattlers(network, middle))
+        if np.any(moving_and_held):
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+class _Hold:
+    """How the contacts that carry load hold each ball of a network; the contacts of a ball can be
+    released one by one.
+
+    Attributes
+    ----------
+    i, j : (m,) the balls of the contacts that carry load.
+    sizes : (m,) the forces of these contacts, N, or 1 if no contact has a force.
+    forces : (m, 3) these forces as vectors, of i on j.
+    counts : (n,) number of these contacts of each ball.
+    total_sizes, total_forces : (n,) and (n, 3) the sums of the sizes, and of the vectors, of the
+        forces on each ball.
+    least : the number of contacts from which on they hold a ball.
+    rows_hold : whether two contacts whose forces are in balance hold a ball too.
+    """
+
+    def __init__(self, network: Any, held_by: int | None) -> None:
+        n = network.n_balls
+        slips = not np.any(network.shear_stiffness)
+        self.is_held = ~network.moving | network.is_anchored
+        self.rows_hold = slips and held_by is None
+        if held_by is None:
+            self.least = network.dimension + 1 if slips else 2
+        else:
+            self.least = held_by
+        sizes = network.normal_force
+        if not np.any(sizes > 0.0):
+            sizes = np.ones(network.n_contacts)
+        is_loaded = np.zeros(0, bool)
+        if len(sizes):
+            is_loaded = sizes > HOLDING_FORCE * np.mean(sizes, where=sizes > 0.0)
+        self.i = network.i[is_loaded]
+        self.j = network.j[is_loaded]
+        self.sizes = sizes[is_loaded]
+        self.forces = self.sizes[:, None] * network.normal[is_loaded]
+        self.counts = np.bincount(self.i, minlength=n) + np.bincount(self.j, minlength=n)
+        sizes_on_i = np.bincount(self.i, self.sizes, n)
+        self.total_sizes = sizes_on_i + np.bincount(self.j, self.sizes, n)
+        # ball j gets the force of a contact, and ball i the opposite one
+        sums = [
+            np.bincount(self.j, component, n) - np.bincount(self.i, component, n)
+            for component in self.forces.T
+        ]
+        self.total_forces = np.stack(sums, axis=1)
+        self._is_open = np.ones(len(self.i), bool)  # (m,) whether a contact is not released yet
+        # the ends of contacts, first all ends i and then all ends j, ball by ball, and where the
+        # ends at each ball begin
+        ends = np.concatenate([self.i, self.j])
+        self._order = np.argsort(ends, kind="stable")
+        self._starts = np.searchsorted(ends[self._order], np.arange(n + 1))
+
+    def are_held(self, balls: Index) -> Flags:
+        """Return (m,) whether each of some ``balls`` (m,) has enough contacts, does not move, or
+        hangs on a spring to the ground.
+        """
+        counts = self.counts[balls]
+        # where contacts slip, two contacts or more whose forces are in balance, as along a straight
+        # row, hold a ball
+        net_force = np.linalg.norm(self.total_forces[balls], axis=1)
+        is_balanced = net_force <= BALANCED * self.total_sizes[balls]
+        is_in_row = self.rows_hold & (counts >= 2) & is_balanced
+        return np.asarray((counts >= self.least) | is_in_row | self.is_held[balls])
+
+    def release(self, ball: int) -> Iterator[int]:
+        """Remove the contacts of a ``ball`` one by one, and yield the neighbour of each, from whose
+        sums the contact has been taken; the sums of the ball itself stay.
+        """
+        ends = self._order[self._starts[ball] : self._starts[ball + 1]]
+        contacts = ends % len(self.i)  # the ends j of all contacts follow the ends i
+        for contact in contacts[self._is_open[contacts]].tolist():
+            self._is_open[contact] = False
+            force = self.forces[contact]
+            if self.i[contact] == ball:
+                neighbour = int(self.j[contact])
+                self.total_forces[neighbour] -= force
+            else:
+                neighbour = int(self.i[contact])
+                self.total_forces[neighbour] += force
+            self.counts[neighbour] -= 1
+            self.total_sizes[neighbour] -= self.sizes[contact]
+            yield neighbour
