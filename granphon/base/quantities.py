@@ -98,7 +98,7 @@ _MOST_SIGNS = 100
 _TINY = 1e-200
 _QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
 #: what stands between a quantity and its standard error, and both before the unit that they share
-_PLUS_MINUS = re.compile(r"\+-|\+/-|±")
+PLUS_MINUS = re.compile(r"\+-|\+/-|±")
 _IN_BRACKETS = re.compile(r"\(([^()]*)\)\s*(.*)", re.DOTALL)
 #: the unit of a standard error that is a part of its value
 PERCENT = "%"
@@ -373,11 +373,6 @@ def find_written_unit(text: Any) -> str:
     return match.group(3).strip() if match else ""
 
 
-def has_error(text: Any) -> bool:
-    """Whether a value is a text with the sign that stands before a standard error."""
-    return isinstance(text, str) and _PLUS_MINUS.search(text) is not None
-
-
 def split_error(text: str) -> tuple[Any, str] | None:
     """Return the value and the standard error of a text such as "211.65 +- 2 GPa", "(211.65 +- 2)
     GPa", "8 mm +- 4 um" or "8 mm +- 1 %", the value as it would stand alone; None if it is no such
@@ -385,7 +380,7 @@ def split_error(text: str) -> tuple[Any, str] | None:
     """
     in_brackets = _IN_BRACKETS.fullmatch(text.strip())
     common_unit = in_brackets[2] if in_brackets else ""
-    parts = _PLUS_MINUS.split(in_brackets[1] if in_brackets else text)
+    parts = PLUS_MINUS.split(in_brackets[1] if in_brackets else text)
     matches = [_QUANTITY.fullmatch(part.strip()) for part in parts]
     if len(matches) != 2 or matches[0] is None or matches[1] is None:
         return None

@@ -30,9 +30,9 @@ from granphon.base.quantities import (
     LENGTH,
     LOAD_KINDS,
     NUMBER,
+    PLUS_MINUS,
     TENSORS,
     find_written_unit,
-    has_error,
 )
 from granphon.base.scales import write_quantity
 from granphon.base.settings import NEEDED, Setting, list_settings
@@ -512,7 +512,7 @@ def _find_uncertain(data: Any) -> dict[tuple[Any, ...], Any]:
                 blocks += [((*path, key), inner) for key, inner in entry.items()]
         elif isinstance(entry, list):
             blocks += [((*path, number), inner) for number, inner in enumerate(entry)]
-        elif path and has_error(entry):
+        elif path and isinstance(entry, str) and PLUS_MINUS.search(entry):
             entries[path] = entry
     # in the order of the document
     return dict(reversed(entries.items()))
