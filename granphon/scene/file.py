@@ -125,7 +125,8 @@ def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
     blocks: dict[str, Any] = {}
     absent_blocks = _NEEDED_BLOCKS[:2] if scene.packing.kind_names else _CRYSTAL_BLOCKS
     for name, settings in BLOCKS.items():
-        if name in absent_blocks:
+        has_no_waves = name in WAVE_BLOCKS and _find_value(scene, name, "") is None
+        if name in absent_blocks or has_no_waves:
             continue
         for key, declared in settings.items():
             value = _find_value(scene, name, key)
@@ -505,15 +506,18 @@ def _find_uncertain(data: Any) -> dict[tuple[Any, ...], Any]:
     blocks: list[tuple[tuple[Any, ...], Any]] = [((), data)]
     while blocks:
         path, entry = blocks.pop()
-        if isinstance(entry, Mapping):
-            if rules.FIT in entry and path:
+        items: Any = ()
+        if isinstance(entry, str):
+            if PLUS_MINUS.search(entry):
                 entries[path] = entry
-            else:
-                blocks += [((*path, key), inner) for key, inner in entry.items()]
         elif isinstance(entry, list):
-            blocks += [((*path, number), inner) for number, inner in enumerate(entry)]
-        elif path and isinstance(entry, str) and PLUS_MINUS.search(entry):
+            items = enumerate(entry)
+        elif isinstance(entry, Mapping) and rules.FIT in entry and path:
             entries[path] = entry
+        elif isinstance(entry, Mapping):
+            items = entry.items()
+        for key, inner in items:
+            blocks.append(((*path, key), inner))
     # in the order of the document
     return dict(reversed(entries.items()))
 
@@ -581,7 +585,7 @@ class SceneSource(Places):
         names = [name for name in map(table_named, spreads) if name is not None]
         if "motion" in data:
             names += named_tables(data["motion"].get("drive", []))
-        paths = [*(self.folder / name for name in names), *self.fits]
+        paths = [self.folder / name for name in names] + list(self.fits)
         if self.path is not None:
             paths.insert(0, self.path)
         return tuple(paths)

@@ -488,15 +488,16 @@ def _read_correlations(value: Any) -> tuple[tuple[str, str, float], ...]:
     return tuple(correlations)
 
 
-def _write_correlations(
-    correlations: Sequence[tuple[str, str, float]], context: Context
-) -> dict[str, float] | None:
-    """Return the block of correlations; None without correlations."""
-    return {f"{first}, {second}": value for first, second, value in correlations} or None
+def _write_correlations(correlations: Sequence[tuple[str, str, float]]) -> dict[str, float]:
+    """Return the block of correlations."""
+    return {f"{first}, {second}": value for first, second, value in correlations}
 
 
 CORRELATIONS = Setting(
-    Kind(lambda value, _: _read_correlations(value), _write_correlations),
+    Kind(
+        lambda value, _: _read_correlations(value),
+        lambda value, _: _write_correlations(value) if value else None,
+    ),
     "correlations of standard errors, by two parameters: `young_modulus, diameter: 0.3`, see"
     " [standard errors](../how-to/errors.md)",
     "none",
