@@ -134,6 +134,30 @@ def make_matrix(names: Sequence[str], correlations: Sequence[tuple[str, str, flo
     return matrix
 
 
+def list_parameters(scene: Any) -> list[tuple[str, float, float, str]]:
+    """Return the name, the value, the standard error and the SI unit of each parameter of a scene
+    that has an error.
+    """
+    blocks = _write(scene)
+    parameters = []
+    for keys, error in scene.errors:
+        number, unit = _split_plain(_look_up(blocks, keys), keys)
+        parameters.append((name_keys(keys), number, error, unit))
+    return parameters
+
+
+def find_state_errors(scene: Any, state: Any, names: Sequence[str]) -> dict[str, Any]:
+    """Return the standard errors of the numbers ``names`` of the one state of a scene, as
+    :meth:`Spread.summarise` does.
+    """
+    pairs = []
+    for pair in scene.shifted:
+        states = [shifted.state() for shifted in pair]
+        pairs.append([{name: getattr(end, name) for name in names} for end in states])
+    numbers = {name: getattr(state, name) for name in names}
+    return Spread.of(scene, pairs).summarise(numbers)
+
+
 def write_errors(scene: Any, blocks: dict[str, Any]) -> None:
     """Write the standard errors of a scene behind the quantities in its ``blocks``."""
     for keys, error in scene.errors:
