@@ -534,7 +534,9 @@ def _draw_bands(results: Any, asymptotes: Any = None) -> Any:
     bands = results["bands"]
     gaps = results["gaps"]
     lattice = None if bands is None else asymptotes
-    return bands_figure(bands, results["dos"], asymptotes=lattice, gaps=gaps)
+    data = results["states"]
+    errors = None if bands is None or data is None else data.get("frequencies_error")
+    return bands_figure(bands, results["dos"], asymptotes=lattice, gaps=gaps, errors=errors)
 
 
 # -- the table -------------------------------------------------------------------------------------
