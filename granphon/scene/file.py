@@ -25,7 +25,13 @@ from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
 from granphon.balls.loads import Load
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing
-from granphon.base.errors import ConvergenceError, GranphonError, InstabilityError, Refused
+from granphon.base.errors import (
+    ConvergenceError,
+    GranphonError,
+    InputError,
+    InstabilityError,
+    Refused,
+)
 from granphon.base.quantities import (
     LENGTH,
     LOAD_KINDS,
@@ -36,7 +42,7 @@ from granphon.base.quantities import (
 )
 from granphon.base.scales import write_quantity
 from granphon.base.settings import NEEDED, Setting, list_settings
-from granphon.base.text import Document, parse_yaml, read_text, show
+from granphon.base.text import Document, parse_yaml, plain_yaml, read_text, show
 from granphon.base.validation import block, read_inside, refuse_unknown_key
 from granphon.media.arrangement import Arrangement
 from granphon.phonons.paths import BandPath
@@ -522,6 +528,24 @@ def _find_uncertain(data: Any) -> dict[tuple[Any, ...], Any]:
     return dict(reversed(entries.items()))
 
 
+def _put_values(data: Any, values: Mapping[str, str]) -> Any:
+    """Return the data of a document with ``values``, YAML by the keys that lead to them, as
+    "load.force"; blocks that the document lacks are made. InputError for keys that lead to nothing.
+    """
+    changed = deepcopy(data)
+    for name, text in values.items():
+        *outer, last = [int(key) if key.isdecimal() else key for key in name.split(".")]
+        try:
+            entry = changed
+            for key in outer:
+                entry = entry[key] if isinstance(entry, list) else entry.setdefault(key, {})
+            entry[last] = plain_yaml(text, name)
+        except (AttributeError, IndexError, TypeError):
+            problem = f"the scene has no place for {name}"
+            raise InputError(problem, mend="Name keys as in material.young_modulus") from None
+    return changed
+
+
 @dataclass(frozen=True)
 class SceneSource(Places):
     """The document that a scene was read from, and the path of its file; both are None for a scene
@@ -561,11 +585,19 @@ class SceneSource(Places):
         assign("fits", tuple(written.fits))
 
     @classmethod
-    def of_file(cls, path: str | os.PathLike[str]) -> SceneSource:
-        """Return the source of a scene in the file ``path``;
-        :class:`~granphon.base.errors.SceneError` if the text of the file is not YAML.
+    def of_file(
+        cls, path: str | os.PathLike[str], values: Mapping[str, str] | None = None
+    ) -> SceneSource:
+        """Return the source of a scene in the file ``path``, in which ``values``, texts by the keys
+        that lead to them, stand in place of those in the file.
+
+        :class:`~granphon.base.errors.SceneError` if the text of the file is not YAML;
+        :class:`~granphon.base.errors.InputError` if the text of a value is not, or if its keys lead
+        to nothing.
         """
         document = parse_yaml(read_text(path), str(path))
+        if values:
+            document = replace(document, data=_put_values(document.data, values))
         return cls(document, Path(path))
 
     @property

@@ -146,9 +146,15 @@ class Scene(SceneValues):
     """
 
     @classmethod
-    def from_yaml(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a scene file; :class:`~granphon.base.errors.SceneError` names the mistake in it."""
-        return cls._read(SceneSource.of_file(path))
+    def from_yaml(
+        cls, path: str | os.PathLike[str], values: Mapping[str, str] | None = None
+    ) -> Self:
+        """Read a scene file; :class:`~granphon.base.errors.SceneError` names the mistake in it.
+
+        ``values`` stand in place of those in the file: texts, as in the file, by the keys that lead
+        to them, as {"load.force": "18.4 +- 0.2 N"}.
+        """
+        return cls._read(SceneSource.of_file(path, values))
 
     @classmethod
     def from_text(cls, text: str, name: str = "<scene>") -> Self:
