@@ -97,8 +97,11 @@ _MOST_SIGNS = 100
 #: is applied to them
 _TINY = 1e-200
 _QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
-#: what stands between a quantity and its standard error
-_PLUS_MINUS = re.compile(r"\+-|\+/-|±")
+#: what stands between a quantity and its standard error, and both before the unit that they share
+PLUS_MINUS = re.compile(r"\+-|\+/-|±")
+_IN_BRACKETS = re.compile(r"\(([^()]*)\)\s*(.*)", re.DOTALL)
+#: the unit of a standard error that is a part of its value
+PERCENT = "%"
 _FACTOR = r"(?:%|[A-Za-zµμÅ_]+)(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
 #: one factor of a unit: what stands before it, its name, and its power
 _FACTORS = re.compile(r"([*/·]?)\s*(%|[A-Za-zµμÅ_]+)(?:\^|\*\*)?(-?[1-9]|[²³])?")
@@ -371,17 +374,27 @@ def find_written_unit(text: Any) -> str:
 
 
 def split_error(text: str) -> tuple[Any, str] | None:
-    """Return the value and the standard error of a text such as "211.65 +- 2 GPa" or "8 mm +- 4
-    um", the value as it would stand alone; None if it is no such text.
+    """Return the value and the standard error of a text such as "211.65 +- 2 GPa", "(211.65 +- 2)
+    GPa", "8 mm +- 4 um" or "8 mm +- 1 %", the value as it would stand alone; None if it is no such
+    text.
     """
-    matches = [_QUANTITY.fullmatch(part.strip()) for part in _PLUS_MINUS.split(text)]
+    in_brackets = _IN_BRACKETS.fullmatch(text.strip())
+    common_unit = in_brackets[2] if in_brackets else ""
+    parts = PLUS_MINUS.split(in_brackets[1] if in_brackets else text)
+    matches = [_QUANTITY.fullmatch(part.strip()) for part in parts]
     if len(matches) != 2 or matches[0] is None or matches[1] is None:
         return None
     number, _, own_unit = matches[0].groups()
     error, _, unit_of_error = matches[1].groups()
-    unit = own_unit.strip() or unit_of_error
-    value = f"{number} {unit}" if unit else float(number)
-    return value, f"{error} {unit_of_error or unit}".strip()
+    if in_brackets and (own_unit or unit_of_error):
+        return None
+    if unit_of_error == PERCENT:
+        unit = own_unit.strip()
+    else:
+        unit = own_unit.strip() or unit_of_error or common_unit
+        unit_of_error = unit_of_error or unit
+    plain = int(number) if re.fullmatch("[-+]?[0-9]+", number) else float(number)
+    return f"{number} {unit}" if unit else plain, f"{error} {unit_of_error}".strip()
 
 
 def find_factor(unit: str, wanted: str) -> float | None:

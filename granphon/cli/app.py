@@ -132,6 +132,15 @@ def _granphon(
 
 Force = Annotated[bool, typer.Option("--force", help=FORCE)]
 SceneFile = Annotated[str, typer.Argument(metavar="SCENE", help="The scene file.")]
+Values = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="A value in place of the scene's, such as 'load.force=18.4 +- 0.2 N'. May be"
+        " repeated.",
+    ),
+]
 Workers = Annotated[
     int | None,
     typer.Option(

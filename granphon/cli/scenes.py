@@ -22,6 +22,7 @@ from granphon.cli.app import (
     Force,
     SceneFile,
     Scheduler,
+    Values,
     Workers,
     command,
 )
@@ -87,7 +88,7 @@ def write_preset(
 
 
 @command("check", rich_help_panel=SCENES)
-def check_scene(scene: SceneFile) -> None:
+def check_scene(scene: SceneFile, values: Values = None) -> None:
     """Check a scene, and show its values.
 
     Shows the values in readable units, the files that a run would write, the time and memory of a
@@ -95,13 +96,14 @@ def check_scene(scene: SceneFile) -> None:
     load; long checks are left to the run.
 
     \b
-    Example:
+    Examples:
       granphon check scene.yaml
+      granphon check scene.yaml --set "load.force=18.4 +- 0.2 N"
     """
     from granphon.scene.outputs import expected_files
     from granphon.scene.scene import Scene
 
-    plan = Scene.from_yaml(scene)
+    plan = Scene.from_yaml(scene, _read_values(values))
     rows = describe_scene(plan)  # first, because it raises if there is too little memory
     warnings, left_out = plan.plan.foresee_warnings()
     plan.to_yaml()  # raises now if a run could not write the scene
@@ -111,6 +113,18 @@ def check_scene(scene: SceneFile) -> None:
     say(f"{scene} can be run.")
     say_table(rows)
     warn(warnings)
+
+
+def _read_values(options: list[str] | None) -> dict[str, str]:
+    """Return the values of options such as "load.force=18.4 N", by key."""
+    values = {}
+    for option in options or ():
+        key, equals, value = option.partition("=")
+        if not equals or key.strip() in values:
+            problem = f"--set {option} " + ("names no value" if not equals else "is given twice")
+            raise InputError(problem, mend="Write --set 'load.force=18.4 N', once for each key")
+        values[key.strip()] = value
+    return values
 
 
 @command("run", rich_help_panel=SCENES)
@@ -146,6 +160,7 @@ def run_scene(
             "--quiet", "-q", help="No progress and no summary; warnings stay.", rich_help_panel=WORK
         ),
     ] = False,
+    values: Values = None,
 ) -> None:
     """Compute what a scene observes and write it into a folder.
 
@@ -162,6 +177,7 @@ def run_scene(
     Examples:
       granphon run scene.yaml -o out
       granphon run scene.yaml -o out --force --no-figures
+      granphon run scene.yaml -o out --set "material.young_modulus=211 +- 2 GPa"
       granphon run sweep.yaml -o out --resume --workers 4
       granphon run sweep.yaml -o out --scheduler tcp://10.0.0.1:8786
     """
@@ -178,7 +194,7 @@ def run_scene(
 
     require_name("--out", out)
     require_workers(workers, scheduler)
-    plan = Scene.from_yaml(scene)
+    plan = Scene.from_yaml(scene, _read_values(values))
     if resume and not force and is_complete(plan, out):
         if not quiet:
             say(f"{out} is complete: it holds the results of this scene. Nothing was computed.")

@@ -24,6 +24,13 @@ if TYPE_CHECKING:
     from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
 
 
+#: numbers of the contacts of a state, and their SI units
+_OF_CONTACTS = (
+    ("force", "N"),
+    ("overlap", "m"),
+    ("normal_stiffness", "N/m"),
+    ("shear_stiffness", "N/m"),
+)
 #: end of the message of an interruption that comes before a result is written
 NOTHING_WRITTEN = "no result was written."
 #: addition to that message if tasks have been finished
@@ -153,6 +160,8 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     InputError if the scene takes more memory than there is, or if its balls cannot carry the load.
     """
     rows = [(name, _write(value, unit)) for name, value, unit in scene.describe()]
+    if scene.errors:
+        rows += _describe_errors(scene)
     if scene.is_single:
         rows += _describe_state(scene)
     else:
@@ -160,6 +169,28 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     cost = scene.cost()
     if cost is not None:
         rows.append(("will take", f"{cost.text} on one processor"))
+    return rows
+
+
+def _describe_errors(scene: Scene) -> list[tuple[str, str]]:
+    """Return the rows on the standard errors of parameters: each with its share of the value, the
+    correlations, and the files that can have no errors.
+    """
+    from granphon.scene.outputs import list_outputs
+    from granphon.scene.uncertainty import list_parameters
+
+    rows = []
+    for name, value, error, unit in list_parameters(scene):
+        share = f" ({100.0 * error / abs(value):.2g} %)" if value else ""
+        rows.append((f"error of {name}", write_quantity(error, unit, 3) + share))
+    rows += [
+        (f"correlation of {first}", f"with {second} {value:.3g}")
+        for first, second, value in scene.correlations
+    ]
+    exact = [row for row in list_outputs(scene) if row.is_without_errors]
+    if exact:
+        files = ", ".join(name for row in exact for name in row.numbers)
+        rows.append(("without errors", f"{files}; sweep.nc has those of all other numbers"))
     return rows
 
 
@@ -177,13 +208,34 @@ def _describe_state(scene: Scene) -> list[tuple[str, str]]:
         rows.append(("chosen", f"{serving.medium.label}, {words}"))
     if serving.is_quick:
         state = scene.state()
-        force = write_quantity(state.force, "N")
-        overlap = write_quantity(state.overlap, "m")
-        normal = write_quantity(state.normal_stiffness, "N/m")
-        shear = write_quantity(state.shear_stiffness, "N/m")
-        rows.append(("contact", f"force {force}, overlap {overlap}"))
-        rows.append(("stiffness", f"normal {normal}, shear {shear}"))
+        errors: dict[str, Any] = {"errors_from": {}}
+        if scene.errors:
+            from granphon.scene.uncertainty import find_state_errors
+
+            errors = find_state_errors(scene, state, [name for name, _ in _OF_CONTACTS])
+        texts = {
+            name: _write_number(getattr(state, name), errors.get(f"{name}_error"), unit, 5)
+            for name, unit in _OF_CONTACTS
+        }
+        rows.append(("contact", "force {force}, overlap {overlap}".format(**texts)))
+        rows.append(
+            ("stiffness", "normal {normal_stiffness}, shear {shear_stiffness}".format(**texts))
+        )
+        rows += _tell_sources({spell(name): of for name, of in errors["errors_from"].items()})
     return rows
+
+
+def _tell_sources(sources: dict[str, str]) -> list[tuple[str, str]]:
+    """Return a row for each parameter that gives most of the errors of some numbers; ``sources``
+    are these parameters by the words of the numbers.
+    """
+    words_by_parameter = dict[str, list[str]]()
+    for words, parameter in sources.items():
+        words_by_parameter.setdefault(parameter, []).append(words)
+    return [
+        (f"{parameter} gives most", f"of the error of {', '.join(words)}")
+        for parameter, words in words_by_parameter.items()
+    ]
 
 
 def _count_states(scene: Scene) -> str:
@@ -215,14 +267,14 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
         rows.append((entry.label.lower(), text))
     gaps = numbers.get("gaps")
     if gaps is not None:
-        rows.append(("gaps" if len(gaps) > 1 else "gap", _describe_gaps(gaps)))
-    told = dict[str, list[str]]()
+        text = _describe_gaps(gaps, numbers.get("gaps_error"))
+        rows.append(("gaps" if len(gaps) > 1 else "gap", text))
+    sources = {}
     for name, parameter in numbers.get("errors_from", {}).items():
         entry = result.entry(name)
         if name == "gaps" or (entry is not None and entry.told):
-            told.setdefault(parameter, []).append(name if entry is None else entry.label.lower())
-    rows += [(f"{name} gives most", f"of the error of {', '.join(told[name])}") for name in told]
-    return rows
+            sources[name if entry is None else entry.label.lower()] = parameter
+    return rows + _tell_sources(sources)
 
 
 def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:
@@ -238,13 +290,22 @@ def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:
     errors = np.ravel(error)
     if values.size == 1:
         return write_uncertain(float(values[0]), float(errors[0]), unit)
-    return f"{write_range(values, unit)} +/- {write_range(errors, unit)}"
+    return f"{write_range(values, unit)} +/- {write_range(errors, unit, 2)}"
 
 
-def _describe_gaps(gaps: list[list[float]]) -> str:
-    """Return the three widest ``gaps``, (n, 2) Hz, in ascending order, and the number of others."""
-    widest = sorted(gaps, key=lambda gap: gap[0] - gap[1])[:3]
-    text = ", ".join(write_range(gap, "Hz") for gap in sorted(widest)) or "none"
+def _describe_gaps(gaps: list[list[float]], errors: list[list[float]] | None) -> str:
+    """Return the three widest ``gaps``, (n, 2) Hz, in ascending order, with the standard ``errors``
+    of their edges if these are known, and the number of the other gaps.
+    """
+    widest = sorted(range(len(gaps)), key=lambda number: gaps[number][0] - gaps[number][1])[:3]
+    texts = []
+    for number in sorted(widest):
+        text = write_range(gaps[number], "Hz")
+        if errors is not None:
+            edges = zip(gaps[number], errors[number], strict=True)
+            text = " to ".join(write_uncertain(edge, error, "Hz") for edge, error in edges)
+        texts.append(text)
+    text = ", ".join(texts) or "none"
     if len(gaps) > len(widest):
         text += f", and {len(gaps) - len(widest)} narrower ones"
     return text

@@ -17,8 +17,11 @@ from granphon.figures.scales import (
     POLARISATION,
     ROTATION,
     add_part_bar,
+    count_columns,
+    draw_error_band,
     find_axis,
     hide_axes,
+    make_error_handle,
     styled_figure,
 )
 
@@ -52,8 +55,12 @@ _LONG_WAVES: dict[str, Any] = {
     "dashes": (3.5, 1.8),
     "zorder": 3.0,
 }
+#: greatest number of letters in a legend of one row
+_LETTERS_OF_ROW = 32
 #: colour of a gap between the branches
 _GAP = "0.9"
+#: colour of the standard errors of branches, behind lines of any colour
+_ERRORS = "0.35"
 #: colours of energy at the lower edge of a cut, at the upper edge, and inside
 _EDGES = (BLUE, VERMILION, "0.75")
 #: part of the energy of a wave spread evenly that is in the lower or the upper quarter of a cut
@@ -308,6 +315,7 @@ def plot_bands(
     gaps: ArrayLike | None = None,
     bulk: ArrayLike | None = None,
     edges: bool = False,
+    errors: ArrayLike | None = None,
     unit: HertzPrefix | None = None,
     colorbar: bool = True,
 ) -> Axes:
@@ -330,6 +338,8 @@ def plot_bands(
         behind the bands of a cut.
     edges : whether colours are those of the energy at the lower edge and at the upper edge of a
         cut, mixed with grey.
+    errors : (s, p, b) standard errors of the frequencies, Hz, in ascending order of these, as the
+        variable ``frequencies_error`` of a data set has them: a grey field about each branch.
     unit : unit of frequency; by default the decimal unit of hertz in which the top frequency lies
         between 1 and 1000.
     colorbar : whether to draw the colour bar, above the axes.
@@ -349,6 +359,15 @@ def plot_bands(
         shades = {}
     if bulk is not None:
         _draw_bulk(bands, ax, real_array("bulk", bulk), unit)
+    if errors is not None:
+        of_bands = real_array("errors", errors).reshape(frequencies.shape) / unit.hertz
+        if is_followed:
+            of_bands = np.take_along_axis(of_bands, bands.connection, 2)
+        for s, b in np.ndindex(len(frequencies), bands.n_branches):
+            branch = frequencies[s, :, b]
+            gid = f"errors-{s}-{b}"
+            draw_error_band(ax, bands.distances[s], branch, of_bands[s, :, b], _ERRORS, gid)
+        ax.add_line(make_error_handle())
     top = frequencies.max()
     least_difference = _ONE_LINE * float(top)
     for s, x in enumerate(bands.distances):
@@ -679,14 +698,15 @@ def bands_figure(
     gaps: ArrayLike | None = None,
     bulk: ArrayLike | None = None,
     edges: bool = False,
+    errors: ArrayLike | None = None,
     title: str | None = None,
 ) -> Figure:
     """Draw a figure of bands with the Brillouin zone, and the density of states beside them on the
     same axis.
 
     The figure is one column wide. The zone is an inset, and in space a panel beneath the bands; a
-    cluster has none. Bands or densities may be left out; ``asymptotes``, ``gaps``, ``bulk`` and
-    ``edges`` are as in :func:`plot_bands`. Raises
+    cluster has none. Bands or densities may be left out; ``asymptotes``, ``gaps``, ``bulk``,
+    ``edges`` and ``errors`` are as in :func:`plot_bands`. Raises
     :class:`~granphon.base.errors.InputError` if both are left out.
     """
     main_result = dos if bands is None else bands
@@ -711,7 +731,14 @@ def bands_figure(
             plot_dos(dos, axes[-1], horizontal=bands is not None, unit=unit)
         if bands is not None:
             plot_bands(
-                bands, axes[0], asymptotes=asymptotes, gaps=gaps, bulk=bulk, edges=edges, unit=unit
+                bands,
+                axes[0],
+                asymptotes=asymptotes,
+                gaps=gaps,
+                bulk=bulk,
+                edges=edges,
+                errors=errors,
+                unit=unit,
             )
             if in_space:
                 plot_zone(bands, figure.add_subplot(rows[1]))
@@ -735,11 +762,13 @@ def _add_joint_legend(figure: Figure, axes: Any) -> None:
         handles, labels = ax.get_legend_handles_labels()
         handles_by_label.update(zip(labels, handles, strict=True))
     if set(handles_by_label) - {"total"}:
+        labels = list(handles_by_label)
+        has_one_row = sum(map(len, labels)) <= _LETTERS_OF_ROW
         figure.legend(
             handles_by_label.values(),
-            handles_by_label.keys(),
+            labels,
             loc="outside lower center",
-            ncols=4,
+            ncols=4 if has_one_row else count_columns(labels),
             columnspacing=1.2,
         )
 

@@ -21,7 +21,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from granphon.figures.scales import add_legend, find_axis, name_axis, scale_axis, styled_figure
+from granphon.figures.scales import (
+    add_legend,
+    draw_error_band,
+    find_axis,
+    make_error_handle,
+    name_axis,
+    scale_axis,
+    styled_figure,
+)
 
 import matplotlib
 import numpy as np
@@ -336,15 +344,17 @@ def _choose_styles(curve: Curve, look: Look) -> tuple[dict[str, Any], dict[str, 
 
 def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
     """Draw a curve: solid where the medium is valid, thin and dashed elsewhere; points of a
-    simulation, with bars of their errors.
+    simulation, with bars of their errors; the errors of a line are a band.
 
     A path joins its points, and triangles mark the points that are reached by a fall of x. On an
     automatic medium each kind of mark stands for the medium that served.
     """
-    has_points = curve.as_points or np.any(curve.simulated)
-    has_error = curve.error > 0.0
-    if has_points and np.any(has_error):
-        bars = np.where(has_error, curve.error, np.nan)
+    is_point = curve.simulated | curve.as_points
+    has_bar = is_point & (curve.error > 0.0)
+    errors_of_line = np.where(is_point, np.nan, curve.error)
+    draw_error_band(ax, curve.x, curve.y, errors_of_line, look.colour, f"{gid}-errors")
+    if np.any(has_bar):
+        bars = np.where(has_bar, curve.error, np.nan)
         ax.errorbar(
             curve.x,
             curve.y,
@@ -428,8 +438,8 @@ def _make_handle(look: Look, label: str, is_points: bool) -> Line2D:
 
 
 def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
-    """Return the last entries of a legend: loads at which a medium is not valid, and media that
-    served automatic media.
+    """Return the last entries of a legend: loads at which a medium is not valid, bands of standard
+    errors, and media that served automatic media.
     """
     handles = list[Line2D]()
     grey = "0.3"
@@ -437,6 +447,9 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
         hollow_points: dict[str, Any] = {"marker": "o"} | _POINTS | _HOLLOW
         look = hollow_points if all(curve.as_points for curve in curves) else _OUTSIDE
         handles.append(Line2D([], [], label="outside its range", color=grey, **look))
+    has_bands = [(curve.error > 0.0) & ~curve.simulated for curve in curves if not curve.as_points]
+    if np.any(np.concatenate([[False], *has_bands])):
+        handles.append(make_error_handle())
     names = {label.partition("(")[0] for curve in curves for label in curve.served}
     for name in sorted(names, key=list(MEDIA).index):
         handle = Line2D(
@@ -633,7 +646,8 @@ def plot_sweep(
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid,
     thin and dashed elsewhere. Each line is thinner than the one before, so that all remain visible
     where they coincide. A simulation has points in place of a line, open where it is not valid;
-    points of several samples are means, with bars of their standard errors. On an ordered path a
+    points of several samples are means, with bars of their standard errors; the standard errors of
+    lines are bands. On an ordered path a
     line joins the points in the order of the path, and triangles mark the points that are reached
     by a fall of ``x``. Marks on the line of an automatic medium name the medium that served. The
     slow transverse wave in space has a dash-dotted line.

@@ -11,7 +11,15 @@ from collections.abc import Callable
 from textwrap import fill
 from typing import Any
 
-from granphon.figures.scales import add_legend, name_axis, scale_axis, styled_figure, thin_ticks
+from granphon.figures.scales import (
+    add_legend,
+    draw_error_band,
+    make_error_handle,
+    name_axis,
+    scale_axis,
+    styled_figure,
+    thin_ticks,
+)
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -59,7 +67,10 @@ def sweep_gaps_figure(dataset: Dataset, x: str | None = None) -> Figure:
     def draw(states: Dataset, ax: Axes, x_values: Array, unit: HertzPrefix) -> None:
         """Draw the gaps, and the top frequency, of the states of a panel."""
         _draw_fields(states, ("gap_lower", "gap_upper"), "gap", ax, x_values, unit)
-        ax.plot(x_values, states["top_frequency"].values / unit.hertz, gid="top", **_TOP)
+        top = states["top_frequency"].values / unit.hertz
+        errors = _read_errors(states, "top_frequency") / unit.hertz
+        draw_error_band(ax, x_values, top, errors, _TOP["color"], "top-errors")
+        ax.plot(x_values, top, gid="top", **_TOP)
 
     handles: list[Any] = [Line2D([], [], label="top frequency", **_TOP)]
     if np.any(np.isfinite(dataset["gap_lower"].values)):
@@ -94,10 +105,22 @@ def _draw_fields(
     """Draw, for each number of a ``dimension``, the field over ``x`` (n,) between the variables
     ``names`` of the ``states``, where they are known.
     """
-    edges = [states[name].transpose("load", dimension).values / unit.hertz for name in names]
-    for number, (lower, upper) in enumerate(zip(edges[0].T, edges[1].T, strict=True)):
-        if np.any(np.isfinite(lower)):
-            _draw_field(ax, x, lower, upper, f"{dimension}-{number}")
+    edges = [states[name].transpose(dimension, "load").values / unit.hertz for name in names]
+    errors = [_read_errors(states, name, dimension, "load") / unit.hertz for name in names]
+    for number in range(states.sizes[dimension]):
+        gid = f"{dimension}-{number}"
+        if np.any(np.isfinite(edges[0][number])):
+            _draw_field(ax, x, edges[0][number], edges[1][number], gid)
+            for edge, error in zip(edges, errors, strict=True):
+                draw_error_band(ax, x, edge[number], error[number], BLUE, f"{gid}-errors")
+
+
+def _read_errors(states: Dataset, name: str, *dims: str) -> Array:
+    """Return the standard errors of a variable, with its dimensions in the order ``dims``, if these
+    are given; nan where the data set does not have any.
+    """
+    errors = states.get(f"{name}_error", states[name] * np.nan)
+    return np.asarray(errors.transpose(*dims) if dims else errors, float)
 
 
 def _draw_field(ax: Axes, x: Array, lower: Array, upper: Array, gid: str) -> None:
@@ -145,13 +168,16 @@ def _draw_lines(dataset: Dataset, x: str | None, name: str, dimension: str, word
 
     def draw(states: Dataset, ax: Axes, x_values: Array, unit: HertzPrefix) -> None:
         """Draw the lines of the states of a panel."""
-        frequencies = states[name]
-        if "surface_point" in frequencies.dims:
-            frequencies = frequencies.isel(surface_point=-1)
-        if not np.any(np.isfinite(frequencies)):
+        if "surface_point" in states[name].dims:
+            states = states.isel(surface_point=-1)
+        lines = states[name].transpose(dimension, "load").values / unit.hertz
+        errors = _read_errors(states, name, dimension, "load") / unit.hertz
+        if not np.any(np.isfinite(lines)):
             ax.annotate("no wave", (0.5, 0.5), xycoords="axes fraction", ha="center", color="0.4")
-        for number, line in enumerate(frequencies.transpose(dimension, "load").values):
-            ax.plot(x_values, line / unit.hertz, gid=f"wave-{number}", **_DOTS)
+        for number, line in enumerate(lines):
+            gid = f"wave-{number}"
+            draw_error_band(ax, x_values, line, errors[number], ORANGE, f"{gid}-errors")
+            ax.plot(x_values, line, gid=gid, **_DOTS)
 
     return _draw_panels(dataset, x, name, draw, [Line2D([], [], label=words, **_DOTS)])
 
@@ -213,6 +239,8 @@ def _draw_panels(
             ax.tick_params(labelbottom=True)
         for ax in axes[:, 0]:
             ax.set_ylabel(f"Frequency ({print_hertz(unit)})")
+        if f"{variable}_error" in turned:
+            handles = [*handles, make_error_handle()]
         add_legend(figure, handles, 1)
         if len(chosen) < len(lines):
             remark = f"{len(chosen)} of {len(lines)} combinations"

@@ -6,7 +6,15 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from granphon.figures.scales import MOTION, add_bar, add_legend, draw_balls, styled_figure
+from granphon.figures.scales import (
+    MOTION,
+    add_bar,
+    add_legend,
+    draw_balls,
+    draw_error_band,
+    make_error_handle,
+    styled_figure,
+)
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -303,16 +311,18 @@ def motions_figure(dataset: Dataset) -> Figure:
             (above, ("motion_force",), "Greatest force", "N"),
             (below, ("motion_translation", "motion_rotation"), "Kinetic energy", "J"),
         ):
-            lines = []
-            for colour, select in states:
-                total = sum(select(variable) for variable in variables)
-                lines.append((colour, total))
-            greatest = max(float(np.max(values)) for _, values in lines)
-            scale, unit = prefixed(greatest, si_unit)
-            for colour, values in lines:
-                ax.plot(times / seconds, values / scale, color=colour, linewidth=1.0)
+            totals = [sum(select(variable) for variable in variables) for _, select in states]
+            scale, unit = prefixed(max(float(np.max(total)) for total in totals), si_unit)
+            for (colour, select), total in zip(states, totals, strict=True):
+                # the errors of a sum do not follow from those of its terms
+                if len(variables) == 1 and f"{variables[0]}_error" in dataset:
+                    errors = select(f"{variables[0]}_error") / scale
+                    draw_error_band(ax, times / seconds, total / scale, errors, colour, "errors")
+                ax.plot(times / seconds, total / scale, color=colour, linewidth=1.0)
             ax.set(ylabel=f"{label} ({write_unit(unit)})", ylim=(0.0, None))
         below.set(xlabel=f"Time ({write_unit(unit_of_time)})", xlim=(0.0, None))
+        if "motion_force_error" in dataset:
+            handles.append(make_error_handle())
         if len(handles) > 1:
             add_legend(figure, handles, room=1)
     return figure

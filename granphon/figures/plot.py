@@ -190,7 +190,8 @@ def _choose_of_dataset(result: Any, dataset: Any) -> tuple[Picture, dict[str, An
     if dataset is not result:
         spectra = {name: getattr(result, name, None) for name in ("bands", "dos")}
         if any(spectrum is not None for spectrum in spectra.values()):
-            return PICTURES["phonons.bands.Bands"], spectra
+            errors = dataset.get("frequencies_error")
+            return PICTURES["phonons.bands.Bands"], spectra | {"errors": errors}
         motion = getattr(getattr(result, "waves", None), "motion", None)
         for drawn in (getattr(result, "surface", None), motion):
             if drawn is not None:

@@ -265,6 +265,37 @@ def add_part_bar(ax: Axes, colours: Colormap, label: str) -> None:
     bar.set_ticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
 
 
+def draw_error_band(
+    ax: Axes,
+    x: Array,
+    values: Array,
+    errors: Array,
+    colour: Any,
+    gid: str,
+    convert: Callable[[Array], Array] | None = None,
+) -> None:
+    """Draw the band of the standard errors of a curve, ``values`` over ``x``, (n,); of a single
+    point a bar.
+
+    ``errors`` are (n,), nan where unknown, or (2, n), below and above the curve; without an error
+    above zero nothing is drawn. ``convert`` turns values into numbers on the axis of y.
+    """
+    below, above = np.broadcast_to(np.nan_to_num(errors), (2, values.size))
+    if not np.any((below > 0.0) | (above > 0.0)):
+        return
+    edges = [values - below, values + above]
+    lower, upper = edges if convert is None else map(convert, edges)
+    if values.size == 1:
+        ax.vlines(x, lower, upper, color=colour, linewidth=0.8, gid=gid)
+    else:
+        ax.fill_between(x, lower, upper, color=colour, alpha=0.3, linewidth=0.0, gid=gid)
+
+
+def make_error_handle() -> Line2D:
+    """Return the entry of a legend for the bands of :func:`draw_error_band`."""
+    return Line2D([], [], color="0.3", alpha=0.3, linewidth=5.0, label="standard error")
+
+
 def draw_densities(
     ax: Axes, curves: Iterable[tuple[Any, str, Array, Array, Array]], least: float = 1e-6
 ) -> None:
@@ -285,8 +316,7 @@ def draw_densities(
     for colour, label, frequencies, densities, errors in listed:
         x = frequencies / unit.hertz
         y = densities * unit.hertz
-        half_width = np.nan_to_num(errors) * unit.hertz
-        ax.fill_between(x, y - half_width, y + half_width, color=colour, alpha=0.3, linewidth=0.0)
+        draw_error_band(ax, x, y, errors * unit.hertz, colour, "errors")
         ax.plot(x, y, color=colour, linewidth=0.9, label=label)
     unit_name = print_hertz(unit)
     ax.set(xlabel=f"Frequency ({unit_name})", ylabel=f"DOS per ball (1/{unit_name})")
@@ -349,7 +379,7 @@ def add_legend(
     panels keep their size.
     """
     labels = [str(handle.get_label()) for handle in handles]
-    columns = _count_columns(labels)
+    columns = count_columns(labels)
     n_breaks = sum(text.count("\n") for text in (*labels, title or ""))
     rows = math.ceil(len(handles) / columns) + n_breaks
     added_height = max(0, rows - room) * ROW_HEIGHT
@@ -359,7 +389,7 @@ def add_legend(
     )
 
 
-def _count_columns(labels: Sequence[str]) -> int:
+def count_columns(labels: Sequence[str]) -> int:
     """Return the number of columns of a legend with these ``labels`` in a column of a page: as many
     as have room for the longest label.
     """
@@ -382,7 +412,7 @@ def add_title(ax: Axes, title: str, kinds: Mapping[str, str]) -> None:
         labels[colour] = name if colour not in labels else "others"
     rows = 0
     if labels:
-        columns = _count_columns(list(labels.values()))
+        columns = count_columns(list(labels.values()))
         rows = math.ceil(len(labels) / columns)
         look: dict[str, Any] = {
             "marker": "o",

@@ -19,6 +19,8 @@ from granphon.figures.scales import (
     add_legend,
     draw_balls,
     draw_densities,
+    draw_error_band,
+    make_error_handle,
     scale_axis,
     styled_figure,
 )
@@ -860,6 +862,8 @@ def responses_figure(dataset: Dataset) -> Figure:
         if len(chosen) < len(receivers):
             words = f"{len(chosen)} of {len(receivers)} receivers are drawn"
             handles.append(Line2D([], [], linestyle="none", label=words))
+        if f"{name}_error" in dataset:
+            handles.append(make_error_handle())
         if len(handles) > 1:
             add_legend(figure, handles, room=1)
     return figure
@@ -880,10 +884,18 @@ def _draw_states(
     """
     frequencies = dataset["response_frequency"].values
     lines: list[tuple[Array, Array, Any, float, str]] = []
+    x = frequencies / HertzPrefix.for_top(float(frequencies[-1])).hertz
     for read_variable, receiver, colour in curves:
         magnitude = read_variable(name)[:, receiver]
         phase = read_variable("response_phase")[:, receiver]
         lines.append((magnitude, phase, colour, 1.2, ""))
+        gid = f"errors-{receiver}"
+        if f"{name}_error" in dataset:
+            errors = _limit_bars(magnitude, read_variable(f"{name}_error")[:, receiver])
+            draw_error_band(above, x, magnitude, errors, colour, gid, _find_decibels)
+        if "response_phase_error" in dataset:
+            errors = read_variable("response_phase_error")[:, receiver] / math.pi
+            draw_error_band(below, x, phase / math.pi, errors, colour, gid)
     _draw_lines(above, below, frequencies, name, lines)
     if "peaks_frequency" not in dataset:
         return

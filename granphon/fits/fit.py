@@ -673,6 +673,11 @@ class Fitted(Result):
     dof: int
 
     @property
+    def units_of_values(self) -> list[str]:
+        """SI unit of each parameter, (p,); "1" of a number."""
+        return [self._units_of_parameters[name] or "1" for name in self.parameters]
+
+    @property
     def stderrs(self) -> Array:
         """Standard error of each parameter, (p,), SI."""
         return np.sqrt(np.diag(self.covariance))
@@ -695,7 +700,7 @@ class Fitted(Result):
         """Return the SI units of the fields by name; those of ``values`` are separated by commas,
         the rows of ``covariance``, products of two units, by semicolons.
         """
-        units = [self._units_of_parameters[name] or "1" for name in self.parameters]
+        units = self.units_of_values
         rows = []
         for unit in units:
             products = [f"{unit}^2" if unit == factor else f"{unit} {factor}" for factor in units]

@@ -25,18 +25,24 @@ from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
 from granphon.balls.loads import Load
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing
-from granphon.base.errors import ConvergenceError, GranphonError, InstabilityError, Refused
+from granphon.base.errors import (
+    ConvergenceError,
+    GranphonError,
+    InputError,
+    InstabilityError,
+    Refused,
+)
 from granphon.base.quantities import (
     LENGTH,
     LOAD_KINDS,
     NUMBER,
+    PLUS_MINUS,
     TENSORS,
     find_written_unit,
-    split_error,
 )
 from granphon.base.scales import write_quantity
 from granphon.base.settings import NEEDED, Setting, list_settings
-from granphon.base.text import Document, parse_yaml, read_text, show
+from granphon.base.text import Document, parse_yaml, plain_yaml, read_text, show
 from granphon.base.validation import block, read_inside, refuse_unknown_key
 from granphon.media.arrangement import Arrangement
 from granphon.phonons.paths import BandPath
@@ -77,6 +83,7 @@ BLOCKS: dict[str, Mapping[str, Setting]] = {
     "load": rules.LOAD,
     "medium": {"": rules.MEDIUM},
     "sweep": {"": rules.SWEEP},
+    "correlations": {"": rules.CORRELATIONS},
     "observe": {"": rules.OBSERVE},
     "direction": {"": rules.DIRECTION},
     **{name: list_settings(settings) for name, settings in WAVE_BLOCKS.items()},
@@ -124,7 +131,8 @@ def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
     blocks: dict[str, Any] = {}
     absent_blocks = _NEEDED_BLOCKS[:2] if scene.packing.kind_names else _CRYSTAL_BLOCKS
     for name, settings in BLOCKS.items():
-        if name in absent_blocks:
+        has_no_waves = name in WAVE_BLOCKS and _find_value(scene, name, "") is None
+        if name in absent_blocks or has_no_waves:
             continue
         for key, declared in settings.items():
             value = _find_value(scene, name, key)
@@ -496,23 +504,46 @@ def _find_place_of_value(values: Any, index: int, is_list: bool) -> tuple[str, t
     return f"value {index + 1} of {points} from {first} to {last}", ()
 
 
-def _find_errors(data: Any) -> list[tuple[Any, ...]]:
-    """Return the keys that lead to each quantity of a document with a standard error, and last the
-    value and the error, as :func:`~granphon.base.quantities.split_error` returns both.
+def _find_uncertain(data: Any) -> dict[tuple[Any, ...], Any]:
+    """Return the values of a document that have a standard error, texts, or that stand in a fit,
+    mappings, by the keys that lead to them.
     """
-    errors = []
+    entries = {}
     blocks: list[tuple[tuple[Any, ...], Any]] = [((), data)]
     while blocks:
         path, entry = blocks.pop()
-        if isinstance(entry, Mapping):
-            blocks += [((*path, key), inner) for key, inner in entry.items()]
+        items: Any = ()
+        if isinstance(entry, str):
+            if PLUS_MINUS.search(entry):
+                entries[path] = entry
         elif isinstance(entry, list):
-            blocks += [((*path, number), inner) for number, inner in enumerate(entry)]
-        elif isinstance(entry, str) and ("+-" in entry or "+/-" in entry or "±" in entry):
-            parts = split_error(entry)
-            if path and parts is not None:
-                errors.append((*path, parts))
-    return errors[::-1]
+            items = enumerate(entry)
+        elif isinstance(entry, Mapping) and rules.FIT in entry and path:
+            entries[path] = entry
+        elif isinstance(entry, Mapping):
+            items = entry.items()
+        for key, inner in items:
+            blocks.append(((*path, key), inner))
+    # in the order of the document
+    return dict(reversed(entries.items()))
+
+
+def _put_values(data: Any, values: Mapping[str, str]) -> Any:
+    """Return the data of a document with ``values``, YAML by the keys that lead to them, as
+    "load.force"; blocks that the document lacks are made. InputError for keys that lead to nothing.
+    """
+    changed = deepcopy(data)
+    for name, text in values.items():
+        *outer, last = [int(key) if key.isdecimal() else key for key in name.split(".")]
+        try:
+            entry = changed
+            for key in outer:
+                entry = entry[key] if isinstance(entry, list) else entry.setdefault(key, {})
+            entry[last] = plain_yaml(text, name)
+        except (AttributeError, IndexError, TypeError):
+            problem = f"the scene has no place for {name}"
+            raise InputError(problem, mend="Name keys as in material.young_modulus") from None
+    return changed
 
 
 @dataclass(frozen=True)
@@ -529,29 +560,44 @@ class SceneSource(Places):
     document: Document | None = None
     path: Path | None = None
     #: standard errors of quantities, by their paths in the document, which then holds the values
-    #: alone
+    #: alone; correlations of these errors by two paths; and the files of fits
     errors: tuple[tuple[tuple[str | int, ...], str], ...] = ()
+    correlations: tuple[tuple[str, str, float], ...] = ()
+    fits: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
-        found = [] if self.document is None else _find_errors(self.document.data)
-        if not found or self.document is None:
+        entries = {} if self.document is None else _find_uncertain(self.document.data)
+        if not entries or self.document is None:
             return
+        # imported here: few scenes have errors
+        from granphon.scene.written_errors import WrittenErrors
+
+        with self.at():
+            written = WrittenErrors.read(entries, self.folder)
         data = deepcopy(self.document.data)
-        errors = []
-        for *outer, key, (value, error) in found:
-            block = reduce(getitem, outer, data)
-            block[key] = value
-            errors.append(((*outer, key), error))
+        for (*outer, key), value in written.values.items():
+            reduce(getitem, outer, data)[key] = value
         # the dataclass is frozen: the values alone are put in place of the argument
-        object.__setattr__(self, "document", replace(self.document, data=data))
-        object.__setattr__(self, "errors", tuple(errors))
+        assign = partial(object.__setattr__, self)
+        assign("document", replace(self.document, data=data))
+        assign("errors", tuple(written.errors.items()))
+        assign("correlations", tuple(written.correlations))
+        assign("fits", tuple(written.fits))
 
     @classmethod
-    def of_file(cls, path: str | os.PathLike[str]) -> SceneSource:
-        """Return the source of a scene in the file ``path``;
-        :class:`~granphon.base.errors.SceneError` if the text of the file is not YAML.
+    def of_file(
+        cls, path: str | os.PathLike[str], values: Mapping[str, str] | None = None
+    ) -> SceneSource:
+        """Return the source of a scene in the file ``path``, in which ``values``, texts by the keys
+        that lead to them, stand in place of those in the file.
+
+        :class:`~granphon.base.errors.SceneError` if the text of the file is not YAML;
+        :class:`~granphon.base.errors.InputError` if the text of a value is not, or if its keys lead
+        to nothing.
         """
         document = parse_yaml(read_text(path), str(path))
+        if values:
+            document = replace(document, data=_put_values(document.data, values))
         return cls(document, Path(path))
 
     @property
@@ -562,7 +608,7 @@ class SceneSource(Places):
     @property
     def inputs(self) -> tuple[Path, ...]:
         """Paths of the files that were read: the scene file, and the tables of measured diameters
-        and of the drives of a motion that it names.
+        and of the drives of a motion, and the fits, that it names.
         """
         if self.document is None:
             return ()
@@ -571,7 +617,7 @@ class SceneSource(Places):
         names = [name for name in map(table_named, spreads) if name is not None]
         if "motion" in data:
             names += named_tables(data["motion"].get("drive", []))
-        paths = [self.folder / name for name in names]
+        paths = [self.folder / name for name in names] + list(self.fits)
         if self.path is not None:
             paths.insert(0, self.path)
         return tuple(paths)
@@ -725,7 +771,9 @@ class SceneSource(Places):
                 arguments[key] = settings(**blocks[key])
         if "finite_overlap" in blocks["packing"]:
             arguments["finite_overlap"] = blocks["packing"]["finite_overlap"]
-        return arguments | {"source": self.path, "errors": self.errors}
+        correlations = (*self.correlations, *blocks.get("correlations", ()))
+        of_errors = {"errors": self.errors, "correlations": correlations}
+        return arguments | of_errors | {"source": self.path}
 
     def _make_load(self, values: Mapping[str, Any]) -> Load:
         """Return the load of the block load, with errors placed at its key; gravity alone is a

@@ -128,6 +128,14 @@ class Export:
         # a folder, or a link to nothing, with the name of a result is an error when it is read
         return path if path is not None and os.path.lexists(path) else None
 
+    @property
+    def is_without_errors(self) -> bool:
+        """Whether the numbers of the output have no standard errors that follow from those of
+        parameters: those of one state that its data set does not have, and densities of states, as
+        their frequencies move with the parameters.
+        """
+        return self.write is not None and (self.states == "one" or self.observed == "dos")
+
     def is_of(self, scene: Any) -> bool:
         """Whether a run of a ``scene`` has the output."""
         if self.command != "run" or (self.observed and self.observed not in scene.observe):
@@ -526,7 +534,9 @@ def _draw_bands(results: Any, asymptotes: Any = None) -> Any:
     bands = results["bands"]
     gaps = results["gaps"]
     lattice = None if bands is None else asymptotes
-    return bands_figure(bands, results["dos"], asymptotes=lattice, gaps=gaps)
+    data = results["states"]
+    errors = None if bands is None or data is None else data.get("frequencies_error")
+    return bands_figure(bands, results["dos"], asymptotes=lattice, gaps=gaps, errors=errors)
 
 
 # -- the table -------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ _PICTURES = (".png", ".svg")
 #: keys of summary.yaml that are no numbers of the result
 _NO_NUMBERS = {
     "schema", "versions", "source", "observe", "finite_overlap", "sizes", "warnings", "files",
-    "units", "validity", "ok", "medium", "peaks",
+    "units", "validity", "ok", "medium", "peaks", "errors_from",
 }  # fmt: skip
 #: greatest number of rows of the table of states
 MOST_STATES = 500
@@ -46,6 +47,8 @@ _FIT_NAMES = {
     "chi2": "chi^2",
     "dof": "degrees of freedom",
 }
+#: digits of standard errors
+_DIGITS = 2
 #: components of a tensor below this part of the largest are rounding
 _ROUNDING = 1e-12
 #: how the model and the program are cited
@@ -166,23 +169,25 @@ def _write_value(value: Any, unit: str, error: Any = None) -> str:
     if all(isinstance(entry, list) for entry in value):
         is_tensor = len(value) > 2 and all(len(entry) == len(value) for entry in value)
         if is_tensor:
-            return _write_tensor(np.array(value, float), unit)
-        return ", ".join(_write_range(entry, unit) for entry in value)
-    if len(value) == 2:
-        return _write_range(value, unit)
-    return _list_numbers(value, unit)
+            text = _write_tensor(np.array(value, float), unit)
+            return f"{text} +/- {_write_tensor(np.array(error, float), unit)}" if error else text
+        edges = [_write_range(entry, unit) for entry in value]
+        errors = [f" +/- {_write_range(entry, unit, _DIGITS)}" for entry in error or ()]
+        return ", ".join(map("".join, zip_longest(edges, errors, fillvalue="")))
+    text = _write_range(value, unit) if len(value) == 2 else _list_numbers(value, unit)
+    return f"{text} +/- {_write_range(error, unit, _DIGITS)}" if isinstance(error, list) else text
 
 
-def _write_number(value: float, unit: str) -> str:
+def _write_number(value: float, unit: str, digits: int = 5) -> str:
     """Return the text of a number in the SI ``unit``; whole numbers without a unit as they are."""
     if isinstance(value, int) and not unit:
         return str(value)
-    return write_quantity(float(value), unit)
+    return write_quantity(float(value), unit, digits)
 
 
-def _write_range(ends: list[Any], unit: str) -> str:
-    """Return the text of the least and the greatest of several values."""
-    return " to ".join(dict.fromkeys(_write_number(end, unit) for end in ends))
+def _write_range(ends: list[Any], unit: str, digits: int = 5) -> str:
+    """Return the text of the ends of a range, or of the two edges of an interval."""
+    return " to ".join(dict.fromkeys(_write_number(end, unit, digits) for end in ends))
 
 
 def _write_tensor(components: Array, unit: str) -> str:
@@ -199,6 +204,15 @@ def _write_tensor(components: Array, unit: str) -> str:
 def _list_numbers(values: list[Any], unit: str) -> str:
     """Return the text of several values in the SI ``unit``."""
     return f"{', '.join(f'{value:.5g}' for value in values)}{write_unit(unit)}"
+
+
+def _read_errors(source: Path) -> list[Block]:
+    """Return the table of the parameters that give most of the standard errors of numbers."""
+    numbers_by_parameter: dict[str, list[str]] = {}
+    for name, parameter in read_summary(source).get("errors_from", {}).items():
+        numbers_by_parameter.setdefault(parameter, []).append(_name_number(name))
+    rows = [(parameter, ", ".join(names)) for parameter, names in numbers_by_parameter.items()]
+    return [Rows(("parameter", "gives most of the error of"), tuple(rows))] if rows else []
 
 
 def _read_limits(source: Path) -> list[Block]:
@@ -233,7 +247,10 @@ def _read_states(source: Path) -> list[Block]:
     headings = []
     texts = []
     for name in columns:
-        values = dataset[name].broadcast_like(dataset["valid"]).transpose(*dims).values.ravel()
+        values, errors = (
+            of_states.broadcast_like(dataset["valid"]).transpose(*dims).values.ravel()
+            for of_states in (dataset[name], dataset.get(f"{name}_error", dataset["valid"] * 0.0))
+        )
         unit = str(dataset[name].attrs.get("units", ""))
         heading = _SHORT_NAMES.get(name, _name_number(name))
         size = 1.0
@@ -243,7 +260,8 @@ def _read_states(source: Path) -> list[Block]:
             size, prefixed_unit = prefixed(float(np.max(np.abs(finite), initial=0.0)), unit)
             heading += f" ({prefixed_unit})"
         headings.append(heading)
-        texts.append([_write_cell(value, size) for value in values[:MOST_STATES].tolist()])
+        cells = zip(values[:MOST_STATES].tolist(), errors[:MOST_STATES].tolist(), strict=True)
+        texts.append([_write_cell(value, error, size) for value, error in cells])
     blocks: list[Block] = [Rows(tuple(headings), tuple(zip(*texts, strict=True)))]
     n_states = dataset["valid"].size
     if n_states > MOST_STATES:
@@ -251,10 +269,14 @@ def _read_states(source: Path) -> list[Block]:
     return blocks
 
 
-def _write_cell(value: Any, size: float) -> str:
-    """Return the text of a value in the table of states; a number is in units of ``size``."""
+def _write_cell(value: Any, error: float, size: float) -> str:
+    """Return the text of a value in the table of states; a number is in units of ``size``, with its
+    standard ``error`` if this is known and above zero.
+    """
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if error > 0.0:
+        return write_uncertain(value / size, error / size, "")
     return f"{value / size:.6g}" if isinstance(value, float) else str(value)
 
 
@@ -344,6 +366,7 @@ def _cite(source: Path) -> list[Block]:
 #: the parts of a report, in their order
 PARTS = (
     Part("Numbers", ("summary.yaml",), _read_numbers),
+    Part("Standard errors", ("summary.yaml",), _read_errors),
     Part("Fit", ("fit.yaml",), _read_fit),
     Part("Warnings", ("summary.yaml",), _read_warnings),
     Part("Figures", (), _read_figures),

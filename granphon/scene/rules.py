@@ -462,6 +462,43 @@ SWEEP = Setting(
 )
 
 
+def _read_correlations(value: Any) -> tuple[tuple[str, str, float], ...]:
+    """Return the correlations of a block, each the names of two parameters, between which a comma
+    stands in the key, and a number; those of another scene as they are.
+    """
+    if isinstance(value, tuple):
+        return value
+    example = "'young_modulus, diameter: 0.3'"
+    if not isinstance(value, Mapping):
+        raise Refused(show(value), f"a block of pairs of parameters, such as {example}")
+    correlations = []
+    for key, entry in value.items():
+        names = [name.strip() for name in str(key).split(",")]
+        if len(names) != 2 or not all(names):
+            raise Refused(show(key), f"two parameters, such as {example}", path=(key,))
+        correlation = read_inside(key, partial(number, low=-1.0, high=1.0), entry)
+        correlations.append((*names, correlation))
+    return tuple(correlations)
+
+
+def _write_correlations(correlations: Sequence[tuple[str, str, float]]) -> dict[str, float]:
+    """Return the block of correlations."""
+    return {f"{first}, {second}": value for first, second, value in correlations}
+
+
+CORRELATIONS = Setting(
+    Kind(
+        lambda value, _: _read_correlations(value),
+        lambda value, _: _write_correlations(value) if value else None,
+    ),
+    "correlations of standard errors, by two parameters: `young_modulus, diameter: 0.3`, see"
+    " [standard errors](../how-to/errors.md)",
+    "none",
+)
+#: key of a value that stands in a fit
+FIT = "fit"
+
+
 # -- loads, media and observables ------------------------------------------------------------------
 
 

@@ -132,6 +132,8 @@ class Scene(SceneValues):
         alone.
     errors : of each parameter that has a standard error, the path of its key in the file, as
         ("material", "young_modulus"), and the error, SI; results have the errors that follow.
+    correlations : the names of two such parameters, and the correlation of their errors; may be
+        given as a mapping, as {"young_modulus, diameter": 0.3}.
     response, motion, modes : which response of the network of each state to find, how its balls
         move, and which of its lowest modes to find, if the scene observes it.
     dim : supercell of the exported force constants, a number for each period; None for the smallest
@@ -144,9 +146,15 @@ class Scene(SceneValues):
     """
 
     @classmethod
-    def from_yaml(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a scene file; :class:`~granphon.base.errors.SceneError` names the mistake in it."""
-        return cls._read(SceneSource.of_file(path))
+    def from_yaml(
+        cls, path: str | os.PathLike[str], values: Mapping[str, str] | None = None
+    ) -> Self:
+        """Read a scene file; :class:`~granphon.base.errors.SceneError` names the mistake in it.
+
+        ``values`` stand in place of those in the file: texts, as in the file, by the keys that lead
+        to them, as {"load.force": "18.4 +- 0.2 N"}.
+        """
+        return cls._read(SceneSource.of_file(path, values))
 
     @classmethod
     def from_text(cls, text: str, name: str = "<scene>") -> Self:
@@ -165,6 +173,9 @@ class Scene(SceneValues):
             scene = cls(**arguments)
         object.__setattr__(scene, "origin", origin)
         scene.plan.require()
+        if scene.errors:
+            with origin.at():
+                _ = scene.shifted
         return scene
 
     def __str__(self) -> str:
@@ -292,7 +303,7 @@ class Scene(SceneValues):
         """Put the standard errors that follow from those of the parameters into the values of a
         ``result``.
         """
-        from granphon.scene.uncertainty import Spread, name_parameter
+        from granphon.scene.uncertainty import Spread, warn_of_lacking
 
         shifted = []
         with progress.step("standard errors", len(self.errors)) as step:
@@ -303,23 +314,25 @@ class Scene(SceneValues):
                 ]
                 shifted.append(pair)
                 step.advance()
-        names = [name_parameter(path) for path, _ in self.errors]
+        datasets = [(lower.dataset, upper.dataset) for lower, upper in shifted]
+        spreads = [Spread.of(self, datasets)]
+        dataset = spreads[0].add_to(result.dataset)
         if self.is_single:
             summaries = [(lower.summary(), upper.summary()) for lower, upper in shifted]
-            result.values["errors"] = Spread(names, summaries).summarise(result.summary())
-        datasets = [(lower.dataset, upper.dataset) for lower, upper in shifted]
-        result.values["states"] = Spread(names, datasets).add_to(result.dataset)
+            spreads.append(Spread.of(self, summaries))
+            result.values["errors"] = spreads[1].summarise(result.summary())
+        result.values["states"] = warn_of_lacking(dataset, spreads)
 
     @cached_property
     def shifted(self) -> list[tuple[Self, Self]]:
         """For each parameter with a standard error the scenes in which the parameter is smaller and
-        larger by it.
+        larger by it; :class:`~granphon.base.errors.Refused` if a value is not allowed there.
         """
         from granphon.scene.uncertainty import shift_scene
 
         return [
-            (shift_scene(self, path, -error), shift_scene(self, path, error))
-            for path, error in self.errors
+            (shift_scene(self, keys, -error), shift_scene(self, keys, error))
+            for keys, error in self.errors
         ]
 
     # -- the plan ----------------------------------------------------------------------------------
@@ -670,6 +683,10 @@ class RunResult(Results):
             is_known = name in data and data[name].notnull().any()
             if is_known:
                 numbers[name] = [float(data[name].min()), float(data[name].max())]
+        if self.scene.errors:
+            from granphon.scene.uncertainty import collect_errors
+
+            numbers |= collect_errors(data, _EXTENTS)
         return numbers | {"valid": bool(data["valid"].all())}
 
     def _repr_html_(self) -> str:

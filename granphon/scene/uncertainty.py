@@ -1,17 +1,18 @@
 """Standard errors of the parameters of a scene, and those that follow for its results.
 
-A quantity may have its standard error, as "211.65 +- 2 GPa" or "8 mm +- 4 um". To first order a
-result X has the standard error
+To first order a result X has the standard error
 
-    sigma_X^2  =  sum over parameters p of (dX/dp sigma_p)^2
+    sigma_X^2  =  sum over parameters p, q of  (dX/dp sigma_p) rho_pq (dX/dq sigma_q)
 
-if the parameters are independent. Each term is half the difference of X in two scenes, in one of
-which p is larger by its standard error, and in the other smaller: a central difference, through all
-that the scene computes. Errors of sampling, which simulations have, add up with these.
+with the correlations rho of the errors, zero unless the scene gives them. dX/dp sigma_p is half the
+difference of X in two scenes, in one of which p is larger by its standard error, and in the other
+smaller: a central difference, through all that the scene computes. The part of p in the variance is
+its row of the sum. Errors of sampling, which simulations have, add up with these.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -20,76 +21,168 @@ import numpy as np
 
 from granphon.balls.ball import Ball
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError
-from granphon.base.quantities import NUMBER, find_factor, find_written_unit
-from granphon.base.text import Document
+from granphon.base.errors import GranphonError, Refused
+from granphon.base.quantities import NUMBER, PERCENT, find_factor, find_written_unit
+from granphon.base.text import Document, list_names, show
+from granphon.base.validation import require
+from granphon.runs.tasks import to_json
+from granphon.scene import rules
 from granphon.scene.file import SceneSource, write_blocks
 from granphon.scene.rules import Context
+from granphon.scene.written_errors import Keys, name_keys
 
 if TYPE_CHECKING:
     from granphon.runs.dataset import Dataset
 
-_Path = tuple[str | int, ...]
 #: a number and its unit
 _VALUE = re.compile(rf"\s*({NUMBER})\s*(.*?)\s*", re.DOTALL)
 #: ending of the name of the standard error of a number
 _ERROR = "_error"
 #: relative change of a number that is put down to rounding
 _ROUNDING = 1e-12
+#: dimensions along which a density has its own frequencies in each state: densities at one index
+#: have no common frequency, so that their difference says nothing
+_OF_DENSITIES = "node"
 
 
-def settle_errors(scene: Any) -> tuple[tuple[_Path, float], ...]:
+def settle_errors(scene: Any) -> tuple[tuple[Keys, float], ...]:
     """Return the standard errors of a scene in SI, each with the path of its parameter in the file.
 
-    Raises :class:`~granphon.base.errors.InputError` for an error that is not above zero or has a
-    unit of another kind, and for one of what is no single quantity.
+    Raises :class:`~granphon.base.errors.Refused` for an error that is not above zero, is as large
+    as its value or has a unit of another kind; and for one of a whole number, or of what is no
+    single quantity.
     """
     blocks = _write(scene)
     settled = []
-    for path, error in scene.errors:
-        name = name_parameter(path)
-        number, unit = _split_plain(_look_up(blocks, path), name)
+    for keys, error in scene.errors:
+        number, unit = _split_plain(_look_up(blocks, keys), keys)
         size = error
         if isinstance(error, str):
             text, _, unit_of_error = error.partition(" ")
-            factor = find_factor(unit_of_error, unit) if unit or unit_of_error else 1.0
-            if factor is None:
-                why = f"{unit_of_error or 'no unit'} and {unit or 'no unit'} are of two kinds"
-                raise InputError(f"the standard error of {name} is not in its unit", why)
-            size = float(text) * factor
+            size = float(text) * _find_size(unit_of_error, number, unit, keys)
         if not 0.0 < size < np.inf:
-            raise InputError(f"the standard error of {name} is {size:g}, which is not above zero")
-        if number and abs(size) >= abs(number):
-            raise InputError(
-                f"the standard error of {name} is as large as {name} itself",
-                "Errors are of first order, of parameters that are known well",
+            raise Refused(f"a standard error of {size:g}", "one above zero", path=keys)
+        if number and size >= abs(number):
+            raise Refused(
+                f"a standard error of {size:g}, as large as the value {number:g}",
+                "one below the value, as errors are of first order",
+                path=keys,
             )
-        settled.append((path, float(size)))
+        settled.append((keys, float(size)))
     return tuple(settled)
+
+
+def _find_size(unit_of_error: str, number: float, unit: str, keys: Keys) -> float:
+    """Return the size, in the SI ``unit`` of a ``number``, of one unit of its standard error;
+    Refused if the two are of different kinds.
+    """
+    if unit_of_error == PERCENT:
+        return 0.01 * abs(number)
+    factor = find_factor(unit_of_error, unit) if unit or unit_of_error else 1.0
+    if factor is None:
+        found = f"a standard error in {unit_of_error or 'no unit'}"
+        raise Refused(found, f"one in {unit or 'no unit'}, or in %", path=keys)
+    return factor
+
+
+def settle_correlations(scene: Any) -> tuple[tuple[str, str, float], ...]:
+    """Return the correlations of a scene, with the whole names of both parameters.
+
+    Raises :class:`~granphon.base.errors.Refused` for a name of no parameter with a standard error,
+    or of several; for a pair that is given twice, or of one parameter; and for correlations that no
+    errors can have, whose matrix is not positive semidefinite.
+    """
+    rule = rules.CORRELATIONS.kind.rule(Context())
+    given = require("correlations", rule, scene.correlations)
+    names = [name_keys(keys) for keys, _ in scene.errors]
+    settled: dict[frozenset[str], tuple[str, str, float]] = {}
+    for first, second, value in given:
+        path = ("correlations", f"{first}, {second}")
+        pair = [_find_name(name, names, path) for name in (first, second)]
+        if len(set(pair)) < 2 or frozenset(pair) in settled:
+            twice = "a pair twice" if len(set(pair)) > 1 else f"{pair[0]} twice"
+            raise Refused(twice, "each pair of two parameters once", path=path)
+        settled[frozenset(pair)] = (*pair, value)
+    correlations = tuple(settled.values())
+    least = float(np.linalg.eigvalsh(make_matrix(names, correlations)).min(initial=0.0))
+    if least < -_ROUNDING * len(names):
+        raise Refused(
+            f"correlations that no errors have: an eigenvalue of their matrix is {least:.2g}",
+            "a positive semidefinite matrix",
+            path=("correlations",),
+        )
+    return correlations
+
+
+def _find_name(name: str, names: Sequence[str], path: tuple[str, ...]) -> str:
+    """Return the one of the ``names`` of parameters that is a ``name`` or ends in it; Refused, at
+    a ``path``, if there is none, or if there are several.
+    """
+    found = [whole for whole in names if f".{whole}".endswith(f".{name}")]
+    if len(found) != 1:
+        allowed = f"one of the parameters with a standard error: {list_names(found or names)}"
+        raise Refused(show(name), allowed, path=path)
+    return found[0]
+
+
+def make_matrix(names: Sequence[str], correlations: Sequence[tuple[str, str, float]]) -> Array:
+    """Return the matrix (p, p) of the correlations of the errors of the parameters ``names``."""
+    matrix = np.eye(len(names))
+    for first, second, value in correlations:
+        pair = names.index(first), names.index(second)
+        matrix[pair] = matrix[pair[::-1]] = value
+    return matrix
+
+
+def list_parameters(scene: Any) -> list[tuple[str, float, float, str]]:
+    """Return the name, the value, the standard error and the SI unit of each parameter of a scene
+    that has an error.
+    """
+    blocks = _write(scene)
+    parameters = []
+    for keys, error in scene.errors:
+        number, unit = _split_plain(_look_up(blocks, keys), keys)
+        parameters.append((name_keys(keys), number, error, unit))
+    return parameters
+
+
+def find_state_errors(scene: Any, state: Any, names: Sequence[str]) -> dict[str, Any]:
+    """Return the standard errors of the numbers ``names`` of the one state of a scene, as
+    :meth:`Spread.summarise` does.
+    """
+    pairs = []
+    for pair in scene.shifted:
+        states = [shifted.state() for shifted in pair]
+        pairs.append([{name: getattr(end, name) for name in names} for end in states])
+    numbers = {name: getattr(state, name) for name in names}
+    return Spread.of(scene, pairs).summarise(numbers)
 
 
 def write_errors(scene: Any, blocks: dict[str, Any]) -> None:
     """Write the standard errors of a scene behind the quantities in its ``blocks``."""
-    for path, error in scene.errors:
-        plain = _look_up(blocks, path)
-        _replace(blocks, path, f"{plain} +- {error!r} {find_written_unit(plain)}".strip())
+    for keys, error in scene.errors:
+        plain = _look_up(blocks, keys)
+        _replace(blocks, keys, f"{plain} +- {error!r} {find_written_unit(plain)}".strip())
 
 
-def shift_scene(scene: Any, path: _Path, change: float) -> Any:
-    """Return the scene with the parameter at a ``path`` larger by ``change``, SI, and without
-    standard errors.
+def shift_scene(scene: Any, keys: Keys, change: float) -> Any:
+    """Return the scene with the parameter at a path, ``keys``, larger by ``change``, SI, and
+    without standard errors; Refused if there is no such scene.
     """
     blocks = _write(scene)
-    number, unit = _split_plain(_look_up(blocks, path), name_parameter(path))
+    number, unit = _split_plain(_look_up(blocks, keys), keys)
     shifted = number + change
-    _replace(blocks, path, f"{shifted!r} {unit}" if unit else shifted)
-    document = Document(name_parameter(path), blocks, {})
-    return type(scene)(**SceneSource(document, scene.origin.path).read())
-
-
-def name_parameter(path: _Path) -> str:
-    """Return the name of the parameter at a ``path`` of the file, "material.young_modulus"."""
-    return ".".join(map(str, path))
+    _replace(blocks, keys, f"{shifted!r} {unit}" if unit else shifted)
+    document = Document("", blocks, {})
+    try:
+        shifted_scene = type(scene)(**SceneSource(document, scene.origin.path).read())
+        shifted_scene.plan.require()
+    except GranphonError as error:
+        found = f"a standard error of {abs(change):g}, with which the value is {shifted:g}"
+        # the place in the file is that of the error
+        reason = str(error).removeprefix(":1: ").removeprefix(f"{name_keys(keys)}: ")
+        raise Refused(found, "one with which there are results", reason, keys) from None
+    return shifted_scene
 
 
 class Spread:
@@ -99,16 +192,31 @@ class Spread:
     ----------
     names : of the parameters.
     pairs : for each parameter the results at its smaller and at its larger value, by name.
+    correlations : (p, p) of the errors of the parameters.
+    lacking : the names of numbers whose errors are not known, as the results at both ends of an
+        error have more of these, or fewer, as of gaps.
     """
 
-    def __init__(self, names: Sequence[str], pairs: Sequence[tuple[Any, Any]]) -> None:
+    def __init__(
+        self, names: Sequence[str], pairs: Sequence[tuple[Any, Any]], correlations: Array
+    ) -> None:
         self.names = names
         self.pairs = pairs
+        self.correlations = correlations
+        self.lacking: dict[str, None] = {}
 
-    def find(self, name: str, value: Any, sampling: Any = None) -> tuple[Array, str] | None:
+    @classmethod
+    def of(cls, scene: Any, pairs: Sequence[tuple[Any, Any]]) -> Spread:
+        """Return the spread of the results of a ``scene`` by those of its shifted scenes."""
+        names = [name_keys(keys) for keys, _ in scene.errors]
+        return cls(names, pairs, make_matrix(names, scene.correlations))
+
+    def find(
+        self, name: str, value: Any, sampling: Any = None, unit: str = ""
+    ) -> tuple[Array, str] | None:
         """Return the standard errors of the ``value`` of a ``name``, and the parameter that gives
         most of these; None where no parameter has an effect, and for what is no number. The errors
-        of ``sampling`` add up with these.
+        of ``sampling`` add up with these. Of angles, in the ``unit`` rad, a turn is no change.
         """
         base = _as_numbers(value)
         if base is None:
@@ -117,20 +225,18 @@ class Spread:
         for pair in self.pairs:
             lower, upper = (_as_numbers(results.get(name)) for results in pair)
             if lower is None or upper is None or not lower.shape == upper.shape == base.shape:
+                self.lacking[name] = None
                 return None
-            is_known = np.isfinite(lower) & np.isfinite(upper)
-            unknown_changes = np.full(base.shape, np.nan)
-            change = 0.5 * np.subtract(upper, lower, out=unknown_changes, where=is_known)
-            changes.append(np.where(np.abs(change) <= _ROUNDING * np.abs(base), 0.0, change))
-        variances = np.square(changes)
+            changes.append(_find_change(lower, upper, base, unit))
+        # the part of each parameter in the variance
+        parts = np.array(changes) * np.tensordot(self.correlations, changes, axes=1)
+        variances = np.maximum(np.sum(parts, axis=0), 0.0)
         if not np.any(variances > 0.0):
             return None
-        sampling_variances = (
-            0.0 if sampling is None else np.square(np.nan_to_num(np.asarray(sampling, float)))
-        )
-        total = np.sqrt(np.sum(variances, axis=0) + sampling_variances)
-        shares = np.nansum(variances.reshape(len(self.names), -1), axis=1)
-        return total, self.names[int(np.argmax(shares))]
+        if sampling is not None:
+            variances = variances + np.square(np.nan_to_num(np.asarray(sampling, float)))
+        shares = np.nansum(parts.reshape(len(self.names), -1), axis=1)
+        return np.sqrt(variances), self.names[int(np.argmax(shares))]
 
     def summarise(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
         """Return the standard errors of ``numbers``, by name as NAME_error, and under "errors_from"
@@ -153,17 +259,56 @@ class Spread:
         """
         added = {}
         for name, variable in dataset.data_vars.items():
-            errors_of_variable = None
-            if not str(name).endswith(_ERROR):
-                sampling = dataset.get(f"{name}{_ERROR}")
-                sampling_errors = None if sampling is None else sampling.values
-                errors_of_variable = self.find(str(name), variable.values, sampling_errors)
-            if errors_of_variable is not None:
-                error, source = errors_of_variable
-                units = {key: text for key, text in variable.attrs.items() if key == "units"}
-                attributes = {**units, "mostly_from": source}
-                added[f"{name}{_ERROR}"] = (variable.dims, error, attributes)
+            if str(name).endswith(_ERROR) or _OF_DENSITIES in variable.dims:
+                continue
+            sampling = dataset.get(f"{name}{_ERROR}")
+            sampling_errors = None if sampling is None else sampling.values
+            unit = str(variable.attrs.get("units", ""))
+            errors = self.find(str(name), variable.values, sampling_errors, unit)
+            if errors is not None:
+                attributes = {"units": unit} if unit else {}
+                attributes["mostly_from"] = errors[1]
+                added[f"{name}{_ERROR}"] = (variable.dims, errors[0], attributes)
         return dataset.assign(added)
+
+
+def warn_of_lacking(dataset: Dataset, spreads: Sequence[Spread]) -> Dataset:
+    """Return a data set whose warnings name the numbers whose standard errors the ``spreads`` have
+    not found.
+    """
+    names = dict.fromkeys(name for spread in spreads for name in spread.lacking)
+    if not names:
+        return dataset
+    why = "their number differs within the errors of the parameters"
+    warning = f"no standard errors of {list_names(names)}: {why}"
+    warnings = [*json.loads(dataset.attrs["warnings"]), warning]
+    return dataset.assign_attrs(warnings=to_json(warnings))
+
+
+def collect_errors(dataset: Dataset, names: Sequence[str]) -> dict[str, Any]:
+    """Return the least and the greatest standard error of the variables ``names`` of a data set,
+    that follow from those of parameters, as :meth:`Spread.summarise` names them.
+    """
+    errors: dict[str, Any] = {}
+    sources: dict[str, str] = {}
+    for name in names:
+        error = dataset.get(f"{name}{_ERROR}")
+        if error is not None and "mostly_from" in error.attrs and error.notnull().any():
+            errors[f"{name}{_ERROR}"] = [float(error.min()), float(error.max())]
+            sources[name] = error.attrs["mostly_from"]
+    return errors | {"errors_from": sources} if sources else {}
+
+
+def _find_change(lower: Array, upper: Array, base: Array, unit: str) -> Array:
+    """Return half the difference of numbers at both ends of an error: zero where it is rounding of
+    the numbers ``base`` between them, and nan where either is not finite.
+    """
+    is_known = np.isfinite(lower) & np.isfinite(upper)
+    difference = np.subtract(upper, lower, out=np.full(base.shape, np.nan), where=is_known)
+    if unit == "rad":
+        difference = np.angle(np.exp(1j * difference))
+    is_rounding = np.abs(difference) <= 2.0 * _ROUNDING * np.abs(base)
+    return np.where(is_rounding, 0.0, 0.5 * difference)
 
 
 def _as_numbers(value: Any) -> Array | None:
@@ -178,10 +323,12 @@ def _as_numbers(value: Any) -> Array | None:
 
 
 def _write(scene: Any) -> dict[str, Any]:
-    """Return the blocks of a scene as plain data in SI, without masses and moments of inertia that
-    follow from the density and the diameter of a ball, as these may change.
+    """Return the blocks of a scene as plain data in SI, without correlations, and without masses
+    and moments of inertia that follow from the density and the diameter of a ball, as these may
+    change.
     """
     blocks = write_blocks(scene, Context(scene.packing.structure))
+    blocks.pop("correlations", None)
     kinds = scene.packing.kinds if scene.packing.kind_names else ()
     uncertain = dict(scene.errors)
     for kind, ball in kinds:
@@ -193,10 +340,10 @@ def _write(scene: Any) -> dict[str, Any]:
     return blocks
 
 
-def _look_up(blocks: Any, path: _Path) -> Any:
-    """Return the entry of the blocks at a ``path``; None if there is none."""
+def _look_up(blocks: Any, keys: Keys) -> Any:
+    """Return the entry of the blocks to which ``keys`` lead; None if there is none."""
     entry = blocks
-    for key in path:
+    for key in keys:
         try:
             entry = entry[key]
         except (KeyError, IndexError, TypeError):
@@ -204,20 +351,19 @@ def _look_up(blocks: Any, path: _Path) -> Any:
     return entry
 
 
-def _replace(blocks: Any, path: _Path, entry: Any) -> None:
-    """Put an entry at a ``path`` of the blocks."""
-    _look_up(blocks, path[:-1])[path[-1]] = entry
+def _replace(blocks: Any, keys: Keys, entry: Any) -> None:
+    """Put an entry into the blocks, to which ``keys`` lead."""
+    _look_up(blocks, keys[:-1])[keys[-1]] = entry
 
 
-def _split_plain(plain: Any, name: str) -> tuple[float, str]:
-    """Return the number and the SI unit of a quantity as it is written; InputError if the
-    parameter of this ``name`` is none.
+def _split_plain(plain: Any, keys: Keys) -> tuple[float, str]:
+    """Return the number and the SI unit of a quantity as it is written; Refused, at its ``keys``,
+    if it is none.
     """
-    match = _VALUE.fullmatch(str(plain)) if not isinstance(plain, bool) else None
+    is_whole = isinstance(plain, int) and not isinstance(plain, bool)
+    match = _VALUE.fullmatch(str(plain)) if isinstance(plain, str | float) else None
     if match is None:
-        raise InputError(
-            f"{name} has a standard error, and is no single quantity",
-            mend="Give errors of quantities that are written alone",
-        )
+        found = "a standard error of a whole number" if is_whole else "a standard error"
+        raise Refused(found, "those of quantities that are written alone", path=keys)
     number, unit = match.groups()
     return float(number), unit

@@ -104,6 +104,8 @@ class SceneValues:
     bands: BandsSettings | None = None
     #: paths in the file of the parameters that have a standard error, and the error, SI
     errors: tuple[tuple[tuple[str | int, ...], Any], ...] = ()
+    #: names of two such parameters, and the correlation of their errors
+    correlations: tuple[tuple[str, str, float], ...] = ()
     source: Path | None = field(default=None, compare=False)
     #: document and file that the scene was read from; a copy made by ``replace`` has none, as its
     #: values may differ
@@ -140,11 +142,12 @@ class SceneValues:
             problem = f"the load has the shape {self.load.shape}"
             raise InputError(problem, mend="Give one number, or a list of them")
         self._require_consistency()
-        if self.errors:
+        if self.errors or self.correlations:
             # imported here: few scenes have errors
-            from granphon.scene.uncertainty import settle_errors
+            from granphon.scene.uncertainty import settle_correlations, settle_errors
 
             assign("errors", settle_errors(self))
+            assign("correlations", settle_correlations(self))
 
     @property
     def path(self) -> BandPath:

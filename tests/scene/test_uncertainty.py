@@ -111,15 +111,125 @@ def test_states_of_a_sweep_have_errors(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("force", "word"),
+    "force",
+    ["18.4 N +- 200 mN", "(18.4 +- 0.2) N", "18.4 ± 0.2 N", "18.4 N +/- 20e-2 N"],
+)
+def test_errors_are_written_in_several_ways(force):
+    scene = gp.Scene.from_text(SCENE.replace("FORCE", force))
+    assert dict(scene.errors)["load", "force"] == 0.2
+    relative = gp.Scene.from_text(SCENE.replace("FORCE", "18.4 N +- 1 %"))
+    assert_allclose(dict(relative.errors)["load", "force"], 0.184, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
     [
-        ("18.4 +- 2 mm", "unit of force"),
-        ("18.4 N +- 2 mm", "two kinds"),
-        ("18.4 N +- 0 N", "above zero"),
-        ("18.4 +- 20 N", "as large"),
-        ("18.4 +- two N", "18.4"),
+        ("FORCE", "18.4 +- 2 mm", "force.*unit"),
+        ("FORCE", "18.4 N +- 2 mm", "load.force.*mm"),
+        ("FORCE", "18.4 N +- 0 N", "load.force.*above zero"),
+        ("FORCE", "18.4 +- -0.2 N", "load.force.*above zero"),
+        ("FORCE", "18.4 +- 20 N", "load.force.*as large"),
+        ("FORCE", "18.4 +- two N", "load.force.*18.4"),
+        ("FORCE", "18.4 +- 0.2 +- 0.1 N", "load.force.*18.4"),
+        ("0.276", "0.49 +- 0.02", "poisson_ratio.*0.51"),
+        ("8 mm", "8 mm, friction: true +- 1", "friction.*true"),
+        ("observe: [velocities]", "observe: velocities +- bands", "observe"),
+        ("observe: [velocities]", "phonopy: {band_points: 11 +- 1}", "band_points.*whole"),
+        ("observe: [velocities]", "medium: {simulation: {seed: 3 +- 1}}", "seed"),
+        ("211.65 +- 2 GPa", "{fit: nowhere.yaml}", "young_modulus.*nowhere"),
+        ("211.65 +- 2 GPa", "{fit: a.yaml, of: b}", "young_modulus.*fit"),
     ],
 )
-def test_errors_that_are_none_are_refused(force, word):
-    with pytest.raises(GranphonError, match=word):
-        gp.Scene.from_text(SCENE.replace("FORCE", force))
+def test_errors_that_are_none_are_refused(old, new, place):
+    with pytest.raises(GranphonError, match=place):
+        gp.Scene.from_text(SCENE.replace(old, new).replace("FORCE", "18.4 N"))
+
+
+SPREAD = (
+    "material: {young_modulus: 211 +- 5 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
+    "packing: {diameter: 8 mm, spread: {normal: 0.6 +- 0.05 um}}\n"
+    "load: {force: 18.4 +- 1 N}\n"
+)
+
+
+def test_correlated_errors_add_up_by_their_matrix(tmp_path):
+    """The variance is that of the linear combination, between the difference and the sum of two
+    errors that are of one source.
+    """
+    derivatives = {}
+    for number in (-1, 0, 0.5, 1):
+        block = f"correlations: {{'young_modulus, force': {number}}}\n"
+        scene = gp.Scene.from_text(SCENE.replace("FORCE", "18.4 N +- 2 %") + block)
+        assert gp.Scene.from_text(scene.to_yaml()) == scene
+        result = scene.run(tmp_path / str(number), figures=False)
+        derivatives[number] = result.summary()["normal_stiffness_error"] ** 2
+    parts = np.array([2 / 3 * 2 / 211.65, 1 / 3 * 0.02, 1 / 3 * 5e-4])
+    stiffness = result.summary()["normal_stiffness"]
+    assert_allclose(derivatives[0], np.sum(parts**2) * stiffness**2, rtol=1e-3)
+    for number in (-1, 0.5, 1):
+        cross = 2.0 * number * parts[0] * parts[1] * stiffness**2
+        assert_allclose(derivatives[number] - derivatives[0], cross, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("correlations", "place"),
+    [
+        ("0.3", "correlations"),
+        ("{young_modulus: 0.3}", "young_modulus.*two"),
+        ("{'young_modulus, density': 0.3}", "density"),
+        ("{'young_modulus, young_modulus': 0.3}", "twice"),
+        ("{'young_modulus, force': 0.3, 'force, young_modulus': 0.3}", "twice"),
+        ("{'young_modulus, force': 1.5}", "1.5"),
+        ("{'young_modulus, force': 1, 'force, std': 1, 'young_modulus, std': 0}", "semidefinite"),
+    ],
+)
+def test_correlations_that_no_errors_have_are_refused(correlations, place):
+    with pytest.raises(GranphonError, match=place):
+        gp.Scene.from_text(SPREAD + f"correlations: {correlations}\n")
+
+
+def test_numbers_of_a_fit_have_its_errors_and_correlations(tmp_path):
+    steel = gp.Material(205e9, 0.276, 7840.0)
+    packing = gp.Packing(steel, 8e-3, spread=gp.Normal(0.6e-6))
+    force = np.geomspace(2.0, 200.0, 9)
+    velocity = gp.sound_velocities(gp.AveragedForce(packing).at_force(force)).longitudinal
+    noise = 1.0 + 2e-3 * np.cos(3.0 * np.arange(9))
+    parameters = ("width", "young_modulus")
+    options = {"medium": "afa", "parameters": parameters, "sigma": 2e-3 * velocity}
+    fit = gp.fit_width(packing, force, velocity * noise, **options)
+    fit.write(tmp_path)
+    text = SPREAD.replace("211 +- 5 GPa", "{fit: fit.yaml}").replace(
+        "0.6 +- 0.05 um", "{fit: fit.yaml}"
+    )
+    path = tmp_path / "scene.yaml"
+    path.write_text(text)
+    scene = gp.Scene.from_yaml(path)
+    assert tmp_path / "fit.yaml" in scene.origin.inputs
+    assert scene.packing.spread.std == fit.packing.spread.std
+    errors = dict(scene.errors)
+    assert_allclose(errors["material", "young_modulus"], fit.stderrs[1], rtol=1e-12)
+    relative = errors["packing", "spread", "normal", "std"] / scene.packing.spread.std
+    assert_allclose(relative, fit.stderr / fit.width, rtol=1e-12)
+    ((first, second, correlation),) = scene.correlations
+    assert (first, second) == ("material.young_modulus", "packing.spread.normal.std")
+    assert_allclose(correlation, fit.correlation[0, 1], rtol=1e-12)
+    assert gp.Scene.from_text(scene.to_yaml()) == scene
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("8 mm", "{fit: fit.yaml}", "diameter.*width"),
+        ("{normal: 0.6 +- 0.05 um}", "{uniform: {fit: fit.yaml}}", "spread.uniform.*normal"),
+        ("211 +- 5 GPa", "{fit: scene.yaml}", "young_modulus.*scene.yaml"),
+    ],
+)
+def test_fits_without_a_value_are_refused(tmp_path, old, new, place):
+    packing = gp.Packing(gp.Material(205e9, 0.276, 7840.0), 8e-3, spread=gp.Normal(0.6e-6))
+    force = np.geomspace(2.0, 200.0, 9)
+    velocity = gp.sound_velocities(gp.AveragedForce(packing).at_force(force)).longitudinal
+    gp.fit_width(packing, force, velocity, 1e-3 * velocity, medium="afa").write(tmp_path)
+    path = tmp_path / "scene.yaml"
+    path.write_text(SPREAD.replace(old, new))
+    with pytest.raises(GranphonError, match=place):
+        gp.Scene.from_yaml(path)
