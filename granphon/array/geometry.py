@@ -94,12 +94,12 @@ def require_small(ratio: float) -> None:
     :data:`LARGEST_RATIO`.
     """
     if not 0.0 <= ratio <= LARGEST_RATIO:
-        what = f"the exact geometry is not simulated of a width of {ratio:.3g} diameters"
+        problem = f"the exact geometry is not simulated of a width of {ratio:.3g} diameters"
         why = (
             "Contacts are those of neighbours on the lattice: of balls that differ much, others"
             " touch"
         )
-        raise InputError(what, why, f"Give a width from zero to {LARGEST_RATIO:g} diameters")
+        raise InputError(problem, why, f"Give a width from zero to {LARGEST_RATIO:g} diameters")
 
 
 class ExactGeometry:

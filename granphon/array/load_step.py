@@ -263,7 +263,7 @@ class LoadStep:
 
         It ends where no more than ``enough`` is left of balance, or a ``part`` of what was left.
         """
-        before = math.inf
+        last_size = math.inf
         hold = 1.0
         slow = False
         aim = part * trial.size
@@ -274,17 +274,17 @@ class LoadStep:
             if max(trial.left, trial.missed) <= enough:
                 break
             if count % patience == 0:
-                if trial.size > 0.5 * before:
+                if trial.size > 0.5 * last_size:
                     break
-                before = trial.size
-            way, taken = self._direct(trial, hold)
-            new, length = self._search(trial, way, guess, slow)
+                last_size = trial.size
+            motion, iterations = self._direct(trial, hold)
+            new, length = self._search(trial, motion, guess, slow)
             slow = length == 1.0 and new.size > _LEFT_BY_LOOSE * trial.size
             turned = self._turn_loose(new, guess)
             # where contacts of turned balls change, this may undo the step, and again after the
             # next one
             new = turned if turned.size <= trial.size else new
-            trial = replace(new, newton=trial.newton + 1, krylov=trial.krylov + taken)
+            trial = replace(new, newton=trial.newton + 1, krylov=trial.krylov + iterations)
             if not math.isfinite(trial.size) or hold > _MOST_HOLD:
                 break
             if length == 1.0:
@@ -330,9 +330,9 @@ class LoadStep:
 
     def _try(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
         place = self._geometry.place(balls, overlap)
-        before = self._here.contacts
-        slips = place.find_slips(self._place, before.slips)
-        contacts, linearise = self._law.advance(before, place.overlaps, slips, guess)
+        start = self._here.contacts
+        slips = place.find_slips(self._place, start.slips)
+        contacts, linearise = self._law.advance(start, place.overlaps, slips, guess)
         forces = contacts.forces
         load = self._load
         stencils = self._stencils
@@ -340,9 +340,9 @@ class LoadStep:
         normal = forces
         shears = contacts.shears
         if self._drag:  # dashpots resist what neighbours have moved against each other
-            loss = contacts.overlaps - before.overlaps - (overlap - self._here.overlap)
+            loss = contacts.overlaps - start.overlaps - (overlap - self._here.overlap)
             normal = forces + self._drag * loss
-            shears = shears + stencils.mindlin_ratio * self._drag * (contacts.slips - before.slips)
+            shears = shears + stencils.mindlin_ratio * self._drag * (contacts.slips - start.slips)
         on_balls = place.push(normal, shears)
         pull = self._geometry.collect_forces(*on_balls)
         push = forces.size * find_lack(load, place, forces, contacts.shears)
@@ -376,9 +376,11 @@ class LoadStep:
             _LOOSEST, max(_FORCING * math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance)
         )
         push = trial.push / mean if free else None
-        way, taken = self._linear.solve(product, tangent, trial.pull / mean, push, reduction)
+        motion, iterations = self._linear.solve(
+            product, tangent, trial.pull / mean, push, reduction
+        )
         # the motions of balls that are about to lose their hold and fall are made shorter
-        fields = way.balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
+        fields = motion.balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
         limit = _FARTHEST * math.sqrt(float(np.mean(trial.contacts.overlaps**2)))
         sizes = np.max(np.abs(fields[:, stencils.motions.translating]), axis=1, initial=0.0)
         np.maximum(
@@ -388,7 +390,7 @@ class LoadStep:
         )
         if float(np.max(sizes)) > limit:
             fields = fields * np.minimum(1.0, limit / np.maximum(sizes, limit))[:, None]
-        return Motion(fields.reshape(trial.balls.shape), way.compression), taken
+        return Motion(fields.reshape(trial.balls.shape), motion.compression), iterations
 
     def _turn_loose(self, trial: Trial, guess: Array | None) -> Trial:
         """Return the state with balls whose contacts all slide turned by themselves until their
@@ -420,20 +422,20 @@ class LoadStep:
         ):
             for one, steps, ends in ((j, shift, head), (i, (0,) * len(shift), -tail)):
                 begun = [
-                    (at - step) % size
-                    for at, step, size in zip(cell, steps, stencils.shape, strict=True)
+                    (coordinate - step) % size
+                    for coordinate, step, size in zip(cell, steps, stencils.shape, strict=True)
                 ]
                 places.append([np.full_like(ball, kind), *begun])
                 reach.append(np.where(ball == one, ends[count * one + turning], 0.0))
-        at = tuple(np.moveaxis(np.array(places), 1, 0))
+        index = tuple(np.moveaxis(np.array(places), 1, 0))
         arms = np.array(reach)
-        before = self._here.contacts
-        after = trial.contacts
+        start = self._here.contacts
+        end = trial.contacts
         ends_before = Contacts(
-            before.overlaps[at], before.slips[0][at][None], before.shears[0][at][None]
+            start.overlaps[index], start.slips[0][index][None], start.shears[0][index][None]
         )
-        held = after.overlaps if guess is None else guess
-        bent, springs, limits = self._law.bend(ends_before, held[at], after.slips[0][at][None])
+        held = end.overlaps if guess is None else guess
+        bent, springs, limits = self._law.bend(ends_before, held[index], end.slips[0][index][None])
         # the angles at which the torques, which rise with the angle, vanish: between two of those
         # where contacts slide
         pull = springs * arms
@@ -444,17 +446,17 @@ class LoadStep:
         angles = np.sort(np.concatenate(corners), axis=0)
         sums = np.sum(arms * np.clip(bent[0] + pull * angles[:, None], -limits, limits), axis=1)
         last = np.clip(np.sum(sums <= 0.0, axis=0), 1, len(angles) - 1)
-        (low, high), (less, more) = (
+        (low, high), (below, above) = (
             np.take_along_axis(one, np.stack([last - 1, last]), 0) for one in (angles, sums)
         )
-        crosses = (less <= 0.0) & (more >= 0.0) & (more > less)
-        part = np.divide(-less, more - less, out=np.zeros_like(less), where=crosses)
-        turn = np.where(crosses, low + part * (high - low), 0.0)
+        crosses = (below <= 0.0) & (above >= 0.0) & (above > below)
+        fraction = np.divide(-below, above - below, out=np.zeros_like(below), where=crosses)
+        turn = np.where(crosses, low + fraction * (high - low), 0.0)
         # balls that touch would each undo what the other's turn has brought: of those the one with
         # the greatest torque turns
         torques = np.abs(np.sum(arms * np.clip(bent[0], -limits, limits), axis=0))
-        numbers = np.ravel_multi_index(at, (stencils.n_contacts, *stencils.shape))
-        greatest = np.zeros(after.overlaps.size)
+        numbers = np.ravel_multi_index(index, (stencils.n_contacts, *stencils.shape))
+        greatest = np.zeros(end.overlaps.size)
         felt = np.where(arms != 0.0, torques, 0.0)
         np.maximum.at(greatest, numbers, felt)
         turn = np.where(
@@ -513,33 +515,35 @@ class LinearSteps:
             return np.ravel(balls) if push is None else np.append(balls, held * vector[size])
 
         right = np.ravel(pull) if push is None else np.append(pull, push)
-        found = np.zeros_like(right)
-        rest = right
-        taken = 0
+        solution = np.zeros_like(right)
+        residual = right
+        iterations = 0
         most = _FEW
         renewed = False
         goal = reduction * math.sqrt(dot(right, right))
-        while taken < _MOST_ITERATIONS:
-            left = math.sqrt(dot(rest, rest))
-            if not left > goal:
+        while iterations < _MOST_ITERATIONS:
+            norm = math.sqrt(dot(residual, residual))
+            if not norm > goal:
                 break
-            change, count = solve_by_minimal_residuals(apply, precondition, rest, goal / left, most)
-            found += change
-            taken += count
+            change, count = solve_by_minimal_residuals(
+                apply, precondition, residual, goal / norm, most
+            )
+            solution += change
+            iterations += count
             if count < most:
                 break
-            rest = right - apply(found.astype(np.float32))
+            residual = right - apply(solution.astype(np.float32))
             weak = self._patches.join(
-                self._weak, self._patches.find_worst(rest[:size].reshape(pull.shape))
+                self._weak, self._patches.find_worst(residual[:size].reshape(pull.shape))
             )
             if weak.size == self._weak.size and (renewed or not weak.size):
                 # the patch has no more to give
-                most = _MOST_ITERATIONS - taken
+                most = _MOST_ITERATIONS - iterations
             else:
                 self._weak, self._put, renewed = weak, self._patches.invert(weak, tangent), True
         return Motion(
-            found[:size].reshape(pull.shape), 0.0 if push is None else float(found[size])
-        ), taken
+            solution[:size].reshape(pull.shape), 0.0 if push is None else float(solution[size])
+        ), iterations
 
     def invert(self, tangent: Tangent, product: PressedTangent) -> Inverse:
         """Return an approximate inverse of C^T D C, of which ``product`` is the product.

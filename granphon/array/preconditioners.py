@@ -72,10 +72,10 @@ class Patches:
         """
         kinds = self.stencils.n_contacts
         (head, tail) = self.stencils.coefficients
-        both = np.array([head, -tail]).reshape(2, -1, kinds, self.stencils.n_balls, self._fields)
+        rows = np.array([head, -tail]).reshape(2, -1, kinds, self.stencils.n_balls, self._fields)
         kind = np.arange(kinds)
         (i, j) = np.transpose(self.stencils.ends)
-        return np.array([both[0][:, kind, j], both[1][:, kind, i]]).swapaxes(1, 2)
+        return np.array([rows[0][:, kind, j], rows[1][:, kind, i]]).swapaxes(1, 2)
 
     def find_worst(self, forces: Array) -> Index:
         """Return the balls, with their neighbours, on which most of the ``forces`` (fields, L1,
@@ -145,11 +145,11 @@ class Patches:
             factors = factorise(matrix, symmetric=False, approximate=True)
         except RuntimeError:  # singular to the last digit
             return None
-        at = balls // self._cells, slice(None), balls % self._cells
+        index = balls // self._cells, slice(None), balls % self._cells
         shape = self.stencils.n_balls, self._fields, self._cells
 
         def put(force: Array, motion: Array) -> None:
-            found = factors.solve(force.reshape(shape)[at].ravel())
-            motion.reshape(shape)[at] = found.reshape(balls.size, self._fields)
+            solution = factors.solve(force.reshape(shape)[index].ravel())
+            motion.reshape(shape)[index] = solution.reshape(balls.size, self._fields)
 
         return put

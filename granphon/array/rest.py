@@ -83,18 +83,18 @@ def equilibrate(
         below f* = 1e-8; or the ratio is too large.
     ConvergenceError : the tolerance is not reached; the message states the residual that is.
     """
-    own = stencils or Stencils(deviations.shape)
+    stencils = stencils or Stencils(deviations.shape)
     if ratio:
         require_small(ratio)
-        begin = start or _find_start(deviations, load, own)
+        begin = start or _find_start(deviations, load, stencils)
         if tolerance is None:
             tolerance = min(REST_TOLERANCE, max(_LEAST_TOLERANCE, _OF_RATIO * ratio))
-        return _rest_in_true_directions(deviations, load, own, begin, tolerance, ratio)
+        return _rest_in_true_directions(deviations, load, stencils, begin, tolerance, ratio)
     if ratio is None:
-        return _rest_on_lattice(deviations, load, own, start, tolerance or REST_TOLERANCE)
-    state = start or _rest_on_lattice(deviations, load, own, None, REST_TOLERANCE)
+        return _rest_on_lattice(deviations, load, stencils, start, tolerance or REST_TOLERANCE)
+    state = start or _rest_on_lattice(deviations, load, stencils, None, REST_TOLERANCE)
     values = {field.name: getattr(state, field.name) for field in fields(Equilibrium)}
-    return TrueEquilibrium(**values).share(deviations, own)
+    return TrueEquilibrium(**values).share(deviations, stencils)
 
 
 def _find_start(deviations: Array, load: ReducedLoad, stencils: Stencils) -> Equilibrium:
@@ -173,8 +173,10 @@ def _rest_in_true_directions(
     applied = _apply(assembly, load, ratio, LOAD_TOLERANCE / REST_TOLERANCE)
     begin = _take_up(assembly, start.balls, overlap, stencils, ratio)
     # the search measures a residual by the mean force of closed contacts
-    part = float(np.mean(start.forces > 0.0))
-    options = RestOptions(tolerance=0.9 * part * tolerance, required=part * tolerance)
+    closed_share = float(np.mean(start.forces > 0.0))
+    options = RestOptions(
+        tolerance=0.9 * closed_share * tolerance, required=closed_share * tolerance
+    )
     try:
         rest = find_rest(assembly, applied, "exact", "isotropic", begin, options)
     except ConvergenceError as error:
@@ -246,7 +248,7 @@ def _apply(
 ) -> AppliedLoad:
     """Return the load on an assembly whose contacts are as long as 1/``scale``."""
     p = assembly.dimension
-    nothing = np.broadcast_to(0.0, (assembly.n_balls * p,))
+    no_force = np.broadcast_to(0.0, (assembly.n_balls * p,))
     strain = np.zeros((p, p))
     stress = None
     mean_force = None
@@ -258,11 +260,11 @@ def _apply(
     else:
         mean_force = load.force
     return AppliedLoad(
-        force=nothing,
+        force=no_force,
         words="the load",
         stress=stress,
         strain=strain,
-        pressure_force=nothing,
+        pressure_force=no_force,
         mean_force=mean_force,
         cell_tolerance=cell_tolerance,
     )

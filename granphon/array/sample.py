@@ -206,10 +206,10 @@ class Sample(Result):
 
         This takes two more equilibria, each started from this one, and their linear responses.
         """
-        here = self.equilibrium
-        loads = [ReducedLoad(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
-        found = [equilibrate_as(here, load) for load in loads]
-        return read_only([self._compute_elastic_tensor(one) for one in found])
+        equilibrium = self.equilibrium
+        loads = [ReducedLoad(force=equilibrium.force * math.exp(step)) for step in (-STEP, STEP)]
+        neighbours = [equilibrate_as(equilibrium, load) for load in loads]
+        return read_only([self._compute_elastic_tensor(neighbour) for neighbour in neighbours])
 
     @cached_property
     def network(self) -> ContactNetwork:
@@ -232,11 +232,11 @@ class Sample(Result):
         contacts have none, which are zeros under prestress.
         """
         packing = self.packing
-        here = self.equilibrium
-        exact = here.place if self.is_exact else None
+        equilibrium = self.equilibrium
+        exact = equilibrium.place if self.is_exact else None
         diameters = self.diameters
         force = self.contact_forces
-        stiffness = self._units.stiffness * np.moveaxis(here.stiffnesses, 0, -1)
+        stiffness = self._units.stiffness * np.moveaxis(equilibrium.stiffnesses, 0, -1)
         positions = packing.diameter * self.sites @ self._deformation + self.displacements
         structure = packing.structure
         table = packing.structure.contacts
@@ -317,10 +317,10 @@ class Sample(Result):
         """(p, p) deformation of the cell, symmetric: that of no load where contacts keep the
         directions of the lattice.
         """
-        here = self.equilibrium
-        deformation = (1.0 - here.ratio * here.overlap) * np.eye(len(self.shape))
-        if here.strain is not None:
-            deformation += here.ratio * here.strain
+        equilibrium = self.equilibrium
+        deformation = (1.0 - equilibrium.ratio * equilibrium.overlap) * np.eye(len(self.shape))
+        if equilibrium.strain is not None:
+            deformation += equilibrium.ratio * equilibrium.strain
         return deformation
 
     def _compute_elastic_tensor(self, equilibrium: Equilibrium) -> Array:
@@ -371,7 +371,7 @@ class Sample(Result):
             cell=cell,
             pbc=[axis < p for axis in range(3)],
         )
-        own = {
+        arrays = {
             "diameter_deviations": self._units.width
             / d
             * self._order(self.equilibrium.deviations).ravel(),
@@ -382,7 +382,7 @@ class Sample(Result):
             balls,
             Units(d, self.normal_stiffness, packing.mass),
             SAMPLE,
-            own,
+            arrays,
             count_coordinates(packing),
         )
         forces = self.equilibrium.forces / self.equilibrium.force

@@ -59,12 +59,12 @@ def equilibrate_sheared(
     if load.overlap is None and (load.on_boundary or not ratio):
         return search.press(load.force)
     if load.overlap is None:
-        wanted = load.force
+        goal = load.force
 
         def measure(state: Equilibrium) -> float:
             return float(hertz.overlap_of(state.force))
 
-        return search.find(wanted, measure, float(hertz.overlap_of(wanted)))
+        return search.find(goal, measure, float(hertz.overlap_of(goal)))
     near = equilibrate(deviations, load, stencils, tolerance=_GUESS)
     return search.find(near.force, lambda state: state.overlap, load.overlap)
 
@@ -89,14 +89,14 @@ class _PressureSearch:
         """Return the equilibrium under a pressure."""
         assembly = self._assembly
         p = assembly.dimension
-        nothing = np.zeros(assembly.n_balls * p)
+        no_force = np.zeros(assembly.n_balls * p)
         virial = force * assembly.n_contacts * assembly.mean_distance
         load = AppliedLoad(
-            force=nothing,
+            force=no_force,
             words="the load",
             stress=-virial / (p * assembly.measure) * np.eye(p),
             strain=np.zeros((p, p)),
-            pressure_force=nothing,
+            pressure_force=no_force,
         )
         geometry: Geometry = "exact" if self._ratio else "lattice"
         options = RestOptions(tolerance=_TOLERANCE, required=REST_TOLERANCE)
@@ -117,21 +117,21 @@ class _PressureSearch:
         """
         pressure = hertz.overlap_of(guess)
         slope = 1.0
-        before: tuple[float, float] | None = None
+        last: tuple[float, float] | None = None
         for _ in range(_PRESSURES):
             state = self.press(hertz.force_of(pressure))
             lack = goal - measure(state)
             if abs(lack) <= LOAD_TOLERANCE * max(1.0, abs(goal)):
                 return state
-            if before is not None:
-                change = pressure - before[0]
-                gain = before[1] - lack
+            if last is not None:
+                change = pressure - last[0]
+                gain = last[1] - lack
                 slope = change / gain if gain * change > 0.0 else slope
-            before = (pressure, lack)
+            last = (pressure, lack)
             # no pressure below zero, nor far from those that are known
             pressure = min(max(pressure + slope * lack, 0.5 * pressure), 2.0 * pressure)
-        what = "no pressure is found under which the sample has this load"
-        raise ConvergenceError(what, mend="Raise the load, or give a pressure")
+        problem = "no pressure is found under which the sample has this load"
+        raise ConvergenceError(problem, mend="Raise the load, or give a pressure")
 
     def _make_state(self, rest: Rest) -> Equilibrium:
         """Return the equilibrium of balls at rest."""

@@ -49,16 +49,19 @@ def share_places(matrices: Iterable[Any]) -> list[Any]:
     """
     from scipy.sparse import csc_array
 
-    given = [one.tocoo() for one in matrices]
-    size = given[0].shape[0]
-    keys = [one.col.astype(np.int64) * size + one.row for one in given]
+    triplets = [matrix.tocoo() for matrix in matrices]
+    size = triplets[0].shape[0]
+    keys = [matrix.col.astype(np.int64) * size + matrix.row for matrix in triplets]
     places = np.unique(np.concatenate(keys))
     starts = np.searchsorted(places, np.arange(size + 1) * size)
     every: Any = csc_array((np.zeros(places.size), places % size, starts), shape=(size, size))
-    at = [np.searchsorted(places, key) for key in keys]
+    positions = [np.searchsorted(places, key) for key in keys]
     return [
         every,
-        *(np.bincount(place, one.data, places.size) for place, one in zip(at, given, strict=True)),
+        *(
+            np.bincount(position, matrix.data, places.size)
+            for position, matrix in zip(positions, triplets, strict=True)
+        ),
     ]
 
 

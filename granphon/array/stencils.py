@@ -99,8 +99,10 @@ class Stencils:
         self.basis = np.empty((0, p))
         for vector in normal:  # the first normals that are independent
             units = np.linalg.qr(self.basis.T)[0].T
-            rest = vector - sum((unit @ vector * unit for unit in units), np.zeros_like(vector))
-            if len(self.basis) < p and np.linalg.norm(rest) > _INDEPENDENT:
+            remainder = vector - sum(
+                (unit @ vector * unit for unit in units), np.zeros_like(vector)
+            )
+            if len(self.basis) < p and np.linalg.norm(remainder) > _INDEPENDENT:
                 self.basis = np.append(self.basis, [vector], axis=0)
         self._kinds = contact_rows(
             normal,
@@ -119,12 +121,14 @@ class Stencils:
         """Return stencils of the same motions that have these kinds of deformation instead of their
         own.
         """
-        other = object.__new__(Stencils)
-        known = ("coefficients", "operator", "_green", "_groups")
-        vars(other).update({name: value for name, value in vars(self).items() if name not in known})
-        other._found = {}
-        other._kinds = list(kinds)
-        return other
+        observer = object.__new__(Stencils)
+        left_out = ("coefficients", "operator", "_green", "_groups")
+        vars(observer).update(
+            {name: value for name, value in vars(self).items() if name not in left_out}
+        )
+        observer._found = {}
+        observer._kinds = list(kinds)
+        return observer
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Green's function is not pickled: it is large, and quickly computed again
@@ -153,16 +157,17 @@ class Stencils:
         p = len(self.basis)
         n = self.n_contacts
         m = self.motions.count
-        found, project = np.zeros((2, self.n_rows, self.n_fields)), np.eye(m)
+        matrices = np.zeros((2, self.n_rows, self.n_fields))
+        project = np.eye(m)
         project[:p, :p] = np.linalg.inv(self.basis)
         for place, kind in enumerate(self._kinds):
-            for at, rows in enumerate((kind.head @ project, kind.tail @ project)):
+            for end, rows in enumerate((kind.head @ project, kind.tail @ project)):
                 near = np.rint(rows)
                 rows = np.where(np.abs(rows - near) < _ROUNDED, near, rows)
                 for contact, (ends, line) in enumerate(zip(self.ends, rows, strict=True)):
-                    first = m * ends[1 - at]
-                    found[at, place * n + contact, first : first + m] = line
-        return found
+                    first = m * ends[1 - end]
+                    matrices[end, place * n + contact, first : first + m] = line
+        return matrices
 
     @cached_property
     def operator(self) -> ContactOperator:
@@ -436,11 +441,11 @@ class Stencils:
         hessian, smooth = product or self.hessian(stiffness), self.block_jacobi(stiffness, _DAMPED)
 
         def apply(force: Array) -> Array:
-            found = np.zeros_like(force)
-            smooth(force, found)
-            found += green(force - hessian(found)[0])
-            smooth(force - hessian(found)[0], found)
-            return found
+            motion = np.zeros_like(force)
+            smooth(force, motion)
+            motion += green(force - hessian(motion)[0])
+            smooth(force - hessian(motion)[0], motion)
+            return motion
 
         return apply
 
@@ -525,11 +530,11 @@ class Stencils:
         def add(force: Array, out: Array) -> None:
             for rows in blocks:
                 for fields, block in local:
-                    there = out[fields, rows]
+                    target = out[fields, rows]
                     np.add(
-                        there,
+                        target,
                         np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows]),
-                        out=there,
+                        out=target,
                     )
 
         return add

@@ -129,9 +129,9 @@ class TrueEquilibrium(Equilibrium):
         # balances those of forces
         bend, push = place.curve(moved, self.forces, stiffness, self.stiffness_slopes)
         follow = find(place.geometry.join(push))
-        more = bend - place.lose(place.geometry.split(Motion(follow, 0.0)))
+        overlap_curvature = bend - place.lose(place.geometry.split(Motion(follow, 0.0)))
         return float(np.mean(-stiffness * loss)), float(
-            np.mean(self.stiffness_slopes * loss**2 + stiffness * more)
+            np.mean(self.stiffness_slopes * loss**2 + stiffness * overlap_curvature)
         )
 
     def _shear_along(self) -> HydrostaticCourse:
@@ -215,10 +215,10 @@ class HydrostaticCourse:
         forced = (self._multiply(push) + self._resist(straight)) @ self._cell
         forced += 2.0 * self._resist(self.moved) @ self._strained.T
         shears = self._balance(forced)
-        more = bend - place.lose(self._add(straight, shears))
+        overlap_curvature = bend - place.lose(self._add(straight, shears))
         loss = place.lose(self.moved)
         first = float(np.mean(-stiffness * loss))
-        second = float(np.mean(slopes * loss**2 + stiffness * more))
+        second = float(np.mean(slopes * loss**2 + stiffness * overlap_curvature))
         bent = state.ratio * np.einsum("s,sab->ab", shears, self._units)
         rise, curvature = self._measure(bent)
         return first / rise, (second - first / rise * curvature) / rise**2

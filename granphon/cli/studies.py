@@ -319,9 +319,9 @@ def _read_traces(
         problem = f"the load of {scene} is of the kind {load.kind}"
         why = "A fit to traces takes a force, pressure or side_force"
         raise InputError(problem, why, "Give the load that the balls had")
-    found = Traces.read(data).velocity()
-    warn(found.warnings)
-    return Measurements(np.array([force]), np.array([found.velocity]), found.stderr)
+    measured = Traces.read(data).velocity()
+    warn(measured.warnings)
+    return Measurements(np.array([force]), np.array([measured.velocity]), measured.stderr)
 
 
 def _choose_sigma_and_frequency(

@@ -66,10 +66,10 @@ def _order_balls(
     order[begin] = first
     place[first] = begin
     end = begin + 1
-    at = begin
-    while at < end:
-        ball = order[at]
-        at += 1
+    visited = begin
+    while visited < end:
+        ball = order[visited]
+        visited += 1
         for entry in range(starts[ball], starts[ball + 1]):
             neighbour = neighbours[entry]
             if place[neighbour] < 0:
@@ -195,17 +195,17 @@ def find_cluster_steps(
                     values[row_starts[later + line] + earlier + column] -= stiffness
     diagonal = np.empty(size)
     for row in range(size):
-        at = row_starts[row]
+        row_start = row_starts[row]
         begin = first[row]
         for column in range(begin, row):
             low = max(begin, first[column])
-            products = _multiply(values, at + low, row_starts[column] + low, column - low)
-            values[at + column] -= products
-        pivot = values[at + row]
+            products = _multiply(values, row_start + low, row_starts[column] + low, column - low)
+            values[row_start + column] -= products
+        pivot = values[row_start + row]
         for column in range(begin, row):
-            factor = values[at + column] / diagonal[column]
-            pivot -= factor * values[at + column]
-            values[at + column] = factor
+            factor = values[row_start + column] / diagonal[column]
+            pivot -= factor * values[row_start + column]
+            values[row_start + column] = factor
             solution[row] -= factor * solution[column]
         diagonal[row] = pivot
     for row in range(size):
@@ -280,11 +280,11 @@ def choose_lengths(
     for group in range(len(work)):
         if is_done[group]:
             continue
-        at = length[group]
+        trial = length[group]
         if work[group] > 0.0:
-            low[group] = at
+            low[group] = trial
         elif work[group] < 0.0:
-            high[group] = at
+            high[group] = trial
         is_open = high[group] == np.inf
         if abs(work[group]) <= slope * first[group] or (work[group] >= 0.0 and is_open):
             is_done[group] = True
@@ -294,7 +294,7 @@ def choose_lengths(
         if change > 0.0:
             fall = first[group] + change
             change = exponent * fall * (1.0 - (first[group] / fall) ** (1.0 / exponent))
-        near = at - change / rise[group] if rise[group] > 0.0 else at
+        near = trial - change / rise[group] if rise[group] > 0.0 else trial
         end = min(high[group], 1.0)
         least = 0.9 * low[group] + 0.1 * end
         length[group] = min(max(near, least), 0.1 * low[group] + 0.9 * end)

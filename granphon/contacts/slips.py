@@ -175,10 +175,10 @@ def measure_turned(
         ty = contacts.tangent[c, 1]
         tz = contacts.tangent[c, 2]
         along = ex * nx + ey * ny + ez * nz
-        part = (tx * nx + ty * ny + tz * nz) / max(1.0 + along, ROUND)
-        tx -= part * (ex + nx)
-        ty -= part * (ey + ny)
-        tz -= part * (ez + nz)
+        factor = (tx * nx + ty * ny + tz * nz) / max(1.0 + along, ROUND)
+        tx -= factor * (ex + nx)
+        ty -= factor * (ey + ny)
+        tz -= factor * (ez + nz)
         spin = (rotation[i, 0] + rotation[j, 0]) * ex
         spin += (rotation[i, 1] + rotation[j, 1]) * ey
         spin += (rotation[i, 2] + rotation[j, 2]) * ez
@@ -210,11 +210,11 @@ def measure_slips(
     """
     moved = after.displacement - before.displacement
     turned = after.rotation - before.rotation
-    more = after.overlap - before.overlap
+    overlap_change = after.overlap - before.overlap
     if len(slips) == 1:
-        _measure_slips_in_plane(contacts, before, after, moved, turned, more, slips[0])
+        _measure_slips_in_plane(contacts, before, after, moved, turned, overlap_change, slips[0])
     else:
-        _measure_slips_in_space(contacts, before, after, moved, turned, more, slips)
+        _measure_slips_in_space(contacts, before, after, moved, turned, overlap_change, slips)
 
 
 @compiled

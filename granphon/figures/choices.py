@@ -157,8 +157,8 @@ def _match(dataset: Dataset, name: str, text: str, run: str) -> Flags:
         labels = [str(label) for label in values.tolist()]
         is_match = np.array([text in (label, _find_name(label)) for label in labels])
     if not np.any(is_match):
-        known = list_names(_write_value(dataset, name, number) for number in range(values.size))
-        raise InputError(f"{run} has no {name} {text}", f"It has {known}", "Choose one of these")
+        choices = list_names(_write_value(dataset, name, number) for number in range(values.size))
+        raise InputError(f"{run} has no {name} {text}", f"It has {choices}", "Choose one of these")
     return np.asarray(is_match)
 
 

@@ -88,12 +88,12 @@ def read_traces(
         _require_same_times(first, times, part, _find_times(part, step))
     where = ", ".join(part.name for part in parts)
     names = tuple(name for part in parts for name in part.names)
-    given = [distance for part in parts for distance in part.distances]
+    file_distances = [distance for part in parts for distance in part.distances]
     return Record(
         where=where,
         times=times,
         signals=np.concatenate([part.signals for part in parts]),
-        distances=_find_distances(where, names, given, distances),
+        distances=_find_distances(where, names, file_distances, distances),
         names=names,
     )
 

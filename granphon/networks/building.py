@@ -559,9 +559,9 @@ class _Joining:
             second = np.minimum(second, np.maximum(nearest, distance))
             nearest = np.minimum(nearest, distance)
         # a ball has two equally near images of itself, which are one contact
-        others = np.where(with_itself, third, second)
+        next_nearest = np.where(with_itself, third, second)
         self.faults.note(
-            ~is_anywhere & (others < touch),
+            ~is_anywhere & (next_nearest < touch),
             "balls that touch at more than one place",
             why="The cell is so small that one contact is not the only one of its balls",
             mend="Give the shift of each contact",

@@ -90,8 +90,8 @@ def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
     # names that begin with a symbol choose first
     for name in (*beginnings, *names):
         if name not in symbols:
-            taken = (*symbols.values(), *_NO_KIND)
-            symbols[name] = free_symbol(beginnings.get(name, BALL), taken)
+            used_symbols = (*symbols.values(), *_NO_KIND)
+            symbols[name] = free_symbol(beginnings.get(name, BALL), used_symbols)
     return {name: symbols[name] for name in names}
 
 

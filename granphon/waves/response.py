@@ -1023,8 +1023,8 @@ class _Problem:
         root_mass_i, root_mass_j = (np.sqrt(network.masses[end])[:, None] for end in (i, j))
         shift = np.zeros(contacts.size)
         if driven.moved:
-            ways = driven.amplitude[:, : len(axes)]
-            shift = np.sum(normal * (ways[j] - ways[i]), axis=1)
+            displacement = driven.amplitude[:, : len(axes)]
+            shift = np.sum(normal * (displacement[j] - displacement[i]), axis=1)
         indices = operator.indices[:, : len(axes)]
         return cls(
             driven,
