@@ -176,27 +176,9 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
             "A file or another program has left this out",
             _MEND,
         )
-    for name, shape in _shapes(coordinates).items():
-        if balls.arrays[name].shape != (len(balls), *shape):
-            axes = "x, y and z" if shape else "z only"
-            why = f"The balls of this state turn about {axes}" if name == "rotations" else ""
-            raise InputError(
-                f"the array {name} has the shape {balls.arrays[name].shape}",
-                why,
-                f"Give {(len(balls), *shape)}",
-            )
+    _require_shapes(balls, coordinates)
     _require_info(balls, units)
-    scales = balls.arrays[_SCALES]
-    same = np.all(np.abs(scales - _take_logarithms(units)) < _DECIMALS, axis=1)
-    if not np.all(same):
-        ball = int(np.argmin(same))
-        d, k, mass = (f"{value:.9g}" for value in np.exp(scales[ball]))
-        raise InputError(
-            f"ball {ball} of the Atoms is in the units {d} m, {k} N/m and {mass} kg, and the"
-            f" state in {units.length:.9g} m, {units.stiffness:.9g} N/m and {units.mass:.9g} kg",
-            "It is in units of another state, or was added without any",
-            "Use the state it was made from, and add balls from gp.atoms(state)",
-        )
+    _require_units(balls, units)
     kinds = set(balls.arrays[_KIND].tolist())
     if len(kinds) > 1:
         raise InputError(
@@ -234,6 +216,34 @@ def require_lying(balls: Atoms, periods: int) -> None:
 
 def _take_logarithms(units: Units) -> Array:
     return np.log([units.length, units.stiffness, units.mass])
+
+
+def _require_shapes(balls: Atoms, coordinates: int) -> None:
+    """Raise InputError if an array is not one of balls with this number of ``coordinates``."""
+    for name, shape in _shapes(coordinates).items():
+        if balls.arrays[name].shape != (len(balls), *shape):
+            axes = "x, y and z" if shape else "z only"
+            why = f"The balls of this state turn about {axes}" if name == "rotations" else ""
+            raise InputError(
+                f"the array {name} has the shape {balls.arrays[name].shape}",
+                why,
+                f"Give {(len(balls), *shape)}",
+            )
+
+
+def _require_units(balls: Atoms, units: Units) -> None:
+    """Raise InputError if a ball came with the units of another state than these."""
+    scales = balls.arrays[_SCALES]
+    same = np.all(np.abs(scales - _take_logarithms(units)) < _DECIMALS, axis=1)
+    if not np.all(same):
+        ball = int(np.argmin(same))
+        d, k, mass = (f"{value:.9g}" for value in np.exp(scales[ball]))
+        raise InputError(
+            f"ball {ball} of the Atoms is in the units {d} m, {k} N/m and {mass} kg, and the"
+            f" state in {units.length:.9g} m, {units.stiffness:.9g} N/m and {units.mass:.9g} kg",
+            "It is in units of another state, or was added without any",
+            "Use the state it was made from, and add balls from gp.atoms(state)",
+        )
 
 
 def _require_info(balls: Atoms, units: Units) -> None:

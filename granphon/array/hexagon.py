@@ -204,16 +204,7 @@ class Hexagon:
         diameters: ArrayLike | None = None,
         wall_material: Material | None = None,
     ) -> None:
-        if (
-            given_packing(packing).structure.contacts.normal.shape != (3, 2)
-            or packing.named_motions.name != "in_plane"
-        ):
-            raise InputError(
-                f"a hexagon of the {packing.structure.name} lattice with motions"
-                f" {packing.named_motions.name}",
-                "The hexagon is made of the triangular lattice, in its plane",
-                "Leave lattice and motions out of the Packing",
-            )
+        _require_triangular(packing)
         if not isinstance(wall_material, Material | None):
             raise InputError(
                 f"wall_material is {brief(wall_material)}", mend="Give a gp.Material, or None"
@@ -235,26 +226,7 @@ class Hexagon:
         self._cells = q[np.abs(q[:, 0] - q[:, 1]) < n]
         #: (3n(n - 1) + 1, 2) lattice sites, m
         self.sites: Array = read_only(packing.diameter * self._cells @ TRIANGULAR.vectors)
-        count = len(self.sites)
-        d = packing.diameter
-        if diameters is not None:
-            drawn = finite_array("diameters", diameters, "m", "above zero")
-            if drawn.shape != (count,):
-                raise InputError(
-                    f"diameters have the shape {drawn.shape}", mend=f"Give {count} numbers"
-                )
-            if abs(np.mean(drawn) - d) > 1e-9 * d:
-                problem = (
-                    f"the mean of the diameters is {np.mean(drawn):.9g} m, that of the packing"
-                    f" {d:.9g} m"
-                )
-                raise InputError(problem)
-        else:
-            drawn = (
-                np.zeros(count)
-                if packing.spread is None
-                else packing.spread.sample(count, int(self.seed or 0))
-            )
+        drawn = _draw_diameters(packing, len(self.sites), diameters, self.seed)
         #: (3n(n - 1) + 1,) deviations from the mean diameter, m
         self.deviations = read_only(drawn - np.mean(drawn))
         material = packing.material
@@ -397,3 +369,41 @@ class Hexagon:
         return self.at_side_force(
             positive("force", force, "N") * math.sqrt(3.0) * self.balls_per_side
         )
+
+
+def _require_triangular(packing: Packing) -> None:
+    """Raise InputError unless the packing is the triangular lattice with motions in its plane."""
+    if (
+        given_packing(packing).structure.contacts.normal.shape != (3, 2)
+        or packing.named_motions.name != "in_plane"
+    ):
+        raise InputError(
+            f"a hexagon of the {packing.structure.name} lattice with motions"
+            f" {packing.named_motions.name}",
+            "The hexagon is made of the triangular lattice, in its plane",
+            "Leave lattice and motions out of the Packing",
+        )
+
+
+def _draw_diameters(
+    packing: Packing, count: int, diameters: ArrayLike | None, seed: int | None
+) -> Array:
+    """Return the ``diameters`` (count,), m, if they are given and fit to the packing, or else
+    deviations from the mean that are drawn with the ``seed``.
+    """
+    if diameters is None:
+        return (
+            np.zeros(count)
+            if packing.spread is None
+            else packing.spread.sample(count, int(seed or 0))
+        )
+    given = finite_array("diameters", diameters, "m", "above zero")
+    if given.shape != (count,):
+        raise InputError(f"diameters have the shape {given.shape}", mend=f"Give {count} numbers")
+    d = packing.diameter
+    mean = float(np.mean(given))
+    if abs(mean - d) > 1e-9 * d:
+        raise InputError(
+            f"the mean of the diameters is {mean:.9g} m, that of the packing {d:.9g} m"
+        )
+    return given

@@ -93,8 +93,8 @@ def find_linear_response(
     def precondition(force: Single) -> Single:
         return inverse(force.astype(np.float32, copy=False)).astype(force.dtype, copy=False)
 
-    motions = []
-    for force in forces:
+    def solve(force: Array) -> Array:
+        """Return the motions under forces on balls."""
         right = force / mean
         residual = right
         motion = np.zeros_like(residual)
@@ -102,6 +102,7 @@ def find_linear_response(
         last_square = math.inf
         square = dot(residual, precondition(residual))
         aim = max(reduction**2 * square, _NOISE**2 * tensions)
+        # in single precision, refined by residuals in double precision
         while aim < square < _STALLED * last_square:
             ahead = max(math.sqrt(aim / square), _SINGLE)
             rounded = residual.astype(np.float32)
@@ -114,24 +115,20 @@ def find_linear_response(
             residual = right - resist(motion)
             last_square = square
             square = dot(residual, precondition(residual))
-        if square > aim:
-            ahead = math.sqrt(aim / square)
-            most = _MOST_ITERATIONS - n_iterations
-            change, count = conjugate_gradients(
-                resist,
-                precondition,
-                residual,
-                ahead,
-                most,
+        if square <= aim:
+            return motion
+        # in double precision where that has stalled
+        most = _MOST_ITERATIONS - n_iterations
+        ahead = math.sqrt(aim / square)
+        change, count = conjugate_gradients(resist, precondition, residual, ahead, most)
+        if count == most:
+            raise ConvergenceError(
+                f"the linear response of the sample is not found in {_MOST_ITERATIONS} steps",
+                mend="Raise the load",
             )
-            if count == most:
-                raise ConvergenceError(
-                    f"the linear response of the sample is not found in {_MOST_ITERATIONS} steps",
-                    mend="Raise the load",
-                )
-            motion += change
-        motions.append(motion)
-    return motions
+        return motion + change
+
+    return [solve(force) for force in forces]
 
 
 def _find_inverse(

@@ -33,8 +33,8 @@ from granphon.array.krylov import Single
 from granphon.array.preconditioners import Patches, Put
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry, PressedPlace, PressedTangent
-from granphon.array.stencils import Motion, dot
-from granphon.base.arrays import Array, Index
+from granphon.array.stencils import HOLDING, Motion, dot
+from granphon.base.arrays import Array, Flags, Index
 from granphon.contacts.friction import Contacts, FrictionLaw, Tangent
 
 #: largest force, or torque over the diameter, left on a ball, over the mean normal force
@@ -92,9 +92,6 @@ _LOOSE = 1e-2
 #: torques on balls that turn without resistance, over all that is left of balance, from which they
 #: are turned by themselves
 _TURNING = 0.01
-#: stiffness, over the mean, that the preconditioner adds to the motions of each ball: a ball may
-#: have no contact
-_LEAST_LOCAL = 1e-5
 #: GMRES iterations, at most
 _MOST_ITERATIONS = 300
 #: GMRES iterations after which weakly held balls are looked for
@@ -399,36 +396,13 @@ class LoadStep:
         if not self._spins or trial.left == math.inf or trial.is_balanced:
             return trial
         stencils = self._stencils
-        tangent = trial.tangent
-        least = _LOOSE * self._law.mindlin_ratio
-        resisting = np.ravel(tangent.springs[0] - least * tangent.stiffness)
-        contacts = self._geometry.contacts
-        n_balls = stencils.n_balls * math.prod(stencils.shape)
-        around = np.bincount(contacts.i, resisting, n_balls)
-        around += np.bincount(contacts.j, resisting, n_balls)
-        loose = around.reshape(stencils.n_balls, *stencils.shape) < 0.0
+        loose = self._find_loose(trial)
         count = stencils.motions.count
         (turning,) = range(count)[stencils.motions.turning]
         torque = trial.pull.reshape(-1, count, *stencils.shape)[:, turning][loose]
         if not dot(torque, torque) > (_TURNING * trial.size) ** 2:
             return trial
-        # contacts around these balls, (contacts, balls) of each, and their slips as the balls turn
-        ball, *cell = np.nonzero(loose)
-        places: list[Any] = []
-        reach: list[Array] = []
-        slips = stencils.coefficients[:, stencils.n_contacts :].swapaxes(0, 1)
-        for kind, ((head, tail), shift, (i, j)) in enumerate(
-            zip(slips, stencils.shifts, stencils.ends, strict=True)
-        ):
-            for one, steps, ends in ((j, shift, head), (i, (0,) * len(shift), -tail)):
-                begun = [
-                    (coordinate - step) % size
-                    for coordinate, step, size in zip(cell, steps, stencils.shape, strict=True)
-                ]
-                places.append([np.full_like(ball, kind), *begun])
-                reach.append(np.where(ball == one, ends[count * one + turning], 0.0))
-        index = tuple(np.moveaxis(np.array(places), 1, 0))
-        arms = np.array(reach)
+        index, arms = self._list_around(loose, turning)
         start = self._here.contacts
         end = trial.contacts
         ends_before = Contacts(
@@ -436,22 +410,7 @@ class LoadStep:
         )
         held = end.overlaps if guess is None else guess
         bent, springs, limits = self._law.bend(ends_before, held[index], end.slips[0][index][None])
-        # the angles at which the torques, which rise with the angle, vanish: between two of those
-        # where contacts slide
-        pull = springs * arms
-        safe = np.where(pull == 0.0, 1.0, pull)
-        corners = [
-            np.where(pull == 0.0, 0.0, (side * limits - bent[0]) / safe) for side in (-1.0, 1.0)
-        ]
-        angles = np.sort(np.concatenate(corners), axis=0)
-        sums = np.sum(arms * np.clip(bent[0] + pull * angles[:, None], -limits, limits), axis=1)
-        last = np.clip(np.sum(sums <= 0.0, axis=0), 1, len(angles) - 1)
-        (low, high), (below, above) = (
-            np.take_along_axis(one, np.stack([last - 1, last]), 0) for one in (angles, sums)
-        )
-        crosses = (below <= 0.0) & (above >= 0.0) & (above > below)
-        fraction = np.divide(-below, above - below, out=np.zeros_like(below), where=crosses)
-        turn = np.where(crosses, low + fraction * (high - low), 0.0)
+        turn = _find_turns(bent[0], springs * arms, limits, arms)
         # balls that touch would each undo what the other's turn has brought: of those the one with
         # the greatest torque turns
         torques = np.abs(np.sum(arms * np.clip(bent[0], -limits, limits), axis=0))
@@ -468,6 +427,41 @@ class LoadStep:
         ]
         fields[:, 0][loose] += turn
         return self._try(balls, trial.overlap, guess)
+
+    def _find_loose(self, trial: Trial) -> Flags:
+        """Return (balls, L1, ..., Lp) which balls have contacts that all slide."""
+        stencils = self._stencils
+        tangent = trial.tangent
+        least = _LOOSE * self._law.mindlin_ratio
+        resisting = np.ravel(tangent.springs[0] - least * tangent.stiffness)
+        contacts = self._geometry.contacts
+        n_balls = stencils.n_balls * math.prod(stencils.shape)
+        around = np.bincount(contacts.i, resisting, n_balls)
+        around += np.bincount(contacts.j, resisting, n_balls)
+        return np.asarray(around.reshape(stencils.n_balls, *stencils.shape) < 0.0)
+
+    def _list_around(self, loose: Flags, turning: int) -> tuple[tuple[Index, ...], Array]:
+        """Return the index (contacts, balls) of the contacts around each of the ``loose`` balls,
+        and their slips as the ball turns, which is the ``turning`` motion of it; zero for contacts
+        of other balls of the cell.
+        """
+        stencils = self._stencils
+        count = stencils.motions.count
+        ball, *cell = np.nonzero(loose)
+        places: list[Any] = []
+        arms: list[Array] = []
+        slips = stencils.coefficients[:, stencils.n_contacts :].swapaxes(0, 1)
+        for kind, ((head, tail), shift, (i, j)) in enumerate(
+            zip(slips, stencils.shifts, stencils.ends, strict=True)
+        ):
+            for end, steps, slip in ((j, shift, head), (i, (0,) * len(shift), -tail)):
+                first_cell = [
+                    (coordinate - step) % size
+                    for coordinate, step, size in zip(cell, steps, stencils.shape, strict=True)
+                ]
+                places.append([np.full_like(ball, kind), *first_cell])
+                arms.append(np.where(ball == end, slip[count * end + turning], 0.0))
+        return tuple(np.moveaxis(np.array(places), 1, 0)), np.array(arms)
 
 
 class LinearSteps:
@@ -554,7 +548,7 @@ class LinearSteps:
         from granphon.contacts import grid_product  # imported here: averages need no Numba
 
         level = float(np.mean(tangent.stiffness))
-        alone = product.invert_alone(_LEAST_LOCAL * level)
+        alone = product.invert_alone(HOLDING * level)
         green = self._stencils.green_preconditioner(np.float32, level)
 
         def apply(force: Single) -> Single:
@@ -571,3 +565,25 @@ class LinearSteps:
             return motion
 
         return apply
+
+
+def _find_turns(bent: Array, pull: Array, limits: Array, arms: Array) -> Array:
+    """Return the angles (balls,) by which balls turn until their torques vanish; zero where no
+    angle does it.
+
+    Of the contacts (contacts, balls) around each ball ``bent`` are the shears without a turn, which
+    grow by ``pull`` times the angle up to the ``limits``; the torque is the sum of the shears times
+    ``arms``. It rises with the angle, and vanishes between two of the angles at which a contact
+    begins to slide.
+    """
+    safe = np.where(pull == 0.0, 1.0, pull)
+    corners = [np.where(pull == 0.0, 0.0, (side * limits - bent) / safe) for side in (-1.0, 1.0)]
+    angles = np.sort(np.concatenate(corners), axis=0)
+    sums = np.sum(arms * np.clip(bent + pull * angles[:, None], -limits, limits), axis=1)
+    last = np.clip(np.sum(sums <= 0.0, axis=0), 1, len(angles) - 1)
+    (low, high), (below, above) = (
+        np.take_along_axis(values, np.stack([last - 1, last]), 0) for values in (angles, sums)
+    )
+    crosses = (below <= 0.0) & (above >= 0.0) & (above > below)
+    fraction = np.divide(-below, above - below, out=np.zeros_like(below), where=crosses)
+    return np.where(crosses, low + fraction * (high - low), 0.0)

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from granphon.array.sparse_matrices import compose
-from granphon.array.stencils import Stencils, number_cells
+from granphon.array.stencils import HOLDING, Stencils, number_cells
 from granphon.base.arrays import Array, Index
 from granphon.contacts.friction import Tangent
 from granphon.dynamics.factors import factorise
@@ -36,8 +36,6 @@ _WHOLE = 0.4
 #: largest number of contacts between the balls of a patch, for lattices with 1, 2, 3 periods:
 #: factors of more cost more than the iterations that they save
 _LARGEST = (2**16, 12_288, 768)
-#: stiffness that holds balls which nothing holds, over the mean stiffness
-_HOLDING = 1e-5
 
 
 class Patches:
@@ -140,7 +138,7 @@ class Patches:
         entries += [(slip, elongation, -one) for one, slip in zip(coupling, slips, strict=True)]
         entries += [(*pair, -one) for one in cross for pair in (slips, slips[::-1])]
         d = compose(entries, (c.shape[0], c.shape[0]))
-        matrix = c.T.tocsr() @ (d @ c) + _HOLDING * eye_array(c.shape[1], format="csr")
+        matrix = c.T.tocsr() @ (d @ c) + HOLDING * eye_array(c.shape[1], format="csr")
         try:
             factors = factorise(matrix, symmetric=False, approximate=True)
         except RuntimeError:  # singular to the last digit

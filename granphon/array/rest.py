@@ -35,10 +35,11 @@ _LOAD_PART = 1e-3
 #: that
 _OF_RATIO = 1e-4
 #: least tolerance that rounding allows
-_LEAST_TOLERANCE = 1e-12
-#: tolerance of the equilibrium on the lattice from which the search starts, where one rest is near,
-#: or the interior-point method has brought the balls there: that in true directions is farther off
-_TOLERANCE_OF_START = 1e-3
+LEAST_TOLERANCE = 1e-12
+#: tolerance of a rest from which a search starts that goes farther: of that on the lattice, where
+#: one rest is near or the interior-point method has brought the balls there, and of that in a cell
+#: that keeps its shape
+START_TOLERANCE = 1e-3
 #: overlap, in W, and f* below which rests differ: the side to which loose balls go, and so the
 #: energy, depends on where the lattice leaves them. With a rough start energies are higher, in two
 #: of three arrays that differ
@@ -88,7 +89,7 @@ def equilibrate(
         require_small(ratio)
         begin = start or _find_start(deviations, load, stencils)
         if tolerance is None:
-            tolerance = min(REST_TOLERANCE, max(_LEAST_TOLERANCE, _OF_RATIO * ratio))
+            tolerance = min(REST_TOLERANCE, max(LEAST_TOLERANCE, _OF_RATIO * ratio))
         return _rest_in_true_directions(deviations, load, stencils, begin, tolerance, ratio)
     if ratio is None:
         return _rest_on_lattice(deviations, load, stencils, start, tolerance or REST_TOLERANCE)
@@ -109,7 +110,7 @@ def _find_start(deviations: Array, load: ReducedLoad, stencils: Stencils) -> Equ
         closed = np.mean(load.overlap + stencils.average_pairs(deviations) > 0.0)
         begins_inside = bool(closed < options.closed_on_sites)
     is_rough = begins_inside or not rests_differ
-    tolerance = _TOLERANCE_OF_START if is_rough else REST_TOLERANCE
+    tolerance = START_TOLERANCE if is_rough else REST_TOLERANCE
     return _rest_on_lattice(deviations, load, stencils, None, tolerance)
 
 

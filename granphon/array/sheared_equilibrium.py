@@ -18,7 +18,14 @@ import numpy as np
 
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium
 from granphon.array.geometry import LOAD_TOLERANCE, ReducedLoad
-from granphon.array.rest import assemble, equilibrate, find_residual, gather_balls
+from granphon.array.rest import (
+    LEAST_TOLERANCE,
+    START_TOLERANCE,
+    assemble,
+    equilibrate,
+    find_residual,
+    gather_balls,
+)
 from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls import hertz
@@ -31,11 +38,6 @@ from granphon.statics.rest import Rest, find_rest
 
 #: pressures that are tried for a mean force or an overlap, at most
 _PRESSURES = 40
-#: largest force left on a ball, over the mean force of closed contacts
-_TOLERANCE = 1e-12
-#: tolerance of the equilibrium of a cell that keeps its shape, from which a search takes its first
-#: pressure
-_GUESS = 1e-3
 
 
 def equilibrate_sheared(
@@ -65,7 +67,7 @@ def equilibrate_sheared(
             return float(hertz.overlap_of(state.force))
 
         return search.find(goal, measure, float(hertz.overlap_of(goal)))
-    near = equilibrate(deviations, load, stencils, tolerance=_GUESS)
+    near = equilibrate(deviations, load, stencils, tolerance=START_TOLERANCE)
     return search.find(near.force, lambda state: state.overlap, load.overlap)
 
 
@@ -99,7 +101,7 @@ class _PressureSearch:
             pressure_force=no_force,
         )
         geometry: Geometry = "exact" if self._ratio else "lattice"
-        options = RestOptions(tolerance=_TOLERANCE, required=REST_TOLERANCE)
+        options = RestOptions(tolerance=LEAST_TOLERANCE, required=REST_TOLERANCE)
         rest = find_rest(assembly, load, geometry, "stress", self._last, options)
         self._last = rest
         self._steps += rest.steps

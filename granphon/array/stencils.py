@@ -30,9 +30,9 @@ from granphon.dynamics.deformation_rows import Row, contact_rows, strain_rows
 #: number of elements of one array that are worked on at a time, so that they stay in the
 #: processor's cache
 _CACHED = 2**15
-#: stiffness, as a fraction of the mean, that the preconditioner adds to each contact, so that each
-#: ball's block has an inverse
-_LEAST_LOCAL = 1e-5
+#: stiffness, over the mean, that preconditioners add to contacts or balls: a ball may have no
+#: contact, and its block has an inverse all the same
+HOLDING = 1e-5
 #: part of the way to its balance that each ball moves before and after Green's function
 _DAMPED = 0.8
 #: standard deviation of stiffnesses, over their mean, from which the preconditioner has a part for
@@ -348,58 +348,21 @@ class Stencils:
         shape = self.shape
         fields = self.n_fields
         real = self.n_balls == 1
-        per_ball = self.motions.count
-        is_rotation = np.tile(self.motions.is_rotation, self.n_balls)
-        ratios = [float(kind.stiffness) for kind in self._kinds for _ in range(self.n_contacts)]
         waves = (*shape[:-1], shape[-1] // 2 + 1)
         entries = np.zeros((fields, fields, *waves), float if real else complex)
-        still = np.zeros((fields, fields))  # the projection on translations of the whole array
-        for field in np.flatnonzero(~is_rotation):
-            still[field, field % per_ball :: per_ball] = 1.0 / self.n_balls
+        still = self._project_on_translations()
         step = max(1, _WAVES * shape[0] // max(1, math.prod(waves)))
         for first in range(0, waves[0], step):
             ticks = [np.arange(count) for count in waves]
             ticks[0] = ticks[0][first : first + step]
-            half = np.meshgrid(
+            half_phases = np.meshgrid(
                 *(np.pi / length * tick for length, tick in zip(shape, ticks, strict=True)),
                 indexing="ij",
             )
-            matrix = np.zeros((*half[0].shape, fields, fields), entries.dtype)
-            for row, (head, tail, ratio) in enumerate(zip(*self.coefficients, ratios, strict=True)):
-                angle: Any = sum(
-                    move * part
-                    for move, part in zip(self.shifts[row % self.n_contacts], half, strict=True)
-                )
-                own: list[int] = np.flatnonzero((head != 0.0) | (tail != 0.0)).tolist()
-                if real:
-                    # the deformation about the middle of the contact, by a wave z exp(i q r) of
-                    # each field, less a common phase. A displacement deforms by 2i sin. A rotation
-                    # deforms by 2 cos in a slip, which becomes 2i cos as rotations are multiplied
-                    # by i, and by 2i sin in twist and roll
-                    sine = 2.0 * np.sin(angle)
-                    cosine = 2.0 * np.cos(angle)
-                    factors = {
-                        a: head[a] * (cosine if is_rotation[a] and head[a] == -tail[a] else sine)
-                        for a in own
-                    }
-                else:  # by a wave exp(i q R), where R is the place of the cell
-                    ahead = np.exp(2.0j * angle)
-                    factors = {a: head[a] * ahead - tail[a] for a in own}
-                for a, one in factors.items():
-                    for b, other in factors.items():
-                        matrix[..., a, b] += ratio * np.conj(one) * other
+            matrix = self._find_wave_matrices(half_phases)
             if first == 0:
                 matrix[(0,) * len(shape)] += still
-            try:
-                inverse = np.linalg.inv(matrix)
-            except np.linalg.LinAlgError:  # not even rounding keeps it from being singular
-                inverse = np.full_like(matrix, np.inf)
-            sizes = [np.max(np.abs(one), axis=(-2, -1)) for one in (matrix, inverse)]
-            singular = sizes[0] * sizes[1] * _SINGULAR > 1.0
-            if np.any(singular):
-                inverse[singular] = np.linalg.pinv(
-                    matrix[singular], rcond=_SINGULAR, hermitian=True
-                )
+            inverse = _invert_where_regular(matrix)
             if first == 0:
                 inverse[(0,) * len(shape)] -= still
             entries[:, :, first : first + step] = np.moveaxis(inverse, (-2, -1), (0, 1))
@@ -407,6 +370,52 @@ class Stencils:
             for a, b in combinations(range(fields), 2):
                 entries[b, a] = entries[a, b]
         return entries
+
+    def _project_on_translations(self) -> Array:
+        """Return the projection (fields, fields) on translations of the whole array."""
+        per_ball = self.motions.count
+        projection = np.zeros((self.n_fields, self.n_fields))
+        is_rotation = np.tile(self.motions.is_rotation, self.n_balls)
+        for field in np.flatnonzero(~is_rotation):
+            projection[field, field % per_ball :: per_ball] = 1.0 / self.n_balls
+        return projection
+
+    def _find_wave_matrices(self, half_phases: Sequence[Array]) -> NDArray[Any]:
+        """Return C^T K C (L1, ..., fields, fields) of equal contacts for waves of which half the
+        phase from cell to cell along each axis is given, (L1, ...); see :attr:`_green`.
+        """
+        real = self.n_balls == 1
+        is_rotation = np.tile(self.motions.is_rotation, self.n_balls)
+        ratios = [float(kind.stiffness) for kind in self._kinds for _ in range(self.n_contacts)]
+        size = (self.n_fields, self.n_fields)
+        matrix = np.zeros((*half_phases[0].shape, *size), float if real else complex)
+        for row, (head, tail, ratio) in enumerate(zip(*self.coefficients, ratios, strict=True)):
+            angle: Any = sum(
+                steps * half_phase
+                for steps, half_phase in zip(
+                    self.shifts[row % self.n_contacts], half_phases, strict=True
+                )
+            )
+            moved: list[int] = np.flatnonzero((head != 0.0) | (tail != 0.0)).tolist()
+            if real:
+                # the deformation about the middle of the contact, by a wave z exp(i q r) of
+                # each field, less a common phase. A displacement deforms by 2i sin. A rotation
+                # deforms by 2 cos in a slip, which becomes 2i cos as rotations are multiplied
+                # by i, and by 2i sin in twist and roll
+                sine = 2.0 * np.sin(angle)
+                cosine = 2.0 * np.cos(angle)
+                factors = {
+                    field: head[field]
+                    * (cosine if is_rotation[field] and head[field] == -tail[field] else sine)
+                    for field in moved
+                }
+            else:  # by a wave exp(i q R), where R is the place of the cell
+                ahead = np.exp(2.0j * angle)
+                factors = {field: head[field] * ahead - tail[field] for field in moved}
+            for a, factor_a in factors.items():
+                for b, factor_b in factors.items():
+                    matrix[..., a, b] += ratio * np.conj(factor_a) * factor_b
+        return matrix
 
     def preconditioner(
         self, stiffness: Array, product: ContactHessian | None = None
@@ -498,7 +507,7 @@ class Stencils:
 
         Displacements and rotations are taken apart; motions are multiplied by ``damping``.
         """
-        least = _LEAST_LOCAL * float(np.mean(stiffness[: self.n_contacts]))
+        least = HOLDING * float(np.mean(stiffness[: self.n_contacts]))
         ratios = np.array([float(kind.stiffness) for kind in self._kinds]).repeat(self.n_contacts)
         # the upper triangles of all blocks, row after row: sums over the contacts of a ball
         pairs = [
@@ -599,3 +608,18 @@ def _invert_symmetric(entries: Array, size: int) -> None:
         inverse = first, second, third, xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
         for entry, value in zip(entries, inverse, strict=True):
             entry[...] = value * one_over
+
+
+def _invert_where_regular(matrix: NDArray[Any]) -> NDArray[Any]:
+    """Return the inverses of Hermitian matrices (..., n, n), and pseudo-inverses of singular
+    ones.
+    """
+    try:
+        inverse = np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:  # not even rounding keeps it from being singular
+        inverse = np.full_like(matrix, np.inf)
+    sizes = [np.max(np.abs(values), axis=(-2, -1)) for values in (matrix, inverse)]
+    singular = sizes[0] * sizes[1] * _SINGULAR > 1.0
+    if np.any(singular):
+        inverse[singular] = np.linalg.pinv(matrix[singular], rcond=_SINGULAR, hermitian=True)
+    return inverse

@@ -179,27 +179,12 @@ class Stepper:
                 ]
             elif at_rest is not None:
                 trail = [at_rest]
-            elif trial.left == math.inf and state.force < THRESHOLD_FORCE:
-                last = (
-                    f"at f* = {state.force:.3g} and an overlap of {state.overlap:.6g} widths they"
-                    f" have nearly come apart"
-                )
-                raise self.explain(
-                    load, f"no load is left on the balls; {last}", "End the path before this load"
-                )
-            elif (
-                halvings == MOST_HALVINGS
-                or failed == _MOST_FAILED
-                or self.measure(state, ahead[-1]) == find_aim(ahead[-1])
-            ):
-                last = (
-                    f"it was last at an overlap of {state.overlap:.6g} widths,"
-                    f" f* = {state.force:.3g}"
-                )
-                raise self.explain(
-                    load, f"its forces are not in balance, however short the steps; {last}"
-                )
             else:
+                is_shortest = self.measure(state, ahead[-1]) == find_aim(ahead[-1])
+                if trial.left == math.inf and state.force < THRESHOLD_FORCE:
+                    raise self._explain_loss(load, state)
+                if halvings == MOST_HALVINGS or failed == _MOST_FAILED or is_shortest:
+                    raise self._explain_failure(load, state)
                 halvings = halvings + 1
                 failed = failed + 1
                 ahead.append(self.halve(state, ahead[-1]))
@@ -272,6 +257,18 @@ class Stepper:
         if load.overlap is None:
             return f"f* = {load.force:.6g}"
         return f"an overlap of {load.overlap:.6g} widths (a* = {load.overlap + 0.5:.6g})"
+
+    def _explain_loss(self, load: ReducedLoad, last: PressedArray) -> ConvergenceError:
+        """Return the error of balls on which no load is left after the ``last`` state."""
+        where = f"at f* = {last.force:.3g} and an overlap of {last.overlap:.6g} widths"
+        why = f"no load is left on the balls; {where} they have nearly come apart"
+        return self.explain(load, why, "End the path before this load")
+
+    def _explain_failure(self, load: ReducedLoad, last: PressedArray) -> ConvergenceError:
+        """Return the error of balls that find no balance after the ``last`` state."""
+        where = f"it was last at an overlap of {last.overlap:.6g} widths, f* = {last.force:.3g}"
+        why = f"its forces are not in balance, however short the steps; {where}"
+        return self.explain(load, why)
 
     def explain(self, load: ReducedLoad, why: str, mend: str = "") -> ConvergenceError:
         """Return the error of a load that is not reached."""

@@ -25,7 +25,7 @@ from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.text import list_names, suggest
 from granphon.base.validation import finite_array, is_one_of, positive, text_list
-from granphon.fits.fit import compute_probability
+from granphon.fits.fit import LEAST_CHANCE, compute_probability
 
 #: share of its maximum at which a trace begins, by default
 THRESHOLD = 0.1
@@ -53,8 +53,6 @@ _ROOM = 2.0
 _WIDE = 0.9
 #: least number of samples per period of a frequency whose phase is asked for
 _SAMPLES_PER_PERIOD = 4.0
-#: least probability of the scatter about a straight line that is not warned of
-_LEAST_CHANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -274,7 +272,7 @@ class Traces(Result, array="signals"):
         chi2 = float(residuals @ residuals)
         dof = distances.size - 2
         warnings = []
-        if dof and compute_probability(chi2, dof) < _LEAST_CHANCE:
+        if dof and compute_probability(chi2, dof) < LEAST_CHANCE:
             warnings.append(
                 f"the arrivals scatter {math.sqrt(chi2 / dof):.3g} times as much about a straight"
                 " line as noise alone makes them: the velocity changes with the distance, or the"
