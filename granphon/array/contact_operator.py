@@ -367,8 +367,8 @@ def multiply_columns(matrix: Values, columns: Values, out: Values) -> None:
     """Write the product of a small matrix with many columns, in parts for which BLAS takes one
     thread.
 
-    Its threads wait for each other, and their number changes the last digit. A real matrix takes
-    the two parts of complex columns as columns of their own.
+    Threads of BLAS wait for each other, and their number changes the last digit. A real matrix
+    takes the two parts of complex columns as columns of their own.
     """
     if matrix.dtype != out.dtype:
         columns = columns.view(matrix.dtype)

@@ -222,7 +222,7 @@ class LoadingHistory:
         over the contacts' slips under dy.
         """
         three = trail[-3:]
-        loads = [self.stepper.measure(one, load) for one in three]
+        loads = [self.stepper.measure(state, load) for state in three]
         change = 0.0
         bent = []
         for last in range(-steps, 0):
@@ -232,7 +232,8 @@ class LoadingHistory:
             overlaps, slips = (
                 np.sum([w * value for w, value in zip(weights, values, strict=True)], axis=0)
                 for values in zip(
-                    *((one.contacts.overlaps, one.contacts.slips) for one in three), strict=True
+                    *((state.contacts.overlaps, state.contacts.slips) for state in three),
+                    strict=True,
                 )
             )
             half, _ = self._law.advance(start, overlaps, slips)
@@ -249,7 +250,7 @@ class LoadingHistory:
             )
             losses = np.add(self._law.lost(start, half), self._law.lost(half, again))
             whole = np.diff(
-                [(one.slid, one.loosened) for one in (three[last - 1], three[last])], axis=0
+                [(state.slid, state.loosened) for state in (three[last - 1], three[last])], axis=0
             )
             bent.append(losses - whole[0])
         return change, bent

@@ -208,7 +208,7 @@ class LoadStep:
                     break
                 guess = lagged.contacts.overlaps
                 lagged = lagged.follow(self._try(lagged.balls, lagged.overlap, guess))
-                lagged = self._iterate(lagged, _PATIENCE, _PATIENCE, guess, part=lags.left)
+                lagged = self._iterate(lagged, _PATIENCE, _PATIENCE, guess, share=lags.left)
                 trial = lagged.follow(self._try(lagged.balls, lagged.overlap))
                 if trial.size > _NEARER * tried and lag % lags.often:
                     continue
@@ -253,17 +253,17 @@ class LoadStep:
         patience: int,
         guess: Array | None = None,
         enough: float = 0.0,
-        part: float = 0.0,
+        share: float = 0.0,
     ) -> Trial:
         """Return the state after Newton's method: ``most`` steps, of which each ``patience`` have
         to halve the residual.
 
-        It ends where no more than ``enough`` is left of balance, or a ``part`` of what was left.
+        It ends where no more than ``enough`` is left of balance, or a ``share`` of what was left.
         """
         last_size = math.inf
         hold = 1.0
         slow = False
-        aim = part * trial.size
+        aim = share * trial.size
         for count in range(most):
             if trial.is_balanced or trial.size < aim or trial.left == math.inf:
                 # nothing is in contact
@@ -291,7 +291,7 @@ class LoadStep:
         return trial
 
     def _search(
-        self, trial: Trial, way: Motion, guess: Array | None, slow: bool
+        self, trial: Trial, motion: Motion, guess: Array | None, slow: bool
     ) -> tuple[Trial, float]:
         """Return the state after a step of Newton's method, and the length of the step: halved
         until less is left.
@@ -302,11 +302,13 @@ class LoadStep:
 
         def go(length: float) -> Trial:
             return self._try(
-                trial.balls + length * way.balls, trial.overlap + length * way.compression, guess
+                trial.balls + length * motion.balls,
+                trial.overlap + length * motion.compression,
+                guess,
             )
 
         def slope(state: Trial) -> float:
-            return dot(state.pull, way.balls) + state.push * way.compression
+            return dot(state.pull, motion.balls) + state.push * motion.compression
 
         first, length, best = slope(trial), 1.0, (go(1.0), 1.0)
         new = best[0]

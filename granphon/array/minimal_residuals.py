@@ -88,7 +88,7 @@ def _cycle(
             # once more, for what rounding has left, where much has gone
             last_height = height
             parts, height = _project(old, new)
-            line = [one + part for one, part in zip(line, parts, strict=True)]
+            line = [entry + correction for entry, correction in zip(line, parts, strict=True)]
         height = height if height > _ROUNDING * whole else 0.0
         for row, (c, s) in enumerate(turns):
             line[row], line[row + 1] = (
@@ -152,10 +152,10 @@ def _take_off(old: Single, new: Single, parts: Single) -> float:
 
 
 @compiled
-def _multiply(one: Single, another: Single, products: Single) -> float:
+def _multiply(first: Single, second: Single, products: Single) -> float:
     """Return the sum of the products of two vectors; ``products`` are overwritten."""
     for place in range(_LENGTH):
-        products[place] = one[place] * another[place]
+        products[place] = first[place] * second[place]
     # sums of pairs, of pairs of pairs, ...: several at a time, and with little rounding
     half = _LENGTH // 2
     while half:

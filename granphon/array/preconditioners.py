@@ -92,11 +92,11 @@ class Patches:
         ]
         return np.unique(self._ends[:, self._find_contacts(worst)])
 
-    def join(self, balls: Index, more: Index) -> Index:
-        """Return the balls of a patch and more, or all balls if those are many; ``balls`` alone if
-        it would be too large.
+    def join(self, balls: Index, added: Index) -> Index:
+        """Return the balls of a patch and those ``added``, or all balls if these are many; ``balls``
+        alone if the patch would be too large.
         """
-        joined = np.union1d(balls, more)
+        joined = np.union1d(balls, added)
         if joined.size > _WHOLE * self._balls and self._balls <= self._largest:
             return np.arange(self._balls)
         return joined if joined.size <= self._largest else balls
@@ -129,14 +129,16 @@ class Patches:
             parts.append((row, column, coefficients[contacts[inside] // self._cells]))
         c = compose(parts, (len(rows) * n, self._fields * balls.size))
         stiffness, springs, coupling, cross = (
-            one.reshape(-1, tangent.stiffness.size)[:, contacts]
-            for one in (tangent.stiffness, tangent.springs, tangent.coupling, tangent.cross)
+            values.reshape(-1, tangent.stiffness.size)[:, contacts]
+            for values in (tangent.stiffness, tangent.springs, tangent.coupling, tangent.cross)
         )
         elongation = np.arange(n)
         slips = n * (1 + np.arange(len(springs)))[:, None] + elongation
         entries = [(elongation, elongation, stiffness[0]), *zip(slips, slips, springs, strict=True)]
-        entries += [(slip, elongation, -one) for one, slip in zip(coupling, slips, strict=True)]
-        entries += [(*pair, -one) for one in cross for pair in (slips, slips[::-1])]
+        entries += [
+            (slip, elongation, -values) for values, slip in zip(coupling, slips, strict=True)
+        ]
+        entries += [(*pair, -values) for values in cross for pair in (slips, slips[::-1])]
         d = compose(entries, (c.shape[0], c.shape[0]))
         matrix = c.T.tocsr() @ (d @ c) + HOLDING * eye_array(c.shape[1], format="csr")
         try:

@@ -33,8 +33,8 @@ def compose(
     """
     from scipy.sparse import coo_array  # imported here: most simulations do not need it
 
-    flat = [[np.ravel(one) for one in np.broadcast_arrays(*part)] for part in parts]
-    lines, columns, entries = (np.concatenate(one) for one in zip(*flat, strict=True))
+    flat = [[np.ravel(values) for values in np.broadcast_arrays(*triplet)] for triplet in parts]
+    lines, columns, entries = (np.concatenate(values) for values in zip(*flat, strict=True))
     where = lines.astype(np.int32), columns.astype(np.int32)
     matrix: csr_array[Any] = coo_array((entries, where), shape=shape).tocsr()
     matrix.eliminate_zeros()

@@ -253,9 +253,9 @@ class Stencils:
         """
         out = np.zeros((self.n_balls, *self.shape), contacts.dtype)
         axes = tuple(range(len(self.shape)))
-        for one, shift, (i, j) in zip(contacts, self.shifts, self.ends, strict=True):
-            out[i] += one
-            out[j] += np.roll(one, shift, axes)
+        for values, shift, (i, j) in zip(contacts, self.shifts, self.ends, strict=True):
+            out[i] += values
+            out[j] += np.roll(values, shift, axes)
         return out.reshape(self.ball_shape)
 
     def average_around(self, contacts: Array) -> Array:
@@ -514,7 +514,9 @@ class Stencils:
             list(combinations_with_replacement(range(group.start, group.stop), 2))
             for group in self._groups
         ]
-        first_of, second_of = np.array([pair for own in pairs for pair in own]).T
+        first_of, second_of = np.array(
+            [pair for pairs_of_group in pairs for pair in pairs_of_group]
+        ).T
         ends = np.array([self.operator.head, self.operator.tail])
         squares = ends[..., first_of] * ends[..., second_of]
         # inverted in double precision: where few contacts hold a ball, its block is nearly singular
@@ -523,12 +525,12 @@ class Stencils:
             -1, *(1,) * len(self.shape)
         )
         local = []
-        parts = np.split(entries, np.cumsum([len(own) for own in pairs])[:-1])
-        for group, own, part in zip(self._groups, pairs, parts, strict=True):
+        parts = np.split(entries, np.cumsum([len(pairs_of_group) for pairs_of_group in pairs])[:-1])
+        for group, pairs_of_group, entries_of_group in zip(self._groups, pairs, parts, strict=True):
             size = group.stop - group.start
-            _invert_symmetric(part, size)
+            _invert_symmetric(entries_of_group, size)
             block = np.empty((size, size, *self.shape), stiffness.dtype)
-            for entry, (a, b) in zip(part, own, strict=True):
+            for entry, (a, b) in zip(entries_of_group, pairs_of_group, strict=True):
                 block[a - group.start, b - group.start] = block[
                     b - group.start, a - group.start
                 ] = entry

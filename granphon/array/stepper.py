@@ -304,7 +304,7 @@ class Stepper:
 
         After a turn of the path only the last state is used.
         """
-        loads = [self.measure(one, load) for one in trail[-3:]]
+        loads = [self.measure(state, load) for state in trail[-3:]]
         aim = find_aim(load)
         count = 1
         steps = np.diff([*loads, aim])
@@ -314,9 +314,9 @@ class Stepper:
             count += 1
         weights = weigh_states(loads[-count:], aim)
         states = trail[-len(weights) :]
-        balls = np.sum([w * one.balls for w, one in zip(weights, states, strict=True)], axis=0)
+        balls = np.sum([w * state.balls for w, state in zip(weights, states, strict=True)], axis=0)
         y = (
-            sum(w * one.overlap for w, one in zip(weights, states, strict=True))
+            sum(w * state.overlap for w, state in zip(weights, states, strict=True))
             if load.overlap is None
             else load.overlap
         )

@@ -85,7 +85,7 @@ class TrueEquilibrium(Equilibrium):
             for axis in range(len(table)):
                 table[axis, axis] += shear * stiffness
         blocks = [
-            [stencils.around(one) for one in row]
+            [stencils.around(values) for values in row]
             for row in np.einsum("nka,kln...,nlb->abn...", axes, table, axes)
         ]
         aside = np.linalg.eigvalsh(np.moveaxis(np.array(blocks), (0, 1), (-2, -1)))[..., 0] < 0.0
@@ -204,11 +204,15 @@ class HydrostaticCourse:
         return self._measure(np.zeros_like(self._cell))
 
     def find_derivatives(self) -> tuple[float, float]:
-        """Return the first and the second derivative of the mean force by y."""
+        """Return the first and the second derivative of the mean force f* by the overlap y of the
+        spacing, by way of those by t.
+        """
         state = self._state
         place = self._place
         stiffness = state.stiffnesses
         slopes = state.stiffness_slopes
+        # the second derivative of the motion: forces that the first leaves move balls, and shear
+        # the cell so that the stress stays hydrostatic
         bend, push = place.curve(self.moved, state.forces, stiffness, slopes)
         motion = self._find(self._geometry.join(push))
         straight = self._geometry.split(Motion(motion, 0.0))

@@ -80,21 +80,23 @@ def _order_balls(
 
 
 @compiled
-def _multiply(values: Array, one: int, another: int, count: int) -> float:
-    """Return the sum of products of ``count`` values from two places on."""
-    # four sums at a time: an addition need not wait for the one before
+def _multiply(values: Array, start: int, other_start: int, count: int) -> float:
+    """Return the sum of the products of ``count`` values from ``start`` on and as many from
+    ``other_start`` on.
+    """
+    # four sums at a time: an addition need not wait for the last one
     first = 0.0
     second = 0.0
     third = 0.0
     fourth = 0.0
     quarter = count // 4 * 4
     for entry in range(0, quarter, 4):
-        first += values[one + entry] * values[another + entry]
-        second += values[one + entry + 1] * values[another + entry + 1]
-        third += values[one + entry + 2] * values[another + entry + 2]
-        fourth += values[one + entry + 3] * values[another + entry + 3]
+        first += values[start + entry] * values[other_start + entry]
+        second += values[start + entry + 1] * values[other_start + entry + 1]
+        third += values[start + entry + 2] * values[other_start + entry + 2]
+        fourth += values[start + entry + 3] * values[other_start + entry + 3]
     for entry in range(quarter, count):
-        first += values[one + entry] * values[another + entry]
+        first += values[start + entry] * values[other_start + entry]
     return first + second + third + fourth
 
 

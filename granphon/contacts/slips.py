@@ -224,7 +224,7 @@ def _measure_slips_in_plane(
     after: Configuration,
     moved: Array,
     turned: Array,
-    more: float,
+    overlap_change: float,
     slips: Array,
 ) -> None:
     """Add to ``slips`` (n_c,) those of :func:`measure_slips`."""
@@ -232,8 +232,8 @@ def _measure_slips_in_plane(
     for c in range(len(slips)):
         i = contacts.i[c]
         j = contacts.j[c]
-        x = moved[j, 0] - moved[i, 0] - more * contacts.normal[c, 0]
-        y = moved[j, 1] - moved[i, 1] - more * contacts.normal[c, 1]
+        x = moved[j, 0] - moved[i, 0] - overlap_change * contacts.normal[c, 0]
+        y = moved[j, 1] - moved[i, 1] - overlap_change * contacts.normal[c, 1]
         px = before.normal[c, 0]
         py = before.normal[c, 1]
         nx = after.normal[c, 0]
@@ -253,7 +253,7 @@ def _measure_slips_in_space(
     after: Configuration,
     moved: Array,
     turned: Array,
-    more: float,
+    overlap_change: float,
     slips: Array,
 ) -> None:
     """Add to ``slips`` (2, n_c) those of :func:`measure_slips`."""
@@ -261,9 +261,9 @@ def _measure_slips_in_space(
     for c in range(slips.shape[1]):
         i = contacts.i[c]
         j = contacts.j[c]
-        x = moved[j, 0] - moved[i, 0] - more * contacts.normal[c, 0]
-        y = moved[j, 1] - moved[i, 1] - more * contacts.normal[c, 1]
-        z = moved[j, 2] - moved[i, 2] - more * contacts.normal[c, 2]
+        x = moved[j, 0] - moved[i, 0] - overlap_change * contacts.normal[c, 0]
+        y = moved[j, 1] - moved[i, 1] - overlap_change * contacts.normal[c, 1]
+        z = moved[j, 2] - moved[i, 2] - overlap_change * contacts.normal[c, 2]
         px = before.normal[c, 0]
         py = before.normal[c, 1]
         pz = before.normal[c, 2]

@@ -323,7 +323,7 @@ class FitProblem:
         model.require_carried()
         _require_units(model, data.velocity)
         relative_error = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
-        _require_plain_errors(relative_error)
+        _require_plausible_errors(relative_error)
         _require_enough(model.names, len(data.force), data.sigma is not None)
         sigma = 1.0 if data.sigma is None else data.sigma
         return cls(model, data.velocity, np.ones(data.force.shape) * sigma)
@@ -627,7 +627,7 @@ def _require_units(model: VelocityModel, velocity: Array) -> None:
     raise InputError(fault, mend=mend)
 
 
-def _require_plain_errors(relative_error: Array) -> None:
+def _require_plausible_errors(relative_error: Array) -> None:
     """Raise InputError for relative standard errors of velocities, (n,) or (1,), that no
     measurement has.
     """

@@ -286,7 +286,7 @@ class Source:
         have any place.
         """
         balls = self.balls
-        is_ball = np.isfinite(balls.radii)  # a flat wall has none
+        is_ball = np.isfinite(balls.radii)  # the radius of a flat wall is infinite
         heights = balls.positions[is_ball, 2]
         if heights.size == 0 or np.ptp(heights) > _LEVEL * np.max(balls.radii[is_ball]):
             return False

@@ -1312,7 +1312,7 @@ class _System:
         self.widest = max(self.widest, float(np.max(wide, initial=0.0)))
         time = number * step
         motions = (self._displace(), operator.to_balls(self.v))
-        (places, turns), (speeds, spins) = (np.split(one, 2, axis=1) for one in motions)
+        (places, turns), (speeds, spins) = (np.split(columns, 2, axis=1) for columns in motions)
         if self._strokes:
             drive_speeds = self._find_drive_speeds(number)
             for (balls, along), speed in zip(self.moved, drive_speeds, strict=True):

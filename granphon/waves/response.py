@@ -492,7 +492,7 @@ class Places:
                 "there is no receiver", mend="Give a contact (i, j), (ball, direction) or 'floor'"
             )
         axes = list(self.network.ball_motions.translations)
-        normals = self.network.normal[np.concatenate([one.contacts for one in sensors])]
+        normals = self.network.normal[np.concatenate([sensor.contacts for sensor in sensors])]
         if not np.any(normals[:, axes]):
             raise InputError(
                 "no motion of the balls changes the force of these contacts",
