@@ -1,11 +1,11 @@
-"""Tables of noun has a name: lattices, contact laws, media, observables and readers of files, which
+"""Tables of what has a name: lattices, contact laws, media, observables and readers of files, which
 plug-ins add to.
 
 Each table is a :class:`Registry`. granphon's own entries come into it by the same call as those of
 others. A package that adds some names a function in its entry points of the group
 ``granphon.plugins``, which calls ``granphon.register_...``; a module will do, which does so when it
 is imported. Plug-ins are loaded when a table is asked for a name that it does not have, or for all
-that it has: noun does not ask pays nothing. One that fails adds nothing, and errors about unknown
+that it has: what does not ask pays nothing. One that fails adds nothing, and errors about unknown
 names say which and why.
 """
 
