@@ -58,7 +58,7 @@ def conjugate_gradients(
 
 
 def _add(vector: Values, factor: float, addend: Values, scale: float = 1.0) -> None:
-    """Multiply a vector by its ``own`` factor, and add another times a ``factor`` to it."""
+    """Multiply a vector by the ``scale``, and add ``factor`` times the ``addend`` to it."""
     flat = vector.reshape(-1)
     flat_addend = addend.reshape(-1)
     for low in range(0, flat.size, _CACHED):

@@ -304,7 +304,8 @@ def go_on(
     remaining: Values,
 ) -> tuple[float, float, float]:
     """Take a step of conjugate gradients; return the product of the forces that remain with the
-    motion that is ``better``, the curvature along the way, and the square of what then remains.
+    motion that is ``better``, the curvature along the direction, and the square of what then
+    remains.
 
     Vectors (n + s,) are motions of balls, field by field, and strains of the cell, or forces on
     them. ``strained`` (kinds, s) are elongations by unit strains, and ``last`` is the product of

@@ -385,8 +385,8 @@ def _go_along(rows: Array, n: int) -> None:
 def _lengthen(
     r_at_rest: _Vector, length: float, free: float, across: _Vector
 ) -> tuple[_Vector, float, _Vector, float]:
-    """Return r = rest + free across, its length, its direction, and by what it is longer than the
-    ``length`` at rest.
+    """Return r = r_at_rest + free across, its length, its direction, and by what it is longer than
+    the ``length`` at rest.
     """
     r = _add(r_at_rest, free, across)
     # |r|^2 - |r_0|^2, no difference of near-equal lengths
