@@ -397,13 +397,13 @@ def _draw_diameters(
             if packing.spread is None
             else packing.spread.sample(count, int(seed or 0))
         )
-    given = finite_array("diameters", diameters, "m", "above zero")
-    if given.shape != (count,):
-        raise InputError(f"diameters have the shape {given.shape}", mend=f"Give {count} numbers")
+    values = finite_array("diameters", diameters, "m", "above zero")
+    if values.shape != (count,):
+        raise InputError(f"diameters have the shape {values.shape}", mend=f"Give {count} numbers")
     d = packing.diameter
-    mean = float(np.mean(given))
+    mean = float(np.mean(values))
     if abs(mean - d) > 1e-9 * d:
         raise InputError(
             f"the mean of the diameters is {mean:.9g} m, that of the packing {d:.9g} m"
         )
-    return given
+    return values
