@@ -93,8 +93,8 @@ class Patches:
         return np.unique(self._ends[:, self._find_contacts(worst)])
 
     def join(self, balls: Index, added: Index) -> Index:
-        """Return the balls of a patch and those ``added``, or all balls if these are many; ``balls``
-        alone if the patch would be too large.
+        """Return the balls of a patch and those ``added``, or all balls if these are many; the
+        ``balls`` alone if the patch would be too large.
         """
         joined = np.union1d(balls, added)
         if joined.size > _WHOLE * self._balls and self._balls <= self._largest:
